@@ -1,0 +1,38 @@
+"""Read-only arrays: what immutable values are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+def readonly(values: ArrayLike, shape: Sequence[int | None], name: str) -> Array:
+    """Copy values into a read-only float64 array of a given shape.
+
+    Args:
+        values: Numbers.
+        shape: Expected shape; None stands for any length.
+        name: What the array is, for the message.
+
+    Returns:
+        A copy, C-contiguous, not writeable.
+
+    Raises:
+        ValueError: The shape does not fit, or a value is not finite.
+    """
+    array = np.array(values, dtype=np.float64, order="C")
+    fits = array.ndim == len(shape) and all(
+        want is None or want == got for want, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        wanted = " x ".join("n" if n is None else str(n) for n in shape)
+        raise ValueError(f"{name}: expected shape {wanted or 'scalar'}, found {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name}: expected finite numbers, found {array.tolist()}")
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,92 @@
+"""CasADi expressions evaluated over all samples at once.
+
+The physics is written once, symbolically. This module turns an expression into a function of NumPy arrays with
+time on axis 0. Samples go through CasADi's buffer interface in blocks: no conversion, no copy of the block.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array
+
+Symbol: TypeAlias = Any
+"""A CasADi SX or MX expression (the library ships no types)."""
+
+_BLOCK = 256  # samples a call: large enough to hide the call, small enough to build in a millisecond
+
+
+def _row_major(expression: Symbol) -> Symbol:
+    """Dense column whose entries are those of the expression row by row, as NumPy stores them."""
+    return ca.densify(ca.vec(expression.T))
+
+
+class Batched:
+    """A function of arrays with samples on axis 0, made from symbolic inputs and outputs.
+
+    An input symbol of shape (r, c) takes an array of shape (n, r, c), a column (r, 1) one of shape (n, r); without the
+    leading axis the value is the same for all samples. Outputs follow the same rule and are named as given.
+    """
+
+    def __init__(self, name: str, inputs: Mapping[str, Symbol], outputs: Mapping[str, Symbol]) -> None:
+        self._in_shapes = {key: _shape(symbol) for key, symbol in inputs.items()}
+        self._out_shapes = {key: _shape(symbol) for key, symbol in outputs.items()}
+        flat = {key: type(symbol).sym(key, symbol.numel()) for key, symbol in inputs.items()}
+        matrices = [ca.reshape(flat[key], symbol.shape[1], symbol.shape[0]).T for key, symbol in inputs.items()]
+        inner = ca.Function(name, list(inputs.values()), list(outputs.values()))
+        results = inner.call(matrices, True, False)
+        self._single = ca.Function(
+            name, list(flat.values()), [_row_major(r) for r in results], list(inputs), list(outputs)
+        )
+        self._block = self._single.map(_BLOCK)
+
+    @property
+    def function(self) -> Symbol:
+        """The CasADi function of one sample; matrices go in and come out row by row."""
+        return self._single
+
+    def __call__(self, **arrays: ArrayLike) -> dict[str, Array]:
+        """Evaluate.
+
+        Args:
+            **arrays: One value per input, shapes as the class says.
+
+        Returns:
+            One array per output, samples on axis 0 (also where all inputs were constant: n = 1).
+        """
+        values = {key: np.asarray(arrays[key], dtype=np.float64) for key in self._in_shapes}
+        lengths = {v.shape[0] for key, v in values.items() if v.ndim == len(self._in_shapes[key]) + 1}
+        if len(lengths) > 1:
+            raise ValueError(f"expected equal numbers of samples, found {sorted(lengths)}")
+        n = lengths.pop() if lengths else 1
+        # Whole blocks, so that the last one needs no function of its own.
+        padded = -(-n // _BLOCK) * _BLOCK
+        inputs = [_stack(values[key], shape, n, padded) for key, shape in self._in_shapes.items()]
+        outputs = {key: np.empty((padded, *shape)) for key, shape in self._out_shapes.items()}
+        buffer: Any
+        buffer, evaluate = self._block.buffer()
+        for start in range(0, padded, _BLOCK):
+            part = slice(start, start + _BLOCK)
+            for i, array in enumerate(inputs):
+                buffer.set_arg(i, array[part].data)
+            for i, array in enumerate(outputs.values()):
+                buffer.set_res(i, array[part].data)
+            evaluate()
+        return {key: array[:n] for key, array in outputs.items()}
+
+
+def _shape(symbol: Symbol) -> tuple[int, ...]:
+    rows, columns = symbol.shape
+    return (rows,) if columns == 1 else (rows, columns)
+
+
+def _stack(value: Array, shape: tuple[int, ...], n: int, padded: int) -> Array:
+    stacked = np.empty((padded, *shape))
+    stacked[:n] = value
+    stacked[n:] = stacked[n - 1]
+    return stacked

@@ -1,0 +1,96 @@
+r"""Newton-Euler equations of the platform and their regressor.
+
+With the specific force :math:`s = R^T (a_P - g)` and :math:`h = m c`, all in the platform frame about its origin, the
+cables (or whatever carries the body) exert
+
+.. math:: f = m s + \dot\omega \times h + \omega \times (\omega \times h), \qquad
+          n = J_P \dot\omega + \omega \times J_P \omega + h \times s .
+
+This is Eq. (1) of [Tempel2017]_ with gravity on the left and the sign of its lower block corrected
+(J_P = J_C - m [c]x [c]x), as Eq. (7) has it. It is linear in the ten parameters.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import casadi as ca
+
+from steelyard.arrays import Array
+from steelyard.batch import Batched, Symbol
+
+
+def newton_euler(parameters: Symbol, specific_force: Symbol, omega: Symbol, alpha: Symbol) -> Symbol:
+    """Wrench that moves the body, about the platform origin, in the platform frame.
+
+    Args:
+        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
+        specific_force: Acceleration of the origin minus gravity, in P [m/s^2], shape (3,).
+        omega: Angular velocity in P [rad/s], shape (3,).
+        alpha: Its derivative [rad/s^2], shape (3,).
+
+    Returns:
+        Force [N] over torque [N m], shape (6,).
+    """
+    p = parameters
+    m, h = p[0], p[1:4]
+    J = ca.vertcat(
+        ca.horzcat(p[4], p[9], p[8]),
+        ca.horzcat(p[9], p[5], p[7]),
+        ca.horzcat(p[8], p[7], p[6]),
+    )
+    s = specific_force
+    force = m * s + ca.cross(alpha, h) + ca.cross(omega, ca.cross(omega, h))
+    torque = J @ alpha + ca.cross(omega, J @ omega) + ca.cross(h, s)
+    return ca.vertcat(force, torque)
+
+
+def point_specific_force(specific_force: Symbol, omega: Symbol, alpha: Symbol, point: Symbol) -> Symbol:
+    """Specific force of a point fixed to the platform, in P [m/s^2]: s + alpha x p + omega x (omega x p)."""
+    return specific_force + ca.cross(alpha, point) + ca.cross(omega, ca.cross(omega, point))
+
+
+@cache
+def _batched() -> tuple[Batched, Batched]:
+    p = ca.SX.sym("parameters", 10)
+    motion = {name: ca.SX.sym(name, 3) for name in ("specific_force", "omega", "alpha")}
+    wrench = newton_euler(p, *motion.values())
+    regressor = ca.jacobian(wrench, p)
+    return (
+        Batched("newton_euler", {"parameters": p, **motion}, {"wrench": wrench}),
+        Batched("regressor", motion, {"regressor": regressor}),
+    )
+
+
+def platform_wrench(parameters: Array, specific_force: Array, omega: Array, alpha: Array) -> Array:
+    """:func:`newton_euler` over samples.
+
+    Args:
+        parameters: Shape (10,) or (n, 10).
+        specific_force: Shape (n, 3) [m/s^2].
+        omega: Shape (n, 3) [rad/s].
+        alpha: Shape (n, 3) [rad/s^2].
+
+    Returns:
+        Force over torque, in P about its origin [N], [N m], shape (n, 6).
+    """
+    batched, _ = _batched()
+    result = batched(parameters=parameters, specific_force=specific_force, omega=omega, alpha=alpha)
+    return result["wrench"]
+
+
+def platform_regressor(specific_force: Array, omega: Array, alpha: Array) -> Array:
+    r"""Regressor Y of the Newton-Euler equations, :math:`Y \phi` = wrench of the cables about the origin of P, in P.
+
+    The exact derivative of :func:`newton_euler`; the joint form of Eq. (6) and (8) of [Tempel2017]_.
+
+    Args:
+        specific_force: Acceleration of the origin of P minus gravity, in P [m/s^2], shape (n, 3).
+        omega: Angular velocity of P in the world, in P [rad/s], shape (n, 3).
+        alpha: Its derivative [rad/s^2], shape (n, 3).
+
+    Returns:
+        Shape (n, 6, 10); columns in the order of :data:`steelyard.inertia.LINEAR_PARAMETERS`.
+    """
+    _, batched = _batched()
+    return batched(specific_force=specific_force, omega=omega, alpha=alpha)["regressor"]

@@ -1,0 +1,1 @@
+"""Experiments: one robot, the instruments on it, and the runs recorded with them."""

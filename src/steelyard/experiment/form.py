@@ -1,0 +1,107 @@
+"""The form of the experiment file."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from steelyard.instruments import AnyInstrument
+from steelyard.yaml_file import FileModel
+
+FORMAT = "steelyard/1"
+Vector = tuple[float, float, float]
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class KnownForm(FileModel):
+    """A value known beforehand; a bare number is exact."""
+
+    value: float
+    sigma: NotNegative = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _number(cls, value: Any) -> Any:
+        return value if isinstance(value, dict) else {"value": value}
+
+
+class KnownVectorForm(FileModel):
+    """Components of the centre of gravity known beforehand [m]."""
+
+    x: KnownForm | None = None
+    y: KnownForm | None = None
+    z: KnownForm | None = None
+
+
+class KnownInertiaForm(FileModel):
+    """Moments and products about the centre of gravity known beforehand [kg m^2]."""
+
+    xx: KnownForm | None = None
+    yy: KnownForm | None = None
+    zz: KnownForm | None = None
+    yz: KnownForm | None = None
+    xz: KnownForm | None = None
+    xy: KnownForm | None = None
+
+
+class KnownBodyForm(FileModel):
+    """What is known beforehand about the body."""
+
+    mass: KnownForm | None = None
+    center_of_gravity: KnownVectorForm = KnownVectorForm()
+    inertia: KnownInertiaForm = KnownInertiaForm()
+
+
+class UncertaintyForm(FileModel):
+    """1-sigma of the robot file's values, per coordinate."""
+
+    anchor: NotNegative = 0.002
+    attachment: NotNegative = 0.002
+    gravity: NotNegative = 0.005
+
+
+class StreamForm(FileModel):
+    """Where the stream of one instrument in one run is; a bare text is the file."""
+
+    file: str
+    topic: str | None = None
+    columns: dict[str, str] = Field(default_factory=dict)
+    units: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _text(cls, value: Any) -> Any:
+        return {"file": value} if isinstance(value, str) else value
+
+
+class RunForm(FileModel):
+    """One run; every further key is an instrument with its stream."""
+
+    name: str
+    static: bool = False
+    sync: dict[str, float] | Literal["auto"] | None = None
+    window: tuple[float, float] | None = None
+    streams: dict[str, StreamForm]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _gather(cls, value: Any) -> Any:
+        """Keys that are not those of a run name instruments."""
+        if not isinstance(value, dict):
+            return value
+        own = {"name", "static", "sync", "window"}
+        rest = {key: entry for key, entry in value.items() if key not in own}
+        return {**{key: entry for key, entry in value.items() if key in own}, "streams": rest}
+
+
+class ExperimentForm(FileModel):
+    """The whole file."""
+
+    format: Literal["steelyard/1"]
+    name: str | None = None
+    robot: str
+    known: KnownBodyForm = KnownBodyForm()
+    uncertainty: UncertaintyForm = UncertaintyForm()
+    instruments: dict[str, AnyInstrument] = Field(min_length=1)
+    runs: tuple[RunForm, ...] = Field(min_length=1)

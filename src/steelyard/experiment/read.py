@@ -1,0 +1,199 @@
+"""From an experiment file and its logs to an :class:`Experiment`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.experiment.form import ExperimentForm, KnownBodyForm, RunForm
+from steelyard.experiment.model import Experiment, Run, Stream, is_motion
+from steelyard.experiment.streams import read_stream
+from steelyard.instruments import Instrument
+from steelyard.robot.file import read_robot
+from steelyard.robot.model import Robot
+from steelyard.yaml_file import Document, read_yaml, validate
+
+_FEWEST_SAMPLES = 10
+
+
+def read_experiment(path: str | Path) -> Experiment:
+    """Read an experiment file with all its streams.
+
+    Args:
+        path: The file; streams and robot file stand relative to it.
+
+    Raises:
+        InputError: Anything that does not fit the contract; the sentence says where and what to do.
+    """
+    path = Path(path)
+    document = read_yaml(path)
+    form = validate(ExperimentForm, document)
+    robot = read_robot(form.robot, path.parent)
+    _check_names(form, document)
+    _check_instruments(form.instruments, robot, document)
+    runs = tuple(_read_run(i, run, form, robot, document) for i, run in enumerate(form.runs))
+    experiment = Experiment(
+        name=form.name or path.parent.resolve().name,
+        robot=robot,
+        instruments=form.instruments,
+        runs=runs,
+        known=_known(form.known),
+        uncertainty=form.uncertainty.model_dump(),
+        source=str(path),
+    )
+    for i, run in enumerate(runs):
+        _check_run(experiment, run, document, ("runs", i))
+    return experiment
+
+
+def _known(form: KnownBodyForm) -> dict[str, tuple[float, float]]:
+    entries = {
+        "mass": form.mass,
+        **{f"c{axis}": getattr(form.center_of_gravity, axis) for axis in "xyz"},
+        **{f"J{axes}": getattr(form.inertia, axes) for axes in ("xx", "yy", "zz", "yz", "xz", "xy")},
+    }
+    return {name: (entry.value, entry.sigma) for name, entry in entries.items() if entry is not None}
+
+
+def _check_names(form: ExperimentForm, document: Document) -> None:
+    names = [run.name for run in form.runs]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise document.error(
+                ("runs", i, "name"), f"expected names that differ, found '{name}' again; rename one run"
+            )
+    for i, run in enumerate(form.runs):
+        for name in run.streams:
+            if name not in form.instruments:
+                raise document.error(
+                    ("runs", i, name),
+                    f"expected the name of an instrument, found '{name}'; known here: {', '.join(form.instruments)}",
+                )
+
+
+def _check_instruments(instruments: Mapping[str, Instrument], robot: Robot, document: Document) -> None:
+    for name, instrument in instruments.items():
+        if instrument.kind in {"tension", "length"} and not robot.m:
+            raise document.error(
+                ("instruments", name, "kind"),
+                f"expected a robot with cables for an instrument of kind '{instrument.kind}', found none in robot '{robot.name}'; "
+                "use kind 'wrench' or another robot",
+            )
+        for term in instrument.terms(robot.m):
+            for part in ("value", "sigma"):
+                given = getattr(term.prior, part)
+                if isinstance(given, tuple) and len(given) != term.size:
+                    raise document.error(
+                        ("instruments", name, "calibration", *term.key.split(".")),
+                        f"expected one {part} or {term.size} of them, found {len(given)}; correct it",
+                    )
+
+
+def _read_run(i: int, form: RunForm, whole: ExperimentForm, robot: Robot, document: Document) -> Run:
+    key = ("runs", i)
+    if not form.streams:
+        raise document.error(
+            key, f"expected streams of the instruments {', '.join(whole.instruments)}, found none; name their files"
+        )
+    streams: dict[str, Stream] = {}
+    for name, stream in form.streams.items():
+        if stream.topic is not None:
+            raise document.error(
+                (*key, name, "topic"), "expected a CSV or Parquet file without topics, found one; leave it out"
+            )
+        streams[name] = read_stream(
+            document.path.parent / stream.file,
+            whole.instruments[name],
+            robot.m,
+            columns=stream.columns,
+            units=stream.units,
+            static=form.static,
+        )
+    if form.sync == "auto":
+        raise document.error(
+            (*key, "sync"),
+            "expected the time of one common event on each clock, found 'auto', which this version cannot do; write the times",
+        )
+    return Run(
+        name=form.name,
+        streams=streams,
+        sync=_sync(form, whole, document, key),
+        window=form.window,
+        static=form.static,
+    )
+
+
+def _sync(form: RunForm, whole: ExperimentForm, document: Document, key: tuple[str | int, ...]) -> dict[str, float]:
+    """Event time of every stream; instruments of one file or one clock may share one entry."""
+    if not form.sync or form.static or isinstance(form.sync, str):
+        return {}
+    given = dict(form.sync)
+    for name in given:
+        if name not in whole.instruments:
+            raise document.error(
+                (*key, "sync", name),
+                f"expected the name of an instrument, found '{name}'; known here: {', '.join(whole.instruments)}",
+            )
+    for name, stream in form.streams.items():
+        if name in given:
+            continue
+        clock = whole.instruments[name].clock
+        partner = next(
+            (
+                other
+                for other in form.sync
+                if (other in form.streams and form.streams[other].file == stream.file)
+                or (clock is not None and whole.instruments[other].clock == clock)
+            ),
+            None,
+        )
+        if partner is None:
+            raise document.error(
+                (*key, "sync"), f"expected a time for every instrument, found none for '{name}'; add it"
+            )
+        given[name] = given[partner]
+    return given
+
+
+def _check_run(experiment: Experiment, run: Run, document: Document, key: tuple[str | int, ...]) -> None:
+    """What one run needs before anything can be estimated from it."""
+    force = experiment.force_instrument(run)
+    if force is None:
+        raise document.error(
+            key, f"run '{run.name}': expected a stream of kind 'tension' or 'wrench', found none; add the forces"
+        )
+    if not any(is_motion(experiment.instruments[name]) for name in run.streams):
+        raise document.error(
+            key,
+            f"run '{run.name}': expected a stream that tells the motion (imu, attitude, position, pose), found none; add one",
+        )
+    if run.window and run.window[0] >= run.window[1]:
+        raise document.error((*key, "window"), f"expected start below end, found {list(run.window)}; exchange them")
+    if run.static:
+        lengths = {name: len(stream) for name, stream in run.streams.items()}
+        if len(set(lengths.values())) > 1:
+            raise document.error(
+                key,
+                f"run '{run.name}': expected the same poses row by row in all streams, found {lengths} rows; align the files",
+            )
+        return
+    span = {name: experiment.common_time(run, name) for name in run.streams}
+    start, end = run.window or (-math.inf, math.inf)
+    for name, time in span.items():
+        start, end = max(start, float(time[0])), min(end, float(time[-1]))
+        if start >= end:
+            others = ", ".join(f"{n} {t[0]:.3f} to {t[-1]:.3f} s" for n, t in span.items())
+            raise document.error(
+                key,
+                f"run '{run.name}': expected streams that overlap in time, found none of '{name}' left ({others}, after sync"
+                f"{' and within the window' if run.window else ''}); correct 'sync' or 'window'",
+            )
+    samples = int(np.sum((span[force] >= start) & (span[force] <= end)))
+    if samples < _FEWEST_SAMPLES:
+        raise document.error(
+            key,
+            f"run '{run.name}': expected at least {_FEWEST_SAMPLES} force samples in the common part, found {samples}; widen it",
+        )

@@ -1,0 +1,54 @@
+"""Orientation of the platform from any source."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+from steelyard import rotations
+from steelyard.batch import Symbol
+from steelyard.instruments.base import (
+    ORIENTATION_FORMS,
+    Calibration,
+    Instrument,
+    Prior,
+    Quantity,
+    Sigma,
+    Term,
+    Vector,
+    mounting_rotation,
+    sigma,
+)
+from steelyard.motion.state import State
+from steelyard.robot.model import Robot
+
+
+class AttitudeCalibration(Calibration):
+    """Systematic errors, 1-sigma."""
+
+    misalignment: Prior = sigma(0.05)
+    reference: Prior = sigma(0.02)
+
+
+class Attitude(Instrument):
+    """Orientation of the platform, or of a frame fixed to it, in the world."""
+
+    kind: Literal["attitude"]
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """Instrument frame to platform frame [deg]."""
+    noise: Sigma | None = None
+    calibration: AttitudeCalibration = AttitudeCalibration()
+
+    def quantities(self, m: int) -> tuple[Quantity, ...]:
+        """See :class:`Instrument`."""
+        return (Quantity("orientation", ORIENTATION_FORMS, "rad", self.noise, rotation=True),)
+
+    def terms(self, m: int) -> tuple[Term, ...]:
+        """See :class:`Instrument`."""
+        c = self.calibration
+        return Term("misalignment", 3, "rad", c.misalignment), Term("reference", 3, "rad", c.reference)
+
+    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
+        """Orientation of the frame against the instrument's reference."""
+        R = mounting_rotation(self.rpy_deg, calibration["misalignment"])
+        return {"orientation": rotations.exp(calibration["reference"]).T @ state.rotation @ R}

@@ -1,0 +1,159 @@
+"""What every instrument states about itself.
+
+A kind of instrument is one file beside this one. It says once which columns its log has, which systematic errors it may have and
+how its reading follows from the state of the platform. Simulation, estimation and inspection read that one statement.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import casadi as ca
+import numpy as np
+from pydantic import Field, model_validator
+
+from steelyard import rotations
+from steelyard.arrays import Array
+from steelyard.batch import Symbol
+from steelyard.motion.state import State
+from steelyard.robot.model import Robot
+from steelyard.yaml_file import FileModel
+
+Vector = tuple[float, float, float]
+Sigma = Annotated[float, Field(ge=0)]
+ORIENTATION_FORMS = (
+    ("qw", "qx", "qy", "qz"),
+    ("roll", "pitch", "yaw"),
+    ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33"),
+)
+"""Columns in which an orientation may stand; the first form that a log has is taken."""
+
+DEFAULT_DELAY = 0.05
+"""1-sigma of a clock against the common time [s]."""
+
+
+class Prior(FileModel):
+    """What is known beforehand about one systematic error: a value and its 1-sigma."""
+
+    value: float | tuple[float, ...] | None = None
+    """Per axis or cable, or the same for all; None: that of a perfect instrument."""
+    sigma: Sigma | tuple[Sigma, ...] | None = None
+    """1-sigma; 0 is exact; None: taken from the data."""
+    per: Literal["experiment", "run"] = "experiment"
+    """Whether the error is constant over the experiment or drawn anew for every run."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _number(cls, value: Any) -> Any:
+        """A bare number is a sigma; in a mapping it must stand by name."""
+        if isinstance(value, dict):
+            if value.get("sigma") is None:
+                raise ValueError(
+                    "expected the key 'sigma', found it missing; add it, or write the 1-sigma as a number alone"
+                )
+            return value
+        return {"sigma": value}
+
+
+def exact() -> Prior:
+    """The prior of an error that is not there."""
+    return Prior.model_validate({"sigma": 0.0})
+
+
+def sigma(value: float) -> Prior:
+    """The prior of an error of a given 1-sigma about that of a perfect instrument."""
+    return Prior.model_validate({"sigma": value})
+
+
+@dataclass(frozen=True)
+class Term:
+    """One systematic error of an instrument, a constant vector."""
+
+    key: str
+    """Name in the contract; nested keys with a dot."""
+    size: int
+    unit: str
+    prior: Prior
+    nominal: float = 0.0
+    """Of a perfect instrument: 1 for gains, 0 for everything else."""
+
+    @property
+    def mean(self) -> Array:
+        """Value known beforehand, shape (size,)."""
+        value = self.nominal if self.prior.value is None else self.prior.value
+        return np.broadcast_to(np.asarray(value, dtype=np.float64), (self.size,)).copy()
+
+    @property
+    def deviation(self) -> Array | None:
+        """1-sigma, shape (size,); None: from the data."""
+        if self.prior.sigma is None:
+            return None
+        return np.broadcast_to(np.asarray(self.prior.sigma, dtype=np.float64), (self.size,)).copy()
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One vector or rotation that an instrument reads."""
+
+    name: str
+    forms: tuple[tuple[str, ...], ...]
+    """Columns of the log that hold it, in one of these forms."""
+    unit: str
+    """SI unit of its columns (of angles, where a rotation is given by angles)."""
+    noise: float | None
+    """1-sigma per sample and axis; None: not stated. Of a rotation: of the rotation vector on its right [rad]."""
+    rotation: bool = False
+    """Whether it is a rotation, shape (3, 3); else a vector."""
+    required: bool = True
+
+    @property
+    def size(self) -> int:
+        """Numbers in a vector; 3 for a rotation."""
+        return 3 if self.rotation else len(self.forms[0])
+
+
+class Calibration(FileModel):
+    """Systematic errors of an instrument, 1-sigma; every kind adds its own."""
+
+    delay: Prior | None = None
+    """Of its clock against the common time [s]; None: not stated."""
+
+
+class Instrument(FileModel, ABC):
+    """An instrument as an experiment file describes it."""
+
+    kind: str
+    clock: str | None = None
+    """Instruments of one clock share its error."""
+    rate: Annotated[float, Field(gt=0, le=100_000)] | None = None
+    """[Hz]; for simulation and design."""
+    calibration: Calibration = Calibration()
+
+    @abstractmethod
+    def quantities(self, m: int) -> tuple[Quantity, ...]:
+        """What it reads, on a robot of m cables."""
+
+    @abstractmethod
+    def terms(self, m: int) -> tuple[Term, ...]:
+        """Its systematic errors, but for the delay of its clock."""
+
+    @abstractmethod
+    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
+        """Its measurement equation: noise-free readings of a platform state.
+
+        Args:
+            state: Symbols.
+            calibration: A symbol of shape (size,) for each of :meth:`terms`.
+            robot: Its cables.
+
+        Returns:
+            One symbol for each of :meth:`quantities`.
+        """
+
+
+def mounting_rotation(rpy_deg: Vector, misalignment: Symbol) -> Symbol:
+    """R_platform_instrument = R(rpy) Exp(misalignment)."""
+    return rotations.from_rpy(ca.DM(np.radians(rpy_deg))) @ rotations.exp(misalignment)

@@ -1,0 +1,93 @@
+"""Inertial measurement units: gyro, accelerometer and, if it has one, an attitude of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import casadi as ca
+
+from steelyard import rotations
+from steelyard.batch import Symbol
+from steelyard.dynamics import point_specific_force
+from steelyard.instruments.base import (
+    ORIENTATION_FORMS,
+    Calibration,
+    Instrument,
+    Prior,
+    Quantity,
+    Sigma,
+    Term,
+    Vector,
+    mounting_rotation,
+    sigma,
+)
+from steelyard.motion.state import State
+from steelyard.robot.model import Robot
+from steelyard.yaml_file import FileModel
+
+
+class ImuNoise(FileModel):
+    """1-sigma per sample and axis [rad/s], [m/s^2], [rad]."""
+
+    angular_velocity: Sigma | None = None
+    specific_force: Sigma | None = None
+    orientation: Sigma | None = None
+
+
+class ImuCalibration(Calibration):
+    """Systematic errors, 1-sigma."""
+
+    gyro_bias: Prior = sigma(0.02)
+    accelerometer_bias: Prior = sigma(0.5)
+    position: Prior = sigma(0.005)
+    misalignment: Prior = sigma(0.05)
+    reference: Prior = sigma(0.02)
+
+
+class Imu(Instrument):
+    """Angular velocity, specific force and orientation of the IMU; any of the three may be absent."""
+
+    kind: Literal["imu"]
+    position: Vector = (0.0, 0.0, 0.0)
+    """Origin of the instrument frame in the platform frame [m]."""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """Instrument frame to platform frame [deg]."""
+    noise: ImuNoise = ImuNoise()
+    calibration: ImuCalibration = ImuCalibration()
+    gravity: Literal["included", "removed"] = "included"
+    """``removed`` where the device took gravity out of its reading."""
+
+    def quantities(self, m: int) -> tuple[Quantity, ...]:
+        """See :class:`Instrument`."""
+        n = self.noise
+        return (
+            Quantity("angular_velocity", (("wx", "wy", "wz"),), "rad/s", n.angular_velocity, required=False),
+            Quantity("specific_force", (("ax", "ay", "az"),), "m/s^2", n.specific_force, required=False),
+            Quantity("orientation", ORIENTATION_FORMS, "rad", n.orientation, rotation=True, required=False),
+        )
+
+    def terms(self, m: int) -> tuple[Term, ...]:
+        """See :class:`Instrument`."""
+        c = self.calibration
+        return (
+            Term("gyro_bias", 3, "rad/s", c.gyro_bias),
+            Term("accelerometer_bias", 3, "m/s^2", c.accelerometer_bias),
+            Term("position", 3, "m", c.position),
+            Term("misalignment", 3, "rad", c.misalignment),
+            Term("reference", 3, "rad", c.reference),
+        )
+
+    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
+        """Rates and specific force where the IMU sits, in its own axes, and its orientation against its own reference."""
+        c = calibration
+        R = mounting_rotation(self.rpy_deg, c["misalignment"])
+        place = ca.DM(self.position) + c["position"]
+        force = point_specific_force(state.specific_force, state.omega, state.alpha, place)
+        if self.gravity == "removed":
+            force = force + state.rotation.T @ state.gravity
+        return {
+            "angular_velocity": R.T @ state.omega + c["gyro_bias"],
+            "specific_force": R.T @ force + c["accelerometer_bias"],
+            "orientation": rotations.exp(c["reference"]).T @ state.rotation @ R,
+        }

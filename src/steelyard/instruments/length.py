@@ -1,0 +1,41 @@
+"""Cable lengths from the winches' encoders."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import casadi as ca
+
+from steelyard.batch import Symbol
+from steelyard.instruments.base import Calibration, Instrument, Prior, Quantity, Sigma, Term, sigma
+from steelyard.motion.state import State
+from steelyard.robot.kinematics import shapes
+from steelyard.robot.model import Robot
+
+
+class LengthCalibration(Calibration):
+    """Systematic errors, 1-sigma."""
+
+    offset: Prior = sigma(1.0)
+
+
+class Length(Instrument):
+    """Unstrained length of every cable from anchor over the roller to attachment, up to a constant."""
+
+    kind: Literal["length"]
+    noise: Sigma | None = None
+    calibration: LengthCalibration = LengthCalibration()
+
+    def quantities(self, m: int) -> tuple[Quantity, ...]:
+        """See :class:`Instrument`."""
+        return (Quantity("length", (tuple(f"l{i + 1}" for i in range(m)),), "m", self.noise),)
+
+    def terms(self, m: int) -> tuple[Term, ...]:
+        """See :class:`Instrument`."""
+        return (Term("offset", m, "m", self.calibration.offset),)
+
+    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
+        """Unstrained lengths at the state's pose and tensions."""
+        cables = shapes(robot, state.position, state.rotation, state.tension)
+        return {"length": ca.vertcat(*[c.length for c in cables]) + calibration["offset"]}

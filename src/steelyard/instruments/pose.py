@@ -1,0 +1,81 @@
+"""Camera systems and six-axis trackers: position and orientation together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import casadi as ca
+
+from steelyard.batch import Symbol
+from steelyard.instruments.base import (
+    ORIENTATION_FORMS,
+    Calibration,
+    Instrument,
+    Prior,
+    Quantity,
+    Sigma,
+    Term,
+    Vector,
+    mounting_rotation,
+    sigma,
+)
+from steelyard.instruments.position import FrameCalibration, FrameForm, frame_terms, tracker_frame
+from steelyard.motion.state import State
+from steelyard.robot.model import Robot
+from steelyard.yaml_file import FileModel
+
+
+class PoseNoise(FileModel):
+    """1-sigma per sample and axis [m], [rad]."""
+
+    position: Sigma | None = None
+    rotation: Sigma | None = None
+
+
+class PoseCalibration(Calibration):
+    """Systematic errors, 1-sigma."""
+
+    misalignment: Prior = sigma(0.05)
+    target: Prior = sigma(0.005)
+    frame: FrameCalibration = FrameCalibration()
+
+
+class Pose(Instrument):
+    """Position and orientation of a frame on the platform in the tracker frame."""
+
+    kind: Literal["pose"]
+    position: Vector = (0.0, 0.0, 0.0)
+    """Origin of the tracked frame in the platform frame [m]."""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """Tracked frame to platform frame [deg]."""
+    frame: FrameForm = FrameForm()
+    noise: PoseNoise = PoseNoise()
+    calibration: PoseCalibration = PoseCalibration()
+
+    def quantities(self, m: int) -> tuple[Quantity, ...]:
+        """See :class:`Instrument`."""
+        return (
+            Quantity("position", (("x", "y", "z"),), "m", self.noise.position),
+            Quantity("orientation", ORIENTATION_FORMS, "rad", self.noise.rotation, rotation=True),
+        )
+
+    def terms(self, m: int) -> tuple[Term, ...]:
+        """See :class:`Instrument`."""
+        c = self.calibration
+        return (
+            Term("misalignment", 3, "rad", c.misalignment),
+            Term("target", 3, "m", c.target),
+            *frame_terms(c.frame),
+        )
+
+    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
+        """The tracked frame in the tracker frame."""
+        c = calibration
+        origin, R_world_tracker = tracker_frame(self.frame, c)
+        target = state.position + state.rotation @ (ca.DM(self.position) + c["target"])
+        R = mounting_rotation(self.rpy_deg, c["misalignment"])
+        return {
+            "position": R_world_tracker.T @ (target - origin),
+            "orientation": R_world_tracker.T @ state.rotation @ R,
+        }

@@ -1,0 +1,91 @@
+"""A six-axis force-torque sensor that carries the body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import casadi as ca
+
+from steelyard.batch import Symbol
+from steelyard.instruments.base import (
+    Calibration,
+    Instrument,
+    Prior,
+    Quantity,
+    Sigma,
+    Term,
+    Vector,
+    exact,
+    mounting_rotation,
+)
+from steelyard.motion.state import State
+from steelyard.robot.model import Robot
+from steelyard.yaml_file import FileModel
+
+_FROM_DATA = Prior.model_construct(value=None, sigma=None, per="experiment")
+
+
+class WrenchNoise(FileModel):
+    """1-sigma per sample [N], [N m]."""
+
+    force: Sigma | None = None
+    torque: Sigma | None = None
+
+
+class WrenchOffset(FileModel):
+    """Added to each axis [N], [N m]."""
+
+    force: Prior = _FROM_DATA
+    torque: Prior = _FROM_DATA
+
+
+class WrenchCalibration(Calibration):
+    """Systematic errors, 1-sigma."""
+
+    offset: WrenchOffset = WrenchOffset()
+    position: Prior = exact()
+    misalignment: Prior = exact()
+
+
+class Wrench(Instrument):
+    """Force and torque on the body, in the sensor's own frame about its own origin."""
+
+    kind: Literal["wrench"]
+    position: Vector = (0.0, 0.0, 0.0)
+    """Origin of the sensor in the platform frame [m]."""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """Sensor frame to platform frame [deg]."""
+    noise: WrenchNoise = WrenchNoise()
+    calibration: WrenchCalibration = WrenchCalibration()
+    acts_on: Literal["body", "sensor"] = "body"
+    """Whose load the reading is: ``sensor`` turns the sign."""
+
+    def quantities(self, m: int) -> tuple[Quantity, ...]:
+        """See :class:`Instrument`."""
+        return (
+            Quantity("force", (("fx", "fy", "fz"),), "N", self.noise.force),
+            Quantity("torque", (("tx", "ty", "tz"),), "N m", self.noise.torque),
+        )
+
+    def terms(self, m: int) -> tuple[Term, ...]:
+        """See :class:`Instrument`."""
+        c = self.calibration
+        return (
+            Term("offset.force", 3, "N", c.offset.force),
+            Term("offset.torque", 3, "N m", c.offset.torque),
+            Term("position", 3, "m", c.position),
+            Term("misalignment", 3, "rad", c.misalignment),
+        )
+
+    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
+        """The carrying wrench, moved to the sensor's origin and turned into its frame."""
+        c = calibration
+        R = mounting_rotation(self.rpy_deg, c["misalignment"])
+        place = ca.DM(self.position) + c["position"]
+        force, torque = state.wrench[:3], state.wrench[3:]
+        sign = 1 if self.acts_on == "body" else -1
+        return {
+            "force": sign * (R.T @ force) + c["offset.force"],
+            "torque": sign * (R.T @ (torque - ca.cross(place, force))) + c["offset.torque"],
+        }

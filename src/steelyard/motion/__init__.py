@@ -1,0 +1,1 @@
+"""How the platform moves: its state, and trajectories that command it."""

@@ -1,0 +1,91 @@
+"""The state of the platform that instruments look at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from steelyard import rotations
+from steelyard.arrays import Array
+from steelyard.batch import Batched
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything about the platform at one instant, as symbols, or over n samples, as arrays.
+
+    Symbols have the shapes below, arrays a leading axis of samples.
+    """
+
+    position: Any
+    """Of the platform origin, world frame [m], shape (3,)."""
+    rotation: Any
+    """R_world_platform, shape (3, 3)."""
+    omega: Any
+    """Angular velocity of the platform in the world, platform frame [rad/s], shape (3,)."""
+    specific_force: Any
+    """R^T (a_P - g): acceleration of the platform origin minus gravity, platform frame [m/s^2], shape (3,)."""
+    alpha: Any
+    """Derivative of omega [rad/s^2], shape (3,)."""
+    tension: Any
+    """Of the cables at the platform [N], shape (m,)."""
+    wrench: Any
+    """Force over torque about the platform origin of all that carries the body, platform frame [N], [N m], shape (6,)."""
+    gravity: Any
+    """World frame [m/s^2], shape (3,)."""
+
+
+def symbols(m: int) -> State:
+    """A state of CasADi symbols for a robot of m cables."""
+    return State(
+        position=ca.SX.sym("position", 3),
+        rotation=ca.SX.sym("rotation", 3, 3),
+        omega=ca.SX.sym("omega", 3),
+        specific_force=ca.SX.sym("specific_force", 3),
+        alpha=ca.SX.sym("alpha", 3),
+        tension=ca.SX.sym("tension", m),
+        wrench=ca.SX.sym("wrench", 6),
+        gravity=ca.SX.sym("gravity", 3),
+    )
+
+
+@cache
+def _pose_motion() -> Batched:
+    q, dq, ddq = (ca.SX.sym(name, 6) for name in ("pose", "rate", "acceleration"))
+    gravity = ca.SX.sym("gravity", 3)
+    rpy = q[3:6]
+    R = rotations.from_rpy(rpy)
+    omega = R.T @ rotations.rate_matrix(rpy) @ dq[3:6]
+    # In body axes the derivative of omega's coordinates is the angular acceleration itself, Eq. (4b).
+    alpha = ca.jtimes(omega, ca.vertcat(q, dq), ca.vertcat(dq, ddq))
+    return Batched(
+        "pose_motion",
+        {"pose": q, "rate": dq, "acceleration": ddq, "gravity": gravity},
+        {"rotation": R, "omega": omega, "alpha": alpha, "specific_force": R.T @ (ddq[:3] - gravity)},
+    )
+
+
+def motion_of_poses(pose: Array, rate: Array, acceleration: Array, gravity: Array) -> Mapping[str, Array]:
+    """Motion in body axes of poses given as x, y, z [m], roll, pitch, yaw [rad] and their time derivatives.
+
+    Eq. (3), (4a) and (4b) of [Tempel2017]_, the last as the exact derivative of the (corrected) one before it.
+
+    Args:
+        pose: Shape (n, 6).
+        rate: Shape (n, 6).
+        acceleration: Shape (n, 6).
+        gravity: World frame [m/s^2], shape (3,).
+
+    Returns:
+        ``position``, ``rotation``, ``omega``, ``alpha``, ``specific_force`` as in :class:`State`.
+    """
+    values = _pose_motion()(pose=pose, rate=rate, acceleration=acceleration, gravity=gravity)
+    return {
+        "position": np.ascontiguousarray(np.broadcast_to(pose, (len(values["omega"]), 6))[:, :3]),
+        **values,
+    }

@@ -1,0 +1,248 @@
+"""The robot file: its form, and the way from it to a :class:`Robot` and back."""
+
+from __future__ import annotations
+
+import math
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from steelyard.errors import InputError
+from steelyard.inertia import BODY_PARAMETERS, Inertia, six, symmetric
+from steelyard.robot.model import CableProperties, Limits, Robot
+from steelyard.yaml_file import Document, FileModel, read_yaml, validate
+
+Vector = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
+_CLOSEST_ANCHORS = 1e-6  # [m]
+_MOST_CABLES = 64
+
+
+class PulleyForm(FileModel):
+    """A swivelling roller at the anchor."""
+
+    radius: NotNegative
+    axis: Vector = (0.0, 0.0, 1.0)
+
+
+class CableForm(FileModel):
+    """One cable."""
+
+    anchor: Vector
+    attachment: Vector
+    pulley: PulleyForm | None = None
+
+
+class CablePropertiesForm(FileModel):
+    """What the cables are made of."""
+
+    diameter: Positive | None = None
+    axial_stiffness: Positive | None = None
+    linear_density: NotNegative | None = None
+    damping_ratio: NotNegative = 0.02
+
+
+class TensionForm(FileModel):
+    """Allowed tensions [N]."""
+
+    min: NotNegative
+    max: Positive
+
+
+class LimitsForm(FileModel):
+    """What a motion must keep to."""
+
+    position: tuple[Vector, Vector] | None = None
+    rpy_deg: tuple[Vector, Vector] | None = None
+    speed: Positive | None = None
+    acceleration: Positive | None = None
+    angular_speed: Positive | None = None
+    angular_acceleration: Positive | None = None
+
+
+class MomentsForm(FileModel):
+    """Inertia about the centre of gravity, elements of the matrix [kg m^2]."""
+
+    xx: float
+    yy: float
+    zz: float
+    yz: float = 0.0
+    xz: float = 0.0
+    xy: float = 0.0
+
+
+class PlatformForm(FileModel):
+    """Nominal body."""
+
+    mass: Positive
+    center_of_gravity: Vector
+    inertia: MomentsForm
+
+
+class RobotForm(FileModel):
+    """The whole file."""
+
+    name: str
+    gravity: Positive | Vector = 9.81
+    cables: tuple[CableForm, ...] = Field(max_length=_MOST_CABLES)
+    cable: CablePropertiesForm = CablePropertiesForm()
+    tension: TensionForm | None = None
+    limits: LimitsForm = LimitsForm()
+    platform: PlatformForm | None = None
+
+
+def bundled_names() -> list[str]:
+    """Names of the robots that come with steelyard."""
+    folder = resources.files("steelyard.robot") / "library"
+    return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+
+
+def bundled_text(name: str) -> str:
+    """Robot file of a bundled robot.
+
+    Raises:
+        InputError: There is none of that name.
+    """
+    if name not in bundled_names():
+        raise InputError(f"robot '{name}': expected one of {', '.join(bundled_names())}, or the path of a robot file")
+    return (resources.files("steelyard.robot") / "library" / f"{name}.yaml").read_text(encoding="utf-8")
+
+
+def read_robot(name_or_path: str, folder: Path = Path()) -> Robot:
+    """Read a bundled robot by name, or a robot file.
+
+    Args:
+        name_or_path: Bundled name, or path relative to ``folder``.
+        folder: Where relative paths start.
+
+    Raises:
+        InputError: No such robot, or its file is wrong.
+    """
+    if name_or_path in bundled_names():
+        with resources.as_file(resources.files("steelyard.robot") / "library" / f"{name_or_path}.yaml") as path:
+            return robot_of(read_yaml(path))
+    if not name_or_path.endswith((".yaml", ".yml")) and not (folder / name_or_path).exists():
+        raise InputError(
+            f"robot '{name_or_path}': expected the path of a robot file or one of {', '.join(bundled_names())}, found neither; "
+            "check the name"
+        )
+    return robot_of(read_yaml(folder / name_or_path))
+
+
+def robot_of(document: Document) -> Robot:
+    """The robot that a document describes.
+
+    Raises:
+        InputError: The document does not fit the contract, or the robot makes no sense.
+    """
+    form = validate(RobotForm, document)
+    _check(form, document)
+    gravity = np.array(form.gravity if isinstance(form.gravity, tuple) else (0.0, 0.0, -form.gravity))
+    radians = None
+    if form.limits.rpy_deg:
+        radians = tuple(tuple(math.radians(v) for v in row) for row in form.limits.rpy_deg)
+    no_pulley = PulleyForm(radius=0.0)
+    return Robot(
+        name=form.name,
+        gravity=gravity,
+        anchors=np.array([c.anchor for c in form.cables]),
+        attachments=np.array([c.attachment for c in form.cables]),
+        pulley_radius=np.array([(c.pulley or no_pulley).radius for c in form.cables]),
+        pulley_axis=np.array([(c.pulley or no_pulley).axis for c in form.cables]).reshape(-1, 3),
+        cable=CableProperties(**form.cable.model_dump()),
+        tension_limits=(form.tension.min, form.tension.max) if form.tension else (0.0, math.inf),
+        limits=Limits(
+            position=form.limits.position,
+            rpy=radians,  # type: ignore[arg-type]
+            **form.limits.model_dump(exclude={"position", "rpy_deg"}),
+        ),
+        platform=_platform(form.platform),
+    )
+
+
+def _platform(form: PlatformForm | None) -> Inertia | None:
+    if form is None:
+        return None
+    J = form.inertia
+    return Inertia(
+        form.mass,
+        np.array(form.center_of_gravity),
+        symmetric([J.xx, J.yy, J.zz, J.yz, J.xz, J.xy]),
+    )
+
+
+def _check(form: RobotForm, document: Document) -> None:
+    """What the form of the file cannot say."""
+    for i, one in enumerate(form.cables):
+        for j, other in enumerate(form.cables[:i]):
+            if math.dist(one.anchor, other.anchor) < _CLOSEST_ANCHORS:
+                raise document.error(
+                    ("cables", i, "anchor"),
+                    f"expected anchors that differ, found cable {i + 1} at the anchor of cable {j + 1}; correct one of them",
+                )
+        if one.pulley and math.hypot(*one.pulley.axis) < 1e-9:
+            raise document.error(
+                ("cables", i, "pulley", "axis"),
+                "expected a direction, found a vector of length 0; correct it",
+            )
+    if isinstance(form.gravity, tuple) and math.hypot(*form.gravity) < 1e-9:
+        raise document.error(
+            ("gravity",), "expected a vector, found one of length 0; cables need gravity to be told apart"
+        )
+    if form.tension and form.tension.min >= form.tension.max:
+        raise document.error(
+            ("tension",),
+            f"expected min below max, found {form.tension.min:g} and {form.tension.max:g} N; exchange them",
+        )
+    for key in ("position", "rpy_deg"):
+        box = getattr(form.limits, key)
+        if box and any(low >= high for low, high in zip(*box, strict=True)):
+            raise document.error(
+                ("limits", key),
+                f"expected the lowest corner first, then the highest, found {box[0]} and {box[1]}; correct it",
+            )
+
+
+def robot_file(robot: Robot) -> dict[str, Any]:
+    """A robot as the plain values of its file; :func:`robot_of` gives it back."""
+    cables = []
+    for i in range(robot.m):
+        entry: dict[str, Any] = {
+            "anchor": robot.anchors[i].tolist(),
+            "attachment": robot.attachments[i].tolist(),
+        }
+        if robot.pulley_radius[i]:
+            entry["pulley"] = {"radius": float(robot.pulley_radius[i]), "axis": robot.pulley_axis[i].tolist()}
+        cables.append(entry)
+    g = robot.gravity
+    values: dict[str, Any] = {
+        "name": robot.name,
+        "gravity": float(-g[2]) if g[0] == g[1] == 0 and g[2] < 0 else g.tolist(),
+        "cables": cables,
+    }
+    properties = {k: v for k, v in vars(robot.cable).items() if v is not None}
+    if robot.m:
+        values["cable"] = properties
+    if np.isfinite(robot.tension_limits[1]):
+        values["tension"] = {"min": robot.tension_limits[0], "max": robot.tension_limits[1]}
+    limits = {k: v for k, v in vars(robot.limits).items() if v is not None}
+    if "rpy" in limits:
+        # Degrees with the digits that a person wrote, not those of the conversion.
+        limits["rpy_deg"] = [[round(math.degrees(v), 9) for v in row] for row in limits.pop("rpy")]
+    if "position" in limits:
+        limits["position"] = [list(row) for row in limits["position"]]
+    if limits:
+        values["limits"] = limits
+    if robot.platform is not None:
+        moments = six(robot.platform.inertia).tolist()
+        values["platform"] = {
+            "mass": robot.platform.mass,
+            "center_of_gravity": robot.platform.center_of_gravity.tolist(),
+            "inertia": {name[1:]: value for name, value in zip(BODY_PARAMETERS[4:], moments, strict=True)},
+        }
+    return values

@@ -1,0 +1,80 @@
+"""Rotations, written once in CasADi.
+
+``R_a_b`` maps coordinates in frame b to coordinates in frame a. Tait-Bryan angles are (roll, pitch, yaw) with
+``R = Rz(yaw) Ry(pitch) Rx(roll)``, Eq. (3) of [Tempel2017]_; quaternions are (w, x, y, z). Conversions of recorded numbers
+use :class:`scipy.spatial.transform.Rotation`; here is what the model needs with derivatives.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from steelyard.batch import Symbol
+
+
+def skew(v: Symbol) -> Symbol:
+    """Matrix of the cross product, ``skew(v) w = v x w``, Eq. (2) of [Tempel2017]_."""
+    return ca.skew(v)
+
+
+def from_rpy(rpy: Symbol) -> Symbol:
+    """Rotation matrix of Tait-Bryan angles (roll, pitch, yaw) [rad], Eq. (3) of [Tempel2017]_."""
+    cr, cp, cy = ca.cos(rpy[0]), ca.cos(rpy[1]), ca.cos(rpy[2])
+    sr, sp, sy = ca.sin(rpy[0]), ca.sin(rpy[1]), ca.sin(rpy[2])
+    return ca.vertcat(
+        ca.horzcat(cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        ca.horzcat(sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        ca.horzcat(-sp, cp * sr, cp * cr),
+    )
+
+
+def rate_matrix(rpy: Symbol) -> Symbol:
+    """Matrix that takes rates of roll, pitch, yaw to the angular velocity in world axes.
+
+    Eq. (4a) of [Tempel2017]_ with its third column corrected to [0, 0, 1].
+    """
+    cp, cy, sp, sy = ca.cos(rpy[1]), ca.cos(rpy[2]), ca.sin(rpy[1]), ca.sin(rpy[2])
+    return ca.vertcat(
+        ca.horzcat(cy * cp, -sy, 0),
+        ca.horzcat(sy * cp, cy, 0),
+        ca.horzcat(-sp, 0, 1),
+    )
+
+
+def from_quaternion(q: Symbol) -> Symbol:
+    """Rotation matrix of a unit quaternion (w, x, y, z)."""
+    w, v = q[0], q[1:4]
+    return (w * w - ca.dot(v, v)) * ca.DM.eye(3) + 2 * v @ v.T + 2 * w * skew(v)
+
+
+def quaternion_rate(q: Symbol, omega: Symbol) -> Symbol:
+    """Time derivative of a quaternion (w, x, y, z) for an angular velocity in body axes [rad/s]."""
+    w, v = q[0], q[1:4]
+    return ca.vertcat(-ca.dot(v, omega), w * omega + ca.cross(v, omega)) / 2
+
+
+def exp(theta: Symbol) -> Symbol:
+    """Rotation matrix of a rotation vector [rad] (Rodrigues), exact to rounding near zero and smooth there."""
+    square = ca.dot(theta, theta)
+    small = square < 1e-6
+    # Both branches are evaluated: the exact one must stay finite, with finite derivatives, where it is not taken.
+    safe = ca.if_else(small, 1.0, square)
+    angle = ca.sqrt(safe)
+    sine = ca.if_else(small, 1 - square / 6 + square**2 / 120, ca.sin(angle) / angle)
+    cosine = ca.if_else(small, 0.5 - square / 24 + square**2 / 720, (1 - ca.cos(angle)) / safe)
+    matrix = skew(theta)
+    return ca.DM.eye(3) + sine * matrix + cosine * matrix @ matrix
+
+
+def log(rotation: Symbol) -> Symbol:
+    """Rotation vector [rad] of a rotation matrix by an angle below pi, smooth at zero."""
+    axial = (
+        ca.vertcat(rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1])
+        / 2
+    )
+    square = ca.dot(axial, axial)
+    cosine = (ca.trace(rotation) - 1) / 2
+    small = ca.logic_and(square < 1e-6, cosine > 0)
+    sine = ca.sqrt(ca.if_else(small, 1.0, square))
+    factor = ca.if_else(small, 1 + square / 6 + 3 * square**2 / 40, ca.atan2(sine, cosine) / sine)
+    return factor * axial

@@ -1,0 +1,288 @@
+"""YAML files from anyone: read as data, checked against a model, with errors that name file, line and key."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from steelyard.errors import InputError
+
+_LARGEST_FILE = 4 * 2**20  # bytes
+_MOST_VALUES = 200_000  # after aliases are expanded: a file of a few lines can name itself a billion times
+
+
+class FileModel(BaseModel):
+    """Base of everything that a file may hold: no unknown keys, no silent conversion, never changed."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class Document:
+    """A YAML file as plain values, with the lines they came from."""
+
+    path: Path
+    data: Any
+    lines: dict[tuple[str | int, ...], int]
+
+    def where(self, key: Sequence[str | int] = ()) -> str:
+        """File, line and key for a message."""
+        named = [part for part in key if part != ""]
+        for length in range(len(named), -1, -1):
+            line = self.lines.get(tuple(named[:length]))
+            if line is not None and length:
+                return f"{self.path}:{line}: '{_dotted(named)}'"
+        return f"{self.path}: '{_dotted(named)}'" if named else f"{self.path}"
+
+    def error(self, key: Sequence[str | int], message: str) -> InputError:
+        """The error of one key."""
+        return InputError(f"{self.where(key)}: {message}")
+
+
+def read_yaml(path: Path) -> Document:
+    """Read a YAML 1.2 file.
+
+    Raises:
+        InputError: It is not there, not a regular file, too large, or not YAML.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    text = read_text(path)
+    try:
+        node = YAML(typ="rt", pure=True).load(text)
+    except YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f":{mark.line + 1}" if mark is not None else ""
+        problem = getattr(error, "problem", None) or "cannot be read"
+        raise InputError(f"{path}{line}: expected YAML, found a mistake in it ({problem}); correct this line") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: expected YAML, found something that cannot be read ({error}); correct it") from None
+    lines: dict[tuple[str | int, ...], int] = {}
+    try:
+        data = _plain(node, (), lines, [0])
+    except (_TooManyError, RecursionError):
+        raise InputError(f"{path}: expected at most {_MOST_VALUES} values, found more; remove nested aliases") from None
+    return Document(path, data, lines)
+
+
+def read_text(path: Path) -> str:
+    """Read a small text file.
+
+    Raises:
+        InputError: It is not there, not a regular file, too large, or not UTF-8.
+    """
+    require_file(path)
+    if path.stat().st_size > _LARGEST_FILE:
+        raise InputError(
+            f"{path}: expected at most {_LARGEST_FILE >> 20} MiB of YAML, found {path.stat().st_size >> 20} MiB"
+        )
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: expected UTF-8 text, found a byte that is not at {error.start}; save it as UTF-8"
+        ) from None
+
+
+def require_file(path: Path, what: str = "file") -> None:
+    """Raise InputError unless a path is a regular file."""
+    try:
+        if path.is_file():
+            return
+        found = (
+            "a folder" if path.is_dir() else "something that is no regular file" if path.exists() else "nothing there"
+        )
+    except (OSError, ValueError) as error:
+        found = str(error)
+    raise InputError(f"{path}: expected a {what}, found {found}; check the path")
+
+
+class _TooManyError(Exception):
+    pass
+
+
+def _plain(node: Any, key: tuple[str | int, ...], lines: dict[tuple[str | int, ...], int], count: list[int]) -> Any:
+    """Turn the loader's nodes into dicts, lists, strings, numbers and None, and note their lines."""
+    count[0] += 1
+    if count[0] > _MOST_VALUES:
+        raise _TooManyError
+    if isinstance(node, dict):
+        mapping = {}
+        for name, value in node.items():
+            inner = (*key, str(name))
+            lines[inner] = (
+                node.lc.key(name)[0] + 1 if hasattr(node, "lc") and name in node.lc.data else lines.get(key, 1)
+            )
+            mapping[str(name)] = _plain(value, inner, lines, count)
+        return mapping
+    if isinstance(node, list):
+        items = []
+        for i, value in enumerate(node):
+            inner = (*key, i)
+            lines[inner] = (
+                node.lc.item(i)[0] + 1 if hasattr(node, "lc") and i in (node.lc.data or {}) else lines.get(key, 1)
+            )
+            items.append(_plain(value, inner, lines, count))
+        return items
+    if isinstance(node, bool) or node is None:
+        return node
+    if isinstance(node, int):
+        return int(node)
+    if isinstance(node, float):
+        return float(node)
+    # Scalar booleans of the round-trip loader are integers with a mark of their own.
+    return bool(node) if type(node).__name__ == "ScalarBoolean" else str(node)
+
+
+def validate(model: type[Model], document: Document, data: Any = None, key: tuple[str | int, ...] = ()) -> Model:
+    """Check plain values against a model.
+
+    Args:
+        model: What is expected.
+        document: Where the values come from.
+        data: The values; None: the whole document.
+        key: Where they stand in the document.
+
+    Raises:
+        InputError: They do not fit; the sentence names the first place and counts the others.
+    """
+    values = document.data if data is None else data
+    if not isinstance(values, dict):
+        raise document.error(key, f"expected a mapping of keys to values, found {_short(values)}")
+    try:
+        return model.model_validate_json(json.dumps(values))
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+        # Of a number-or-list, the branch that was meant is the one whose shape was given.
+        fitting = [p for p in problems if not (p["type"] == "float_type" and isinstance(p.get("input"), list))]
+        first = (fitting or problems)[0]
+        # Branches of a union appear in the location under their tag; only real keys help the reader.
+        path = key + _real_keys(tuple(first["loc"]), values)
+        known = _known_keys(model, tuple(first["loc"]))
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise document.error(path, _sentence(first, path, known) + more) from None
+
+
+def _real_keys(location: tuple[str | int, ...], data: Any) -> tuple[str | int, ...]:
+    real: list[str | int] = []
+    for i, part in enumerate(location):
+        inside = (isinstance(data, dict) and part in data) or (
+            isinstance(data, list) and isinstance(part, int) and part < len(data)
+        )
+        if inside:
+            data = data[part]
+            real.append(part)
+        elif (
+            i == len(location) - 1 and isinstance(data, dict) and not str(part).startswith(("function-", "constrained"))
+        ):
+            real.append(part)
+    return tuple(real)
+
+
+def _known_keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
+    """Keys of the model at the parent of a location, as far as they can be followed."""
+    import typing
+
+    current: Any = model
+    for part in location[:-1]:
+        if not (isinstance(current, type) and issubclass(current, BaseModel)):
+            candidates = [c for c in typing.get_args(current) if isinstance(c, type) and issubclass(c, BaseModel)]
+            tagged = [
+                c
+                for c in candidates
+                if "kind" in c.model_fields and part in typing.get_args(c.model_fields["kind"].annotation)
+            ]
+            if tagged:
+                current = tagged[0]
+                continue
+            current = candidates[0] if candidates else None
+        if current is None:
+            return []
+        field = current.model_fields.get(str(part))
+        if field is None:
+            return []
+        current = field.annotation
+        while True:
+            arguments = [a for a in typing.get_args(current) if a is not type(None)]
+            if not arguments or (isinstance(current, type) and issubclass(current, BaseModel)):
+                break
+            models = [a for a in arguments if isinstance(a, type) and issubclass(a, BaseModel)]
+            if len(models) > 1:
+                break
+            current = models[0] if models else arguments[-1]
+    if isinstance(current, type) and issubclass(current, BaseModel):
+        return list(current.model_fields)
+    return []
+
+
+def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> str:
+    kind, found = problem["type"], problem.get("input")
+    context = problem.get("ctx", {})
+    location = problem["loc"]
+    name = str(path[-1]) if path else ""
+    if kind == "missing" and location and isinstance(location[-1], int):
+        return f"expected at least {location[-1] + 1} values, found {location[-1]}; add what is missing"
+    if kind == "missing":
+        return f"expected this key, found it missing; add '{name}'"
+    if kind == "extra_forbidden":
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = (
+            f"; did you mean '{close[0]}'?"
+            if close
+            else f"; known here: {', '.join(known)}"
+            if known
+            else "; remove it"
+        )
+        return f"expected a known key, found '{name}'{hint}"
+    if kind in {"union_tag_invalid", "literal_error"}:
+        expected = context.get("expected_tags") or context.get("expected")
+        return f"expected one of {expected}, found {_short(context.get('tag', found))}; choose one of these"
+    if kind == "union_tag_not_found":
+        return "expected the key 'kind', found it missing; add it"
+    if kind in {"float_type", "int_type", "float_parsing", "finite_number", "int_from_float"}:
+        return f"expected a number, found {_short(found)}; write a number"
+    if kind in {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}:
+        sign = {
+            "greater_than": "above",
+            "greater_than_equal": "at least",
+            "less_than": "below",
+            "less_than_equal": "at most",
+        }[kind]
+        bound = next(iter(context.values()), 0)
+        return f"expected a number {sign} {bound:g}, found {_short(found)}; correct it"
+    if kind in {"too_short", "too_long", "tuple_type", "list_type"}:
+        length = context.get("min_length") or context.get("max_length")
+        return f"expected a list{f' of {length}' if length else ''}, found {_short(found)}; correct it"
+    if kind == "string_type":
+        return f"expected text, found {_short(found)}; put it in quotes if it is meant as text"
+    if kind in {"model_type", "dict_type", "model_attributes_type"}:
+        return f"expected a mapping of keys to values, found {_short(found)}; correct it"
+    if kind == "bool_type":
+        return f"expected true or false, found {_short(found)}; correct it"
+    if kind == "value_error":
+        return str(context.get("error", problem["msg"]))
+    return f"{problem['msg'][0].lower()}{problem['msg'][1:]}, found {_short(found)}; correct it"
+
+
+def _dotted(key: Sequence[str | int]) -> str:
+    text = ""
+    for part in key:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text
+
+
+def _short(value: Any) -> str:
+    if value is None:
+        return "nothing"
+    text = f"'{value}'" if isinstance(value, str) else json.dumps(value, default=str)
+    return text if len(text) <= 60 else text[:57] + "..."
