@@ -40,9 +40,7 @@ class Batched:
         matrices = [ca.reshape(flat[key], symbol.shape[1], symbol.shape[0]).T for key, symbol in inputs.items()]
         inner = ca.Function(name, list(inputs.values()), list(outputs.values()))
         results = inner.call(matrices, True, False)
-        self._single = ca.Function(
-            name, list(flat.values()), [_row_major(r) for r in results], list(inputs), list(outputs)
-        )
+        self._single = ca.Function(name, list(flat.values()), [_row_major(r) for r in results])
         self._block = self._single.map(_BLOCK)
 
     @property

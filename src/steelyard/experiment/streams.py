@@ -139,7 +139,7 @@ def _rotations(path: Path, form: tuple[str, ...], columns: list[Array]) -> Array
     """Rotation matrices, shape (n, 3, 3), from any form of columns; NaN where a cell is empty."""
     raw = np.column_stack(columns)
     matrices = np.full((len(raw), 3, 3), np.nan)
-    valid: NDArray[np.bool_] = np.isfinite(raw).all(axis=1)
+    valid: NDArray[np.bool_] = np.asarray(np.isfinite(raw).all(axis=1))
     given = raw[valid]
     if len(form) == 3:
         matrices[valid] = Rotation.from_euler("ZYX", given[:, ::-1]).as_matrix()

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 import casadi as ca
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, model_serializer, model_validator
 
 from steelyard import rotations
 from steelyard.arrays import Array
@@ -56,6 +56,14 @@ class Prior(FileModel):
                 )
             return value
         return {"sigma": value}
+
+    @model_serializer
+    def _shortest(self) -> Any:
+        """As a person would write it: a number alone where that says it."""
+        if self.value is None and self.per == "experiment":
+            return self.sigma
+        entries = {"value": self.value, "sigma": self.sigma, "per": None if self.per == "experiment" else self.per}
+        return {key: entry for key, entry in entries.items() if entry is not None}
 
 
 def exact() -> Prior:

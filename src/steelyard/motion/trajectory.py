@@ -17,7 +17,7 @@ class Trajectory(Protocol):
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """Length in time [s]."""
 
     def derivative(self, t: Array, order: int) -> Array:
         """Derivative of x, y, z [m], roll, pitch, yaw [rad] by time.
@@ -54,7 +54,7 @@ class RestToRest:
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """Length in time [s]."""
         return self.move + 2 * self.pause
 
     def derivative(self, t: Array, order: int) -> Array:

@@ -79,7 +79,7 @@ def by_tension(cable: CableSpec, point: Symbol, tension: Symbol) -> CableShape:
         tension: [N], positive where the cable has weight.
     """
     if not cable.weight:
-        roller, wrap, leave, chord = _straight(cable, point)
+        _, wrap, leave, chord = _straight(cable, point)
         strained = chord + cable.radius * wrap
         direction = (leave - point) / chord
         length = strained / (1 + tension * cable.compliance)
@@ -88,7 +88,7 @@ def by_tension(cable: CableSpec, point: Symbol, tension: Symbol) -> CableShape:
     def closing(H: Symbol, V: Symbol, fed: Symbol) -> Symbol:
         return ca.sqrt(H**2 + V**2) / tension - 1
 
-    return _hanging(cable, point, tension, closing)
+    return _hanging(cable, point, tension, closing, _STEPS_BY_TENSION)
 
 
 def by_length(cable: CableSpec, point: Symbol, fed: Symbol) -> CableShape:
@@ -99,7 +99,7 @@ def by_length(cable: CableSpec, point: Symbol, fed: Symbol) -> CableShape:
         point: Attachment in the world frame [m], shape (3,).
         fed: Unstrained length from the anchor over the roller to the attachment [m].
     """
-    roller, wrap, leave, chord = _straight(cable, point)
+    _, wrap, leave, chord = _straight(cable, point)
     if not cable.weight:
         tension = ((chord + cable.radius * wrap) / fed - 1) / cable.compliance
         return CableShape((leave - point) / chord, tension, fed, leave, wrap, tension, ca.SX(0))
@@ -109,7 +109,7 @@ def by_length(cable: CableSpec, point: Symbol, fed: Symbol) -> CableShape:
 
     free = fed - cable.radius * wrap
     start = catenary.taut_tension(chord, free, cable.weight, 1 / cable.compliance)
-    return _hanging(cable, point, start, closing)
+    return _hanging(cable, point, start, closing, _STEPS_BY_LENGTH)
 
 
 def _straight(cable: CableSpec, point: Symbol) -> tuple[pulley.Roller, Symbol, Symbol, Symbol]:
@@ -120,7 +120,9 @@ def _straight(cable: CableSpec, point: Symbol) -> tuple[pulley.Roller, Symbol, S
     return roller, wrap, leave, ca.norm_2(leave - point)
 
 
-_NEWTON_STEPS = 6
+_STEPS_BY_TENSION = 4
+_STEPS_BY_LENGTH = 4
+"""Newton steps that reach rounding error from 10 N upwards on cables of ten metres; the residual tells where they do not."""
 
 
 def _hanging(
@@ -128,6 +130,7 @@ def _hanging(
     point: Symbol,
     tension: Symbol,
     closing: Callable[[Symbol, Symbol, Symbol], Symbol],
+    steps: int,
 ) -> CableShape:
     """Solve the catenary and the tangent condition at the roller together.
 
@@ -136,6 +139,7 @@ def _hanging(
         point: Attachment in the world frame [m], shape (3,).
         tension: A first guess at the platform end [N].
         closing: The equation that closes the system, of H, V and the unstrained length up to the anchor.
+        steps: Of Newton's method.
     """
     up = ca.DM(cable.up)
     roller, wrap0, _, _ = _straight(cable, point)
@@ -174,7 +178,7 @@ def _hanging(
     parameters = [s for s in others if not ca.depends_on(x, s)]
     step = ca.Function("step", [x, *parameters], [x - ca.solve(ca.jacobian(g, x), g)])
     solved = guess
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(steps):
         solved = step.call([solved, *parameters], True, False)[0]
 
     direction = (H * level + V * up) / ca.sqrt(H**2 + V**2)

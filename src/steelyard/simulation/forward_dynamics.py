@@ -1,0 +1,295 @@
+"""The platform on elastic cables whose winches follow the command open loop.
+
+Eq. (1) of [Tempel2017]_ solved for the acceleration. Every cable pulls with the tension that its unstrained length fed out and the
+pose give (straight or as a catenary, over its roller), plus a little damping of its stretch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import casadi as ca
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.interpolate import BSpline, make_interp_spline
+from scipy.optimize import root
+from scipy.spatial.transform import Rotation
+
+from steelyard import rotations
+from steelyard.arrays import Array
+from steelyard.batch import Batched, Symbol
+from steelyard.dynamics import newton_euler, platform_wrench
+from steelyard.errors import InfeasibleError, InputError
+from steelyard.inertia import Inertia
+from steelyard.motion.state import State, motion_of_poses
+from steelyard.motion.trajectory import Trajectory
+from steelyard.robot import cable
+from steelyard.robot.kinematics import cables_at, structure_columns
+from steelyard.robot.model import Robot
+from steelyard.robot.tension import distribute
+
+_FEED_SAMPLES_PER_SECOND = 100.0
+_TOLERANCE = 1e-8
+"""Of the integrator, relative and in metres, radians and their rates: far below any sensor."""
+
+Progress = Callable[[float], None]
+"""Is told the fraction done."""
+
+
+class Response(Protocol):
+    """What the platform really did."""
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+
+    def at(self, times: Array) -> State:
+        """State at times in [0, duration] [s], arrays over the n times."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExactMotion:
+    """A platform that follows its command exactly, such as a body on the wrench sensor of a robot arm."""
+
+    robot: Robot
+    body: Inertia
+    trajectory: Trajectory
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        return self.trajectory.duration
+
+    def at(self, times: Array) -> State:
+        """See :class:`Response`."""
+        pose, rate, acceleration = (self.trajectory.derivative(times, order) for order in range(3))
+        motion = motion_of_poses(pose, rate, acceleration, self.robot.gravity)
+        wrench = platform_wrench(self.body.parameters, motion["specific_force"], motion["omega"], motion["alpha"])
+        return State(**motion, tension=None, wrench=wrench, gravity=self.robot.gravity)
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticMotion:
+    """A platform on elastic cables: the solution of the equations of motion."""
+
+    model: CablePlatform
+    feed: BSpline
+    """Unstrained lengths fed out over time [m]."""
+    solution: Any
+    """Position, quaternion, velocity, angular velocity over time (continuous solution of the integrator)."""
+    duration: float
+
+    def at(self, times: Array) -> State:
+        """See :class:`Response`.
+
+        Raises:
+            InfeasibleError: A cable goes slack.
+        """
+        x = self.solution(times).T
+        values = self.model.forces(x=x, feed=self.feed(times), feed_rate=self.feed(times, nu=1))
+        slack = ~((values["tension"] > 0).all(axis=1) & (values["residual"] < cable.RESIDUAL_TOLERANCE).all(axis=1))
+        if slack.any():
+            first = int(np.argmax(slack))
+            which = int(np.nanargmin(values["tension"][first])) + 1
+            raise InfeasibleError(
+                f"at {times[first]:.2f} s: expected taut cables, found cable {which} slack; move more slowly or tilt less",
+                first,
+            )
+        return State(
+            position=x[:, :3],
+            rotation=Rotation.from_quat(x[:, 3:7], scalar_first=True).as_matrix(),
+            omega=x[:, 10:13],
+            specific_force=values["specific_force"],
+            alpha=values["alpha"],
+            tension=values["tension"],
+            wrench=values["wrench"],
+            gravity=self.model.robot.gravity,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CablePlatform:
+    """Equations of motion of a body on elastic cables.
+
+    The state x is position [m], quaternion (w, x, y, z), velocity in the world frame [m/s] and angular velocity in the platform
+    frame [rad/s], shape (13,).
+    """
+
+    robot: Robot
+    body: Inertia
+
+    def __post_init__(self) -> None:
+        if not self.robot.cable.axial_stiffness:
+            raise InputError(
+                f"robot '{self.robot.name}': expected 'cable.axial_stiffness' for a simulation, found none; add EA in newtons"
+            )
+        if self.robot.m < 6:
+            raise InputError(
+                f"robot '{self.robot.name}': expected at least 6 cables for a simulation, found {self.robot.m}; "
+                "with fewer the platform swings freely"
+            )
+        if not self.body.is_physical:
+            raise InputError(
+                f"robot '{self.robot.name}': expected a platform that can exist, found one whose inertia no body has "
+                f"(triangle inequality missed by {-self.body.triangle_margin:.3g} kg m^2); correct 'platform.inertia'"
+            )
+
+    @cached_property
+    def _symbolic(self) -> tuple[dict[str, Symbol], dict[str, Symbol]]:
+        m = self.robot.m
+        x, feed, feed_rate = ca.SX.sym("x", 13), ca.SX.sym("feed", m), ca.SX.sym("feed_rate", m)
+        q = x[3:7] / ca.norm_2(x[3:7])
+        R = rotations.from_quaternion(q)
+        velocity, omega = x[7:10], x[10:13]
+        tensions, residuals, wrench = [], [], ca.SX.zeros(6)
+        for i, b in enumerate(self.robot.attachments):
+            b = ca.DM(b)
+            shape = cable.by_length(cable.spec(self.robot, i), x[:3] + R @ b, feed[i])
+            stretch_rate = -ca.dot(shape.direction, velocity + R @ ca.cross(omega, b)) - feed_rate[i]
+            tension = shape.tension + self._damping(feed[i]) * stretch_rate
+            tensions.append(tension)
+            residuals.append(shape.residual)
+            wrench += structure_columns(R, b, shape.direction) * ca.fmax(tension, 0)
+        # Eq. (1) is linear in the accelerations: its matrix is the derivative of the one statement of the equations.
+        accelerations = ca.SX.sym("accelerations", 6)
+        inertial = newton_euler(ca.DM(self.body.parameters), accelerations[:3], omega, accelerations[3:])
+        matrix = ca.jacobian(inertial, accelerations)
+        rest = ca.substitute(inertial, accelerations, ca.DM.zeros(6))
+        solved = ca.solve(matrix, wrench - rest)
+        specific_force, alpha = solved[:3], solved[3:]
+        outputs = {
+            "rate": ca.vertcat(
+                velocity,
+                rotations.quaternion_rate(q, omega),
+                R @ specific_force + ca.DM(self.robot.gravity),
+                alpha,
+            ),
+            "specific_force": specific_force,
+            "alpha": alpha,
+            "tension": ca.vertcat(*tensions),
+            "wrench": wrench,
+            "residual": ca.vertcat(*residuals),
+        }
+        return {"x": x, "feed": feed, "feed_rate": feed_rate}, outputs
+
+    def _damping(self, length: Symbol) -> Symbol:
+        """Of a cable as a spring with a quarter of the platform's mass [N s/m]."""
+        stiffness = self.robot.cable.axial_stiffness / length
+        return 2 * self.robot.cable.damping_ratio * ca.sqrt(stiffness * self.body.mass / 4)
+
+    @cached_property
+    def forces(self) -> Batched:
+        """Accelerations, tensions and their wrench over samples of x, feed and feed_rate."""
+        inputs, outputs = self._symbolic
+        return Batched("forces", inputs, {k: v for k, v in outputs.items() if k != "rate"})
+
+    @cached_property
+    def _rate(self) -> Callable[[Array, Array, Array], Array]:
+        """Derivative of one state, through CasADi's buffers: called tens of thousands of times."""
+        inputs, outputs = self._symbolic
+        function = ca.Function("rate", list(inputs.values()), [ca.densify(outputs["rate"])])
+        buffer: Any
+        buffer, evaluate = function.buffer()
+        memory = [np.empty(13), np.empty(self.robot.m), np.empty(self.robot.m)]
+        result = np.empty(13)
+        for i, array in enumerate(memory):
+            buffer.set_arg(i, array.data)
+        buffer.set_res(0, result.data)
+
+        # Neither the trigger owns the buffer nor the buffer the function: the closure has to.
+        def rate(*values: Array, _owned: Any = (function, buffer)) -> Array:
+            for array, value in zip(memory, values, strict=True):
+                array[:] = value
+            evaluate()
+            return result.copy()
+
+        return rate
+
+    def equilibrium(self, pose: Array, feed: Array) -> Array:
+        """State at rest near a pose for given lengths, shape (13,).
+
+        Args:
+            pose: x, y, z [m], roll, pitch, yaw [rad], shape (6,).
+            feed: Unstrained lengths [m], shape (m,).
+
+        Raises:
+            InfeasibleError: There is none near.
+        """
+        start = Rotation.from_euler("ZYX", pose[:2:-1])
+        still = np.zeros(self.robot.m)
+
+        def state(offset: Array) -> Array:
+            turned = start * Rotation.from_rotvec(offset[3:])
+            return np.concatenate([pose[:3] + offset[:3], turned.as_quat(scalar_first=True), np.zeros(6)])
+
+        found = root(lambda offset: self._rate(state(offset), feed, still)[7:], np.zeros(6), tol=1e-12)
+        if not np.abs(found.fun).max() < 1e-6:
+            raise InfeasibleError(
+                "expected a pose at rest near the start of the trajectory, found none; start elsewhere"
+            )
+        return state(found.x)
+
+    def move(self, trajectory: Trajectory, progress: Progress | None = None) -> ElasticMotion:
+        """Integrate from rest while the winches feed what the commanded poses need.
+
+        Raises:
+            InfeasibleError: A pose has no tensions within the limits, or a cable goes slack.
+        """
+        duration = trajectory.duration
+        times = np.linspace(0.0, duration, int(np.ceil(duration * _FEED_SAMPLES_PER_SECOND)) + 1)
+        feed = make_interp_spline(times, feed_lengths(self.robot, self.body, trajectory, times), k=5)
+        feed_rate = feed.derivative()
+        start = self.equilibrium(trajectory.derivative(times[:1], 0)[0], feed(0.0))
+        rate = self._rate
+
+        def derivative(t: float, x: Array) -> Array:
+            if progress:
+                progress(t / duration)
+            return rate(x, feed(t), feed_rate(t))
+
+        result = solve_ivp(
+            derivative, (0.0, duration), start, method="DOP853", rtol=_TOLERANCE, atol=_TOLERANCE, dense_output=True
+        )
+        if not result.success:
+            raise InfeasibleError(
+                f"at {result.t[-1]:.2f} s: expected taut cables, found equations that cannot be integrated ({result.message}); "
+                "move more slowly or tilt less"
+            )
+        return ElasticMotion(self, feed, result.sol, duration)
+
+
+def feed_lengths(robot: Robot, body: Inertia, trajectory: Trajectory, times: Array) -> Array:
+    """Unstrained lengths that hold the body at rest in the commanded poses [m], shape (n, m).
+
+    What a winch controller knows: elasticity and sag under the platform's weight, but no dynamics.
+    """
+    pose = trajectory.derivative(times, 0)
+    still = np.zeros_like(pose)
+    motion = motion_of_poses(pose, still, still, robot.gravity)
+    weight = platform_wrench(body.parameters, motion["specific_force"], motion["omega"], motion["alpha"])
+    position, rotation = motion["position"], motion["rotation"]
+    straight = cables_at(robot.with_straight_cables(), position, rotation, np.ones(robot.m))
+    try:
+        tension = distribute(straight.structure, weight, robot.tension_limits)
+        return cables_at(robot, position, rotation, tension).length
+    except InfeasibleError as error:
+        raise InfeasibleError(f"at {times[error.sample]:.2f} s of the trajectory: {error}", error.sample) from None
+
+
+def responder(robot: Robot) -> Callable[[Trajectory, Progress | None], Response]:
+    """What tells how the nominal platform of a robot answers a command.
+
+    Raises:
+        InputError: The robot file lacks what a simulation needs.
+    """
+    if robot.platform is None:
+        raise InputError(
+            f"robot '{robot.name}': expected a nominal platform to simulate, found none; add 'platform' to its file"
+        )
+    body = robot.platform
+    if not robot.m:
+        return lambda trajectory, progress: ExactMotion(robot, body, trajectory)
+    return CablePlatform(robot, body).move

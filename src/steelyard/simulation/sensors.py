@@ -1,0 +1,279 @@
+"""Virtual sensors: what the instruments of an experiment would have recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.errors import InputError
+from steelyard.experiment.model import Stream
+from steelyard.instruments import AnyInstrument, Instrument
+from steelyard.instruments.base import Prior
+from steelyard.instruments.equations import predict
+from steelyard.robot.model import Robot
+from steelyard.simulation.forward_dynamics import Response
+from steelyard.yaml_file import Document, FileModel, read_yaml, validate
+
+_LATEST_START = 5.0
+"""Clocks show an arbitrary time at the common event, up to this [s]."""
+
+
+class SensorsForm(FileModel):
+    """A file of sensors to simulate."""
+
+    instruments: dict[str, AnyInstrument] = Field(min_length=1)
+    sync: Annotated[float, Field(ge=0)] = 0.0
+    """1-sigma of every clock against the one of the forces [s]."""
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Instruments to simulate."""
+
+    instruments: Mapping[str, Instrument]
+    """With rate, noise and calibration; each error is drawn with its sigma."""
+
+
+def _mounted(robot: Robot) -> tuple[list[float], list[float]]:
+    """Where an IMU and a tracker's target might sit on a platform [m]."""
+    corners = robot.attachments if robot.m else np.array([[-0.05] * 3, [0.05] * 3])
+    low, size = corners.min(axis=0), np.ptp(corners, axis=0)
+    return (
+        np.round(low + size * [0.55, 0.46, 0.3], 3).tolist(),
+        np.round(low + size * [0.6, 0.7, 1.1], 3).tolist(),
+    )
+
+
+def _suite(robot: Robot, sync: float, values: Mapping[str, Mapping[str, Any]]) -> Sensors:
+    """Instruments of the paper with given rates, noise and calibration."""
+    imu, target = _mounted(robot)
+    forces = (
+        {"cables": {"kind": "tension", **values["tension"]}}
+        if robot.m
+        else {"sensor": {"kind": "wrench", "clock": "recorder", "rate": values["tension"]["rate"]}}
+    )
+    document = Document(
+        Path("sensors"),
+        {
+            "sync": sync,
+            "instruments": {
+                **forces,
+                "imu": {"kind": "imu", "position": imu, **values["imu"]},
+                "tracker": {"kind": "position", "target": target, **values["position"]},
+                "command": {"kind": "command", **values["command"]},
+            },
+        },
+        {},
+    )
+    return _sensors(document, robot)
+
+
+def paper_sensors(robot: Robot) -> Sensors:
+    """The sensors of the paper, with errors of the size that its discussion and the data sheets suggest."""
+    return _suite(
+        robot,
+        0.012,
+        {
+            "tension": {
+                "clock": "recorder",
+                "rate": 25.0,
+                "noise": 5.0,
+                "calibration": {"offset": 5.0, "gain": 0.0, "common_gain": 0.0},
+            },
+            "imu": {
+                "clock": "recorder",
+                "rate": 25.0,
+                "noise": {
+                    "angular_velocity": float(np.radians(0.1)),
+                    "specific_force": 0.03,
+                    "orientation": float(np.radians(0.2)),
+                },
+                "calibration": {
+                    "gyro_bias": float(np.radians(0.3)),
+                    "accelerometer_bias": 0.05,
+                    "position": 0.0,
+                    "misalignment": float(np.radians(0.6)),
+                    "reference": 0.0,
+                },
+            },
+            "position": {
+                "rate": 238.0,
+                "noise": 0.0005,
+                "calibration": {"target": 0.0, "frame": {"position": 0.0, "rotation": 0.0}},
+            },
+            "command": {"rate": 833.0},
+        },
+    )
+
+
+def ideal_sensors(robot: Robot) -> Sensors:
+    """The same instruments at 250 Hz without any error."""
+    none = {"position": 0.0, "rotation": 0.0}
+    return _suite(
+        robot,
+        0.0,
+        {
+            "tension": {
+                "clock": "recorder",
+                "rate": 250.0,
+                "calibration": {"offset": 0.0, "gain": 0.0, "common_gain": 0.0},
+            },
+            "imu": {
+                "clock": "recorder",
+                "rate": 250.0,
+                "calibration": dict.fromkeys(
+                    ("gyro_bias", "accelerometer_bias", "position", "misalignment", "reference"), 0.0
+                ),
+            },
+            "position": {"rate": 250.0, "calibration": {"target": 0.0, "frame": none}},
+            "command": {"rate": 250.0},
+        },
+    )
+
+
+def read_sensors(which: str, robot: Robot) -> Sensors:
+    """Sensors by name (``paper``, ``ideal``) or from a file.
+
+    Raises:
+        InputError: No such name, or the file is wrong.
+    """
+    if which == "paper":
+        return paper_sensors(robot)
+    if which == "ideal":
+        return ideal_sensors(robot)
+    if not which.endswith((".yaml", ".yml")):
+        raise InputError(
+            f"--sensors: expected 'paper', 'ideal' or the path of a YAML file, found '{which}'; correct it"
+        )
+    return _sensors(read_yaml(Path(which)), robot)
+
+
+def _sensors(document: Document, robot: Robot) -> Sensors:
+    form = validate(SensorsForm, document)
+    if not any(i.kind in {"tension", "wrench"} for i in form.instruments.values()):
+        raise document.error(
+            ("instruments",), "expected an instrument of kind 'tension' or 'wrench', found none; add one"
+        )
+    for name, instrument in form.instruments.items():
+        key = ("instruments", name)
+        if instrument.rate is None:
+            raise document.error(key, "expected the key 'rate', found it missing; add the samples per second")
+        if instrument.kind in {"tension", "length"} and not robot.m:
+            raise document.error(
+                (*key, "kind"), f"expected a robot with cables, found none in '{robot.name}'; use kind 'wrench'"
+            )
+    return Sensors(_with_delays(form.instruments, form.sync))
+
+
+def _with_delays(instruments: Mapping[str, Instrument], sync: float) -> dict[str, Instrument]:
+    """State the error of every clock: none for the one that defines the time, the sigma of the synchronisation for the others."""
+    reference = next(i for i in instruments.values() if i.kind in {"tension", "wrench"})
+    stated = {}
+    for name, instrument in instruments.items():
+        if instrument.calibration.delay is None:
+            same = instrument is reference or (instrument.clock is not None and instrument.clock == reference.clock)
+            delay = Prior.model_validate({"sigma": 0.0 if same else sync})
+            calibration = instrument.calibration.model_copy(update={"delay": delay})
+            instrument = instrument.model_copy(update={"calibration": calibration})
+        stated[name] = instrument
+    return stated
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Systematic errors drawn for one instrument in one run."""
+
+    calibration: Mapping[str, Array]
+    """Term -> value."""
+    delay: float
+    """[s]"""
+
+
+def draw_errors(
+    instruments: Mapping[str, Instrument], m: int, runs: list[str], rng: np.random.Generator
+) -> dict[str, dict[str, Errors]]:
+    """Draw every systematic error with its prior.
+
+    Returns:
+        Run -> instrument -> its errors.
+    """
+
+    def draw(prior_mean: Array, deviation: Array | None) -> Array:
+        return prior_mean + rng.standard_normal(prior_mean.shape) * (0.0 if deviation is None else deviation)
+
+    constant = {
+        name: {term.key: draw(term.mean, term.deviation) for term in instrument.terms(m)}
+        for name, instrument in instruments.items()
+    }
+    drawn: dict[str, dict[str, Errors]] = {}
+    for run in runs:
+        delays: dict[str, float] = {}
+        drawn[run] = {}
+        for name, instrument in instruments.items():
+            own = {
+                term.key: draw(term.mean, term.deviation) if term.prior.per == "run" else constant[name][term.key]
+                for term in instrument.terms(m)
+            }
+            delay = instrument.calibration.delay
+            value = float(draw(np.array(_scalar(delay.value)), np.array(_scalar(delay.sigma)))) if delay else 0.0
+            # One clock has one error, whatever reads it.
+            value = delays.setdefault(instrument.clock or f"instrument {name}", value)
+            drawn[run][name] = Errors(own, value)
+    return drawn
+
+
+def _scalar(value: float | tuple[float, ...] | None) -> float:
+    return 0.0 if value is None else float(np.mean(value))
+
+
+def record(
+    response: Response,
+    instruments: Mapping[str, Instrument],
+    errors: Mapping[str, Errors],
+    robot: Robot,
+    command: Response,
+    rng: np.random.Generator,
+) -> tuple[dict[str, Stream], dict[str, float]]:
+    """Record one run.
+
+    Args:
+        response: What the platform did; time 0 is the common event.
+        instruments: With their rates.
+        errors: Drawn for this run.
+        robot: Its cables.
+        command: What the platform was told to do.
+        rng: Of noise and of the clocks.
+
+    Returns:
+        Instrument -> stream, and instrument -> time of the common event on its clock [s].
+    """
+    streams, sync = {}, {}
+    clocks: dict[str, tuple[float, float]] = {}
+    for name, instrument in instruments.items():
+        rate = instrument.rate or 0.0
+        clock = instrument.clock or f"instrument {name}"
+        origin, phase = clocks.setdefault(clock, (rng.uniform(0, _LATEST_START), rng.uniform()))
+        times = np.arange(phase / rate, response.duration, 1 / rate)
+        source = command if instrument.kind == "command" else response
+        readings = predict(instrument, robot, source.at(times), errors[name].calibration)
+        noise = {q.name: q.noise or 0.0 for q in instrument.quantities(robot.m)}
+        values = {key: _noisy(value, noise[key], rng) for key, value in readings.items()}
+        streams[name] = Stream(times + errors[name].delay + origin, values, name)
+        sync[name] = origin
+    return streams, sync
+
+
+def _noisy(value: Array, sigma: float, rng: np.random.Generator) -> Array:
+    if not sigma:
+        return value
+    if value.ndim == 3:
+        turned: Array = value @ Rotation.from_rotvec(rng.normal(0.0, sigma, (len(value), 3))).as_matrix()
+        return turned
+    return value + rng.normal(0.0, sigma, value.shape)

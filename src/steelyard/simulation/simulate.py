@@ -1,0 +1,99 @@
+"""A whole virtual experiment: motions, sensors, and the truth behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from steelyard.experiment.model import Experiment, Run
+from steelyard.inertia import Inertia
+from steelyard.motion.trajectory import Trajectory
+from steelyard.robot.model import Robot
+from steelyard.simulation.forward_dynamics import ExactMotion, responder
+from steelyard.simulation.sensors import Errors, Sensors, draw_errors, record
+
+
+@dataclass(frozen=True, eq=False)
+class VirtualExperiment:
+    """An experiment whose truth is known."""
+
+    experiment: Experiment
+    body: Inertia
+    """What the platform really is."""
+    errors: Mapping[str, Mapping[str, Errors]]
+    """Run -> instrument -> the systematic errors drawn."""
+
+    def truth(self) -> dict[str, Any]:
+        """Body and calibration as plain values, in the shape of ``truth.json``."""
+        calibration: dict[str, Any] = {}
+        runs = list(self.errors)
+        m = self.experiment.robot.m
+        for name, instrument in self.experiment.instruments.items():
+            entry: dict[str, Any] = {}
+            for term in instrument.terms(m):
+                drawn = {run: self.errors[run][name].calibration[term.key].tolist() for run in runs}
+                _put(entry, term.key, drawn if term.prior.per == "run" else drawn[runs[0]])
+            entry["delay"] = {run: self.errors[run][name].delay for run in runs}
+            calibration[name] = entry
+        return {**self.body.to_dict(), "calibration": calibration}
+
+
+def _put(entry: dict[str, Any], key: str, value: Any) -> None:
+    """Set a nested key with dots."""
+    *path, last = key.split(".")
+    for part in path:
+        entry = entry.setdefault(part, {})
+    entry[last] = value
+
+
+def simulate(
+    robot: Robot,
+    trajectories: Mapping[str, Trajectory],
+    sensors: Sensors,
+    *,
+    seed: int = 0,
+    name: str | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> VirtualExperiment:
+    """Record a virtual experiment.
+
+    Args:
+        robot: With a nominal platform, which is the true one here.
+        trajectories: Run -> commanded motion.
+        sensors: Instruments; their errors are drawn with the sigmas that they state.
+        seed: Of all that is drawn; the same seed gives the same numbers.
+        name: Of the experiment.
+        progress: Is told the run and the fraction of it that is done.
+
+    Raises:
+        InputError: The robot file lacks what a simulation needs.
+        InfeasibleError: The robot cannot follow a trajectory.
+    """
+    respond = responder(robot)
+    body = robot.platform
+    assert body is not None  # responder() has checked
+    # Errors, noise and clocks come from streams of their own, so that one more run changes nothing in the others.
+    draw, *per_run = np.random.default_rng(seed).spawn(1 + len(trajectories))
+    errors = draw_errors(sensors.instruments, robot.m, list(trajectories), draw)
+    runs = []
+    for (run, trajectory), rng in zip(trajectories.items(), per_run, strict=True):
+        told = _bound(progress, run)
+        response = respond(trajectory, told)
+        command = ExactMotion(robot, body, trajectory)
+        streams, sync = record(response, sensors.instruments, errors[run], robot, command, rng)
+        runs.append(Run(name=run, streams=streams, sync=sync))
+    experiment = Experiment(
+        name=name or f"virtual {robot.name}",
+        robot=robot,
+        instruments=sensors.instruments,
+        runs=tuple(runs),
+        uncertainty={"anchor": 0.0, "attachment": 0.0, "gravity": 0.0},
+    )
+    return VirtualExperiment(experiment, body, errors)
+
+
+def _bound(progress: Callable[[str, float], None] | None, run: str) -> Callable[[float], None] | None:
+    return None if progress is None else lambda fraction: progress(run, fraction)

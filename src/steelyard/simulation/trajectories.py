@@ -1,0 +1,174 @@
+"""Which motions a virtual experiment runs: the paper's, a multisine made for the robot, or a file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.errors import InfeasibleError, InputError
+from steelyard.experiment.streams import read_stream
+from steelyard.instruments import Command
+from steelyard.motion.limits import check_times, commanded_tensions, motion_extremes
+from steelyard.motion.trajectory import RestToRest, Sampled, Trajectory, multisine
+from steelyard.robot.model import Robot
+
+PAPER_MOVE = 3.0
+"""Duration of one move of the paper [s]; not printed there, and kept within its tracker's 4 m/s and (about) 2 m/s^2."""
+PAPER_PAUSE = 0.5
+"""Rest before and after it [s]."""
+MULTISINE_DURATION = 20.0
+"""[s]"""
+_HIGHEST_FREQUENCY = 0.5
+"""Of the multisine [Hz]: an octave and more below the lowest natural frequency of such platforms."""
+
+_TENSION_MARGIN = 1.5
+
+# Start and end pose: x, y, z [m], roll, pitch, yaw [deg]. The first is the paper's, section IV-A; it does not print the others.
+_PAPER_MOVES = {
+    "t1": ((0.01, -0.01, 1.55, -18.80, 24.87, -30.74), (1.01, 1.49, 2.55, 21.20, -10.13, 29.26)),
+    "t2": ((0.80, -0.90, 1.70, 15.00, -20.00, 25.00), (-0.70, 0.60, 2.40, -20.00, 18.00, -25.00)),
+    "t3": ((-0.90, 0.70, 1.60, -22.00, -12.00, 28.00), (0.60, -0.80, 2.30, 18.00, 20.00, -28.00)),
+    "t4": ((0.50, 0.90, 2.40, 20.00, 18.00, -20.00), (-0.60, -0.70, 1.60, -20.00, -18.00, 30.00)),
+}
+
+
+def trajectories(robot: Robot, which: str, duration: float | None) -> dict[str, Trajectory]:
+    """Runs of a virtual experiment and the trajectory of each.
+
+    Args:
+        robot: With its limits and nominal platform.
+        which: ``paper`` (four moves, each forward and backward), ``multisine``, or the path of a CSV file of kind ``command``.
+        duration: Of a move of the paper, or of the multisine [s]; None: its default.
+
+    Raises:
+        InputError: The robot cannot do it, or the file is wrong.
+    """
+    if duration is not None and not 0.5 <= duration <= 7200:
+        raise InputError(f"--duration: expected 0.5 to 7200 s, found {duration:g}; choose another")
+    if which == "paper":
+        runs = _paper(duration or PAPER_MOVE)
+    elif which == "multisine":
+        return {"multisine": feasible_multisine(robot, duration or MULTISINE_DURATION)}
+    else:
+        if duration is not None:
+            raise InputError(
+                "--duration: expected none with a trajectory from a file, found one; the file has its own duration"
+            )
+        runs = {Path(which).stem: from_file(Path(which), robot)}
+    for name, trajectory in runs.items():
+        extremes = motion_extremes(robot, trajectory)
+        if extremes.fraction > 1 + 1e-9:
+            raise InputError(
+                f"trajectory '{name}': expected a motion within the limits of robot '{robot.name}', found {extremes.worst}; "
+                "choose a longer --duration or another trajectory"
+            )
+        if robot.m and robot.platform:
+            commanded_tensions(robot, trajectory, check_times(trajectory))
+    return runs
+
+
+def _paper(move: float) -> dict[str, Trajectory]:
+    runs: dict[str, Trajectory] = {}
+    for name, (start, end) in _PAPER_MOVES.items():
+        poses = [np.concatenate([pose[:3], np.radians(pose[3:])]) for pose in (start, end)]
+        forward = RestToRest(poses[0], poses[1], move, PAPER_PAUSE)
+        runs[f"{name}-forward"] = forward
+        runs[f"{name}-backward"] = forward.reversed()
+    return runs
+
+
+def feasible_multisine(robot: Robot, duration: float) -> Sampled:
+    """A multisine about the middle of the workspace, as large as the robot's limits and tensions allow.
+
+    Raises:
+        InputError: Not even a small one is feasible.
+    """
+    center, reach = _middle(robot)
+    harmonics = max(3, round(_HIGHEST_FREQUENCY * duration))
+
+    def trial(translation: float, rotation: float) -> Sampled:
+        amplitude = reach * np.repeat([translation, rotation], 3)
+        return multisine(list(center), list(amplitude), duration, harmonics)
+
+    # Room for what the elastic cables add to the commanded tensions.
+    low, high = robot.tension_limits
+    careful = replace(robot, tension_limits=(_TENSION_MARGIN * low, high / _TENSION_MARGIN))
+    # Each kind of motion alone against its own limits, then both together against the tensions.
+    alone = [
+        _largest(robot, lambda scale, mix=mix: trial(scale * mix[0], scale * mix[1]))
+        for mix in ((1.0, 0.0), (0.0, 1.0))
+    ]
+    for scale in 0.9 ** np.arange(30):
+        trajectory = trial(alone[0] * scale, alone[1] * scale)
+        if motion_extremes(robot, trajectory).fraction > 1:
+            continue
+        if not (robot.m and robot.platform):
+            return trajectory
+        try:
+            tensions = commanded_tensions(careful, trajectory, check_times(trajectory))
+        except InfeasibleError:
+            continue
+        # Where a limit binds, tensions have kinks, and kinks make the platform ring.
+        if tensions.min() <= careful.tension_limits[0] * (1 + 1e-6):
+            continue
+        return trajectory
+    raise InputError(
+        f"robot '{robot.name}': expected a pose in the middle of its limits that its cables can hold, found none; "
+        "check 'limits', 'tension' and 'platform' in the robot file"
+    )
+
+
+def _largest(robot: Robot, trial: object) -> float:
+    """Largest scale, at most 1, at which a family of trajectories keeps the limits of motion."""
+    scale = 1.0
+    for _ in range(40):
+        if motion_extremes(robot, trial(scale)).fraction <= 1:  # type: ignore[operator]
+            break
+        scale *= 0.9
+    return scale
+
+
+def _middle(robot: Robot) -> tuple[Array, Array]:
+    """Pose in the middle of the workspace, and how far from it a motion may reach in x, y, z [m], roll, pitch, yaw [rad]."""
+    box = np.array(robot.limits.position) if robot.limits.position else _default_box(robot)
+    angles = np.array(robot.limits.rpy) if robot.limits.rpy else np.radians([[-15.0] * 3, [15.0] * 3])
+    low, high = np.hstack([box, angles])
+    return (low + high) / 2, (high - low) / 2
+
+
+def _default_box(robot: Robot) -> Array:
+    """A sixth of the frame to each side of its middle; a metre for a body without cables."""
+    if not robot.m:
+        return np.array([[-0.5] * 3, [0.5] * 3])
+    low, high = robot.anchors.min(axis=0), robot.anchors.max(axis=0)
+    platform = robot.attachments.mean(axis=0)
+    if high[2] - low[2] < robot.size:
+        # All anchors at one height: the platform hangs below them, about as far as a quarter of the frame is wide.
+        low = np.array([low[0], low[1], high[2] - 0.5 * float(np.min(high[:2] - low[:2]))])
+    middle, reach = (low + high) / 2 - platform, (high - low) / 6
+    return np.array([middle - reach, middle + reach])
+
+
+def from_file(path: Path, robot: Robot) -> Sampled:
+    """Trajectory through the poses of a CSV file of kind ``command``; it starts with its first row.
+
+    Raises:
+        InputError: The file is wrong.
+    """
+    stream = read_stream(path, Command(kind="command"), robot.m, columns={}, units={}, static=False)
+    time, first = np.unique(stream.time, return_index=True)
+    if len(time) < 4:
+        raise InputError(
+            f"{path}: expected at least 4 rows with different times, found {len(time)}; a motion needs more"
+        )
+    position = stream.values["position"][first]
+    rpy = Rotation.from_matrix(stream.values["orientation"][first]).as_euler("ZYX")[:, ::-1]
+    poses = np.hstack([position, np.unwrap(rpy, axis=0)])
+    if not np.isfinite(poses).all():
+        row = int(np.argmin(np.isfinite(poses).all(axis=1)))
+        raise InputError(f"{path}:{first[row] + 2}: expected a pose in every row, found an empty cell; fill it")
+    return Sampled.through(time - time[0], poses)
