@@ -45,6 +45,11 @@ def newton_euler(parameters: Symbol, specific_force: Symbol, omega: Symbol, alph
     return ca.vertcat(force, torque)
 
 
+def specific_force_in_platform(rotation: Symbol, acceleration: Symbol, gravity: Symbol) -> Symbol:
+    """What an ideal accelerometer at the platform origin reads: R^T (a_P - g) [m/s^2], errata.md item 4 of Eq. (6)."""
+    return rotation.T @ (acceleration - gravity)
+
+
 def point_specific_force(specific_force: Symbol, omega: Symbol, alpha: Symbol, point: Symbol) -> Symbol:
     """Specific force of a point fixed to the platform, in P [m/s^2]: s + alpha x p + omega x (omega x p)."""
     return specific_force + ca.cross(alpha, point) + ca.cross(omega, ca.cross(omega, point))

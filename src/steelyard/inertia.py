@@ -30,15 +30,18 @@ def symmetric(six: ArrayLike) -> Array:
     return matrix
 
 
-def six(matrix: ArrayLike) -> Array:
-    """Elements xx, yy, zz, yz, xz, xy of a symmetric matrix of shape (3, 3)."""
-    return np.asarray(matrix, dtype=np.float64)[ROWS, COLUMNS]
+def six(matrix: ArrayLike) -> Any:
+    """Elements xx, yy, zz, yz, xz, xy of a symmetric matrix of shape (3, 3); complex numbers stay complex."""
+    return np.asarray(matrix)[ROWS, COLUMNS]
 
 
-def point_inertia(mass: float, position: ArrayLike) -> Array:
-    """Inertia matrix of a point mass about the origin, m [c]x^T [c]x of Eq. (7) of [Tempel2017]_ [kg m^2], shape (3, 3)."""
-    c = np.asarray(position, dtype=np.float64)
-    return mass * (float(c @ c) * np.eye(3) - np.outer(c, c))
+def point_inertia(mass: Any, position: ArrayLike) -> Any:
+    """Inertia matrix of a point mass about the origin, m [c]x^T [c]x of Eq. (7) of [Tempel2017]_ [kg m^2], shape (3, 3).
+
+    Complex numbers stay complex, so that derivatives can be had by a complex step.
+    """
+    c = np.asarray(position)
+    return mass * ((c @ c) * np.eye(3) - np.outer(c, c))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +77,7 @@ class Inertia:
     @property
     def inertia_about_origin(self) -> Array:
         """J_P = J_C + m [c]x^T [c]x, Eq. (7) of [Tempel2017]_ [kg m^2], shape (3, 3)."""
-        return self.inertia + point_inertia(self.mass, self.center_of_gravity)
+        return np.asarray(self.inertia + point_inertia(self.mass, self.center_of_gravity))
 
     @property
     def parameters(self) -> Array:

@@ -53,6 +53,12 @@ def quaternion_rate(q: Symbol, omega: Symbol) -> Symbol:
     return ca.vertcat(-ca.dot(v, omega), w * omega + ca.cross(v, omega)) / 2
 
 
+def quaternion_omega(q: Symbol, dq: Symbol) -> Symbol:
+    """Angular velocity in body axes [rad/s] of a quaternion (w, x, y, z) of any length, not zero, and its derivative."""
+    w, v, dw, dv = q[0], q[1:4], dq[0], dq[1:4]
+    return 2 * (w * dv - dw * v - ca.cross(v, dv)) / ca.dot(q, q)
+
+
 def exp(theta: Symbol) -> Symbol:
     """Rotation matrix of a rotation vector [rad] (Rodrigues), exact to rounding near zero and smooth there."""
     square = ca.dot(theta, theta)

@@ -10,7 +10,7 @@ import numpy as np
 
 from steelyard.experiment.form import ExperimentForm, KnownBodyForm, RunForm
 from steelyard.experiment.model import Experiment, Run, Stream, is_motion
-from steelyard.experiment.streams import read_stream
+from steelyard.experiment.streams import needed_columns, read_stream
 from steelyard.instruments import Instrument
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
@@ -111,6 +111,12 @@ def _read_run(i: int, form: RunForm, whole: ExperimentForm, robot: Robot, docume
             columns=stream.columns,
             units=stream.units,
             static=form.static,
+            claimed={
+                column
+                for other, its in form.streams.items()
+                if other != name and its.file == stream.file
+                for column in needed_columns(whole.instruments[other], robot.m, its.columns)
+            },
         )
     if form.sync == "auto":
         raise document.error(

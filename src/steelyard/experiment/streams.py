@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,7 @@ def read_stream(
     columns: Mapping[str, str],
     units: Mapping[str, str],
     static: bool,
+    claimed: Set[str] = frozenset(),
 ) -> Stream:
     """Read the stream of an instrument.
 
@@ -39,12 +40,15 @@ def read_stream(
         columns: Names of the contract -> names in the log, where they differ.
         units: Names in the log (or of the contract) -> unit, where it differs from SI.
         static: Whether its rows are poses at rest, which need no time.
+        claimed: Columns of this file that another instrument needs; an optional quantity that stands there is not this one's.
 
     Raises:
         InputError: A column is missing, a unit is unknown, a cell is no number, or time runs backwards.
     """
     present = read_names(path)
-    quantities = _present_quantities(path, instrument, m, columns, present)
+    needed = needed_columns(instrument, m, columns)
+    free = [name for name in present if name in needed or name not in claimed]
+    quantities = _present_quantities(path, instrument, m, columns, free)
     time_column = columns.get("t", "t")
     timed = not static or time_column in present
     if not static and time_column not in present:
@@ -170,3 +174,8 @@ def _check_rotation(path: Path, form: tuple[str, ...], valid: NDArray[np.bool_],
 def _listed(names: list[str]) -> str:
     shown = ", ".join(names[:20])
     return (shown + (", …" if len(names) > 20 else "")) or "no columns"
+
+
+def needed_columns(instrument: Instrument, m: int, columns: Mapping[str, str]) -> set[str]:
+    """Columns of a log that an instrument cannot do without, in any of their forms."""
+    return {columns.get(c, c) for q in instrument.quantities(m) if q.required for form in q.forms for c in form}

@@ -13,6 +13,7 @@ import numpy as np
 from steelyard import rotations
 from steelyard.arrays import Array
 from steelyard.batch import Batched
+from steelyard.dynamics import specific_force_in_platform
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,12 @@ def _pose_motion() -> Batched:
     return Batched(
         "pose_motion",
         {"pose": q, "rate": dq, "acceleration": ddq, "gravity": gravity},
-        {"rotation": R, "omega": omega, "alpha": alpha, "specific_force": R.T @ (ddq[:3] - gravity)},
+        {
+            "rotation": R,
+            "omega": omega,
+            "alpha": alpha,
+            "specific_force": specific_force_in_platform(R, ddq[:3], gravity),
+        },
     )
 
 
@@ -89,3 +95,48 @@ def motion_of_poses(pose: Array, rate: Array, acceleration: Array, gravity: Arra
         "position": np.ascontiguousarray(np.broadcast_to(pose, (len(values["omega"]), 6))[:, :3]),
         **values,
     }
+
+
+@cache
+def _quaternion_motion() -> Batched:
+    q, dq, ddq = (ca.SX.sym(name, 4) for name in ("quaternion", "rate", "acceleration"))
+    omega = rotations.quaternion_omega(q, dq)
+    return Batched(
+        "quaternion_motion",
+        {"quaternion": q, "rate": dq, "acceleration": ddq},
+        {"omega": omega, "alpha": ca.jtimes(omega, ca.vertcat(q, dq), ca.vertcat(dq, ddq))},
+    )
+
+
+def motion_of_quaternions(quaternion: Array, rate: Array, acceleration: Array) -> Mapping[str, Array]:
+    """Angular velocity and acceleration in body axes of quaternions (w, x, y, z) and their time derivatives.
+
+    Args:
+        quaternion: Of any length but zero, shape (n, 4).
+        rate: Shape (n, 4).
+        acceleration: Shape (n, 4).
+
+    Returns:
+        ``omega`` [rad/s] and ``alpha`` [rad/s^2], shape (n, 3).
+    """
+    return _quaternion_motion()(quaternion=quaternion, rate=rate, acceleration=acceleration)
+
+
+@cache
+def _specific_force() -> Batched:
+    R, acceleration, gravity = ca.SX.sym("rotation", 3, 3), ca.SX.sym("acceleration", 3), ca.SX.sym("gravity", 3)
+    value = specific_force_in_platform(R, acceleration, gravity)
+    return Batched(
+        "specific_force", {"rotation": R, "acceleration": acceleration, "gravity": gravity}, {"value": value}
+    )
+
+
+def specific_force_of(rotation: Array, acceleration: Array, gravity: Array) -> Array:
+    """Specific force of the platform origin in the platform frame [m/s^2], shape (n, 3).
+
+    Args:
+        rotation: R_world_platform, shape (n, 3, 3).
+        acceleration: Of the platform origin, world frame [m/s^2], shape (n, 3) or (3,).
+        gravity: World frame [m/s^2], shape (3,).
+    """
+    return _specific_force()(rotation=rotation, acceleration=acceleration, gravity=gravity)["value"]

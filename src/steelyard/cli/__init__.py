@@ -1,0 +1,169 @@
+"""The command line: verbs around library calls.
+
+``steelyard --help`` must answer at once, so this file imports nothing heavy; every verb imports what it needs.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from steelyard.errors import SteelyardError
+
+_FOLDER = click.Path(path_type=Path, file_okay=True)
+
+
+def _common(function: Any) -> Any:
+    """Options of every verb."""
+    function = click.option("--quiet", is_flag=True, help="No progress on stderr.")(function)
+    return click.option("--json", "as_json", is_flag=True, help="Print the result as JSON alone.")(function)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="steelyard")
+def app() -> None:
+    """Find the mass, centre of gravity and inertia of what a cable robot carries, and how well each is known.
+
+    Begin with `steelyard demo`, or with `steelyard identify EXPERIMENT` on recordings of your own.
+    Exit status: 0 done, 2 the input or the command line is wrong, 3 the estimate was made but not accepted.
+    """
+
+
+@app.command()
+@click.option(
+    "--out", type=_FOLDER, default=Path("steelyard-demo"), show_default=True, help="Folder for data and report."
+)
+@click.option("--force", is_flag=True, help="Replace what an earlier demo wrote.")
+@_common
+def demo(out: Path, force: bool, as_json: bool, quiet: bool) -> None:
+    """The whole story: simulate CoGiRo with the sensors of the paper, identify it, compare with the truth."""
+    from steelyard.cli.verbs import run_demo
+
+    run_demo(out, force=force, as_json=as_json, quiet=quiet)
+
+
+@app.command()
+@click.argument("name", required=False)
+@_common
+def robots(name: str | None, as_json: bool, quiet: bool) -> None:
+    """List the bundled robots, or print NAME as a robot file."""
+    from steelyard.cli.verbs import list_robots
+
+    list_robots(name, as_json=as_json)
+
+
+@app.command()
+@click.argument("robot")
+@click.option("--out", type=_FOLDER, required=True, help="Folder for the experiment; must be new or empty.")
+@click.option(
+    "--trajectory", default="multisine", show_default=True, help="paper, multisine, or a CSV file of kind 'command'."
+)
+@click.option("--sensors", default="paper", show_default=True, help="paper, ideal, or a YAML file with 'instruments'.")
+@click.option("--duration", type=float, help="Of the multisine, or of one move of the paper [s].")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="The same seed gives the same bytes."
+)
+@click.option("--force", is_flag=True, help="Replace files of the same names.")
+@_common
+def simulate(
+    robot: str,
+    out: Path,
+    trajectory: str,
+    sensors: str,
+    duration: float | None,
+    seed: int,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Record a virtual experiment with ROBOT, a bundled name or a robot file."""
+    from steelyard.cli.verbs import run_simulation
+
+    run_simulation(
+        robot,
+        out,
+        trajectory=trajectory,
+        sensors=sensors,
+        duration=duration,
+        seed=seed,
+        force=force,
+        as_json=as_json,
+        quiet=quiet,
+    )
+
+
+@app.command()
+@click.argument("experiment", type=click.Path(path_type=Path))
+@click.option(
+    "--method", "methods", multiple=True, help="two-step, or all; may be repeated. Default: the best there is."
+)
+@click.option(
+    "--acceleration", type=click.Choice(["imu", "tracker"]), help="two-step: where the acceleration comes from."
+)
+@click.option(
+    "--combine",
+    type=click.Choice(["median", "pooled"]),
+    default="median",
+    show_default=True,
+    help="two-step: the median over the runs, or one fit over all of them.",
+)
+@click.option("--run", "runs", multiple=True, help="Use this run only; may be repeated.")
+@click.option("--out", type=_FOLDER, help="Folder for estimate.json and report.md; without it nothing is written.")
+@click.option("--force", is_flag=True, help="Replace files of the same names.")
+@_common
+def identify(
+    experiment: Path,
+    methods: tuple[str, ...],
+    acceleration: str | None,
+    combine: str,
+    runs: tuple[str, ...],
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Estimate mass, centre of gravity and inertia from the recordings that EXPERIMENT lists."""
+    from steelyard.cli.verbs import run_identification
+
+    run_identification(
+        experiment,
+        methods=methods,
+        acceleration=acceleration,
+        combine=combine,
+        runs=runs,
+        out=out,
+        force=force,
+        as_json=as_json,
+        quiet=quiet,
+    )
+
+
+def main() -> None:
+    """Run the command line and end with the exit status of the contract."""
+    try:
+        status = app.main(standalone_mode=False)
+        sys.exit(status if isinstance(status, int) else 0)
+    except click.ClickException as error:
+        command = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "steelyard"
+        _fail(f"{error.format_message().rstrip('.')}; see '{command} --help'", 2)
+    except SteelyardError as error:
+        _fail(str(error), 2)
+    except (click.Abort, KeyboardInterrupt):
+        _fail("interrupted; nothing was written", 130)
+    except BrokenPipeError:
+        # The reader of our output has gone; there is nobody left to tell.
+        sys.stderr.close()
+        sys.exit(1)
+    except OSError as error:
+        _fail(
+            f"{error.filename or 'file'}: cannot be read or written ({error.strerror or error}); check path and rights",
+            2,
+        )
+
+
+def _fail(message: str, status: int) -> None:
+    sys.stderr.write("steelyard: " + " ".join(message.split()) + "\n")
+    sys.exit(status)

@@ -1,0 +1,202 @@
+"""What the verbs do: library calls, and where their results go."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.cli.progress import progress
+from steelyard.errors import InputError
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.read import read_experiment
+from steelyard.experiment.write import write_experiment
+from steelyard.identification.identify import AVAILABLE, Identification, Method, identify, method_named
+from steelyard.identification.two_step import TwoStep
+from steelyard.inertia import Inertia
+from steelyard.output import check_target, results_folder, to_json, write_json
+from steelyard.report.summary import Summary, as_markdown, summarise
+from steelyard.report.terminal import show
+from steelyard.robot.file import bundled_names, bundled_text, read_robot, robot_file
+from steelyard.simulation.sensors import read_sensors
+from steelyard.simulation.simulate import VirtualExperiment
+from steelyard.simulation.simulate import simulate as simulate_experiment
+from steelyard.simulation.trajectories import trajectories
+
+NOT_ACCEPTED = 3
+"""Exit status of an estimate that was made and written, but is not accepted."""
+
+
+def say(text: str, *, quiet: bool) -> None:
+    """Narrate on stderr where a person looks at it."""
+    if not quiet and sys.stderr.isatty():
+        sys.stderr.write(text + "\n")
+
+
+def list_robots(name: str | None, *, as_json: bool) -> None:
+    """List the bundled robots, or print one."""
+    if name is not None:
+        text = bundled_text(name)
+        print(to_json(robot_file(read_robot(name))) if as_json else text.rstrip("\n"))
+        return
+    robots = {each: read_robot(each) for each in bundled_names()}
+    if as_json:
+        print(to_json({"robots": [{"name": n, "cables": r.m, "mass": _mass(r.platform)} for n, r in robots.items()]}))
+        return
+    for each, robot in robots.items():
+        print(f"{each:16} {robot.m} cables, nominal platform {_mass(robot.platform) or 0:.3f} kg")
+
+
+def _mass(body: Inertia | None) -> float | None:
+    return None if body is None else body.mass
+
+
+def run_simulation(
+    robot: str,
+    out: Path,
+    *,
+    trajectory: str,
+    sensors: str,
+    duration: float | None,
+    seed: int,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Simulate and write an experiment."""
+    check_target(out, force=force)
+    model = read_robot(robot)
+    suite = read_sensors(sensors, model)
+    with progress(quiet=quiet) as tell:
+        virtual = simulate_experiment(model, trajectories(model, trajectory, duration), suite, seed=seed, progress=tell)
+    with results_folder(out, force=force) as folder:
+        _write_virtual(virtual, folder)
+    runs = {run.name: {name: len(stream) for name, stream in run.streams.items()} for run in virtual.experiment.runs}
+    if as_json:
+        print(to_json({"experiment": str(out / "experiment.yaml"), "truth": str(out / "truth.json"), "samples": runs}))
+        return
+    print(
+        f"{out / 'experiment.yaml'}: {len(runs)} run{'s' if len(runs) > 1 else ''} of {model.name}, truth in {out / 'truth.json'}"
+    )
+    for name, samples in runs.items():
+        print(f"  {name}: " + ", ".join(f"{count} samples of {stream}" for stream, count in samples.items()))
+
+
+def _write_virtual(virtual: VirtualExperiment, folder: Path) -> None:
+    write_experiment(virtual.experiment, folder)
+    write_json(virtual.truth(), folder / "truth.json")
+
+
+def run_identification(
+    experiment: Path,
+    *,
+    methods: Sequence[str],
+    acceleration: str | None,
+    combine: str,
+    runs: Sequence[str],
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Identify an experiment; ends the process with the status of the verdict."""
+    chosen = _methods(methods, acceleration, combine)
+    if out is not None:
+        check_target(out, force=force)
+    recorded = _selected(read_experiment(experiment), runs)
+    with progress(quiet=quiet) as tell:
+        identification = identify(recorded, chosen, tell)
+    summary = summarise(identification, known_truth(experiment.parent))
+    if out is not None:
+        with results_folder(out, force=force) as folder:
+            _write_identification(identification, summary, folder)
+    if as_json:
+        print(to_json(identification.to_dict()))
+    else:
+        show(summary)
+    if not identification.estimates[identification.result].verdict.accepted:
+        sys.exit(NOT_ACCEPTED)
+
+
+def _methods(names: Sequence[str], acceleration: str | None, combine: str) -> list[Method]:
+    """Estimators with the options that they take."""
+    wanted = list(AVAILABLE) if not names or "all" in names else list(dict.fromkeys(names))
+    for name in wanted:
+        method_named(name)
+    return [TwoStep(acceleration=acceleration, combine=combine) for _ in wanted]  # type: ignore[arg-type]
+
+
+def _selected(experiment: Experiment, names: Sequence[str]) -> Experiment:
+    """The experiment with some of its runs."""
+    if not names:
+        return experiment
+    known = [run.name for run in experiment.runs]
+    for name in names:
+        if name not in known:
+            raise InputError(f"--run: expected one of {', '.join(known)}, found '{name}'; choose one of these")
+    return replace(experiment, runs=tuple(run for run in experiment.runs if run.name in names))
+
+
+def _write_identification(identification: Identification, summary: Summary, folder: Path) -> None:
+    write_json(identification.to_dict(), folder / "estimate.json")
+    (folder / "report.md").write_text(as_markdown(summary), encoding="utf-8")
+
+
+def known_truth(folder: Path) -> Inertia | None:
+    """The true body, where a simulation left it beside its experiment; None where there is none that can be read."""
+    import json
+
+    try:
+        values: dict[str, Any] = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+        return Inertia(values["mass"], np.array(values["center_of_gravity"]), np.array(values["inertia"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def run_demo(out: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
+    """The paper's moves and a six-axis motion of the same robot, identified by every method."""
+    check_target(out, force=force)
+    robot = read_robot("cogiro")
+    sensors = read_sensors("paper", robot)
+    recorded = {}
+    with progress(quiet=quiet) as tell:
+        for motion in ("paper", "multisine"):
+            say(f"simulating CoGiRo: {motion}", quiet=quiet)
+            recorded[motion] = simulate_experiment(
+                robot,
+                trajectories(robot, motion, None),
+                sensors,
+                seed=0,
+                name=f"CoGiRo, {_DEMO_MOTIONS[motion]}",
+                progress=tell,
+            )
+        say("identifying", quiet=quiet)
+        moves = identify(recorded["paper"].experiment, [TwoStep()], tell)
+        pooled = identify(recorded["paper"].experiment, [TwoStep(combine="pooled")], tell)
+        best = identify(recorded["multisine"].experiment, (), tell)
+    beside = {
+        "two-step, paper's moves, median": moves.estimates["two-step"],
+        "two-step, paper's moves, pooled": pooled.estimates["two-step"],
+    }
+    truth = recorded["multisine"].body
+    summary = replace(summarise(best, truth, beside), title="CoGiRo, simulated with the sensors of the paper")
+    with results_folder(out, force=force) as folder:
+        _write_virtual(recorded["multisine"], folder)
+        _write_identification(best, summary, folder)
+        inner = folder / "paper-moves"
+        inner.mkdir()
+        _write_virtual(recorded["paper"], inner)
+        _write_identification(moves, summarise(moves, truth), inner)
+    if as_json:
+        print(to_json(best.to_dict()))
+        return
+    show(summary, each_run=False)
+    print(f"\nData, estimates and report are in {out}/ (the paper's moves in {out / 'paper-moves'}/). Try next:")
+    print(f"  steelyard identify {out / 'experiment.yaml'} --acceleration tracker")
+
+
+_DEMO_MOTIONS = {"paper": "the paper's eight moves", "multisine": "20 s on all six axes"}

@@ -1,0 +1,1 @@
+"""Estimators, one file each, what they share, and what they return."""

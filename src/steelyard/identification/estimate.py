@@ -1,0 +1,146 @@
+"""What an estimator returns: numbers, how well they are known, and whether to believe them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.inertia import BODY_PARAMETERS, Inertia, symmetric
+
+FORMAT = "steelyard-estimate/1"
+METHODS = ("two-step", "least-squares", "instrumental-variables", "consistent", "maximum-likelihood", "recursive")
+"""Names of the contract."""
+BEST_FIRST = ("maximum-likelihood", "consistent", "least-squares", "instrumental-variables", "two-step", "recursive")
+"""Which estimate is the ``result`` where several ran."""
+
+Label = Literal["data", "prior", "unidentifiable"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether an estimate can be relied on."""
+
+    accepted: bool
+    reasons: tuple[str, ...]
+    """Why not, in words and numbers."""
+    parameters: Mapping[str, Label]
+    """Body parameter -> what determined it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Ten parameters of a body with their covariance; NaN where the data cannot tell."""
+
+    method: str
+    value: Array
+    """The ten of :data:`steelyard.inertia.BODY_PARAMETERS`, shape (10,)."""
+    covariance: Array
+    """Shape (10, 10)."""
+    verdict: Verdict
+    calibration: Mapping[str, Any] = field(default_factory=dict)
+    """Instrument -> term -> ``value`` and ``standard_deviation``, as in the contract."""
+    residuals: Mapping[str, Any] = field(default_factory=dict)
+    """What the model left unexplained, root mean square per axis."""
+    runs: Mapping[str, Estimate] = field(default_factory=dict)
+    """The same from every run alone, where the method has that."""
+    details: Mapping[str, Any] = field(default_factory=dict)
+    """How it was made."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know."""
+
+    @property
+    def standard_deviation(self) -> Array:
+        """1-sigma of the ten, shape (10,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def body(self) -> Inertia | None:
+        """The body, where all ten are known."""
+        return Inertia.from_body_parameters(self.value) if np.isfinite(self.value).all() else None
+
+    @property
+    def physical(self) -> bool | None:
+        """Whether such a body can exist; None where the numbers that are known cannot tell."""
+        if self.body is not None:
+            return self.body.is_physical
+        known = self.value[np.isfinite(self.value) & np.isin(BODY_PARAMETERS, ("mass", "Jxx", "Jyy", "Jzz"))]
+        return False if (known <= 0).any() else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values in the shape of the contract."""
+        entries: dict[str, Any] = {
+            **_named(self.value),
+            "standard_deviation": _named(self.standard_deviation),
+            "covariance": {"parameters": list(BODY_PARAMETERS), "matrix": plain(self.covariance)},
+            "physical": self.physical,
+            "calibration": plain(self.calibration),
+            "verdict": {
+                "accepted": self.verdict.accepted,
+                "reasons": list(self.verdict.reasons),
+                "parameters": dict(self.verdict.parameters),
+            },
+        }
+        if self.residuals:
+            entries["residuals"] = plain(self.residuals)
+        if self.details:
+            entries["details"] = plain(self.details)
+        if self.notes:
+            entries["notes"] = list(self.notes)
+        if self.runs:
+            entries["runs"] = {name: run.to_dict() for name, run in self.runs.items()}
+        return entries
+
+
+def _named(ten: Array) -> dict[str, Any]:
+    return {
+        "mass": plain(ten[0]),
+        "center_of_gravity": plain(ten[1:4]),
+        "inertia": plain(symmetric(ten[4:])),
+    }
+
+
+def plain(value: Any) -> Any:
+    """Arrays as lists, NaN and infinity as None."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def judge(value: Array, *, reasons: Sequence[str] = ()) -> Verdict:
+    """The checks that every method's result goes through, added to its own reasons.
+
+    Args:
+        value: The ten, NaN where the data cannot tell, shape (10,).
+        reasons: Why else not to accept it.
+    """
+    found = list(reasons)
+    if np.isnan(value[0]):
+        found.append("the mass cannot be told from these data")
+    elif value[0] <= 0:
+        found.append(f"the mass is not positive: {value[0]:.4g} kg")
+    elif np.isfinite(value).all():
+        body = Inertia.from_body_parameters(value)
+        if not body.is_physical:
+            i1, i2, i3 = body.principal_moments
+            found.append(
+                f"no body has this inertia: principal moments {i1:.4g}, {i2:.4g} and {i3:.4g} kg m^2, "
+                + (
+                    f"the largest {-body.triangle_margin:.3g} kg m^2 beyond the sum of the others"
+                    if i1 > 0
+                    else "the smallest not positive"
+                )
+            )
+    labels: dict[str, Label] = {
+        name: "unidentifiable" if np.isnan(v) else "data" for name, v in zip(BODY_PARAMETERS, value, strict=True)
+    }
+    return Verdict(accepted=not found, reasons=tuple(found), parameters=labels)

@@ -1,0 +1,131 @@
+"""Least-squares splines: one zero-phase low-pass for streams of any rate, uneven, with repeated or missing samples.
+
+Every stream of a run is fitted with quintic splines on one common grid of knots, so that all are filtered alike; the spline is
+then evaluated, with derivatives, at any time. Knots ``spacing`` apart pass motion up to about ``1 / (2 spacing)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline, make_lsq_spline
+
+from steelyard.arrays import Array
+
+DEGREE = 5
+"""Quintic: the acceleration of a position is still a smooth cubic."""
+
+_PROBES = 4
+"""Columns of white noise that are fitted along with the data, to see how much noise the spline lets through."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples1D:
+    """Samples of one quantity: times [s], shape (n,), never decreasing, and finite values, shape (n, k)."""
+
+    time: Array
+    values: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """A quantity as a smooth function of time."""
+
+    spline: BSpline
+    columns: int
+    sigma: float
+    """1-sigma of a single sample about the spline, root mean square over the columns."""
+
+    def at(self, times: Array, order: int = 0) -> Array:
+        """Value or derivative at times [s]; shape (n, k)."""
+        return np.asarray(self.spline(times, nu=order))[:, : self.columns]
+
+    def noise(self, times: Array, order: int) -> float:
+        """1-sigma of a derivative that is left in :meth:`at` by white noise of the samples."""
+        probes = np.asarray(self.spline(times, nu=order))[:, self.columns :]
+        return self.sigma * float(np.sqrt(np.mean(probes**2)))
+
+
+def knots(start: float, end: float, spacing: float) -> Array:
+    """Knot vector over an interval, about ``spacing`` apart [s]."""
+    pieces = max(1, round((end - start) / spacing))
+    inner = np.linspace(start, end, pieces + 1)
+    return np.concatenate([np.full(DEGREE, start), inner, np.full(DEGREE, end)])
+
+
+def fit(samples: Samples1D, start: float, end: float, spacing: float) -> Smoothed | None:
+    """Fit one quantity over an interval; None where its samples do not determine the spline."""
+    inside = (samples.time >= start) & (samples.time <= end)
+    time, values = samples.time[inside], samples.values[inside]
+    t = knots(start, end, spacing)
+    freedom = len(t) - DEGREE - 1
+    if len(time) <= freedom:
+        return None
+    columns = values.shape[1]
+    probes = np.random.default_rng(0).standard_normal((len(time), _PROBES))
+    # About its mean: large constants (a clock's epoch, a load) would cost digits.
+    center = values.mean(axis=0)
+    try:
+        spline = make_lsq_spline(time, np.hstack([values - center, probes]), t, k=DEGREE)
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+    residual = values - center - spline(time)[:, :columns]
+    spline = BSpline(spline.t, spline.c + np.concatenate([center, np.zeros(_PROBES)]), DEGREE)
+    sigma = float(np.sqrt(np.sum(residual**2) / (columns * (len(time) - freedom))))
+    return Smoothed(spline, columns, sigma)
+
+
+def segments(streams: Sequence[Array], start: float, end: float, spacing: float) -> list[tuple[float, float]]:
+    """Parts of an interval in which no stream has a gap too wide for the knots.
+
+    Args:
+        streams: Times of each [s].
+        start: Of the interval [s].
+        end: Of the interval [s].
+        spacing: Of the knots [s].
+
+    Returns:
+        Start and end of every part [s].
+    """
+    parts = [(start, end)]
+    for time in streams:
+        inside = time[(time >= start) & (time <= end)]
+        steps = np.diff(inside)
+        limit = max(2 * spacing, 4 * float(np.median(steps)) if len(steps) else 0.0)
+        gaps = np.flatnonzero(steps > limit)
+        edges = [start, *(edge for i in gaps for edge in (inside[i], inside[i + 1])), end]
+        own = list(zip(edges[::2], edges[1::2], strict=True))
+        parts = [(max(a, c), min(b, d)) for a, b in parts for c, d in own if min(b, d) - max(a, c) > 0]
+    return [(float(a), float(b)) for a, b in parts]
+
+
+def choose_spacing(streams: Sequence[Samples1D], candidates: Sequence[float], start: float, end: float) -> float:
+    """Knot spacing that predicts the streams best, by generalised cross-validation.
+
+    Args:
+        streams: Quantities that will be differentiated, where a wrong choice hurts most.
+        candidates: Spacings to choose from [s], ascending.
+        start: Of the interval to judge on [s].
+        end: Of the interval [s].
+
+    Returns:
+        One of the candidates [s]; the first if none can be judged.
+    """
+    best, choice = np.inf, candidates[0]
+    for spacing in candidates:
+        score = 0.0
+        for samples in streams:
+            fitted = fit(samples, start, end, spacing)
+            if fitted is None:
+                score = np.inf
+                break
+            n = int(np.sum((samples.time >= start) & (samples.time <= end)))
+            freedom = len(fitted.spline.t) - DEGREE - 1
+            # GCV = (RSS / n) / (1 - freedom / n)^2, as a log likelihood over all numbers of the stream; noise-free data bottom out.
+            variance = fitted.sigma**2 / (1 - freedom / n) + 1e-18 * float(np.mean(samples.values**2)) + 1e-300
+            score += samples.values.size * float(np.log(variance))
+        if score < best:
+            best, choice = score, spacing
+    return choice

@@ -1,0 +1,158 @@
+"""What there is to show about an identification, as one value that every form of output is drawn from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.identification.estimate import Estimate
+from steelyard.identification.identify import Identification
+from steelyard.inertia import Inertia
+
+LABELS = (
+    ("mass", "kg", 1.0),
+    ("centre of gravity x", "mm", 1e3),
+    ("centre of gravity y", "mm", 1e3),
+    ("centre of gravity z", "mm", 1e3),
+    ("inertia xx", "kg m²", 1.0),
+    ("inertia yy", "kg m²", 1.0),
+    ("inertia zz", "kg m²", 1.0),
+    ("inertia yz", "kg m²", 1.0),
+    ("inertia xz", "kg m²", 1.0),
+    ("inertia xy", "kg m²", 1.0),
+)
+"""Name, unit and factor from SI of the ten of :data:`steelyard.inertia.BODY_PARAMETERS`."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """Ten values under one heading, in the units of :data:`LABELS`."""
+
+    heading: str
+    values: tuple[float | None, ...]
+    deviations: tuple[float | None, ...] | None
+    """1-sigma; None where they are given without."""
+    errors: tuple[float | None, ...] | None = None
+    """Difference from the truth, where that is known."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of ten values."""
+
+    title: str
+    columns: tuple[Column, ...]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Everything that is shown."""
+
+    title: str
+    table: Table
+    runs: tuple[Table, ...]
+    """What each run says alone, a table per method."""
+    statements: tuple[str, ...]
+    """Verdicts, then remarks, one sentence each."""
+
+
+def summarise(
+    identification: Identification, truth: Inertia | None = None, beside: Mapping[str, Estimate] | None = None
+) -> Summary:
+    """Gather what is shown.
+
+    Args:
+        identification: Of one experiment.
+        truth: Where it is known.
+        beside: Further estimates to show in the table, heading -> estimate.
+    """
+    columns = []
+    if identification.nominal is not None:
+        columns.append(_given("nominal", identification.nominal.body_parameters))
+    true = None if truth is None else truth.body_parameters
+    if true is not None:
+        columns.append(_given("truth", true))
+    shown = {**(beside or {}), **identification.estimates}
+    columns += [_estimated(name, estimate, true) for name, estimate in shown.items()]
+    runs = tuple(
+        Table(f"{name}, each run alone", tuple(_estimated(run, e, None) for run, e in estimate.runs.items()))
+        for name, estimate in identification.estimates.items()
+        if estimate.runs
+    )
+    return Summary(
+        title=identification.experiment,
+        table=Table(identification.experiment, tuple(columns)),
+        runs=runs,
+        statements=tuple(_statements(shown)),
+    )
+
+
+def _scaled(values: Array | Sequence[float]) -> tuple[float | None, ...]:
+    return tuple(
+        float(value) * factor if np.isfinite(value) else None
+        for value, (_, _, factor) in zip(values, LABELS, strict=True)
+    )
+
+
+def _given(heading: str, values: Array) -> Column:
+    return Column(heading, _scaled(values), None)
+
+
+def _estimated(heading: str, estimate: Estimate, truth: Array | None) -> Column:
+    errors = None if truth is None else _scaled(estimate.value - truth)
+    return Column(heading, _scaled(estimate.value), _scaled(estimate.standard_deviation), errors)
+
+
+def _statements(estimates: Mapping[str, Estimate]) -> list[str]:
+    lines = []
+    for name, estimate in estimates.items():
+        verdict = estimate.verdict
+        lines.append(f"{name}: accepted" if verdict.accepted else f"{name}: not accepted: {'; '.join(verdict.reasons)}")
+        lines += [f"{name}: {note}" for note in estimate.notes]
+    return lines
+
+
+def number(value: float | None, deviation: float | None = None, *, sign: bool = False) -> str:
+    """A number with the digits that its uncertainty leaves: two of the 1-sigma; a dash where there is none."""
+    if value is None:
+        return "-"
+    scale = deviation if deviation else abs(value) * 1e-3
+    digits = int(np.clip(1 - np.floor(np.log10(scale)), 0, 6)) if scale and np.isfinite(scale) else 3
+    text = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
+    return text if deviation is None else f"{text} ± {deviation:.{digits}f}"
+
+
+def cell(column: Column, row: int) -> str:
+    """Text of one cell."""
+    value = column.values[row]
+    if column.deviations is None:
+        return number(value)
+    return number(value, column.deviations[row])
+
+
+def as_markdown(summary: Summary) -> str:
+    """The same in Markdown."""
+    lines = [f"# {_escaped(summary.title)}", "", *_markdown_table(summary.table), ""]
+    lines += [f"- {_escaped(text)}" for text in summary.statements]
+    for table in summary.runs:
+        lines += ["", f"## {_escaped(table.title)}", "", *_markdown_table(table)]
+    return "\n".join(lines) + "\n"
+
+
+def _markdown_table(table: Table) -> list[str]:
+    lines = [
+        "| | | " + " | ".join(_escaped(c.heading) for c in table.columns) + " |",
+        "|---|---|" + "---:|" * len(table.columns),
+    ]
+    for row, (label, unit, _) in enumerate(LABELS):
+        lines.append(f"| {label} | {unit} | " + " | ".join(cell(c, row) for c in table.columns) + " |")
+    return lines
+
+
+def _escaped(text: str) -> str:
+    for character in "\\|<>&*_`[]#":
+        text = text.replace(character, f"&#{ord(character)};")
+    return " ".join(text.split())

@@ -1,0 +1,60 @@
+"""The summary as tables in a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from steelyard.report.summary import LABELS, Column, Summary, Table, cell, number
+
+_PIPED_WIDTH = 160
+_COLUMNS_AT_ONCE = 5
+
+
+def show(summary: Summary, *, each_run: bool = True) -> None:
+    """Print to standard output."""
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        # Nothing is cut where a file or a pipe reads along.
+        console = Console(width=_PIPED_WIDTH, highlight=False)
+    for table in (summary.table, *(summary.runs if each_run else ())):
+        for part in _parts(table):
+            console.print(_drawn(part))
+    for text in summary.statements:
+        style = "red" if ": not accepted" in text else "green" if text.endswith(": accepted") else ""
+        console.print(Text(text, style=style))
+
+
+def _parts(table: Table) -> Iterator[Table]:
+    for start in range(0, len(table.columns), _COLUMNS_AT_ONCE):
+        yield Table(table.title, table.columns[start : start + _COLUMNS_AT_ONCE])
+
+
+def _drawn(table: Table) -> RichTable:
+    drawn = RichTable(title=Text(table.title), title_justify="left", title_style="bold", header_style="bold")
+    drawn.add_column("")
+    drawn.add_column("unit")
+    with_errors = [c.errors is not None for c in table.columns]
+    for column, errors in zip(table.columns, with_errors, strict=True):
+        drawn.add_column(Text(column.heading), justify="right")
+        if errors:
+            drawn.add_column("error", justify="right", style="dim")
+    for row, (label, unit, _) in enumerate(LABELS):
+        cells: list[str] = []
+        for column in table.columns:
+            cells.append(cell(column, row))
+            if column.errors is not None:
+                cells.append(_error(column, row))
+        drawn.add_row(label, unit, *cells, end_section=row in (0, 3))
+    return drawn
+
+
+def _error(column: Column, row: int) -> str:
+    assert column.errors is not None
+    error = column.errors[row]
+    deviation = column.deviations[row] if column.deviations else None
+    text = number(error, deviation, sign=True)
+    return text.split(" ± ")[0]
