@@ -75,6 +75,10 @@ def _not_in_sigma(experiment: Experiment) -> list[str]:
         if not (instrument.kind == "wrench" and term.key.startswith("offset"))
         and (term.deviation is None or term.deviation.any())
     ]
+    late = {
+        n for run in experiment.runs if not run.static for n in run.streams if experiment.delay(run, n).sigma != 0.0
+    }
+    errors += [f"{name}.delay" for name in sorted(late) if experiment.instruments[name].kind != "command"]
     if experiment.robot.cable.linear_density:
         errors.append("the weight of the cables")
     return [f"its 1-sigma comes from the residuals; it does not contain {', '.join(errors)}"] if errors else []

@@ -51,7 +51,6 @@ class Table:
 class Summary:
     """Everything that is shown."""
 
-    title: str
     table: Table
     runs: tuple[Table, ...]
     """What each run says alone, a table per method."""
@@ -60,7 +59,10 @@ class Summary:
 
 
 def summarise(
-    identification: Identification, truth: Inertia | None = None, beside: Mapping[str, Estimate] | None = None
+    identification: Identification,
+    truth: Inertia | None = None,
+    beside: Mapping[str, Estimate] | None = None,
+    title: str | None = None,
 ) -> Summary:
     """Gather what is shown.
 
@@ -68,6 +70,7 @@ def summarise(
         identification: Of one experiment.
         truth: Where it is known.
         beside: Further estimates to show in the table, heading -> estimate.
+        title: Heading; None: the name of the experiment.
     """
     columns = []
     if identification.nominal is not None:
@@ -83,8 +86,7 @@ def summarise(
         if estimate.runs
     )
     return Summary(
-        title=identification.experiment,
-        table=Table(identification.experiment, tuple(columns)),
+        table=Table(title or identification.experiment, tuple(columns)),
         runs=runs,
         statements=tuple(_statements(shown)),
     )
@@ -111,7 +113,8 @@ def _statements(estimates: Mapping[str, Estimate]) -> list[str]:
     for name, estimate in estimates.items():
         verdict = estimate.verdict
         lines.append(f"{name}: accepted" if verdict.accepted else f"{name}: not accepted: {'; '.join(verdict.reasons)}")
-        lines += [f"{name}: {note}" for note in estimate.notes]
+    notes = [f"{estimate.method}: {note}" for estimate in estimates.values() for note in estimate.notes]
+    lines += dict.fromkeys(notes)
     return lines
 
 
@@ -135,7 +138,7 @@ def cell(column: Column, row: int) -> str:
 
 def as_markdown(summary: Summary) -> str:
     """The same in Markdown."""
-    lines = [f"# {_escaped(summary.title)}", "", *_markdown_table(summary.table), ""]
+    lines = [f"# {_escaped(summary.table.title)}", "", *_markdown_table(summary.table), ""]
     lines += [f"- {_escaped(text)}" for text in summary.statements]
     for table in summary.runs:
         lines += ["", f"## {_escaped(table.title)}", "", *_markdown_table(table)]
@@ -152,7 +155,8 @@ def _markdown_table(table: Table) -> list[str]:
     return lines
 
 
+_SPECIAL = {ord(character): f"&#{ord(character)};" for character in "\\|<>&*_`[]#"}
+
+
 def _escaped(text: str) -> str:
-    for character in "\\|<>&*_`[]#":
-        text = text.replace(character, f"&#{ord(character)};")
-    return " ".join(text.split())
+    return " ".join(text.translate(_SPECIAL).split())
