@@ -1,1 +1,72 @@
-"""Finds what a cable robot carries."""
+"""steelyard finds what a cable robot carries: mass, centre of gravity and inertia, and how well each is known.
+
+    >>> import steelyard
+    >>> experiment = steelyard.read_experiment("experiment.yaml")
+    >>> steelyard.identify(experiment).estimates["two-step"].value
+
+The names below are the public face; they load when they are first used, so that the command line answers at once.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from steelyard.dynamics import platform_regressor as platform_regressor
+    from steelyard.dynamics import platform_wrench as platform_wrench
+    from steelyard.errors import InfeasibleError as InfeasibleError
+    from steelyard.errors import InputError as InputError
+    from steelyard.errors import SteelyardError as SteelyardError
+    from steelyard.experiment.model import Experiment as Experiment
+    from steelyard.experiment.model import Run as Run
+    from steelyard.experiment.model import Stream as Stream
+    from steelyard.experiment.read import read_experiment as read_experiment
+    from steelyard.experiment.write import write_experiment as write_experiment
+    from steelyard.identification.estimate import Estimate as Estimate
+    from steelyard.identification.identify import Identification as Identification
+    from steelyard.identification.identify import identify as identify
+    from steelyard.identification.two_step import TwoStep as TwoStep
+    from steelyard.inertia import Inertia as Inertia
+    from steelyard.robot.file import read_robot as read_robot
+    from steelyard.robot.model import Robot as Robot
+    from steelyard.simulation.sensors import read_sensors as read_sensors
+    from steelyard.simulation.simulate import VirtualExperiment as VirtualExperiment
+    from steelyard.simulation.simulate import simulate as simulate
+    from steelyard.simulation.trajectories import trajectories as trajectories
+
+_WHERE = {
+    "Estimate": "identification.estimate",
+    "Experiment": "experiment.model",
+    "Identification": "identification.identify",
+    "Inertia": "inertia",
+    "InfeasibleError": "errors",
+    "InputError": "errors",
+    "Robot": "robot.model",
+    "Run": "experiment.model",
+    "SteelyardError": "errors",
+    "Stream": "experiment.model",
+    "TwoStep": "identification.two_step",
+    "VirtualExperiment": "simulation.simulate",
+    "identify": "identification.identify",
+    "platform_regressor": "dynamics",
+    "platform_wrench": "dynamics",
+    "read_experiment": "experiment.read",
+    "read_robot": "robot.file",
+    "read_sensors": "simulation.sensors",
+    "simulate": "simulation.simulate",
+    "trajectories": "simulation.trajectories",
+    "write_experiment": "experiment.write",
+}
+
+__all__ = sorted(_WHERE)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module 'steelyard' has no attribute '{name}'")
+    return getattr(import_module(f"steelyard.{_WHERE[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

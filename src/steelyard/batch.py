@@ -86,5 +86,6 @@ def _shape(symbol: Symbol) -> tuple[int, ...]:
 def _stack(value: Array, shape: tuple[int, ...], n: int, padded: int) -> Array:
     stacked = np.empty((padded, *shape))
     stacked[:n] = value
-    stacked[n:] = stacked[n - 1]
+    if n:
+        stacked[n:] = stacked[n - 1]
     return stacked

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -60,7 +61,7 @@ class Inertia:
     """About the centre of gravity, platform axes; products are elements of the matrix [kg m^2], shape (3, 3)."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mass", float(self.mass))
+        object.__setattr__(self, "mass", float(readonly(self.mass, (), "mass")))
         object.__setattr__(self, "center_of_gravity", readonly(self.center_of_gravity, (3,), "center_of_gravity"))
         matrix = readonly(self.inertia, (3, 3), "inertia")
         if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=1e-12 * float(np.abs(matrix).max(initial=0.0))):
@@ -238,6 +239,16 @@ class Inertia:
             "center_of_gravity": self.center_of_gravity.tolist(),
             "inertia": self.inertia.tolist(),
         }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Inertia:
+        """From the names of the contract, as in ``truth.json`` or an estimate; other keys are passed over.
+
+        Raises:
+            KeyError: A name is missing.
+            ValueError: A value has the wrong shape, or is null.
+        """
+        return cls(values["mass"], np.asarray(values["center_of_gravity"]), np.asarray(values["inertia"]))
 
 
 class PinocchioParameters(NamedTuple):

@@ -65,7 +65,11 @@ def read_yaml(path: Path) -> Document:
         line = f":{mark.line + 1}" if mark is not None else ""
         problem = getattr(error, "problem", None) or "cannot be read"
         raise InputError(f"{path}{line}: expected YAML, found a mistake in it ({problem}); correct this line") from None
-    except (ValueError, RecursionError) as error:
+    except (
+        ValueError,
+        AttributeError,
+        RecursionError,
+    ) as error:  # a merge of a mapping into itself is an AttributeError
         raise InputError(f"{path}: expected YAML, found something that cannot be read ({error}); correct it") from None
     lines: dict[tuple[str | int, ...], int] = {}
     try:
@@ -116,22 +120,19 @@ def _plain(node: Any, key: tuple[str | int, ...], lines: dict[tuple[str | int, .
     count[0] += 1
     if count[0] > _MOST_VALUES:
         raise _TooManyError
+    line_of: Any = getattr(node, "lc", None)
     if isinstance(node, dict):
         mapping = {}
         for name, value in node.items():
             inner = (*key, str(name))
-            lines[inner] = (
-                node.lc.key(name)[0] + 1 if hasattr(node, "lc") and name in node.lc.data else lines.get(key, 1)
-            )
+            lines[inner] = line_of.key(name)[0] + 1 if name in (line_of.data or {}) else lines.get(key, 1)
             mapping[str(name)] = _plain(value, inner, lines, count)
         return mapping
     if isinstance(node, list):
         items = []
         for i, value in enumerate(node):
             inner = (*key, i)
-            lines[inner] = (
-                node.lc.item(i)[0] + 1 if hasattr(node, "lc") and i in (node.lc.data or {}) else lines.get(key, 1)
-            )
+            lines[inner] = line_of.item(i)[0] + 1 if i in (line_of.data or {}) else lines.get(key, 1)
             items.append(_plain(value, inner, lines, count))
         return items
     if isinstance(node, bool) or node is None:
@@ -261,8 +262,10 @@ def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> st
         bound = next(iter(context.values()), 0)
         return f"expected a number {sign} {bound:g}, found {_short(found)}; correct it"
     if kind in {"too_short", "too_long", "tuple_type", "list_type"}:
-        length = context.get("min_length") or context.get("max_length")
-        return f"expected a list{f' of {length}' if length else ''}, found {_short(found)}; correct it"
+        if kind == "too_long":
+            return f"expected at most {context.get('max_length')} values, found {_short(found)}; correct it"
+        least = f" of at least {context['min_length']} values" if "min_length" in context else ""
+        return f"expected a list{least}, found {_short(found)}; correct it"
     if kind == "string_type":
         return f"expected text, found {_short(found)}; put it in quotes if it is meant as text"
     if kind in {"model_type", "dict_type", "model_attributes_type"}:

@@ -6,9 +6,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from steelyard.cli.progress import progress
 from steelyard.errors import InputError
@@ -151,8 +148,7 @@ def known_truth(folder: Path) -> Inertia | None:
     import json
 
     try:
-        values: dict[str, Any] = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-        return Inertia(values["mass"], np.array(values["center_of_gravity"]), np.array(values["inertia"]))
+        return Inertia.from_dict(json.loads((folder / "truth.json").read_text(encoding="utf-8")))
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

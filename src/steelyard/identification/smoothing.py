@@ -72,6 +72,8 @@ def fit(samples: Samples1D, start: float, end: float, spacing: float) -> Smoothe
     except (ValueError, np.linalg.LinAlgError):
         return None
     residual = values - center - spline(time)[:, :columns]
+    if not np.isfinite(residual).all():
+        return None  # some knots have no samples near
     spline = BSpline(spline.t, spline.c + np.concatenate([center, np.zeros(_PROBES)]), DEGREE)
     sigma = float(np.sqrt(np.sum(residual**2) / (columns * (len(time) - freedom))))
     return Smoothed(spline, columns, sigma)

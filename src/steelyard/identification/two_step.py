@@ -9,7 +9,7 @@ the centre of gravity from the torque balance n = h x s, since Eq. (6) is silent
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -21,8 +21,10 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.identification.estimate import Estimate, judge
 from steelyard.identification.linear import LinearFit, block_covariance, solve
-from steelyard.identification.preparation import Acceleration, Samples, prepare
+from steelyard.identification.preparation import Acceleration, Samples, choose_sources, prepare
 from steelyard.inertia import BODY_PARAMETERS, point_inertia, six
+from steelyard.instruments.equations import means, predict, terms_behind
+from steelyard.motion.state import State
 
 _UNTOLD = 0.5
 """A parameter whose 1-sigma exceeds this part of its plausible size is not told by the data."""
@@ -58,29 +60,56 @@ class TwoStep:
                 progress(f"two-step: {run.name}", i / len(experiment.runs))
             runs.append(prepare(experiment, run, acceleration=self.acceleration, straight=True))
         estimate = estimate_two_step(runs, _size(experiment), self.combine)
-        estimate = replace(estimate, notes=(*estimate.notes, *_not_in_sigma(experiment)))
+        estimate = replace(estimate, notes=(*estimate.notes, *_not_in_sigma(experiment, self.acceleration)))
+        details = dict(estimate.details)
+        offset = details.pop("offset", None)
         forces = {experiment.force_instrument(run) for run in experiment.runs}
-        offsets = estimate.details.get("offset")
-        calibration = {name: {"offset": offsets} for name in forces if name} if offsets and len(forces) == 1 else {}
-        details = {key: value for key, value in estimate.details.items() if key != "offset"}
+        name = forces.pop() if len(forces) == 1 else None
+        calibration = {name: _reading_offset(experiment, name, **offset)} if offset and name else {}
         return replace(estimate, calibration=calibration, details=details)
 
 
-def _not_in_sigma(experiment: Experiment) -> list[str]:
-    """What the method neither estimates nor counts: a small 1-sigma must not be taken for a small error."""
-    errors = [
-        f"{name}.{term.key}"
-        for name, instrument in experiment.instruments.items()
-        for term in instrument.terms(experiment.robot.m)
-        if not (instrument.kind == "wrench" and term.key.startswith("offset"))
-        and (term.deviation is None or term.deviation.any())
-    ]
-    late = {
-        n for run in experiment.runs if not run.static for n in run.streams if experiment.delay(run, n).sigma != 0.0
+def _reading_offset(experiment: Experiment, name: str, value: Array, covariance: Array) -> dict[str, Any]:
+    """Offset of a wrench sensor in its own axes and sign, from that of the wrench on the platform."""
+    instrument, robot = experiment.instruments[name], experiment.robot
+    known = means(instrument, robot.m)
+    # The equation is linear: its readings of zero and of unit wrenches are all there is to know.
+    wrenches = np.vstack([np.zeros(6), np.eye(6), value])
+    nothing = State(**dict.fromkeys((f.name for f in fields(State)), None))
+    read = predict(instrument, robot, replace(nothing, wrench=wrenches), known)
+    readings = np.hstack([read["force"], read["torque"]])
+    matrix = (readings[1:7] - readings[0]).T
+    found = np.concatenate([known["offset.force"], known["offset.torque"]]) + readings[7] - readings[0]
+    deviation = np.sqrt(np.diag(matrix @ covariance @ matrix.T))
+    return {
+        "offset": {
+            "force": {"value": found[:3], "standard_deviation": deviation[:3]},
+            "torque": {"value": found[3:], "standard_deviation": deviation[3:]},
+        }
     }
-    errors += [f"{name}.delay" for name in sorted(late) if experiment.instruments[name].kind != "command"]
+
+
+def _not_in_sigma(experiment: Experiment, acceleration: Acceleration | None) -> list[str]:
+    """What the method neither estimates nor counts: a small 1-sigma must not be taken for a small error."""
+    robot = experiment.robot.with_straight_cables()
+    errors: dict[str, None] = {}
+    for run in experiment.runs:
+        sources = choose_sources(experiment, run, acceleration)
+        forces = [(sources.force, quantity) for quantity in run.streams[sources.force].values]
+        # These two are dealt with: the first is in the 1-sigma, the second is one of the unknowns.
+        place = sources.specific_force or (sources.position if sources.omega else None)
+        on_wrench = experiment.instruments[sources.force].kind == "wrench"
+        for name, quantity in [*forces, *sources.used()]:
+            for term in terms_behind(experiment.instruments[name], quantity, robot):
+                dealt_with = ((name, quantity) == place and term.key in {"position", "target"}) or (
+                    on_wrench and (term.key.startswith("offset") or term.key == "accelerometer_bias")
+                )
+                if not dealt_with and (term.deviation is None or term.deviation.any()):
+                    errors[f"{name}.{term.key}"] = None
+            if not run.static and experiment.delay(run, name).sigma != 0.0:
+                errors[f"{name}.delay"] = None
     if experiment.robot.cable.linear_density:
-        errors.append("the weight of the cables")
+        errors["the weight of the cables"] = None
     return [f"its 1-sigma comes from the residuals; it does not contain {', '.join(errors)}"] if errors else []
 
 
@@ -97,7 +126,7 @@ class _Partial:
     covariance: Array
     """Shape (10, 10)."""
     offset: tuple[Array, Array] | None
-    """Constant offset of the wrench and its 1-sigma, shape (6,)."""
+    """Constant offset of the wrench and its covariance, shapes (6,) and (6, 6)."""
     residual: Array
     """Root mean square of force and torque [N], [N m], shape (6,)."""
     condition: tuple[float, float]
@@ -136,11 +165,7 @@ def estimate_two_step(runs: Sequence[Samples], size: float, combine: Combine = "
         },
     }
     if combined.offset is not None:
-        value, deviation = combined.offset
-        details["offset"] = {
-            "force": {"value": value[:3], "standard_deviation": deviation[:3]},
-            "torque": {"value": value[3:], "standard_deviation": deviation[3:]},
-        }
+        details["offset"] = {"value": combined.offset[0], "covariance": combined.offset[1]}
     return replace(whole, runs=estimates if len(estimates) > 1 else {}, notes=tuple(notes), details=details)
 
 
@@ -295,9 +320,8 @@ def _as_body(
 
     jacobian = np.column_stack([body(joint + 1e-200j * e).imag / 1e-200 for e in np.eye(len(joint))])
     value, covariance = body(joint), jacobian @ covariance @ jacobian.T
-    deviation = np.sqrt(np.diag(covariance))
     residual = np.sqrt(np.mean(np.hstack([force_residual, torque_residual]) ** 2, axis=0))
-    offsets = (value[10:], deviation[10:]) if offset else None
+    offsets = (value[10:], covariance[10:, 10:]) if offset else None
     return _Partial(value[:10], covariance[:10, :10], offsets, residual, condition)
 
 
@@ -332,7 +356,7 @@ def _median(fits: Sequence[_Partial], size: float) -> _Partial | None:
     if offsets:
         offset = (
             np.median([o[0] for o in offsets], axis=0),
-            np.sqrt(np.mean([o[1] ** 2 for o in offsets], axis=0) / len(offsets)),
+            np.mean([o[1] for o in offsets], axis=0) / len(offsets),
         )
     residual = np.sqrt(np.mean([f.residual**2 for f in fits], axis=0))
     condition = tuple(max(f.condition[i] for f in fits) for i in (0, 1))

@@ -9,7 +9,7 @@ import casadi as ca
 
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
-from steelyard.instruments.base import Instrument
+from steelyard.instruments.base import Instrument, Term
 from steelyard.motion.state import State, symbols
 from steelyard.robot.model import Robot
 
@@ -17,6 +17,13 @@ from steelyard.robot.model import Robot
 def means(instrument: Instrument, m: int) -> dict[str, Array]:
     """Systematic errors as known beforehand, one array for each of :meth:`Instrument.terms`."""
     return {term.key: term.mean for term in instrument.terms(m)}
+
+
+def terms_behind(instrument: Instrument, quantity: str, robot: Robot) -> list[Term]:
+    """Systematic errors that the reading of one quantity depends on."""
+    values = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
+    reading = ca.SX(instrument.predict(symbols(robot.m), values, robot)[quantity])
+    return [term for term in instrument.terms(robot.m) if ca.depends_on(reading, values[term.key])]
 
 
 def predict(instrument: Instrument, robot: Robot, state: State, calibration: Mapping[str, Array]) -> dict[str, Array]:

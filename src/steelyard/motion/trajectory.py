@@ -31,6 +31,9 @@ class Trajectory(Protocol):
         """
 
 
+_SOFTEST_START = 2.0
+"""[s]"""
+
 # 35 u^4 - 84 u^5 + 70 u^6 - 20 u^7: velocity, acceleration and jerk vanish at both ends, so that elastic cables stay quiet.
 _REST_TO_REST = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
 
@@ -79,8 +82,17 @@ class Sampled:
     """[s]"""
 
     @classmethod
-    def through(cls, time: Array, poses: Array) -> Sampled:
-        """Through poses at increasing times [s], shapes (n,) and (n, 6); times start at 0."""
+    def through(cls, time: Array, poses: Array, *, at_rest: bool = False) -> Sampled:
+        """Through poses at increasing times, from and to rest where that is said.
+
+        Args:
+            time: From 0 on [s], shape (n,).
+            poses: Shape (n, 6).
+            at_rest: Whether velocity and acceleration vanish at both ends; needs six poses at least.
+        """
+        if at_rest:
+            still = [(1, np.zeros(6)), (2, np.zeros(6))]
+            return cls(make_interp_spline(time, poses, k=5, bc_type=(still, still)), float(time[-1]))
         degree = min(5, len(time) - 1)
         degree -= 1 - degree % 2
         return cls(make_interp_spline(time, poses, k=degree), float(time[-1]))
@@ -101,7 +113,7 @@ def multisine(
     """A smooth motion of all six axes that begins and ends at rest at its centre.
 
     Every axis is a sum of sines of random phase whose frequencies are multiples of 1 / duration, faded in and out over an
-    eighth of the duration.
+    eighth of the duration, but no faster than in two seconds.
 
     Args:
         center: Pose x, y, z [m], roll, pitch, yaw [rad].
@@ -112,7 +124,8 @@ def multisine(
     """
     rng = np.random.default_rng(seed)
     t = np.linspace(0.0, duration, max(200, 24 * harmonics) + 1)
-    fade_time = duration / 8
+    # A short motion needs most of its time to begin and end softly.
+    fade_time = min(duration / 2, max(duration / 8, _SOFTEST_START))
     u = np.clip(np.minimum(t, duration - t) / fade_time, 0.0, 1.0)
     fade = _REST_TO_REST(u)
     k = np.arange(1, harmonics + 1)
@@ -122,4 +135,4 @@ def multisine(
         phases = rng.uniform(0.0, 2 * np.pi, harmonics)
         signal = fade * (np.sin(2 * np.pi * np.outer(t, k) / duration + phases) @ weights)
         poses[:, axis] = center[axis] + amplitude[axis] * signal / np.abs(signal).max()
-    return Sampled.through(t, poses)
+    return Sampled.through(t, poses, at_rest=True)

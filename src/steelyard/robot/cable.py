@@ -54,7 +54,7 @@ class CableShape(NamedTuple):
     winch_tension: Symbol
     """At the roller, where the cable's weight has been added [N]."""
     residual: Symbol
-    """Largest error of the equations, in metres of span and relative tension; 0 for closed forms."""
+    """Error of the equations, in metres of span and relative tension; 0 for closed forms."""
 
 
 def spec(robot: Robot, i: int) -> CableSpec:
@@ -107,8 +107,11 @@ def by_length(cable: CableSpec, point: Symbol, fed: Symbol) -> CableShape:
     def closing(H: Symbol, V: Symbol, length: Symbol) -> Symbol:
         return length - fed
 
-    free = fed - cable.radius * wrap
-    start = catenary.taut_tension(chord, free, cable.weight, 1 / cable.compliance)
+    # Only the weight across the chord makes it sag; along the chord it makes the tension grow towards the upper end.
+    rise = ca.dot(leave - point, ca.DM(cable.up))
+    across = cable.weight * ca.sqrt(ca.fmax(1 - (rise / chord) ** 2, 1e-12))
+    mean = catenary.taut_tension(chord, fed - cable.radius * wrap, across, 1 / cable.compliance)
+    start = ca.fmax(mean - cable.weight * rise / 2, 0.3 * mean)
     return _hanging(cable, point, start, closing, _STEPS_BY_LENGTH)
 
 
@@ -182,6 +185,6 @@ def _hanging(
         solved = step.call([solved, *parameters], True, False)[0]
 
     direction = (H * level + V * up) / ca.sqrt(H**2 + V**2)
-    outputs = [direction, ca.sqrt(H**2 + V**2), fed, leave, wrap, winch_tension, ca.norm_inf(g)]
+    outputs = [direction, ca.sqrt(H**2 + V**2), fed, leave, wrap, winch_tension, ca.norm_1(g)]
     finish = ca.Function("finish", [x, *parameters], [ca.SX(o) for o in outputs])
     return CableShape(*finish.call([solved, *parameters], True, False))

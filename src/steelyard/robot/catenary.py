@@ -26,10 +26,11 @@ def span(H: Symbol, V: Symbol, length: Symbol, weight: Symbol, compliance: Symbo
         Horizontal and vertical distance [m].
     """
     end = V + weight * length
-    horizontal = H * length * compliance + H / weight * (ca.asinh(end / H) - ca.asinh(V / H))
-    vertical = (V + weight * length / 2) * length * compliance + (
-        ca.sqrt(H**2 + end**2) - ca.sqrt(H**2 + V**2)
-    ) / weight
+    far, near = ca.sqrt(H**2 + end**2), ca.sqrt(H**2 + V**2)
+    # (far - near) / weight and the difference of the inverse hyperbolic sines without cancellation, however light the cable.
+    growth = length * (end + V) / (far + near)
+    horizontal = H * length * compliance + H / weight * ca.log1p(weight * (length + growth) / (V + near))
+    vertical = (V + weight * length / 2) * length * compliance + growth
     return horizontal, vertical
 
 

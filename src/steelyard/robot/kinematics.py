@@ -69,6 +69,12 @@ def _batched(robot: Robot) -> Batched:
     )
 
 
+def attachments_at(position: ArrayLike, rotation: ArrayLike, robot: Robot) -> Array:
+    """Attachments in the world frame [m], shape (n, m, 3)."""
+    turned = np.asarray(rotation, dtype=np.float64) @ robot.attachments.T
+    return np.asarray(position, dtype=np.float64)[..., None, :] + np.swapaxes(turned, -1, -2)
+
+
 def cables_at(robot: Robot, position: ArrayLike, rotation: ArrayLike, tension: ArrayLike) -> CableState:
     """Directions, lengths and structure matrix at poses.
 
@@ -86,15 +92,20 @@ def cables_at(robot: Robot, position: ArrayLike, rotation: ArrayLike, tension: A
     """
     tension = np.asarray(tension, dtype=np.float64)
     if robot.cable.linear_density:
-        # A reading at or below zero carries no direction; a slack cable pulls with next to nothing anyway.
-        tension = np.maximum(tension, 1.0)
+        # A reading near zero carries no direction: nothing pulls less than a cable that just bears its own weight across.
+        reach = np.linalg.norm(robot.anchors - attachments_at(position, rotation, robot), axis=-1)
+        tension = np.maximum(tension, robot.cable.linear_density * np.linalg.norm(robot.gravity) * reach)
     values = _batched(robot)(position=position, rotation=rotation, tension=tension)
     residual = values.pop("residual")
-    bad = ~(residual < cable.RESIDUAL_TOLERANCE)
+    values["structure"] = values["structure"].reshape(-1, 6, robot.m)
+    values["direction"] = values["direction"].reshape(-1, robot.m, 3)
+    # A solution that is no number must not pass for one whose error is small.
+    bad = ~((residual < cable.RESIDUAL_TOLERANCE) & np.isfinite(values["direction"]).all(axis=-1))
     if bad.any():
         sample, i = np.argwhere(bad)[0]
         raise InfeasibleError(
-            f"cable {i + 1} of '{robot.name}': expected a taut cable, found one whose sag could not be solved at sample "
-            f"{sample}; check the pose, the anchors and the tension there"
+            f"cable {i + 1} of '{robot.name}': expected a cable that hangs between its anchor and its attachment, found none at sample "
+            f"{sample}; check the pose, the anchors and the tension there",
+            sample=int(sample),
         )
     return CableState(**values)

@@ -1,0 +1,34 @@
+"""What several test files need: where recordings are, and experiments that were simulated once."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from steelyard.inertia import Inertia
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="session")
+def recordings():
+    """Simulated recordings of another simulator (tests/data/README.md)."""
+    return Path(__file__).parent / "data"
+
+
+@pytest.fixture(scope="session")
+def recorded_truth(recordings):
+    """Name of a recording -> its true body."""
+    values = json.loads((recordings / "truth.json").read_text())
+    return {name: Inertia.from_dict(entry) for name, entry in values.items()}
+
+
+@pytest.fixture(scope="session")
+def examples():
+    return ROOT / "examples"
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20170821)

@@ -1,0 +1,139 @@
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.spatial.transform import Rotation
+
+from steelyard.batch import Batched
+from steelyard.dynamics import platform_regressor, platform_wrench, point_specific_force
+from steelyard.inertia import LINEAR_PARAMETERS, Inertia, PinocchioParameters
+
+TOLERANCE = 1e-12  # of the largest entry: both sides are the same sums in another order
+
+N = 30
+rng = np.random.default_rng(12)
+S, OMEGA, ALPHA = rng.normal(0, [[8.0], [2.0], [5.0]], (N, 3, 3)).transpose(1, 0, 2)
+MASSES, POSITIONS = rng.uniform(0.5, 20.0, 15), rng.normal(0.1, 0.6, (15, 3))
+BODY = Inertia.from_points(MASSES, POSITIONS)
+GRAVITY = np.array([0.3, -0.2, -9.7])
+PINOCCHIO_NAMES = [
+    name.replace("I", "J").replace("m", "h") if len(name) > 1 else name for name in PinocchioParameters._fields
+]
+
+
+def close(found, expected):
+    np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE * np.abs(expected).max())
+
+
+def free_flyer(body=BODY):
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "platform")
+    inertia = pin.Inertia(body.mass, body.center_of_gravity.copy(), body.inertia.copy())
+    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    model.gravity.linear = GRAVITY
+    return model, model.createData()
+
+
+def pinocchio_state(k):
+    """Configuration, twist and spatial acceleration of a free flyer that feels specific force S[k]."""
+    turn = Rotation.random(random_state=k)
+    v_in_platform = np.random.default_rng(k).normal(size=3)
+    a_in_platform = S[k] + turn.inv().apply(GRAVITY)
+    # The derivative of the body coordinates of v lacks omega x v of the acceleration of the origin.
+    spatial = a_in_platform - np.cross(OMEGA[k], v_in_platform)
+    return np.r_[0.4, -0.7, 1.1, turn.as_quat()], np.r_[v_in_platform, OMEGA[k]], np.r_[spatial, ALPHA[k]]
+
+
+def test_wrench_is_that_of_pinocchios_spatial_algebra():
+    found = platform_wrench(BODY.parameters, S, OMEGA, ALPHA)
+    inertia = pin.Inertia(BODY.mass, BODY.center_of_gravity.copy(), BODY.inertia.copy())
+    for k in range(N):
+        v = pin.Motion(np.array([0.3, -0.1, 0.7]), OMEGA[k])
+        a = pin.Motion(S[k] - np.cross(OMEGA[k], v.linear), ALPHA[k])
+        close(found[k], (inertia * a + v.cross(inertia * v)).vector)
+
+
+def test_wrench_is_that_of_pinocchios_free_flyer_under_gravity():
+    model, data = free_flyer()
+    expected = [pin.rnea(model, data, *pinocchio_state(k)).copy() for k in range(N)]
+    close(platform_wrench(BODY.parameters, S, OMEGA, ALPHA), np.array(expected))
+
+
+def test_regressor_is_pinocchios_with_its_columns_in_our_order():
+    model, data = free_flyer()
+    expected = np.array([pin.computeJointTorqueRegressor(model, data, *pinocchio_state(k)).copy() for k in range(N)])
+    order = [PINOCCHIO_NAMES.index(name) for name in LINEAR_PARAMETERS]
+    found = platform_regressor(S, OMEGA, ALPHA)
+    assert found.shape == (N, 6, 10)
+    close(found, expected[:, :, order])
+
+
+def test_regressor_times_pinocchios_parameters_through_the_adapters_is_the_wrench():
+    model, data = free_flyer()
+    for k in range(N):
+        Y = pin.computeJointTorqueRegressor(model, data, *pinocchio_state(k))
+        close(Y @ np.array(BODY.to_pinocchio()), platform_wrench(BODY.parameters, S[[k]], OMEGA[[k]], ALPHA[[k]])[0])
+
+
+def test_regressor_times_parameters_is_the_wrench_for_any_ten_numbers():
+    parameters = np.random.default_rng(1).normal(0, 50, (N, 10))
+    found = np.einsum("nkp,np->nk", platform_regressor(S, OMEGA, ALPHA), parameters)
+    close(found, platform_wrench(parameters, S, OMEGA, ALPHA))
+
+
+def test_wrench_is_newtons_law_for_every_point_of_a_cloud():
+    found = platform_wrench(BODY.parameters, S, OMEGA, ALPHA)
+    for k in range(N):
+        s_of_points = S[k] + np.cross(ALPHA[k], POSITIONS) + np.cross(OMEGA[k], np.cross(OMEGA[k], POSITIONS))
+        forces = MASSES[:, None] * s_of_points
+        close(found[k], np.r_[forces.sum(axis=0), np.cross(POSITIONS, forces).sum(axis=0)])
+
+
+def test_point_specific_force_is_that_of_the_point():
+    s, w, a, p = (ca.SX.sym(name, 3) for name in "swap")
+    batched = Batched("point", {"s": s, "w": w, "a": a, "p": p}, {"f": point_specific_force(s, w, a, p)})
+    point = np.array([0.3, -0.8, 1.2])
+    expected = S + np.cross(ALPHA, point) + np.cross(OMEGA, np.cross(OMEGA, point))
+    close(batched(s=S, w=OMEGA, a=ALPHA, p=point)["f"], expected)
+
+
+@pytest.mark.parametrize("k", range(5))
+def test_equation_8_as_printed_is_the_inertia_columns(k):
+    (p, q, r), (dp, dq, dr) = OMEGA[k], ALPHA[k]
+    printed = [
+        [dp, -q * r, q * r, q**2 - r**2, dr + p * q, dq - p * r],
+        [p * r, dq, -p * r, dr - p * q, r**2 - p**2, dp + q * r],
+        [-p * q, p * q, dr, dq + p * r, dp - q * r, p**2 - q**2],
+    ]
+    found = platform_regressor(S[[k]], OMEGA[[k]], ALPHA[[k]])[0]
+    close(found[3:, 4:], np.array(printed))
+    np.testing.assert_array_equal(found[:3, 4:], 0)
+
+
+@pytest.mark.parametrize("k", range(5))
+def test_equation_6_holds_with_the_specific_force_on_the_right(k):
+    force = platform_wrench(BODY.parameters, S[[k]], OMEGA[[k]], ALPHA[[k]])[0, :3]
+
+    def cross(v):
+        return np.cross(v, np.eye(3)).T
+
+    Phi = np.column_stack([-force, cross(ALPHA[k]) + cross(OMEGA[k]) @ cross(OMEGA[k])])
+    close(Phi @ np.r_[1 / BODY.mass, BODY.center_of_gravity], -S[k])
+
+
+def test_equation_1_needs_the_corrected_sign():
+    m, c, J = BODY.mass, BODY.center_of_gravity, BODY.inertia
+    rho = np.cross(c, np.eye(3)).T
+    found = platform_wrench(BODY.parameters, S, OMEGA, ALPHA)
+    for k in range(N):
+        gyroscopic = np.cross(OMEGA[k], (J - m * rho @ rho) @ OMEGA[k])
+        close(found[k, 3:], m * rho @ S[k] + (J - m * rho @ rho) @ ALPHA[k] + gyroscopic)
+        printed = m * rho @ S[k] + (J + m * rho @ rho) @ ALPHA[k] + np.cross(OMEGA[k], (J + m * rho @ rho) @ OMEGA[k])
+        assert np.abs(found[k, 3:] - printed).max() > 1
+
+
+def test_a_body_at_rest_is_carried_at_its_centre_of_gravity():
+    still = np.zeros((1, 3))
+    force, torque = platform_wrench(BODY.parameters, -GRAVITY[None], still, still)[0].reshape(2, 3)
+    close(force, -BODY.mass * GRAVITY)
+    close(torque, np.cross(BODY.center_of_gravity, force))

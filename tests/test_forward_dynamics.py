@@ -1,0 +1,156 @@
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from steelyard.dynamics import platform_wrench
+from steelyard.errors import InfeasibleError, InputError
+from steelyard.motion.trajectory import RestToRest, multisine
+from steelyard.robot.file import read_robot
+from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
+
+POSE_TOLERANCE = 1e-4  # [m], [rad]: what the issue asks of two simulators over 5 s; they agree to a few micrometres
+DURATION = 5.0
+
+
+def point_robot(damping_ratio=0.0):
+    """CoGiRo with straight cables from points, as MuJoCo's tendons are."""
+    robot = read_robot("cogiro").with_straight_cables()
+    return replace(robot, pulley_radius=np.zeros(8), cable=replace(robot.cable, damping_ratio=damping_ratio))
+
+
+def mujoco_model(robot, step):
+    body = robot.platform
+    inertial = body.to_mujoco()
+    numbers = lambda values: " ".join(f"{v:.17g}" for v in values)  # noqa: E731
+    anchors = "".join(f'<site name="a{i}" pos="{numbers(a)}"/>' for i, a in enumerate(robot.anchors))
+    attachments = "".join(f'<site name="b{i}" pos="{numbers(b)}"/>' for i, b in enumerate(robot.attachments))
+    tendons = "".join(
+        f'<spatial stiffness="1"><site site="a{i}"/><site site="b{i}"/></spatial>' for i in range(robot.m)
+    )
+    return mujoco.MjModel.from_xml_string(f"""
+        <mujoco><option timestep="{step}" integrator="RK4" gravity="{numbers(robot.gravity)}"/>
+        <compiler balanceinertia="false"/>
+        <worldbody>{anchors}<body name="platform"><freejoint/>
+        <inertial mass="{inertial.mass}" pos="{numbers(inertial.pos)}" fullinertia="{numbers(inertial.fullinertia)}"/>
+        {attachments}</body></worldbody><tendon>{tendons}</tendon></mujoco>""")
+
+
+def test_pose_agrees_with_mujoco_over_five_seconds():
+    robot = point_robot()
+    trajectory = multisine([0, 0.1, 2, 0, 0, 0], [0.3, 0.3, 0.25, 0.2, 0.2, 0.2], 2 * DURATION, harmonics=4)
+    platform = CablePlatform(robot, robot.platform)
+    response = platform.move(trajectory)
+
+    step = 2.5e-4
+    model = mujoco_model(robot, step)
+    data = mujoco.MjData(model)
+    start = response.at(np.zeros(1))
+    data.qpos[:3] = start.position[0]
+    data.qpos[3:] = Rotation.from_matrix(start.rotation[0]).as_quat(scalar_first=True)
+    count = round(DURATION / step)
+    # MuJoCo holds the springs during a step: their values in its middle keep that second-order accurate.
+    feed = response.feed((np.arange(count) + 0.5) * step)
+    every = 400
+    found = []
+    for k in range(count):
+        model.tendon_lengthspring[:] = feed[k][:, None]
+        model.tendon_stiffness.reshape(robot.m, -1)[:, 0] = robot.cable.axial_stiffness / feed[k]
+        mujoco.mj_step(model, data)
+        if (k + 1) % every == 0:
+            found.append(np.array(data.qpos))
+    found = np.array(found)
+    ours = response.at((np.arange(len(found)) + 1) * every * step)
+    assert np.abs(ours.position - found[:, :3]).max() < POSE_TOLERANCE
+    turned = Rotation.from_quat(found[:, 3:], scalar_first=True).inv() * Rotation.from_matrix(ours.rotation)
+    assert turned.magnitude().max() < POSE_TOLERANCE
+    # The comparison means something only if the platform went somewhere.
+    assert np.ptp(found[:, :3], axis=0).min() > 0.2
+
+
+@pytest.mark.parametrize("sagging", [False, True])
+def test_states_satisfy_newton_euler_and_their_own_derivatives(sagging):
+    robot = read_robot("cogiro")
+    robot = robot if sagging else robot.with_straight_cables()
+    response = CablePlatform(robot, robot.platform).move(
+        multisine([0, 0, 2, 0, 0, 0], [0.2] * 3 + [0.15] * 3, 5.0, harmonics=2)
+    )
+    times = np.linspace(0.2, 4.8, 50)
+    state = response.at(times)
+    wrench = platform_wrench(robot.platform.parameters, state.specific_force, state.omega, state.alpha)
+    np.testing.assert_allclose(wrench, state.wrench, atol=1e-8)
+    h = 5e-4  # the integrator's 1e-8 over h is what the differences can be off by
+    before, after = response.at(times - h), response.at(times + h)
+    acceleration = (after.position - 2 * state.position + before.position) / h**2
+    felt = np.einsum("nji,nj->ni", state.rotation, acceleration - robot.gravity)
+    np.testing.assert_allclose(felt, state.specific_force, atol=2e-3)
+    np.testing.assert_allclose((after.omega - before.omega) / (2 * h), state.alpha, atol=3e-4)
+
+
+def test_energy_is_lost_only_through_damping():
+    # Released from a pose off its equilibrium with fixed lengths, the platform swings: without damping its energy stays.
+    robot = point_robot()
+    hold = RestToRest(np.array([0, 0, 2.0, 0, 0, 0]), np.array([0, 0, 2.0, 0, 0, 0]), 2.0)
+
+    def energy(damping_ratio):
+        chosen = point_robot(damping_ratio)
+        platform = CablePlatform(chosen, chosen.platform)
+        response = platform.move(hold)
+        kicked = response.solution(0.0)
+        kicked[7:10] += [0.3, -0.2, 0.1]
+        from scipy.integrate import solve_ivp
+
+        still = np.zeros(8)
+        feed = response.feed(0.0)
+        run = solve_ivp(
+            lambda t, x: platform._rate(x, feed, still), (0, 2), kicked, method="DOP853", rtol=1e-10, atol=1e-10
+        )
+        values = []
+        for x in (run.y[:, 0], run.y[:, -1]):
+            R = Rotation.from_quat(x[3:7], scalar_first=True).as_matrix()
+            body = chosen.platform
+            velocity = x[7:10] + R @ np.cross(x[10:13], body.center_of_gravity)
+            kinetic = body.mass / 2 * velocity @ velocity + x[10:13] @ body.inertia @ x[10:13] / 2
+            height = (x[:3] + R @ body.center_of_gravity) @ -chosen.gravity * body.mass
+            length = np.linalg.norm(x[:3] + chosen.attachments @ R.T - chosen.anchors, axis=1)
+            elastic = np.sum(chosen.cable.axial_stiffness / feed * (length - feed) ** 2) / 2
+            values.append(kinetic + height + elastic)
+        return values[1] - values[0]
+
+    assert abs(energy(0.0)) < 1e-5
+    assert energy(0.02) < -0.1
+    assert robot.cable.damping_ratio == 0.0
+
+
+def test_starts_at_rest_in_equilibrium():
+    robot = read_robot("cogiro")
+    trajectory = RestToRest(np.array([0.5, 0.2, 2, 0.1, 0, 0.2]), np.array([0, 0, 2.2, 0, 0.1, 0]), 2.0, pause=0.5)
+    state = CablePlatform(robot, robot.platform).move(trajectory).at(np.linspace(0, 0.45, 20))
+    np.testing.assert_allclose(state.specific_force, np.einsum("nji,j->ni", state.rotation, -robot.gravity), atol=1e-4)
+    assert np.abs(state.omega).max() < 1e-6
+
+
+def test_a_platform_without_cables_follows_exactly():
+    robot = replace(
+        read_robot("cogiro"), anchors=np.zeros((0, 3)), attachments=np.zeros((0, 3)), pulley_radius=[], pulley_axis=[]
+    )
+    trajectory = multisine([0, 0, 1, 0, 0, 0], [0.1] * 6, 3.0, harmonics=3)
+    times = np.linspace(0, 3, 7)
+    state = ExactMotion(robot, robot.platform, trajectory).at(times)
+    np.testing.assert_array_equal(state.position, trajectory.derivative(times, 0)[:, :3])
+
+
+def test_says_when_a_cable_goes_slack():
+    robot = point_robot(0.02)
+    # Thrown down faster than gravity pulls.
+    drop = RestToRest(np.array([0, 0, 3.0, 0, 0, 0]), np.array([0, 0, 1.0, 0, 0, 0]), 0.6)
+    with pytest.raises(InfeasibleError, match="slack"):
+        CablePlatform(robot, robot.platform).move(drop).at(np.linspace(0, 0.6, 100))
+
+
+def test_says_what_a_robot_file_lacks():
+    robot = read_robot("cogiro")
+    with pytest.raises(InputError, match="axial_stiffness"):
+        CablePlatform(replace(robot, cable=replace(robot.cable, axial_stiffness=None)), robot.platform)
