@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 
+import numpy as np
 import polars as pl
 import pytest
 from recordings import save, table, write_small
@@ -83,10 +84,10 @@ def first_rows(file, n):
     return corrupt
 
 
-def append(file, text):
+def append(file, content):
     def corrupt(folder):
-        with (folder / file).open("a") as stream:
-            stream.write(text)
+        before = (folder / file).read_bytes()
+        (folder / file).write_bytes(before + (content if isinstance(content, bytes) else content.encode()))
 
     return corrupt
 
@@ -138,6 +139,7 @@ STATIC = """\
     static: true
     cables: poses-cables.csv
     imu: poses-imu.csv
+    tracker: poses-tracker.csv
 """
 
 
@@ -147,18 +149,20 @@ def poses(cables, imu):
         append(EXPERIMENT, STATIC),
         write("poses-cables.csv", f"{f}\n" + "600,600,600,600,600,600,600,600\n" * cables),
         write("poses-imu.csv", "roll,pitch,yaw\n" + "0,0,0\n" * imu),
+        write("poses-tracker.csv", "x,y,z\n" + "0.1,0.2,3.1\n" * imu),
     )
 
 
 def still(folder):
-    """The same motion, but nothing moves: constants with a little noise."""
+    """Nothing moves: constants with the noise of the instruments."""
+    rng = np.random.default_rng(0)
     for file, value in (
         (IMU, {"wx": 0, "wy": 0, "wz": 0, "ax": 0, "ay": 0, "az": 9.81, "qw": 1, "qx": 0, "qy": 0, "qz": 0}),
         (TRACKER, {"x": 0.1, "y": 0.2, "z": 3.1}),
     ):
         for name, number in value.items():
-            noise = 0.0 if name.startswith("q") else 1e-3
-            columns(file, [name], lambda _, i, c=number, n=noise: c + n * (((i * 7919) % 13) / 6 - 1))(folder)
+            sigma = 0.0 if name.startswith("q") else {"w": 0.0017, "a": 0.03}.get(name[0], 0.0005)
+            columns(file, [name], lambda _, i, c=number, s=sigma: c + s * rng.standard_normal())(folder)
 
 
 def case(name, corrupt, pattern, arguments=IDENTIFY):
@@ -171,6 +175,11 @@ EXPERIMENT_FILE = [
         "experiment file is a folder",
         steps(remove(EXPERIMENT), mkdir(EXPERIMENT)),
         r"experiment\.yaml: expected a file, found a folder",
+    ),
+    case(
+        "experiment file is a pipe",
+        steps(remove(EXPERIMENT), fifo(EXPERIMENT)),
+        r"experiment\.yaml: expected a file, found something that is no regular file",
     ),
     case("experiment file empty", write(EXPERIMENT, ""), r"experiment\.yaml: expected a mapping .* found nothing"),
     case(
@@ -451,7 +460,12 @@ YAML_FILE = [
         ),
         r"experiment\.yaml: expected at most \d+ values, found more",
     ),
-    case("alias of itself", write(EXPERIMENT, "a: &a [*a]\n"), r"experiment\.yaml: expected "),
+    case("alias of itself", write(EXPERIMENT, "a: &a [*a]\n"), r"experiment\.yaml: .*expected "),
+    case(
+        "alias of itself in a known key",
+        change(EXPERIMENT, "name: small", "name: &a {b: *a}"),
+        r"experiment\.yaml.*: expected ",
+    ),
     case(
         "deep nesting",
         write(EXPERIMENT, "a: " + "[" * 10_000 + "]" * 10_000 + "\n"),
@@ -465,7 +479,7 @@ YAML_FILE = [
     case(
         "nesting in between",
         change(EXPERIMENT, "name: small", "name: " + "[" * 240 + "]" * 240),
-        r"experiment\.yaml.*: expected ",
+        r"experiment\.yaml.*: expected (?!.*JSON)",
     ),
     case(
         "10 MB",
@@ -486,7 +500,17 @@ YAML_FILE = [
     case(
         "half a character",
         change(EXPERIMENT, "name: small", r'name: "\ud800"'),
-        r"experiment\.yaml.*: expected ",
+        r"experiment\.yaml.*: expected (?!.*JSON)",
+    ),
+    case(
+        "commands for the terminal in a value",
+        change(EXPERIMENT, "noise: 5.0", r'noise: "\e]0;title\a"'),
+        r"experiment\.yaml:9: 'instruments\.cables\.noise': expected a number",
+    ),
+    case(
+        "commands for the terminal in a key",
+        change(EXPERIMENT, "noise: 5.0", r'"\e[31mred": 5.0'),
+        r"experiment\.yaml:9: 'instruments\.cables\..*red': expected a known key",
     ),
 ]
 
@@ -519,7 +543,7 @@ ROBOT_FILE = [
     case(
         "very long path",
         change(EXPERIMENT, "robot.yaml", "r" * 5000 + ".yaml"),
-        r"r\.yaml: expected a file, found .*too long",
+        r"…\.yaml: expected a file, found .*too long",
     ),
     case("missing key of robot", change(ROBOT, "name: straight\n", ""), r"robot\.yaml: 'name': .*missing; add 'name'"),
     case(
@@ -530,7 +554,7 @@ ROBOT_FILE = [
     case(
         "unknown key of cable",
         change(ROBOT, "attachment", "attached"),
-        r"robot\.yaml:5: 'cables\[0\]\.attached': ",
+        r"robot\.yaml:[45]: 'cables\[0\]\.attach(ed|ment)': expected ",
     ),
     case(
         "wrong type in robot",
@@ -746,11 +770,31 @@ STREAMS = [
     ),
     case(
         "binary garbage below a header",
-        steps(first_rows(TRACKER, 0), lambda folder: (folder / TRACKER).open("ab").write(bytes(range(256)) * 20)),
+        steps(first_rows(TRACKER, 0), append(TRACKER, bytes(range(256)) * 20)),
         r"moving/tracker\.csv.*: .*expected ",
     ),
     case(
-        "rows longer than the header", append(TRACKER, "9,1,2,3,4,5\n"), r"moving/tracker\.csv.*: expected a CSV table"
+        "row longer than the header",
+        append(TRACKER, "9,1,2,3,4,5\n"),
+        r"moving/tracker\.csv:\d+: expected (?!.*Schema)",
+    ),
+    case(
+        "quotation mark that opens and does not close",
+        cell(TRACKER, 50, "y", '"0.2'),
+        r"moving/tracker\.csv.*: expected ",
+    ),
+    case(
+        "quotation marks that swallow rows",
+        lambda folder: save(
+            folder / TRACKER,
+            [[*row, "note" if i == 0 else '5" pipe'] for i, row in enumerate(table(folder / TRACKER))],
+        ),
+        r"moving/tracker\.csv.*: expected ",
+    ),
+    case(
+        "header of a megabyte",
+        lambda folder: (folder / TRACKER).write_text("q" * 1_000_000 + "".join(f" {i}" for i in range(9999)) + "\n1\n"),
+        r"moving/tracker\.csv: expected columns x, y, z",
     ),
     case("semicolons", change(TRACKER, "t,x,y,z", "t;x;y;z"), r"moving/tracker\.csv: expected .*found .*t;x;y;z"),
     case("column twice", change(TRACKER, "t,x,y,z", "t,x,y,y"), r"moving/tracker\.csv: expected .*(twice|again|z)"),
@@ -997,7 +1041,7 @@ SIMULATIONS = [
 
 COMMAND_LINE = [
     case("unknown verb", nothing, r"[Nn]o such command 'weigh'", "weigh experiment.yaml"),
-    case("no verb", nothing, r"expected|Missing|missing|see 'steelyard --help'", ""),
+    case("no verb", nothing, r"see '.*--help'", ""),
     case("unknown option", nothing, r"[Nn]o such option.*--fast", f"{IDENTIFY} --fast"),
     case("missing argument", nothing, r"Missing argument 'EXPERIMENT'", "identify --out results"),
     case("missing option", nothing, r"Missing option '--out'", "simulate cogiro"),
@@ -1109,9 +1153,8 @@ def test_bad_input_ends_with_one_sentence(corrupt, pattern, arguments, folder, t
     with pytest.raises(SystemExit) as end:
         main()
     out, err = capsys.readouterr()
-    if "5000" not in arguments and len(arguments) > 1000:
-        err = re.sub("e{1000,}|r{1000,}", "…", err)
-    assert_one_sentence(end.value.code, out, re.sub(r"(.)\1{999,}", r"\1…", err), pattern)
+    # Paths of thousands of letters stand in the message as they are.
+    assert_one_sentence(end.value.code, out, re.sub(r"[er]{250,}", "…", err), pattern)
     assert contents(tmp_path) == before
 
 

@@ -26,8 +26,9 @@ class LinearFit:
     """Directions that the data do not tell, in units of the parameters' scales, columns of shape (p, k)."""
     residual: Array
     """Target minus prediction, shape (n, d)."""
-    pseudo_inverse: Array
-    """Takes equations to parameters, shape (p, n d)."""
+    normal_inverse: Array
+    """Inverse of the normal matrix over the directions that are excited, shape (p, p): with the regressor's transpose before it, it
+    takes equations to parameters."""
     condition: float
     """Of the scaled regressor, over the directions that are excited."""
 
@@ -44,26 +45,40 @@ def solve(regressor: Array, target: Array, scale: Array, noise: Array) -> Linear
     Returns:
         The solution over the directions that are excited beyond noise and rounding.
     """
-    n, d, p = regressor.shape
-    matrix = (regressor * scale).reshape(n * d, p)
-    left, singular, right = np.linalg.svd(matrix, full_matrices=False)
+    n = len(regressor)
+    _, singular, right = np.linalg.svd(_triangle(regressor) * scale)
     by_noise = right**2 @ (n * noise * scale**2)
     excited = (singular > _ROUNDING * singular[0]) & (singular**2 > _NOISE_MARGIN * by_noise)
-    keep = right[excited]
-    inverse = scale[:, None] * (keep.T / singular[excited]) @ left[:, excited].T
-    value = inverse @ target.reshape(-1)
+    root = scale[:, None] * (right[excited].T / singular[excited])
+    normal_inverse = root @ root.T
+    value = normal_inverse @ np.einsum("ndp,nd->p", regressor, target)
+    # Once more on what is left: with the triangle of an orthogonal reduction that makes up for the normal equations.
+    value += normal_inverse @ np.einsum("ndp,nd->p", regressor, target - regressor @ value)
     residual = target - regressor @ value
-    # inverse[p, n d] * residual[n d] summed over the d equations of each sample.
-    influence = np.einsum("pnd,nd->np", inverse.reshape(p, n, d), residual)
+    influence = np.einsum("ndp,nd->np", regressor, residual) @ normal_inverse
     kept = singular[excited]
     return LinearFit(
         value=value,
         influence=influence,
         unknown=right[~excited].T,
         residual=residual,
-        pseudo_inverse=inverse,
+        normal_inverse=normal_inverse,
         condition=float(kept[0] / kept[-1]) if len(kept) else float("inf"),
     )
+
+
+_ROWS = 20_000
+"""Samples that are reduced at once."""
+
+
+def _triangle(regressor: Array) -> Array:
+    """Triangular factor of a tall matrix of shape (n, d, p), block by block; shape (p, p)."""
+    p = regressor.shape[2]
+    triangle = np.zeros((p, p))
+    for start in range(0, len(regressor), _ROWS):
+        block = regressor[start : start + _ROWS].reshape(-1, p)
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, block]), mode="r"))
+    return triangle
 
 
 def block_covariance(influence: Array, block: int) -> Array:

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.smoothing import Samples1D, Smoothed, choose_spacing, fit, segments
+from steelyard.identification.smoothing import Samples1D, Smoothed, choose_spacing, fit, pieces, segments
 from steelyard.instruments import Command, Imu, Pose, Position
 from steelyard.instruments.equations import solve_for
 from steelyard.motion.state import motion_of_quaternions, specific_force_of
@@ -287,12 +287,14 @@ def _moving(task: _Task) -> Samples:
         differentiated.append(sources.position)
     spacing = _spacing([raw[s] for s in differentiated if s], list(raw.values()), start, end)
     times = task.experiment.common_time(run, sources.force)
-    parts = []
-    for a, b in segments([s.time for s in raw.values()], start, end, spacing):
-        inside = times[(times >= a + spacing) & (times <= b - spacing)]
-        part = _part(task, raw, (a, b, spacing), inside) if len(inside) else None
-        if part is not None:
-            parts.append(part)
+    parts, gaps = [], -1
+    for part_start, part_end in segments([s.time for s in raw.values()], start, end, spacing):
+        gaps += 1
+        for a, b, first, last in pieces(part_start, part_end, spacing):
+            inside = times[(times >= first) & (times < last)]
+            state = _part(task, raw, (a, b, spacing), inside) if len(inside) else None
+            if state is not None:
+                parts.append(state)
     found = sum(len(p["time"]) for p in parts)
     if found < _FEWEST_SAMPLES:
         raise InputError(
@@ -305,8 +307,8 @@ def _moving(task: _Task) -> Samples:
     notes = []
     if sources.position and task.experiment.instruments[sources.position[0]].kind == "command":
         notes.append(f"run '{run.name}': the position is the commanded one, for want of a measured one")
-    if len(parts) > 1:
-        notes.append(f"run '{run.name}': {len(parts) - 1} gaps in the streams left out")
+    if gaps > 0:
+        notes.append(f"run '{run.name}': {gaps} gap{'s' if gaps > 1 else ''} in the streams left out")
     return Samples(
         run=run.name,
         time=joined["time"],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import BSpline, make_lsq_spline
@@ -16,6 +17,10 @@ from steelyard.arrays import Array
 
 DEGREE = 5
 """Quintic: the acceleration of a position is still a smooth cubic."""
+
+_LONGEST_PIECE = 300.0
+"""[s]"""
+_OVERLAP_SPACINGS = 12.0
 
 _PROBES = 4
 """Columns of white noise that are fitted along with the data, to see how much noise the spline lets through."""
@@ -67,9 +72,8 @@ def fit(samples: Samples1D, start: float, end: float, spacing: float) -> Smoothe
     probes = np.random.default_rng(0).standard_normal((len(time), _PROBES))
     # About its mean: large constants (a clock's epoch, a load) would cost digits.
     center = values.mean(axis=0)
-    try:
-        spline = make_lsq_spline(time, np.hstack([values - center, probes]), t, k=DEGREE)
-    except (ValueError, np.linalg.LinAlgError):
+    spline = _least_squares(time, np.hstack([values - center, probes]), t)
+    if spline is None:
         return None
     residual = values - center - spline(time)[:, :columns]
     if not np.isfinite(residual).all():
@@ -77,6 +81,20 @@ def fit(samples: Samples1D, start: float, end: float, spacing: float) -> Smoothe
     spline = BSpline(spline.t, spline.c + np.concatenate([center, np.zeros(_PROBES)]), DEGREE)
     sigma = float(np.sqrt(np.sum(residual**2) / (columns * (len(time) - freedom))))
     return Smoothed(spline, columns, sigma)
+
+
+def _least_squares(time: Array, values: Array, t: Array) -> BSpline | None:
+    """Least-squares spline on knots t; None where the samples do not determine it.
+
+    The normal equations of B-splines are banded, mostly well conditioned and linear in time; where they are not, as with samples that
+    only just reach an end, orthogonal reduction takes over.
+    """
+    for method in ("norm-eq", "qr"):
+        try:
+            return make_lsq_spline(time, values, t, k=DEGREE, method=method)
+        except (ValueError, np.linalg.LinAlgError):
+            continue
+    return None
 
 
 def segments(streams: Sequence[Array], start: float, end: float, spacing: float) -> list[tuple[float, float]]:
@@ -101,6 +119,34 @@ def segments(streams: Sequence[Array], start: float, end: float, spacing: float)
         own = list(zip(edges[::2], edges[1::2], strict=True))
         parts = [(max(a, c), min(b, d)) for a, b in parts for c, d in own if min(b, d) - max(a, c) > 0]
     return [(float(a), float(b)) for a, b in parts]
+
+
+def pieces(start: float, end: float, spacing: float) -> list[tuple[float, float, float, float]]:
+    """Cut a long part into pieces, so that memory does not grow with its length.
+
+    Every piece is fitted over some more than it is used for: a spline forgets its ends within a few knots.
+
+    Args:
+        start: Of the part [s].
+        end: Of the part [s].
+        spacing: Of the knots [s].
+
+    Returns:
+        Start and end of what is fitted, start and end of what is used of it [s]; at the ends of the part a knot spacing, where
+        derivatives are poor, is not used.
+    """
+    count = max(1, round((end - start) / _LONGEST_PIECE))
+    cuts = np.linspace(start, end, count + 1)
+    overlap = _OVERLAP_SPACINGS * spacing
+    return [
+        (
+            max(start, float(a) - overlap),
+            min(end, float(b) + overlap),
+            float(a) if i else start + spacing,
+            float(b) if i + 1 < count else end - spacing,
+        )
+        for i, (a, b) in enumerate(pairwise(cuts))
+    ]
 
 
 def choose_spacing(streams: Sequence[Samples1D], candidates: Sequence[float], start: float, end: float) -> float:

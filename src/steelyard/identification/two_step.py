@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,14 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
-from steelyard.identification.estimate import Estimate, judge
+from steelyard.identification.body_fit import BodyFit, finish, from_two_steps, median, merge
+from steelyard.identification.estimate import Estimate
 from steelyard.identification.linear import LinearFit, block_covariance, solve
 from steelyard.identification.preparation import Acceleration, Samples, choose_sources, prepare
-from steelyard.inertia import BODY_PARAMETERS, point_inertia, six
+from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments.equations import means, predict, terms_behind
 from steelyard.motion.state import State
 
-_UNTOLD = 0.5
-"""A parameter whose 1-sigma exceeds this part of its plausible size is not told by the data."""
 _BLOCK_SPACINGS = 10.0
 """Length of a block of correlated residuals, in knot spacings of the filter."""
 _LEAST_BLOCKS = 10
@@ -46,7 +45,7 @@ class TwoStep:
     combine: Combine = "median"
     """How runs in motion are brought together: the median of their estimates, or all samples in one fit."""
 
-    name = "two-step"
+    name: ClassVar[str] = "two-step"
 
     def __call__(self, experiment: Experiment, progress: Callable[[str, float], None] | None = None) -> Estimate:
         """Estimate.
@@ -117,21 +116,6 @@ def _size(experiment: Experiment) -> float:
     return experiment.robot.size if experiment.robot.m else _BODY_SIZE_ON_SENSOR
 
 
-@dataclass(frozen=True, eq=False)
-class _Partial:
-    """Body parameters of one fit before untold ones are struck out; huge sigmas where nothing is known."""
-
-    value: Array
-    """Shape (10,)."""
-    covariance: Array
-    """Shape (10, 10)."""
-    offset: tuple[Array, Array] | None
-    """Constant offset of the wrench and its covariance, shapes (6,) and (6, 6)."""
-    residual: Array
-    """Root mean square of force and torque [N], [N m], shape (6,)."""
-    condition: tuple[float, float]
-
-
 def estimate_two_step(runs: Sequence[Samples], size: float, combine: Combine = "median") -> Estimate:
     """The two steps over prepared runs.
 
@@ -149,13 +133,9 @@ def estimate_two_step(runs: Sequence[Samples], size: float, combine: Combine = "
     alone = {name: _motion(group, size, None) for name, group in groups.items()}
     # The inertia about the centre of gravity is had with the best centre of gravity there is.
     informed = [_motion(group, size, at_rest) for group in groups.values()] if at_rest else list(alone.values())
-    combined = _merge(_median(list(alone.values()), size), _median(informed, size), at_rest)
-    fits = dict(alone)
-    if at_rest is not None:
-        fits["static poses"] = at_rest
-    estimates = {name: _finish(fit, size) for name, fit in fits.items()}
-    whole = _finish(combined, size)
-    notes = [note for run in runs for note in run.notes] + _untold_notes(whole, moving, static)
+    combined = merge(median(list(alone.values()), size), median(informed, size), at_rest)
+    fits = {**alone, **({"static poses": at_rest} if at_rest else {})}
+    whole = finish(combined, size, TwoStep.name)
     details: dict[str, Any] = {
         "combine": combine if len(moving) > 1 else "single run",
         "samples": {run.run: len(run) for run in runs},
@@ -164,299 +144,184 @@ def estimate_two_step(runs: Sequence[Samples], size: float, combine: Combine = "
             for run in moving
         },
     }
-    if combined.offset is not None:
-        details["offset"] = {"value": combined.offset[0], "covariance": combined.offset[1]}
-    return replace(whole, runs=estimates if len(estimates) > 1 else {}, notes=tuple(notes), details=details)
+    if any(run.free_offset for run in runs):
+        details["offset"] = {"value": combined.offset, "covariance": combined.offset_covariance}
+    return replace(
+        whole,
+        runs={name: finish(fit, size, TwoStep.name) for name, fit in fits.items()} if len(fits) > 1 else {},
+        notes=(*(note for run in runs for note in run.notes), *_untold_notes(whole, moving)),
+        details=details,
+    )
 
 
-# The two steps
+# The unknowns of both steps, in one vector of 16; the offsets stay zero where they are known.
+_INVERSE_MASS = np.arange(1)
+_COG = np.arange(1, 4)
+_FORCE_OFFSET = np.arange(4, 7)  # divided by the mass
+_MOMENTS = np.arange(7, 13)  # about the platform origin
+_TORQUE_OFFSET = np.arange(13, 16)
+_UNKNOWNS = 16
 
 
-def _motion(runs: Sequence[Samples], size: float, at_rest: _Partial | None) -> _Partial:
-    """Eq. (6), then Eq. (8), over the samples of one or more runs in motion."""
-    offset = any(run.free_offset for run in runs)
+class _Unknown(NamedTuple):
+    """A group of unknowns of one step."""
+
+    place: NDArray[np.intp]
+    """Where they stand among the 16, shape (k,)."""
+    columns: Array
+    """Of the regressor, shape (n, 3, k)."""
+    scale: float
+    """Their plausible size."""
+    noise: Array
+    """Mean square that noise alone leaves in each column, shape (k,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A linear step, its solution placed among the 16."""
+
+    fit: LinearFit
+    place: NDArray[np.intp]
+    regressor: Array
+    value: Array
+    """Shape (16,)."""
+    influence: Array
+    """Shape (n, 16)."""
+    unknown: Array
+    """Square root of the covariance of what it cannot tell, shape (16, k)."""
+
+    def following(self, h_columns: Array) -> Array:
+        """How its solution moves when ``h_columns @ h`` is taken off its target, shape (16, 3)."""
+        moved = np.zeros((_UNKNOWNS, 3))
+        moved[self.place] = -self.fit.normal_inverse @ np.einsum("ndp,ndh->ph", self.regressor, h_columns)
+        return moved
+
+
+def _step(target: Array, *groups: _Unknown) -> _Step:
+    regressor = np.concatenate([g.columns for g in groups], axis=2)
+    place = np.concatenate([g.place for g in groups])
+    scale = np.concatenate([np.full(len(g.place), g.scale) for g in groups])
+    fit = solve(regressor, target, scale, np.concatenate([g.noise for g in groups]))
+    value, influence = np.zeros(_UNKNOWNS), np.zeros((len(target), _UNKNOWNS))
+    unknown = np.zeros((_UNKNOWNS, fit.unknown.shape[1]))
+    value[place], influence[:, place], unknown[place] = fit.value, fit.influence, scale[:, None] * fit.unknown
+    return _Step(fit, place, regressor, value, influence, unknown)
+
+
+def _free(place: NDArray[np.intp], n: int, scale: float) -> _Unknown:
+    """A constant offset of a force or a torque."""
+    return _Unknown(place, np.broadcast_to(np.eye(3), (n, 3, 3)), scale, np.zeros(3))
+
+
+def _gathered(runs: Sequence[Samples]) -> tuple[Array, Array, bool]:
+    """Regressor, wrench, and whether the wrench has a free offset, over the samples of all runs."""
     Y = np.concatenate([platform_regressor(run.specific_force, run.omega, run.alpha) for run in runs])
-    wrench = np.concatenate([run.wrench for run in runs])
-    block = _block(runs)
-    force, torque = wrench[:, :3], wrench[:, 3:]
+    return Y, np.concatenate([run.wrench for run in runs]), any(run.free_offset for run in runs)
 
-    # Step one, Eq. (6): -F (1/m) [+ b (1/m)] + ([w']x + [w]x[w]x) c = -s.
-    columns = [-force[:, :, None], Y[:, :3, 1:4]]
-    inverse_mass = _inverse_mass(force, Y[:, :3, 0])
-    scale = [inverse_mass, size, size, size]
-    alpha_noise = np.sqrt(np.mean([run.alpha_noise**2 for run in runs]))
-    noise = [0.0, *[2 * alpha_noise**2] * 3]
-    if offset:
-        columns.append(_constant(len(wrench)))
-        scale += [inverse_mass * _rms(force)] * 3
-        noise += [0.0] * 3
-    one = solve(np.concatenate(columns, axis=2), -Y[:, :3, 0], np.array(scale), np.array(noise))
-    k1, k1_influence, k1_unknown = _first_step(one, np.array(scale), at_rest, runs, size)
+
+def _forces(force: Array, specific_force: Array, offset: bool) -> list[_Unknown]:
+    """Unknowns of Eq. (6) without the centre of gravity: -F (1/m) + b/m = -s."""
+    inverse_mass = _rms(specific_force) / max(_rms(force), 1e-12)
+    groups = [_Unknown(_INVERSE_MASS, -force[:, :, None], inverse_mass, np.zeros(1))]
+    return [*groups, _free(_FORCE_OFFSET, len(force), _rms(specific_force))] if offset else groups
+
+
+def _motion(runs: Sequence[Samples], size: float, at_rest: BodyFit | None) -> BodyFit:
+    """Eq. (6), then Eq. (8), over the samples of one or more runs in motion."""
+    Y, wrench, offset = _gathered(runs)
+    force, torque = wrench[:, :3], wrench[:, 3:]
+    alpha_noise = float(np.sqrt(np.mean([run.alpha_noise**2 for run in runs])))
+
+    # Step one, Eq. (6): -F (1/m) [+ b/m] + ([w']x + [w]x[w]x) c = -s.
+    specific_force = Y[:, :3, 0]
+    cog = _Unknown(_COG, Y[:, :3, 1:4], size, np.full(3, 2 * alpha_noise**2))
+    one = _with_better_cog(_step(-specific_force, cog, *_forces(force, specific_force, offset)), runs, at_rest)
 
     # Step two, Eq. (8): J_P from n - h x s, with h of step one; J_C follows by Eq. (7).
-    mass = 1 / k1[0]
+    mass, c = 1 / one.value[0], one.value[_COG]
     h_columns = Y[:, 3:, 1:4]
-    columns = [Y[:, 3:, 4:]]
-    moment = mass * size**2
-    scale = [moment] * 6
-    noise = [alpha_noise**2 * share for share in (1, 1, 1, 2, 2, 2)]
-    if offset:
-        columns.append(_constant(len(wrench)))
-        scale += [_rms(torque) + 1e-12] * 3
-        noise += [0.0] * 3
-    two = solve(
-        np.concatenate(columns, axis=2), torque - h_columns @ (mass * k1[1:4]), np.array(scale), np.array(noise)
-    )
-    # How step two follows step one: h = c / (1/m).
-    dh = np.column_stack([-k1[1:4] * mass**2, mass * np.eye(3)])
-    passed_on = -two.pseudo_inverse @ (h_columns @ dh).reshape(-1, 4)
+    moments = _Unknown(_MOMENTS, Y[:, 3:, 4:], mass * size**2, alpha_noise**2 * np.array([1, 1, 1, 2, 2, 2]))
+    offsets = [_free(_TORQUE_OFFSET, len(torque), _rms(torque) + 1e-12)] if offset else []
+    two = _step(torque - h_columns @ (mass * c), moments, *offsets)
 
-    joint = np.concatenate([k1, two.value])
-    influence = np.hstack([k1_influence, two.influence + k1_influence[:, :4] @ passed_on.T])
-    unknown_two = np.array(scale)[:, None] * two.unknown
-    unknown = np.block(
-        [
-            [k1_unknown, np.zeros((len(k1), unknown_two.shape[1]))],
-            [passed_on @ k1_unknown[:4], unknown_two],
-        ]
-    )
-    covariance = block_covariance(influence, block) + unknown @ unknown.T
-    return _as_body(joint, covariance, offset, _force_residual(one, k1), two.residual, (one.condition, two.condition))
+    # How step two follows step one, through h = c / (1/m).
+    by_first = np.zeros((3, _UNKNOWNS))
+    by_first[:, _INVERSE_MASS[0]], by_first[:, _COG] = -c * mass**2, mass * np.eye(3)
+    return _joined(one, two, two.following(h_columns) @ by_first, _block(runs))
 
 
-def _first_step(
-    one: LinearFit, scale: Array, at_rest: _Partial | None, runs: Sequence[Samples], size: float
-) -> tuple[Array, Array, Array]:
-    """Result of Eq. (6) for use in step two: value, influence, and square root of what else is uncertain in it.
-
-    The place of the accelerometer is uncertain, and Eq. (6) tells the centre of gravity from that place. Where the motion alone
-    does not tell the centre of gravity but poses at rest do, theirs is taken.
-    """
-    value, influence = one.value.copy(), one.influence
-    unknown = scale[:, None] * one.unknown
-    place = max(run.position_sigma for run in runs)
-    shift = np.zeros((len(value), 3))
-    shift[1:4] = place * np.eye(3)
-    unknown = np.hstack([unknown, shift])
-    own = np.sqrt(np.sum(unknown[1:4] ** 2, axis=1) + np.sum(influence[:, 1:4] ** 2, axis=0))
-    if at_rest is not None:
-        sigma = np.sqrt(np.diag(at_rest.covariance)[1:4])
-        better = np.flatnonzero(sigma < own)
-        influence = influence.copy()
-        for axis in better:
-            value[1 + axis] = at_rest.value[1 + axis]
-            influence[:, 1 + axis] = 0.0
-            unknown[1 + axis] = 0.0
-        extra = np.zeros((len(value), len(better)))
-        extra[1 + better, np.arange(len(better))] = sigma[better]
-        unknown = np.hstack([unknown, extra])
-    return value, influence, unknown
-
-
-def _poses(runs: Sequence[Samples], size: float) -> _Partial:
+def _poses(runs: Sequence[Samples], size: float) -> BodyFit:
     """Mass from the forces and centre of gravity from the torque balance of poses at rest."""
-    offset = any(run.free_offset for run in runs)
-    Y = np.concatenate([platform_regressor(run.specific_force, run.omega, run.alpha) for run in runs])
-    wrench = np.concatenate([run.wrench for run in runs])
+    Y, wrench, offset = _gathered(runs)
     force, torque = wrench[:, :3], wrench[:, 3:]
-    inverse_mass = _inverse_mass(force, Y[:, :3, 0])
-    columns, scale = [-force[:, :, None]], [inverse_mass]
-    if offset:
-        columns.append(_constant(len(wrench)))
-        scale += [inverse_mass * _rms(force)] * 3
-    one = solve(np.concatenate(columns, axis=2), -Y[:, :3, 0], np.array(scale), np.zeros(len(scale)))
+    one = _step(-Y[:, :3, 0], *_forces(force, Y[:, :3, 0], offset))
     mass = 1 / one.value[0] if one.value[0] else np.inf
-    # n = h x s, with h = m c.
-    columns, scale_two = [Y[:, 3:, 1:4] * mass], [size] * 3
-    if offset:
-        columns.append(_constant(len(wrench)))
-        scale_two += [_rms(torque) + 1e-12] * 3
-    two = solve(np.concatenate(columns, axis=2), torque, np.array(scale_two), np.zeros(len(scale_two)))
-    # The torque balance gives h; c = h / m moves with the mass.
-    p = len(scale)
-    order = [0, *range(p, p + 3)] + ([1, 2, 3] if offset else [])
-    joint = np.concatenate([one.value, two.value])
-    passed_on = np.zeros((len(scale_two), p))
-    passed_on[:3, 0] = two.value[:3] * mass
-    influence = np.hstack([one.influence, two.influence + one.influence @ passed_on.T])
-    unknown_one, unknown_two = np.array(scale)[:, None] * one.unknown, np.array(scale_two)[:, None] * two.unknown
-    unknown = np.block(
-        [
-            [unknown_one, np.zeros((p, unknown_two.shape[1]))],
-            [passed_on @ unknown_one, unknown_two],
-        ]
-    )
-    covariance = block_covariance(influence, 1) + unknown @ unknown.T
+    # n = h x s with h = m c, for c.
+    cog = _Unknown(_COG, Y[:, 3:, 1:4] * mass, size, np.zeros(3))
+    two = _step(torque, cog, *([_free(_TORQUE_OFFSET, len(torque), _rms(torque) + 1e-12)] if offset else []))
+    # The torque balance gives h; c = h (1/m) moves with the mass.
+    passed_on = np.zeros((_UNKNOWNS, _UNKNOWNS))
+    passed_on[_COG, _INVERSE_MASS[0]] = two.value[_COG] * mass
     # Nothing turns: of the inertia these data say nothing at all.
-    moment = mass * size**2
-    first = order
-    last = list(range(p + 3, p + len(scale_two)))
-    full = np.zeros((len(first) + 6 + len(last),))
-    select = [*range(len(first)), *range(len(first) + 6, len(full))]
-    full[select] = joint[[*first, *last]]
-    matrix = np.zeros((len(full), len(full)))
-    matrix[np.ix_(select, select)] = covariance[np.ix_([*first, *last], [*first, *last])]
-    inside = range(len(first), len(first) + 6)
-    matrix[inside, inside] = (100 * moment) ** 2
-    return _as_body(full, matrix, offset, _force_residual(one, one.value), two.residual, (one.condition, two.condition))
+    nothing = np.zeros((_UNKNOWNS, len(_MOMENTS)))
+    nothing[_MOMENTS] = 100 * mass * size**2 * np.eye(len(_MOMENTS))
+    return _joined(one, replace(two, unknown=np.hstack([two.unknown, nothing])), passed_on, 1)
 
 
-def _as_body(
-    joint: Array,
-    covariance: Array,
-    offset: bool,
-    force_residual: Array,
-    torque_residual: Array,
-    condition: tuple[float, float],
-) -> _Partial:
-    """From (1/m, c[, b/m]) and (J_P[, b_n]) to mass, centre of gravity and inertia about it."""
-    k = 7 if offset else 4
-
-    def body(x: Array) -> Array:
-        mass, c = 1 / x[0], x[1:4]
-        six_moments = x[k : k + 6] - six(point_inertia(mass, c))
-        offsets = [x[4:7] * mass, x[k + 6 : k + 9]] if offset else []
-        return np.concatenate([[mass], c, six_moments, *offsets])
-
-    jacobian = np.column_stack([body(joint + 1e-200j * e).imag / 1e-200 for e in np.eye(len(joint))])
-    value, covariance = body(joint), jacobian @ covariance @ jacobian.T
-    residual = np.sqrt(np.mean(np.hstack([force_residual, torque_residual]) ** 2, axis=0))
-    offsets = (value[10:], covariance[10:, 10:]) if offset else None
-    return _Partial(value[:10], covariance[:10, :10], offsets, residual, condition)
-
-
-# Several runs
-
-
-def _median(fits: Sequence[_Partial], size: float) -> _Partial | None:
-    """Median of the estimates of single runs, each parameter over the runs that tell it (Table III).
-
-    Its covariance is that of a median of independent estimates, (pi / 2) / R of their mean, and is enlarged where the runs scatter
-    more than they should.
-    """
-    if len(fits) < 2:
-        return fits[0] if fits else None
-    values = np.array([f.value for f in fits])
-    covariances = np.array([f.covariance for f in fits])
-    told = np.array([_told(f, size) for f in fits])
-    value, deviation = np.empty(10), np.empty(10)
-    for j in range(10):
-        use = told[:, j] if told[:, j].any() else np.ones(len(fits), dtype=bool)
-        count = int(use.sum())
-        value[j] = np.median(values[use, j])
-        factor = (np.pi / 2 if count > 2 else 1.0) / count
-        within = np.mean(covariances[use, j, j])
-        between = np.var(values[use, j], ddof=1) if count > 1 else 0.0
-        deviation[j] = np.sqrt(factor * max(within, between)) if told[:, j].any() else np.sqrt(within)
-    mean = covariances.mean(axis=0)
-    spread = np.sqrt(np.diag(mean))
-    correlation = mean / np.outer(spread, spread)
-    offsets = [f.offset for f in fits if f.offset is not None]
-    offset = None
-    if offsets:
-        offset = (
-            np.median([o[0] for o in offsets], axis=0),
-            np.mean([o[1] for o in offsets], axis=0) / len(offsets),
-        )
-    residual = np.sqrt(np.mean([f.residual**2 for f in fits], axis=0))
-    condition = tuple(max(f.condition[i] for f in fits) for i in (0, 1))
-    return _Partial(value, correlation * np.outer(deviation, deviation), offset, residual, (condition[0], condition[1]))
-
-
-def _merge(alone: _Partial | None, informed: _Partial | None, at_rest: _Partial | None) -> _Partial:
-    """Motion and poses at rest are two measurements: mass and centre of gravity from the one that knows each better.
-
-    Args:
-        alone: From the runs in motion without the poses.
-        informed: From the runs in motion with the centre of gravity of the poses where that is better; gives the inertia.
-        at_rest: From the poses.
-    """
-    if alone is None or informed is None:
-        assert at_rest is not None
-        return at_rest
-    if at_rest is None:
-        return alone
-    first = np.arange(10) < 4
-    resting = first & (np.diag(at_rest.covariance) < np.diag(alone.covariance))
-    value = np.where(resting, at_rest.value, np.where(first, alone.value, informed.value))
-    covariance = np.zeros((10, 10))
-    for part, fit in ((resting, at_rest), (first & ~resting, alone), (~first, informed)):
-        block = np.ix_(part, part)
-        covariance[block] = fit.covariance[block]
-    return replace(informed, value=value, covariance=covariance, offset=at_rest.offset or informed.offset)
-
-
-# What is told
-
-
-def _plausible(value: Array, size: float) -> Array:
-    """Plausible size of each of the ten body parameters."""
-    moment = abs(value[0]) * size**2
-    return np.array([abs(value[0]), size, size, size, *[moment] * 6])
-
-
-def _told(fit: _Partial, size: float) -> NDArray[np.bool_]:
-    told: NDArray[np.bool_] = np.sqrt(np.diag(fit.covariance)) < _UNTOLD * _plausible(fit.value, size)
-    return told
-
-
-def _finish(fit: _Partial, size: float) -> Estimate:
-    """Strike out what the data do not tell, and judge the rest."""
-    told = _told(fit, size)
-    value = np.where(told, fit.value, np.nan)
-    covariance = np.where(told[:, None] & told[None, :], fit.covariance, np.nan)
-    return Estimate(
-        method="two-step",
-        value=value,
-        covariance=covariance,
-        verdict=judge(value),
-        residuals={"force": fit.residual[:3], "torque": fit.residual[3:]},
-        details={"condition": list(fit.condition)},
+def _joined(one: _Step, two: _Step, passed_on: Array, block: int) -> BodyFit:
+    """Both steps as one system of estimating equations: the second passes on the errors of the first."""
+    follow = np.eye(_UNKNOWNS) + passed_on
+    influence = one.influence @ follow.T + two.influence
+    unknown = np.hstack([follow @ one.unknown, two.unknown])
+    covariance = block_covariance(influence, block) + unknown @ unknown.T
+    # Residual of Eq. (6) as a force.
+    residual = np.hstack([one.fit.residual / one.value[0], two.fit.residual])
+    return from_two_steps(
+        one.value + two.value,
+        covariance,
+        residual=np.sqrt(np.mean(residual**2, axis=0)),
+        condition=(one.fit.condition, two.fit.condition),
     )
 
 
-def _untold_notes(estimate: Estimate, moving: Sequence[Samples], static: Sequence[Samples]) -> list[str]:
+def _with_better_cog(one: _Step, runs: Sequence[Samples], at_rest: BodyFit | None) -> _Step:
+    """Result of Eq. (6) with what else is uncertain in it, and with the centre of gravity of poses at rest where that is better.
+
+    The place of the accelerometer is uncertain, and Eq. (6) tells the centre of gravity from that place.
+    """
+    place = np.zeros((_UNKNOWNS, 3))
+    place[_COG] = max(run.position_sigma for run in runs) * np.eye(3)
+    unknown = np.hstack([one.unknown, place])
+    if at_rest is None:
+        return replace(one, unknown=unknown)
+    own = np.sqrt(np.sum(unknown[_COG] ** 2, axis=1) + np.sum(one.influence[:, _COG] ** 2, axis=0))
+    sigma = np.sqrt(np.diag(at_rest.covariance))[_COG]
+    better = _COG[sigma < own]
+    value, influence = one.value.copy(), one.influence.copy()
+    value[better], influence[:, better], unknown[better] = at_rest.value[better], 0.0, 0.0
+    extra = np.zeros((_UNKNOWNS, _UNKNOWNS))
+    extra[better, better] = np.sqrt(np.diag(at_rest.covariance))[better]
+    return replace(one, value=value, influence=influence, unknown=np.hstack([unknown, extra]))
+
+
+def _untold_notes(estimate: Estimate, moving: Sequence[Samples]) -> list[str]:
     untold = [name for name, v in zip(BODY_PARAMETERS, estimate.value, strict=True) if np.isnan(v)]
     if not untold:
         return []
-    if not moving:
-        why = (
-            "poses at rest say nothing about the inertia"
-            if set(untold) <= set(BODY_PARAMETERS[4:])
-            else (
-                "poses at rest say nothing about the inertia, and these about the centre of gravity only across gravity"
-            )
-        )
-    else:
+    if moving:
         rates = np.sqrt(np.mean(np.concatenate([run.alpha**2 for run in moving]), axis=0))
         why = "angular acceleration about x, y, z was " + ", ".join(f"{r:.2g}" for r in rates) + " rad/s^2 rms"
+    else:
+        why = "poses at rest say nothing about the inertia, and each says where the centre of gravity is only across gravity"
     return [f"not told by these data: {', '.join(untold)} ({why})"]
-
-
-# Small things
 
 
 def _block(runs: Sequence[Samples]) -> int:
     """Samples over which residuals may be correlated."""
     n = sum(len(run) for run in runs)
-    steps = [np.median(np.diff(run.time)) for run in runs if len(run) > 1]
-    step = float(np.median(steps)) if steps else 1.0
+    step = float(np.median(np.concatenate([np.diff(run.time) for run in runs])))
     spacing = max(run.spacing for run in runs)
     return int(min(max(1.0, _BLOCK_SPACINGS * spacing / max(step, 1e-9)), max(1, n // _LEAST_BLOCKS)))
-
-
-def _constant(n: int) -> Array:
-    return np.broadcast_to(np.eye(3), (n, 3, 3))
-
-
-def _inverse_mass(force: Array, specific_force: Array) -> float:
-    """A first value, for scale only."""
-    return _rms(specific_force) / max(_rms(force), 1e-12)
-
-
-def _force_residual(one: LinearFit, k1: Array) -> Array:
-    """Residual of Eq. (6) as a force [N]."""
-    return np.asarray(one.residual / k1[0])
 
 
 def _rms(vectors: Array) -> float:

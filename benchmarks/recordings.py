@@ -1,0 +1,24 @@
+"""The one place that finds recordings with truth: those of the tests, and more beside the project where they are."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+from steelyard.inertia import Inertia
+
+_PLACES = (
+    Path(__file__).parents[2] / "shared" / "data" / "elastic-cogiro",
+    Path(__file__).parents[1] / "tests" / "data",
+)
+
+
+def recordings() -> Iterator[tuple[str, Path, Inertia]]:
+    """Name, experiment file and true body of every recording of the first place that exists."""
+    folder = next(place for place in _PLACES if (place / "truth.json").exists())
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    for name in sorted(truth):
+        path = folder / name / "experiment.yaml"
+        if path.exists():
+            yield name, path, Inertia.from_dict(truth[name])

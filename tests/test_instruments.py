@@ -1,0 +1,399 @@
+"""Measurement equations against the table of the experiment format, written out in NumPy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension, Wrench
+from steelyard.instruments.equations import means, predict, solve_for
+from steelyard.motion.state import State
+from steelyard.robot.model import CableProperties, Robot
+
+N, M = 7, 4
+TOLERANCE = 1e-10  # rounding, on readings of up to 1e3
+TILTED_GRAVITY = np.array([0.4, -0.3, -9.7])
+
+STRAIGHT = Robot(
+    name="straight",
+    anchors=[[-4, -3, 5], [4, -3, 5.5], [4, 3, 5], [-4, 3, 6]],
+    attachments=[[-0.3, -0.2, 0.1], [0.3, -0.2, 0], [0.3, 0.25, 0], [-0.3, 0.2, 0.1]],
+)
+HEAVY = replace(STRAIGHT, cable=CableProperties(linear_density=0.3))
+ELASTIC = replace(STRAIGHT, cable=CableProperties(axial_stiffness=4e4))
+
+
+def rpy(degrees):
+    """R = Rz(yaw) Ry(pitch) Rx(roll), written out."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    return z @ y @ x
+
+
+def Exp(theta):
+    return Rotation.from_rotvec(theta).as_matrix()
+
+
+@pytest.fixture
+def state():
+    rng = np.random.default_rng(5)
+    return State(
+        position=rng.normal([0, 0, 2], 0.5, (N, 3)),
+        rotation=Rotation.from_rotvec(rng.normal(0, 0.6, (N, 3))).as_matrix(),
+        omega=rng.normal(0, 1, (N, 3)),
+        specific_force=rng.normal([0, 0, 9.8], 2, (N, 3)),
+        alpha=rng.normal(0, 3, (N, 3)),
+        tension=rng.uniform(80, 900, (N, M)),
+        wrench=rng.normal(0, 200, (N, 6)),
+        gravity=TILTED_GRAVITY,
+    )
+
+
+def rows(state):
+    """The samples one by one."""
+    return [
+        (
+            state.position[i],
+            state.rotation[i],
+            state.omega[i],
+            state.specific_force[i],
+            state.alpha[i],
+            state.tension[i],
+            state.wrench[i],
+        )
+        for i in range(N)
+    ]
+
+
+def draw(instrument, seed=1):
+    """Errors that are far from none, of every term."""
+    rng = np.random.default_rng(seed)
+    return {term.key: term.nominal + rng.uniform(0.05, 0.3, term.size) for term in instrument.terms(M)}
+
+
+# One function a kind: what the table says, sample by sample
+
+
+def tension(i, c, robot, state):
+    return {"tension": [c["common_gain"] * c["gain"] * f + c["offset"] for *_, f, _ in rows(state)]}
+
+
+def wrench(i, c, robot, state):
+    R = rpy(i.rpy_deg) @ Exp(c["misalignment"])
+    p = np.array(i.position) + c["position"]
+    sign = {"body": 1.0, "sensor": -1.0}[i.acts_on]
+    force, torque = [], []
+    for *_, w in rows(state):
+        F, T = w[:3], w[3:]
+        force.append(sign * R.T @ F + c["offset.force"])
+        torque.append(sign * R.T @ (T - np.cross(p, F)) + c["offset.torque"])
+    return {"force": force, "torque": torque}
+
+
+def imu(i, c, robot, state):
+    R = rpy(i.rpy_deg) @ Exp(c["misalignment"])
+    p = np.array(i.position) + c["position"]
+    angular_velocity, specific_force, orientation = [], [], []
+    for _, R_world_platform, w, s, dw, _, _ in rows(state):
+        angular_velocity.append(R.T @ w + c["gyro_bias"])
+        there = s + np.cross(dw, p) + np.cross(w, np.cross(w, p))
+        if i.gravity == "removed":
+            there = there + R_world_platform.T @ state.gravity
+        specific_force.append(R.T @ there + c["accelerometer_bias"])
+        orientation.append(Exp(c["reference"]).T @ R_world_platform @ R)
+    return {"angular_velocity": angular_velocity, "specific_force": specific_force, "orientation": orientation}
+
+
+def attitude(i, c, robot, state):
+    R = rpy(i.rpy_deg) @ Exp(c["misalignment"])
+    return {"orientation": [Exp(c["reference"]).T @ Rwp @ R for _, Rwp, *_ in rows(state)]}
+
+
+def in_tracker(i, c, target, state):
+    R = rpy(i.frame.rpy_deg) @ Exp(c["frame.rotation"])
+    origin = np.array(i.frame.position) + c["frame.position"]
+    return [R.T @ (p + Rwp @ target - origin) for p, Rwp, *_ in rows(state)], R
+
+
+def position(i, c, robot, state):
+    return {"position": in_tracker(i, c, np.array(i.target) + c["target"], state)[0]}
+
+
+def pose(i, c, robot, state):
+    place, R_world_tracker = in_tracker(i, c, np.array(i.position) + c["target"], state)
+    R = rpy(i.rpy_deg) @ Exp(c["misalignment"])
+    return {"position": place, "orientation": [R_world_tracker.T @ Rwp @ R for _, Rwp, *_ in rows(state)]}
+
+
+def length(i, c, robot, state):
+    compliance = 1 / robot.cable.axial_stiffness if robot.cable.axial_stiffness else 0.0
+    return {
+        "length": [
+            [
+                np.linalg.norm(a - (p + Rwp @ b)) / (1 + f * compliance)
+                for a, b, f in zip(robot.anchors, robot.attachments, tensions, strict=True)
+            ]
+            + c["offset"]
+            for p, Rwp, *_, tensions, _ in rows(state)
+        ]
+    }
+
+
+def command(i, c, robot, state):
+    return {"position": state.position, "orientation": state.rotation}
+
+
+MOUNTED = {"position": (0.31, -0.22, 0.47), "rpy_deg": (20.0, -35.0, 110.0)}
+FRAME = {"position": (1.2, -3.4, 0.6), "rpy_deg": (-8.0, 12.0, 75.0)}
+KINDS = {
+    "tension": (Tension(kind="tension"), tension, STRAIGHT),
+    "tension at the winch of straight cables": (Tension(kind="tension", end="winch"), tension, STRAIGHT),
+    "wrench": (Wrench(kind="wrench", **MOUNTED), wrench, STRAIGHT),
+    "wrench on the sensor": (Wrench(kind="wrench", acts_on="sensor", **MOUNTED), wrench, STRAIGHT),
+    "imu": (Imu(kind="imu", **MOUNTED), imu, STRAIGHT),
+    "imu without gravity": (Imu(kind="imu", gravity="removed", **MOUNTED), imu, STRAIGHT),
+    "attitude": (Attitude(kind="attitude", rpy_deg=MOUNTED["rpy_deg"]), attitude, STRAIGHT),
+    "position": (Position(kind="position", target=MOUNTED["position"], frame=FRAME), position, STRAIGHT),
+    "pose": (Pose(kind="pose", frame=FRAME, **MOUNTED), pose, STRAIGHT),
+    "length": (Length(kind="length"), length, STRAIGHT),
+    "length of elastic cables": (Length(kind="length"), length, ELASTIC),
+    "command": (Command(kind="command"), command, STRAIGHT),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_readings_are_those_of_the_contract(kind, state):
+    instrument, stated, robot = KINDS[kind]
+    calibration = draw(instrument)
+    readings = predict(instrument, robot, state, calibration)
+    expected = stated(instrument, calibration, robot, state)
+    assert readings.keys() == expected.keys() == {q.name for q in instrument.quantities(M)}
+    for name, values in expected.items():
+        np.testing.assert_allclose(readings[name], values, atol=TOLERANCE, rtol=TOLERANCE, err_msg=name)
+
+
+def test_the_winch_end_of_a_heavy_cable_carries_its_weight_as_well(state):
+    # Of a catenary that does not stretch, the tensions at two points differ by weight per metre times difference in height.
+    robot = replace(HEAVY, gravity=np.array([0.0, 0.0, -9.81]))
+    instrument = Tension(kind="tension", end="winch")
+    readings = predict(instrument, robot, state, means(instrument, M))["tension"]
+    ends = state.position[:, None] + np.einsum("nij,mj->nmi", state.rotation, robot.attachments)
+    rise = (robot.anchors - ends)[:, :, 2]
+    np.testing.assert_allclose(readings, state.tension + 0.3 * 9.81 * rise, rtol=1e-9)
+    assert (readings > state.tension).all()
+
+
+def test_a_sensor_at_the_platform_end_does_not_see_the_weight_of_the_cable(state):
+    instrument = Tension(kind="tension")
+    readings = predict(instrument, HEAVY, state, means(instrument, M))["tension"]
+    np.testing.assert_allclose(readings, state.tension, rtol=TOLERANCE)
+
+
+def test_a_cable_with_weight_is_longer_than_its_chord_by_its_sag(state):
+    # A shallow cable of weight w per metre is longer than its chord l by w^2 d^2 l / (24 T^2) over the run d; T is that at
+    # mid-span, here nearly that at the end.
+    robot = replace(HEAVY, gravity=np.array([0.0, 0.0, -9.81]))
+    tight = replace(state, tension=20 * state.tension)
+    instrument, exact = Length(kind="length"), {"offset": np.zeros(M)}
+    longer = predict(instrument, robot, tight, exact)["length"] - predict(instrument, STRAIGHT, tight, exact)["length"]
+    ends = state.position[:, None] + np.einsum("nij,mj->nmi", state.rotation, robot.attachments)
+    chord = robot.anchors - ends
+    run = np.linalg.norm(chord[:, :, :2], axis=2)
+    sag = (0.3 * 9.81 * run) ** 2 * np.linalg.norm(chord, axis=2) / (24 * tight.tension**2)
+    np.testing.assert_allclose(longer, sag, rtol=0.02)
+
+
+# A perfect instrument
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_perfect_instrument_has_gains_of_one_and_no_other_error(kind):
+    instrument = KINDS[kind][0]
+    for term in instrument.terms(M):
+        assert term.mean.shape == (term.size,)
+        assert (term.mean == (1.0 if term.key.endswith("gain") else 0.0)).all()
+
+
+# Default 1-sigma by the table of the contract; None: taken from the data.
+DEFAULTS = {
+    "tension": {"offset": None, "gain": 0.01, "common_gain": 0.005},
+    "wrench": {"offset.force": None, "offset.torque": None, "position": 0.0, "misalignment": 0.0},
+    "length": {"offset": 1.0},
+    "imu": {
+        "gyro_bias": 0.02,
+        "accelerometer_bias": 0.5,
+        "position": 0.005,
+        "misalignment": 0.05,
+        "reference": 0.02,
+    },
+    "attitude": {"misalignment": 0.05, "reference": 0.02},
+    "position": {"target": 0.005, "frame.position": 0.002, "frame.rotation": 0.0005},
+    "pose": {"misalignment": 0.05, "target": 0.005, "frame.position": 0.002, "frame.rotation": 0.0005},
+    "command": {},
+}
+
+
+@pytest.mark.parametrize("kind", DEFAULTS)
+def test_default_calibration_is_that_of_the_contract(kind):
+    instrument = KINDS[kind][0]
+    found = {term.key: None if term.deviation is None else set(term.deviation) for term in instrument.terms(M)}
+    assert found == {key: None if value is None else {value} for key, value in DEFAULTS[kind].items()}
+    assert all(term.prior.per == "experiment" for term in instrument.terms(M))
+    assert instrument.calibration.delay is None
+
+
+QUATERNION, ANGLES = ("qw", "qx", "qy", "qz"), ("roll", "pitch", "yaw")
+MATRIX = tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
+ORIENTATION = (QUATERNION, ANGLES, MATRIX)
+XYZ = (("x", "y", "z"),)
+COLUMNS = {
+    "tension": {"tension": (("f1", "f2", "f3", "f4"),)},
+    "wrench": {"force": (("fx", "fy", "fz"),), "torque": (("tx", "ty", "tz"),)},
+    "imu": {
+        "angular_velocity": (("wx", "wy", "wz"),),
+        "specific_force": (("ax", "ay", "az"),),
+        "orientation": ORIENTATION,
+    },
+    "attitude": {"orientation": ORIENTATION},
+    "position": {"position": XYZ},
+    "pose": {"position": XYZ, "orientation": ORIENTATION},
+    "length": {"length": (("l1", "l2", "l3", "l4"),)},
+    "command": {"position": XYZ, "orientation": (ANGLES,)},
+}
+
+
+@pytest.mark.parametrize("kind", COLUMNS)
+def test_columns_are_those_of_the_contract(kind):
+    instrument = KINDS[kind][0]
+    assert {q.name: q.forms for q in instrument.quantities(M)} == COLUMNS[kind]
+
+
+# Backwards
+
+
+def known_to_be(instrument, values):
+    """The same instrument with errors that are known beforehand."""
+    text = instrument.model_dump(mode="python", exclude_unset=True)
+    text["calibration"] = {}
+    for key, value in values.items():
+        entry = text["calibration"]
+        *path, last = key.split(".")
+        for part in path:
+            entry = entry.setdefault(part, {})
+        entry[last] = {"value": tuple(float(v) for v in value), "sigma": 0.0}
+    return type(instrument).model_validate(text)
+
+
+BACKWARDS = {
+    "tension": ("tension", "tension", ["tension"], []),
+    "tension at the winch": (
+        "tension at the winch of straight cables",
+        "tension",
+        ["tension"],
+        ["position", "rotation"],
+    ),
+    "wrench": ("wrench", "wrench", ["force", "torque"], []),
+    "wrench on the sensor": ("wrench on the sensor", "wrench", ["force", "torque"], []),
+    "gyro": ("imu", "omega", ["angular_velocity"], []),
+    "accelerometer": ("imu", "specific_force", ["specific_force"], ["omega", "alpha"]),
+    "accelerometer without gravity": (
+        "imu without gravity",
+        "specific_force",
+        ["specific_force"],
+        ["omega", "alpha", "rotation", "gravity"],
+    ),
+    "orientation of an imu": ("imu", "rotation", ["orientation"], []),
+    "attitude": ("attitude", "rotation", ["orientation"], []),
+    "position": ("position", "position", ["position"], ["rotation"]),
+    "position of a pose": ("pose", "position", ["position"], ["rotation"]),
+    "orientation of a pose": ("pose", "rotation", ["orientation"], []),
+    "position of a command": ("command", "position", ["position"], []),
+    "orientation of a command": ("command", "rotation", ["orientation"], []),
+}
+
+
+@pytest.mark.parametrize("case", BACKWARDS)
+def test_the_state_follows_from_the_readings(case, state):
+    kind, unknown, quantities, given = BACKWARDS[case]
+    instrument, stated, robot = KINDS[kind]
+    calibration = draw(instrument, seed=2)
+    instrument = known_to_be(instrument, calibration)
+    for key, value in means(instrument, M).items():
+        np.testing.assert_array_equal(value, calibration[key])
+    # The readings are those of the table above, not of the code under test.
+    readings = {key: np.array(value) for key, value in stated(instrument, calibration, robot, state).items()}
+    found = solve_for(
+        unknown, instrument, robot, {q: readings[q] for q in quantities}, {g: getattr(state, g) for g in given}
+    )
+    np.testing.assert_allclose(found, getattr(state, unknown), rtol=1e-8, atol=1e-8)
+
+
+def test_only_what_the_known_part_of_the_state_tells_is_predicted(state):
+    instrument = Imu(kind="imu", position=(0.1, 0.0, 0.0))
+    without = replace(state, alpha=None, wrench=None, tension=None)
+    assert set(predict(instrument, STRAIGHT, without, means(instrument, M))) == {"angular_velocity", "orientation"}
+    still_there = predict(Position(kind="position"), STRAIGHT, without, means(Position(kind="position"), M))
+    assert set(still_there) == {"position"}
+
+
+def test_inputs_stay_as_they_are(state):
+    instrument = KINDS["imu"][0]
+    before = {name: np.array(value, copy=True) for name, value in vars(state).items()}
+    predict(instrument, STRAIGHT, state, draw(instrument))
+    for name, value in before.items():
+        np.testing.assert_array_equal(getattr(state, name), value)
+
+
+# Against the motion itself
+
+STEP = 1e-3  # [s]
+FIRST = np.array([1, -8, 0, 8, -1]) / (12 * STEP)
+SECOND = np.array([-1, 16, -30, 16, -1]) / (12 * STEP**2)
+STENCIL = STEP * np.arange(-2, 3)
+
+
+def path(t):
+    """Platform origin and orientation at a time."""
+    p = np.array([0.4 * np.sin(1.1 * t), 0.3 * np.cos(1.7 * t), 2 + 0.2 * np.sin(2.3 * t)])
+    R = Rotation.from_rotvec([0.5 * np.sin(1.3 * t), 0.4 * np.cos(0.9 * t), 0.7 * np.sin(1.9 * t + 0.4)]).as_matrix()
+    return p, R
+
+
+def derivative(function, t, weights):
+    """By a five-point stencil, whose error is of fourth order."""
+    return sum(w * function(t + h) for w, h in zip(weights, STENCIL, strict=True))
+
+
+def omega_at(t):
+    R = path(t)[1]
+    W = R.T @ derivative(lambda s: path(s)[1], t, FIRST)
+    return np.array([W[2, 1] - W[1, 2], W[0, 2] - W[2, 0], W[1, 0] - W[0, 1]]) / 2
+
+
+@pytest.mark.parametrize("gravity", ["included", "removed"])
+def test_an_imu_off_the_origin_feels_what_its_own_path_tells(gravity):
+    place, turned = np.array([0.31, -0.22, 0.47]), (20.0, -35.0, 110.0)
+    instrument = Imu(kind="imu", position=tuple(place), rpy_deg=turned, gravity=gravity)
+    for t in (0.0, 0.7, 1.9):
+        p, R = path(t)
+        acceleration = derivative(lambda s: path(s)[0], t, SECOND)
+        now = State(
+            position=p,
+            rotation=R,
+            omega=omega_at(t),
+            specific_force=R.T @ (acceleration - TILTED_GRAVITY),
+            alpha=derivative(omega_at, t, FIRST),
+            tension=None,
+            wrench=None,
+            gravity=TILTED_GRAVITY,
+        )
+        readings = predict(instrument, STRAIGHT, now, means(instrument, M))
+        of_the_point = derivative(lambda s: path(s)[0] + path(s)[1] @ place, t, SECOND)
+        felt = of_the_point - (TILTED_GRAVITY if gravity == "included" else 0.0)
+        expected = (R @ rpy(turned)).T @ felt
+        # Differences of second order by steps of a millisecond leave 1e-9; alpha is one of differences.
+        np.testing.assert_allclose(readings["specific_force"][0], expected, atol=1e-6)
+        np.testing.assert_allclose(readings["orientation"][0], R @ rpy(turned), atol=TOLERANCE)
