@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import typing
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -138,11 +139,12 @@ def _plain(node: Any, key: tuple[str | int, ...], lines: dict[tuple[str | int, .
     if isinstance(node, bool) or node is None:
         return node
     if isinstance(node, int):
-        return int(node)
+        # Beyond any float it is a mistake, and printing it would be one too.
+        return int(node) if node.bit_length() < 1000 else float("inf")
     if isinstance(node, float):
         return float(node)
     # Scalar booleans of the round-trip loader are integers with a mark of their own.
-    return bool(node) if type(node).__name__ == "ScalarBoolean" else str(node)
+    return bool(node) if type(node).__name__ == "ScalarBoolean" else str(node).encode(errors="replace").decode()
 
 
 def validate(model: type[Model], document: Document, data: Any = None, key: tuple[str | int, ...] = ()) -> Model:
@@ -161,17 +163,24 @@ def validate(model: type[Model], document: Document, data: Any = None, key: tupl
     if not isinstance(values, dict):
         raise document.error(key, f"expected a mapping of keys to values, found {_short(values)}")
     try:
-        return model.model_validate_json(json.dumps(values))
+        return model.model_validate(_with_tuples(values))
     except ValidationError as error:
         problems = error.errors(include_url=False)
         # Of a number-or-list, the branch that was meant is the one whose shape was given.
-        fitting = [p for p in problems if not (p["type"] == "float_type" and isinstance(p.get("input"), list))]
+        fitting = [p for p in problems if not (p["type"] == "float_type" and isinstance(p.get("input"), tuple))]
         first = (fitting or problems)[0]
         # Branches of a union appear in the location under their tag; only real keys help the reader.
         path = key + _real_keys(tuple(first["loc"]), values)
         known = _known_keys(model, tuple(first["loc"]))
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise document.error(path, _sentence(first, path, known) + more) from None
+
+
+def _with_tuples(value: Any) -> Any:
+    """Lists as tuples: strict validation takes nothing for anything else, and the models hold tuples."""
+    if isinstance(value, dict):
+        return {key: _with_tuples(entry) for key, entry in value.items()}
+    return tuple(_with_tuples(entry) for entry in value) if isinstance(value, list) else value
 
 
 def _real_keys(location: tuple[str | int, ...], data: Any) -> tuple[str | int, ...]:
@@ -192,38 +201,32 @@ def _real_keys(location: tuple[str | int, ...], data: Any) -> tuple[str | int, .
 
 def _known_keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
     """Keys of the model at the parent of a location, as far as they can be followed."""
-    import typing
-
     current: Any = model
     for part in location[:-1]:
-        if not (isinstance(current, type) and issubclass(current, BaseModel)):
-            candidates = [c for c in typing.get_args(current) if isinstance(c, type) and issubclass(c, BaseModel)]
-            tagged = [
-                c
-                for c in candidates
-                if "kind" in c.model_fields and part in typing.get_args(c.model_fields["kind"].annotation)
-            ]
-            if tagged:
-                current = tagged[0]
-                continue
-            current = candidates[0] if candidates else None
-        if current is None:
-            return []
-        field = current.model_fields.get(str(part))
-        if field is None:
-            return []
-        current = field.annotation
-        while True:
-            arguments = [a for a in typing.get_args(current) if a is not type(None)]
-            if not arguments or (isinstance(current, type) and issubclass(current, BaseModel)):
-                break
-            models = [a for a in arguments if isinstance(a, type) and issubclass(a, BaseModel)]
-            if len(models) > 1:
-                break
-            current = models[0] if models else arguments[-1]
-    if isinstance(current, type) and issubclass(current, BaseModel):
-        return list(current.model_fields)
-    return []
+        current = _inside(current, part)
+    return list(current.model_fields) if _is_model(current) else []
+
+
+def _is_model(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
+def _inside(kind: Any, part: str | int) -> Any:
+    """Type of a part of a value: of a key of a mapping, of an item of a list, of a branch of a union by its tag."""
+    while typing.get_origin(kind) is typing.Annotated:
+        kind = typing.get_args(kind)[0]
+    if _is_model(kind):
+        field = kind.model_fields.get(str(part))
+        return None if field is None else field.annotation
+    arguments = [a for a in typing.get_args(kind) if a not in (type(None), ...)]
+    if typing.get_origin(kind) in (dict, tuple, list):
+        return arguments[-1]
+    for branch in arguments:
+        tag = branch.model_fields.get("kind") if _is_model(branch) else None
+        if tag is not None and part in typing.get_args(tag.annotation):
+            return branch
+    models = [a for a in arguments if _is_model(a)]
+    return _inside(models[0], part) if models else None
 
 
 def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> str:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -143,6 +144,8 @@ def identify(
 
 def main() -> None:
     """Run the command line and end with the exit status of the contract."""
+    # A polite kill unwinds like Ctrl-C, so that nothing half-written is left behind.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     try:
         status = app.main(standalone_mode=False)
         sys.exit(status if isinstance(status, int) else 0)
@@ -165,5 +168,7 @@ def main() -> None:
 
 
 def _fail(message: str, status: int) -> None:
-    sys.stderr.write("steelyard: " + " ".join(message.split()) + "\n")
+    # One line, and nothing of a file may steer the terminal.
+    line = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(message.split()))
+    sys.stderr.write(f"steelyard: {line}\n")
     sys.exit(status)

@@ -175,13 +175,12 @@ def run_demo(out: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
         pooled = identify(recorded["paper"].experiment, [TwoStep(combine="pooled")], tell)
         best = identify(recorded["multisine"].experiment, (), tell)
     beside = {
-        "paper's moves, median": moves.estimates["two-step"],
-        "paper's moves, pooled": pooled.estimates["two-step"],
+        "two-step, eight moves, median": moves.estimates["two-step"],
+        "two-step, eight moves, pooled": pooled.estimates["two-step"],
     }
     truth = recorded["multisine"].body
-    summary = summarise(
-        best, truth, beside, "CoGiRo, simulated with the sensors of the paper: the paper's moves, and 20 s on six axes"
-    )
+    title = "CoGiRo with the sensors of the paper, simulated: its eight moves, and 20 s on six axes"
+    summary = summarise(best, truth, beside, title, ", six axes")
     with results_folder(out, force=force) as folder:
         _write_virtual(recorded["multisine"], folder)
         _write_identification(best, summary, folder)

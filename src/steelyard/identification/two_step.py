@@ -109,7 +109,10 @@ def _not_in_sigma(experiment: Experiment, acceleration: Acceleration | None) -> 
                 errors[f"{name}.delay"] = None
     if experiment.robot.cable.linear_density:
         errors["the weight of the cables"] = None
-    return [f"its 1-sigma comes from the residuals; it does not contain {', '.join(errors)}"] if errors else []
+    notes = [f"its 1-sigma comes from the residuals; it does not contain {', '.join(errors)}"] if errors else []
+    if experiment.known:
+        notes.append(f"it does not use what is known beforehand ({', '.join(experiment.known)})")
+    return notes
 
 
 def _size(experiment: Experiment) -> float:

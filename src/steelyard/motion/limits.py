@@ -64,10 +64,14 @@ def motion_extremes(robot: Robot, trajectory: Trajectory) -> Extremes:
     return Extremes(*max(uses))
 
 
-def commanded_tensions(robot: Robot, trajectory: Trajectory, times: Array) -> Array:
+def commanded_tensions(robot: Robot, trajectory: Trajectory, times: Array, *, still: bool = False) -> Array:
     """Tensions that would move the nominal platform exactly as commanded, within the robot's limits [N], shape (n, m).
 
-    The robot must have a nominal platform.
+    Args:
+        robot: With a nominal platform.
+        trajectory: The command.
+        times: [s], shape (n,).
+        still: Whether to hold the platform at rest in the poses instead.
 
     Raises:
         InfeasibleError: There are none at some time; the message says when.
@@ -77,6 +81,8 @@ def commanded_tensions(robot: Robot, trajectory: Trajectory, times: Array) -> Ar
             f"robot '{robot.name}': expected a nominal platform, found none; add 'platform' to its file"
         )
     pose, rate, acceleration = (trajectory.derivative(times, order) for order in range(3))
+    if still:
+        rate, acceleration = np.zeros_like(pose), np.zeros_like(pose)
     motion = motion_of_poses(pose, rate, acceleration, robot.gravity)
     wrench = platform_wrench(robot.platform.parameters, motion["specific_force"], motion["omega"], motion["alpha"])
     straight = robot.with_straight_cables()

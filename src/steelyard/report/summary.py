@@ -63,6 +63,7 @@ def summarise(
     truth: Inertia | None = None,
     beside: Mapping[str, Estimate] | None = None,
     title: str | None = None,
+    suffix: str = "",
 ) -> Summary:
     """Gather what is shown.
 
@@ -71,14 +72,16 @@ def summarise(
         truth: Where it is known.
         beside: Further estimates to show in the table, heading -> estimate.
         title: Heading; None: the name of the experiment.
+        suffix: What to add to the names of the methods, where others stand beside them.
     """
     columns = []
-    if identification.nominal is not None:
-        columns.append(_given("nominal", identification.nominal.body_parameters))
+    nominal = None if identification.nominal is None else identification.nominal.body_parameters
     true = None if truth is None else truth.body_parameters
-    if true is not None:
-        columns.append(_given("truth", true))
-    shown = {**(beside or {}), **identification.estimates}
+    if nominal is not None and true is not None and np.array_equal(nominal, true):
+        columns.append(_given("nominal = truth", true))
+    else:
+        columns += [_given(heading, v) for heading, v in (("nominal", nominal), ("truth", true)) if v is not None]
+    shown = {**(beside or {}), **{f"{name}{suffix}": e for name, e in identification.estimates.items()}}
     columns += [_estimated(name, estimate, true) for name, estimate in shown.items()]
     runs = tuple(
         Table(f"{name}, each run alone", tuple(_estimated(run, e, None) for run, e in estimate.runs.items()))
@@ -132,7 +135,7 @@ def cell(column: Column, row: int) -> str:
     """Text of one cell."""
     value = column.values[row]
     if column.deviations is None:
-        return number(value)
+        return "-" if value is None else f"{value:.6g}"
     return number(value, column.deviations[row])
 
 

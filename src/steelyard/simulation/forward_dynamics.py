@@ -24,12 +24,12 @@ from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler, platform_wrench
 from steelyard.errors import InfeasibleError, InputError
 from steelyard.inertia import Inertia
+from steelyard.motion.limits import commanded_tensions
 from steelyard.motion.state import State, motion_of_poses
 from steelyard.motion.trajectory import Trajectory
 from steelyard.robot import cable
 from steelyard.robot.kinematics import cables_at, structure_columns
 from steelyard.robot.model import Robot
-from steelyard.robot.tension import distribute
 
 _FEED_SAMPLES_PER_SECOND = 100.0
 _TOLERANCE = 1e-8
@@ -240,7 +240,7 @@ class CablePlatform:
         """
         duration = trajectory.duration
         times = np.linspace(0.0, duration, int(np.ceil(duration * _FEED_SAMPLES_PER_SECOND)) + 1)
-        feed = make_interp_spline(times, feed_lengths(self.robot, self.body, trajectory, times), k=5)
+        feed = make_interp_spline(times, feed_lengths(self.robot, trajectory, times), k=5)
         feed_rate = feed.derivative()
         start = self.equilibrium(trajectory.derivative(times[:1], 0)[0], feed(0.0))
         rate = self._rate
@@ -261,20 +261,16 @@ class CablePlatform:
         return ElasticMotion(self, feed, result.sol, duration)
 
 
-def feed_lengths(robot: Robot, body: Inertia, trajectory: Trajectory, times: Array) -> Array:
-    """Unstrained lengths that hold the body at rest in the commanded poses [m], shape (n, m).
+def feed_lengths(robot: Robot, trajectory: Trajectory, times: Array) -> Array:
+    """Unstrained lengths that hold the nominal platform at rest in the commanded poses [m], shape (n, m).
 
     What a winch controller knows: elasticity and sag under the platform's weight, but no dynamics.
     """
+    tension = commanded_tensions(robot, trajectory, times, still=True)
     pose = trajectory.derivative(times, 0)
-    still = np.zeros_like(pose)
-    motion = motion_of_poses(pose, still, still, robot.gravity)
-    weight = platform_wrench(body.parameters, motion["specific_force"], motion["omega"], motion["alpha"])
-    position, rotation = motion["position"], motion["rotation"]
-    straight = cables_at(robot.with_straight_cables(), position, rotation, np.ones(robot.m))
+    rotation = Rotation.from_euler("ZYX", pose[:, :2:-1]).as_matrix()
     try:
-        tension = distribute(straight.structure, weight, robot.tension_limits)
-        return cables_at(robot, position, rotation, tension).length
+        return cables_at(robot, pose[:, :3], rotation, tension).length
     except InfeasibleError as error:
         raise InfeasibleError(f"at {times[error.sample]:.2f} s of the trajectory: {error}", error.sample) from None
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
@@ -31,6 +31,25 @@ class SensorsForm(FileModel):
     instruments: dict[str, AnyInstrument] = Field(min_length=1)
     sync: Annotated[float, Field(ge=0)] = 0.0
     """1-sigma of every clock against the one of the forces [s]."""
+    own_sync: dict[str, Annotated[float, Field(ge=0)]] = Field(default_factory=dict)
+    """Instrument -> the same for its clock alone; in the file it stands as ``sync`` among the instrument's keys."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _gather_sync(cls, value: Any) -> Any:
+        """``sync`` of one instrument is not a key of the instrument itself, which knows nothing of simulation."""
+        if not isinstance(value, dict) or not isinstance(value.get("instruments"), dict):
+            return value
+        instruments = {
+            name: {key: entry for key, entry in keys.items() if key != "sync"} if isinstance(keys, dict) else keys
+            for name, keys in value["instruments"].items()
+        }
+        own = {
+            name: keys["sync"]
+            for name, keys in value["instruments"].items()
+            if isinstance(keys, dict) and "sync" in keys
+        }
+        return {**value, "instruments": instruments, "own_sync": own}
 
 
 @dataclass(frozen=True)
@@ -169,20 +188,21 @@ def _sensors(document: Document, robot: Robot) -> Sensors:
             raise document.error(
                 (*key, "kind"), f"expected a robot with cables, found none in '{robot.name}'; use kind 'wrench'"
             )
-    return Sensors(_with_delays(form.instruments, form.sync))
+    return Sensors(_with_delays(form))
 
 
-def _with_delays(instruments: Mapping[str, Instrument], sync: float) -> dict[str, Instrument]:
+def _with_delays(form: SensorsForm) -> dict[str, Instrument]:
     """State the error of every clock: none for the one that defines the time, the sigma of the synchronisation for the others."""
+    instruments: Mapping[str, Instrument] = form.instruments
     reference = next(i for i in instruments.values() if i.kind in {"tension", "wrench"})
     stated = {}
     for name, instrument in instruments.items():
-        if instrument.calibration.delay is None:
+        calibration = instrument.calibration
+        if calibration.delay is None:
             same = instrument is reference or (instrument.clock is not None and instrument.clock == reference.clock)
-            delay = Prior.model_validate({"sigma": 0.0 if same else sync})
-            calibration = instrument.calibration.model_copy(update={"delay": delay})
-            instrument = instrument.model_copy(update={"calibration": calibration})
-        stated[name] = instrument
+            delay = Prior.model_validate({"sigma": 0.0 if same else form.own_sync.get(name, form.sync)})
+            calibration = calibration.model_copy(update={"delay": delay})
+        stated[name] = instrument.model_copy(update={"calibration": calibration})
     return stated
 
 

@@ -26,6 +26,9 @@ _HIGHEST_FREQUENCY = 0.5
 """Of the multisine [Hz]: an octave and more below the lowest natural frequency of such platforms."""
 
 _TENSION_MARGIN = 1.5
+"""Factor from the robot's lowest tension to that of a multisine's command, and from its highest."""
+_TENSION_SHARE = 0.3
+"""Least tension of a multisine's command as a part of the mean: what is left when the platform rings on its cables."""
 
 # Start and end pose: x, y, z [m], roll, pitch, yaw [deg]. The first is the paper's, section IV-A; it does not print the others.
 _PAPER_MOVES = {
@@ -109,11 +112,15 @@ def feasible_multisine(robot: Robot, duration: float) -> Sampled:
         if not (robot.m and robot.platform):
             return trajectory
         try:
-            tensions = commanded_tensions(careful, trajectory, check_times(trajectory))
+            times = check_times(trajectory)
+            tensions = np.concatenate(
+                [commanded_tensions(careful, trajectory, times, still=still) for still in (False, True)]
+            )
         except InfeasibleError:
             continue
         # Where a limit binds, tensions have kinks, and kinks make the platform ring.
-        if tensions.min() <= careful.tension_limits[0] * (1 + 1e-6):
+        least = max(careful.tension_limits[0] * (1 + 1e-6), _TENSION_SHARE * float(tensions.mean()))
+        if tensions.min() <= least:
             continue
         return trajectory
     raise InputError(

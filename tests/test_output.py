@@ -1,0 +1,279 @@
+"""Results reach their place whole or not at all."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from steelyard.errors import InputError
+from steelyard.output import check_target, results_folder, to_json, write_json
+
+
+def fill(folder, **files):
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        (folder / name).write_text(text)
+
+
+def tree(folder):
+    """Every path below a folder, with the text of its files."""
+    return {str(p.relative_to(folder)): p.read_text() if p.is_file() else None for p in sorted(folder.rglob("*"))}
+
+
+def publish(target, *, force=False, **files):
+    with results_folder(target, force=force) as folder:
+        fill(folder, **files)
+
+
+def interrupt(target, error, *, force=False, **files):
+    """Begin to publish, and fail."""
+    with results_folder(target, force=force) as folder:
+        fill(folder, **files)
+        raise error
+
+
+# Without an error
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_results_appear_at_the_end(tmp_path, force):
+    target = tmp_path / "out"
+    with results_folder(target, force=force) as folder:
+        fill(folder, a="1")
+        fill(folder / "inner", b="2")
+        assert not target.exists()
+    assert tree(tmp_path) == {"out": None, "out/a": "1", "out/inner": None, "out/inner/b": "2"}
+
+
+def test_parents_are_made(tmp_path):
+    publish(tmp_path / "x" / "y" / "out", a="1")
+    assert tree(tmp_path) == {"x": None, "x/y": None, "x/y/out": None, "x/y/out/a": "1"}
+
+
+def test_an_empty_folder_is_as_good_as_none(tmp_path):
+    (tmp_path / "out").mkdir()
+    publish(tmp_path / "out", a="1")
+    assert tree(tmp_path) == {"out": None, "out/a": "1"}
+
+
+def test_a_relative_path_stands_where_the_process_was_started(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    publish(Path("out"), a="1")
+    assert tree(tmp_path) == {"out": None, "out/a": "1"}
+
+
+def test_the_folder_one_stands_in_is_a_good_place(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    publish(Path(), a="1")
+    # Not only under its path: a shell that stands in it must see the results.
+    assert os.listdir() == ["a"]
+    assert tree(tmp_path) == {"here": None, "here/a": "1"}
+
+
+def test_results_may_be_read_by_whoever_may_read_new_files(tmp_path):
+    publish(tmp_path / "out", a="1")
+    (tmp_path / "usual").mkdir()
+    assert (tmp_path / "out").stat().st_mode == (tmp_path / "usual").stat().st_mode
+
+
+# With an error
+
+
+@pytest.mark.parametrize("error", [ValueError, OSError, InputError, KeyboardInterrupt, SystemExit])
+def test_after_an_error_nothing_is_there(tmp_path, error):
+    with pytest.raises(error):
+        interrupt(tmp_path / "out", error, a="1")
+    assert tree(tmp_path) == {}
+
+
+def test_after_an_error_no_parent_is_there(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        interrupt(tmp_path / "x" / "y" / "out", KeyboardInterrupt, a="1")
+    assert tree(tmp_path) == {}
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_after_an_error_earlier_results_are_as_they_were(tmp_path, error):
+    target = tmp_path / "out"
+    fill(target, a="old", b="old")
+    with pytest.raises(error):
+        interrupt(target, error, force=True, a="new")
+    assert tree(tmp_path) == {"out": None, "out/a": "old", "out/b": "old"}
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from steelyard.output import results_folder
+with results_folder(Path(sys.argv[1]), force=True) as folder:
+    (folder / "a").write_text("new")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_a_process_that_is_killed_leaves_no_half_results(tmp_path, before):
+    target = tmp_path / "out"
+    if before:
+        fill(target, a="old", b="old")
+    ended = subprocess.run([sys.executable, "-c", KILLED, str(target)], check=False, timeout=60)
+    assert ended.returncode == -signal.SIGKILL
+    if before:
+        assert tree(target) == {"a": "old", "b": "old"}
+    else:
+        assert not target.exists()
+    # What it had begun is hidden, and does not stand in the way of the next one.
+    assert all(path.name.startswith(".") for path in tmp_path.iterdir() if path != target)
+    publish(target, force=before, a="1")
+    assert (target / "a").read_text() == "1"
+
+
+@pytest.mark.parametrize("error", [OSError, KeyboardInterrupt])
+def test_an_error_while_results_are_put_in_place_loses_nothing(tmp_path, monkeypatch, error):
+    target = tmp_path / "out"
+    fill(target, a="old", b="old", c="old")
+    rename, moved = Path.rename, []
+
+    def failing(self, other):
+        # Only moves into place fail: moving back must be possible.
+        if Path(other) == target / "b" and not moved:
+            moved.append(other)
+            raise error
+        return rename(self, other)
+
+    monkeypatch.setattr(Path, "rename", failing)
+    with pytest.raises(error):
+        publish(target, force=True, a="new", b="new", c="new")
+    assert moved
+    found = tree(tmp_path)
+    assert found.keys() == {"out", "out/a", "out/b", "out/c"}
+    assert found["out/b"] == "old"
+    assert found["out/c"] == "old"
+
+
+# What may be replaced
+
+
+def test_results_are_not_replaced_without_force(tmp_path):
+    fill(tmp_path / "out", a="old")
+    with pytest.raises(InputError, match=r"found files; .*--force"):
+        publish(tmp_path / "out", a="new")
+    assert tree(tmp_path) == {"out": None, "out/a": "old"}
+
+
+def test_a_hidden_file_is_a_file(tmp_path):
+    fill(tmp_path / "out", **{".git": "old"})
+    with pytest.raises(InputError, match="found files"):
+        check_target(tmp_path / "out", force=False)
+
+
+def test_force_replaces_files_of_the_same_names_alone(tmp_path):
+    target = tmp_path / "out"
+    fill(target, a="old", other="mine")
+    fill(target / "inner", b="old", c="old")
+    fill(target / "notes", d="mine")
+    with results_folder(target, force=True) as folder:
+        fill(folder, a="new", fresh="new")
+        fill(folder / "inner", b="new")
+    assert tree(tmp_path) == {
+        "out": None,
+        "out/a": "new",
+        "out/fresh": "new",
+        "out/inner": None,
+        "out/inner/b": "new",
+        "out/notes": None,
+        "out/notes/d": "mine",
+        "out/other": "mine",
+    }
+
+
+def test_a_link_is_replaced_and_not_followed(tmp_path):
+    target = tmp_path / "out"
+    fill(tmp_path, precious="mine")
+    target.mkdir()
+    (target / "a").symlink_to(tmp_path / "precious")
+    (target / "b").symlink_to(tmp_path / "nowhere")
+    publish(target, force=True, a="new", b="new")
+    assert tree(tmp_path) == {"precious": "mine", "out": None, "out/a": "new", "out/b": "new"}
+    assert not (target / "a").is_symlink()
+
+
+def test_a_file_gives_way_to_a_folder_and_a_folder_to_a_file(tmp_path):
+    target = tmp_path / "out"
+    fill(target, a="old")
+    fill(target / "b", c="old")
+    with results_folder(target, force=True) as folder:
+        fill(folder, b="new")
+        fill(folder / "a", c="new")
+    assert tree(target) == {"a": None, "a/c": "new", "b": "new"}
+
+
+def test_a_folder_that_appears_meanwhile_is_not_replaced(tmp_path):
+    target = tmp_path / "out"
+    publishing = results_folder(target, force=False)
+    fill(publishing.__enter__(), a="new")
+    fill(target, a="of another process")
+    with pytest.raises(InputError, match="found files"):
+        publishing.__exit__(None, None, None)
+    assert tree(tmp_path) == {"out": None, "out/a": "of another process"}
+
+
+# Places
+
+
+@pytest.mark.parametrize("force", [False, True])
+@pytest.mark.parametrize("place", ["file", "file/below", "file/far/below"])
+def test_a_file_is_no_place_for_results(tmp_path, place, force):
+    fill(tmp_path, file="mine")
+    with pytest.raises(InputError, match="choose another with --out"):
+        publish(tmp_path / place, force=force, a="new")
+    assert tree(tmp_path) == {"file": "mine"}
+
+
+@pytest.mark.parametrize("files", [{}, {"a": "old", "b": "old"}])
+def test_a_link_to_a_folder_is_a_folder(tmp_path, files):
+    fill(tmp_path / "real", **files)
+    (tmp_path / "out").symlink_to(tmp_path / "real")
+    publish(tmp_path / "out", force=bool(files), a="new")
+    assert (tmp_path / "out").is_symlink()
+    assert tree(tmp_path / "real") == {**files, "a": "new"}
+
+
+def test_a_link_to_nothing_is_refused_before_any_work(tmp_path):
+    (tmp_path / "out").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="out: expected "):
+        check_target(tmp_path / "out", force=False)
+
+
+def test_a_long_name_that_fits_is_no_trouble(tmp_path):
+    name = "o" * os.pathconf(tmp_path, "PC_NAME_MAX")
+    publish(tmp_path / name, a="1")
+    assert tree(tmp_path / name) == {"a": "1"}
+
+
+def test_a_check_changes_nothing(tmp_path):
+    check_target(tmp_path / "x" / "out", force=False)
+    assert tree(tmp_path) == {}
+
+
+# JSON
+
+
+def test_json_has_every_digit_and_no_escapes(tmp_path):
+    write_json({"b": 0.1 + 0.2, "a": ["µ", None, True]}, tmp_path / "a.json")
+    text = (tmp_path / "a.json").read_text(encoding="utf-8")
+    assert text.endswith("}\n")
+    assert "0.30000000000000004" in text
+    assert "µ" in text
+    assert text.index('"b"') < text.index('"a"')
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_json_has_no_nan(value):
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        to_json({"a": [value]})
