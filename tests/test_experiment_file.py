@@ -124,6 +124,29 @@ def test_aliases_and_merges_of_yaml_are_followed(small, original):
     assert experiment.instruments == original.instruments
 
 
+@pytest.mark.parametrize("name", ["[2024-05-01] run", "all*", "what?", "{a,b}", "50%", "~", "Übung ☃", "a;b", "-"])
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_folder_may_have_any_name(small, original, name, ending):
+    path = small.parent / RUN
+    if ending == "parquet":
+        for file in path.iterdir():
+            pl.read_csv(file).write_parquet(file.with_suffix(".parquet"))
+        change(small, f"tracker: {TRACKER}", f"tracker: {RUN}/tracker.parquet")
+    # What a pattern of the same letters would find as well.
+    for other in ("2", "all-of-them", "whats", "a"):
+        (path / "deeper").mkdir(exist_ok=True)
+        (small.parent / other).mkdir(exist_ok=True)
+        (small.parent / other / "tracker.csv").write_text("t,x,y,z\n1,2,3,4\n")
+    path.rename(small.parent / name)
+    small.write_text(
+        small.read_text()
+        .replace(f": {RUN}/", f': "{name}/')
+        .replace(f".{ending}\n", f'.{ending}"\n')
+        .replace(".csv\n", '.csv"\n')
+    )
+    assert_same_recording(read_experiment(small), original)
+
+
 @pytest.mark.parametrize("mark", [b"\xef\xbb\xbf", b""])
 @pytest.mark.parametrize("end", [b"\r\n", b"\n"])
 def test_files_of_other_editors_are_read(small, original, mark, end):
@@ -224,6 +247,18 @@ def test_units_are_turned_to_si(small, original, named):
     prefix = "log_" if named == "in the log" else ""
     units = ", ".join(f"{prefix}{name}: {'deg/s' if name[0] == 'w' else 'g'}" for name in contract if name[0] in "wa")
     change(small, f"imu: {IMU}", f"imu: {{file: {IMU}, columns: {{{columns}}}, units: {{{units}}}}}")
+    assert_same_recording(read_experiment(small), original, atol=1e-11)
+
+
+def test_units_belong_to_the_columns_of_the_log_where_axes_are_exchanged(small, original):
+    # The device calls x what is y here, and gives its own x in g.
+    file = small.parent / IMU
+    rows = table(file)
+    x, y = rows[0].index("ax"), rows[0].index("ay")
+    for row in rows[1:]:
+        row[x], row[y] = repr(float(row[y]) / 9.80665), row[x]
+    save(file, rows)
+    change(small, f"imu: {IMU}", f"imu: {{file: {IMU}, columns: {{ax: ay, ay: ax}}, units: {{ax: g}}}}")
     assert_same_recording(read_experiment(small), original, atol=1e-11)
 
 

@@ -20,13 +20,17 @@ def check_target(target: Path, *, force: bool) -> None:
     Raises:
         InputError: Something is there already and may not be replaced, or the place cannot be written to.
     """
+    if target.is_symlink() and not target.exists():
+        raise InputError(
+            f"{target}: expected a folder for the results, found a link to nothing; choose another with --out"
+        )
     if target.exists() and not target.is_dir():
         raise InputError(f"{target}: expected a folder for the results, found a file; choose another with --out")
     if target.is_dir() and any(target.iterdir()) and not force:
         raise InputError(
             f"{target}: expected a new or empty folder for the results, found files; choose another, or --force to replace them"
         )
-    parent = target.absolute().parent
+    parent = target.absolute() if target.is_dir() else target.absolute().parent
     while not parent.exists():
         parent = parent.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK):
@@ -35,7 +39,7 @@ def check_target(target: Path, *, force: bool) -> None:
 
 @contextmanager
 def results_folder(target: Path, *, force: bool) -> Iterator[Path]:
-    """A folder to write results into, which appears at its place only when the block ends without an error.
+    """A folder to write results into, which appear at their place only when the block ends without an error.
 
     With ``force``, files and folders of the same names are replaced; whatever else lies there stays.
 
@@ -47,33 +51,64 @@ def results_folder(target: Path, *, force: bool) -> Iterator[Path]:
         An empty folder beside the target.
 
     Raises:
-        InputError: See :func:`check_target`.
+        InputError: See :func:`check_target`; also where others put something there meanwhile.
     """
     check_target(target, force=force)
-    target = target.absolute()
-    target.parent.mkdir(parents=True, exist_ok=True)
-    beside = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
+    place = target.resolve() if target.exists() else target.absolute()
+    made = [parent for parent in place.parents if not parent.exists()]
+    place.parent.mkdir(parents=True, exist_ok=True)
+    done = False
     try:
-        fresh = beside / "new"
-        fresh.mkdir()
-        yield fresh
-        _publish(fresh, target, beside / "old")
+        beside = Path(tempfile.mkdtemp(prefix=".steelyard-", dir=place.parent))
+        try:
+            fresh = beside / "new"
+            fresh.mkdir()
+            try:
+                yield fresh
+            except OSError as error:
+                _rename_in(error, fresh, target)
+                raise
+            check_target(target, force=force)
+            _publish(fresh, place, beside / "old")
+            done = True
+        finally:
+            shutil.rmtree(beside, ignore_errors=True)
     finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        if not done:
+            for parent in made:
+                parent.rmdir()
 
 
-def _publish(fresh: Path, target: Path, old: Path) -> None:
-    if target.is_dir() and not any(target.iterdir()):
-        target.rmdir()
-    if not target.exists():
-        fresh.rename(target)
+def _rename_in(error: OSError, fresh: Path, target: Path) -> None:
+    """Name the place that was asked for instead of the hidden one that stands in for it."""
+    name = error.filename
+    if isinstance(name, str) and Path(name).is_relative_to(fresh):
+        error.filename = str(target / Path(name).relative_to(fresh))
+
+
+def _publish(fresh: Path, place: Path, old: Path) -> None:
+    """Move results into place, all or none."""
+    if not place.exists():
+        fresh.rename(place)
         return
+    # Entry by entry: what else is there stays, and so does the folder itself, in which somebody may stand.
     old.mkdir()
-    for entry in sorted(fresh.iterdir()):
-        place = target / entry.name
-        if place.exists() or place.is_symlink():
-            place.rename(old / entry.name)
-        entry.rename(place)
+    moved: list[str] = []
+    try:
+        for entry in sorted(fresh.iterdir()):
+            there = place / entry.name
+            moved.append(entry.name)
+            if there.exists() or there.is_symlink():
+                there.rename(old / entry.name)
+            entry.rename(there)
+    except BaseException:
+        for name in reversed(moved):
+            there, before = place / name, old / name
+            if (there.exists() or there.is_symlink()) and not (fresh / name).exists():
+                there.rename(fresh / name)
+            if before.exists() or before.is_symlink():
+                before.rename(there)
+        raise
 
 
 def write_json(values: Mapping[str, Any], path: Path) -> None:
@@ -81,6 +116,11 @@ def write_json(values: Mapping[str, Any], path: Path) -> None:
     path.write_text(to_json(values) + "\n", encoding="utf-8")
 
 
-def to_json(values: Mapping[str, Any]) -> str:
-    """Plain values as JSON text; NaN is a mistake here, the contract has null."""
-    return json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
+def to_json(values: Mapping[str, Any], *, ascii_only: bool = False) -> str:
+    """Plain values as JSON text; NaN is a mistake here, the contract has null.
+
+    Args:
+        values: What to write.
+        ascii_only: Whether to escape all other characters, for terminals of any encoding.
+    """
+    return json.dumps(values, indent=1, allow_nan=False, ensure_ascii=ascii_only)

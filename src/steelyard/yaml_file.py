@@ -77,6 +77,8 @@ def read_yaml(path: Path) -> Document:
         data = _plain(node, (), lines, [0])
     except (_TooManyError, RecursionError):
         raise InputError(f"{path}: expected at most {_MOST_VALUES} values, found more; remove nested aliases") from None
+    except _BrokenTextError:
+        raise InputError(f"{path}: expected text, found half a character (a lone surrogate); remove it") from None
     return Document(path, data, lines)
 
 
@@ -107,13 +109,19 @@ def require_file(path: Path, what: str = "file") -> None:
         found = (
             "a folder" if path.is_dir() else "something that is no regular file" if path.exists() else "nothing there"
         )
-    except (OSError, ValueError) as error:
-        found = str(error)
+    except OSError as error:
+        found = f"'{error.strerror}'"
+    except ValueError as error:
+        found = f"'{error}'"
     raise InputError(f"{path}: expected a {what}, found {found}; check the path")
 
 
 class _TooManyError(Exception):
-    pass
+    """More values than a file may hold."""
+
+
+class _BrokenTextError(Exception):
+    """Half of a surrogate pair, which no text may hold."""
 
 
 def _plain(node: Any, key: tuple[str | int, ...], lines: dict[tuple[str | int, ...], int], count: list[int]) -> Any:
@@ -144,7 +152,16 @@ def _plain(node: Any, key: tuple[str | int, ...], lines: dict[tuple[str | int, .
     if isinstance(node, float):
         return float(node)
     # Scalar booleans of the round-trip loader are integers with a mark of their own.
-    return bool(node) if type(node).__name__ == "ScalarBoolean" else str(node).encode(errors="replace").decode()
+    return bool(node) if type(node).__name__ == "ScalarBoolean" else _text(node)
+
+
+def _text(node: Any) -> str:
+    text = str(node)
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise _BrokenTextError from None
+    return text
 
 
 def validate(model: type[Model], document: Document, data: Any = None, key: tuple[str | int, ...] = ()) -> Model:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import io
 import signal
 import sys
 from pathlib import Path
@@ -23,7 +24,7 @@ def _common(function: Any) -> Any:
     return click.option("--json", "as_json", is_flag=True, help="Print the result as JSON alone.")(function)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(no_args_is_help=False, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(package_name="steelyard")
 def app() -> None:
     """Find the mass, centre of gravity and inertia of what a cable robot carries, and how well each is known.
@@ -146,6 +147,9 @@ def main() -> None:
     """Run the command line and end with the exit status of the contract."""
     # A polite kill unwinds like Ctrl-C, so that nothing half-written is left behind.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A terminal of few characters shows the others escaped.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         status = app.main(standalone_mode=False)
         sys.exit(status if isinstance(status, int) else 0)
@@ -167,8 +171,13 @@ def main() -> None:
         )
 
 
+_LONGEST_WORD = 200
+
+
 def _fail(message: str, status: int) -> None:
+    # A path or a name may be as long as a file likes; the sentence around it must stay readable.
+    words = [w if len(w) <= _LONGEST_WORD else f"{w[:_LONGEST_WORD]}…{w[-20:]}" for w in message.split()]
     # One line, and nothing of a file may steer the terminal.
-    line = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(message.split()))
+    line = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(words))
     sys.stderr.write(f"steelyard: {line}\n")
     sys.exit(status)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from steelyard.cli.progress import progress
 from steelyard.errors import InputError
@@ -34,15 +35,20 @@ def say(text: str, *, quiet: bool) -> None:
         sys.stderr.write(text + "\n")
 
 
+def print_json(values: Mapping[str, Any]) -> None:
+    """Print the result as JSON alone."""
+    print(to_json(values, ascii_only=True))
+
+
 def list_robots(name: str | None, *, as_json: bool) -> None:
     """List the bundled robots, or print one."""
     if name is not None:
         text = bundled_text(name)
-        print(to_json(robot_file(read_robot(name))) if as_json else text.rstrip("\n"))
+        print_json(robot_file(read_robot(name))) if as_json else text.rstrip("\n")
         return
     robots = {each: read_robot(each) for each in bundled_names()}
     if as_json:
-        print(to_json({"robots": [{"name": n, "cables": r.m, "mass": _mass(r.platform)} for n, r in robots.items()]}))
+        print_json({"robots": [{"name": n, "cables": r.m, "mass": _mass(r.platform)} for n, r in robots.items()]})
         return
     for each, robot in robots.items():
         print(f"{each:16} {robot.m} cables, nominal platform {_mass(robot.platform) or 0:.3f} kg")
@@ -74,7 +80,7 @@ def run_simulation(
         _write_virtual(virtual, folder)
     runs = {run.name: {name: len(stream) for name, stream in run.streams.items()} for run in virtual.experiment.runs}
     if as_json:
-        print(to_json({"experiment": str(out / "experiment.yaml"), "truth": str(out / "truth.json"), "samples": runs}))
+        print_json({"experiment": str(out / "experiment.yaml"), "truth": str(out / "truth.json"), "samples": runs})
         return
     print(
         f"{out / 'experiment.yaml'}: {len(runs)} run{'s' if len(runs) > 1 else ''} of {model.name}, truth in {out / 'truth.json'}"
@@ -112,7 +118,7 @@ def run_identification(
         with results_folder(out, force=force) as folder:
             _write_identification(identification, summary, folder)
     if as_json:
-        print(to_json(identification.to_dict()))
+        print_json(identification.to_dict())
     else:
         show(summary)
     if not identification.estimates[identification.result].verdict.accepted:
@@ -121,9 +127,10 @@ def run_identification(
 
 def _methods(names: Sequence[str], acceleration: str | None, combine: str) -> list[Method]:
     """Estimators with the options that they take."""
+    for name in names:
+        if name != "all":
+            method_named(name)
     wanted = list(AVAILABLE) if not names or "all" in names else list(dict.fromkeys(names))
-    for name in wanted:
-        method_named(name)
     return [TwoStep(acceleration=acceleration, combine=combine) for _ in wanted]  # type: ignore[arg-type]
 
 
@@ -143,13 +150,19 @@ def _write_identification(identification: Identification, summary: Summary, fold
     (folder / "report.md").write_text(as_markdown(summary), encoding="utf-8")
 
 
+_LARGEST_TRUTH = 1 << 24  # bytes
+
+
 def known_truth(folder: Path) -> Inertia | None:
     """The true body, where a simulation left it beside its experiment; None where there is none that can be read."""
     import json
 
+    path = folder / "truth.json"
     try:
-        return Inertia.from_dict(json.loads((folder / "truth.json").read_text(encoding="utf-8")))
-    except (OSError, ValueError, KeyError, TypeError):
+        if not path.is_file() or path.stat().st_size > _LARGEST_TRUTH:
+            return None
+        return Inertia.from_dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return None
 
 
@@ -189,7 +202,7 @@ def run_demo(out: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
         _write_virtual(recorded["paper"], inner)
         _write_identification(moves, summarise(moves, truth), inner)
     if as_json:
-        print(to_json(best.to_dict()))
+        print_json(best.to_dict())
         return
     show(summary, each_run=False)
     print(f"\nData, estimates and report are in {out}/ (the paper's moves in {out / 'paper-moves'}/). Try next:")

@@ -75,6 +75,10 @@ class StreamForm(FileModel):
         return {"file": value} if isinstance(value, str) else value
 
 
+RUN_KEYS = frozenset({"name", "static", "sync", "window"})
+"""Keys of a run that are not instruments."""
+
+
 class RunForm(FileModel):
     """One run; every further key is an instrument with its stream."""
 
@@ -90,9 +94,8 @@ class RunForm(FileModel):
         """Keys that are not those of a run name instruments."""
         if not isinstance(value, dict):
             return value
-        own = {"name", "static", "sync", "window"}
-        rest = {key: entry for key, entry in value.items() if key not in own}
-        return {**{key: entry for key, entry in value.items() if key in own}, "streams": rest}
+        rest = {key: entry for key, entry in value.items() if key not in RUN_KEYS}
+        return {**{key: entry for key, entry in value.items() if key in RUN_KEYS}, "streams": rest}
 
 
 class ExperimentForm(FileModel):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from steelyard.experiment.form import ExperimentForm, KnownBodyForm, RunForm
+from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, RunForm
 from steelyard.experiment.model import Experiment, Run, Stream, is_motion
 from steelyard.experiment.streams import needed_columns, read_stream
 from steelyard.instruments import Instrument
@@ -17,6 +19,8 @@ from steelyard.robot.model import Robot
 from steelyard.yaml_file import Document, read_yaml, validate
 
 _FEWEST_SAMPLES = 10
+_NAME = re.compile(r"\w[\w \-]*")
+"""Names of instruments: they name files and columns of tables."""
 
 
 def read_experiment(path: str | Path) -> Experiment:
@@ -33,10 +37,11 @@ def read_experiment(path: str | Path) -> Experiment:
     form = validate(ExperimentForm, document)
     robot = read_robot(form.robot, path.parent)
     _check_names(form, document)
-    _check_instruments(form.instruments, robot, document)
+    check_instruments(form.instruments, robot, document)
     runs = tuple(_read_run(i, run, form, robot, document) for i, run in enumerate(form.runs))
     experiment = Experiment(
-        name=form.name or path.parent.resolve().name,
+        # The name of a folder may be bytes that are no text.
+        name=form.name or os.fsencode(path.parent.resolve().name).decode(errors="replace"),
         robot=robot,
         instruments=form.instruments,
         runs=runs,
@@ -74,8 +79,15 @@ def _check_names(form: ExperimentForm, document: Document) -> None:
                 )
 
 
-def _check_instruments(instruments: Mapping[str, Instrument], robot: Robot, document: Document) -> None:
+def check_instruments(instruments: Mapping[str, Instrument], robot: Robot, document: Document) -> None:
+    """What the form of an instrument cannot say, because it depends on its name or on the robot."""
     for name, instrument in instruments.items():
+        if not _NAME.fullmatch(name) or name in RUN_KEYS:
+            raise document.error(
+                ("instruments", name),
+                f"expected a name of letters, digits, '_', '-' and blanks that is no key of a run ({', '.join(sorted(RUN_KEYS))}), found '{name}'; "
+                "rename it",
+            )
         if instrument.kind in {"tension", "length"} and not robot.m:
             raise document.error(
                 ("instruments", name, "kind"),

@@ -172,7 +172,7 @@ def _check_rotation(path: Path, form: tuple[str, ...], valid: NDArray[np.bool_],
 
 
 def _listed(names: list[str]) -> str:
-    shown = ", ".join(names[:20])
+    shown = ", ".join(name if len(name) <= 30 else name[:29] + "…" for name in names[:20])
     return (shown + (", …" if len(names) > 20 else "")) or "no columns"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
 MISSING = ["", "NaN", "nan", "NAN", "null"]
 """Texts of a cell that stand for no sample."""
+
+
+_LARGEST = 1e30
+"""No reading in any unit is larger; beyond it squares overflow."""
 
 
 def read_columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
@@ -37,10 +41,16 @@ def read_columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
         raise InputError(f"{path}: expected rows of numbers, found none below the header; check the recording")
     columns = {name: frame[name].to_numpy().astype(np.float64) for name in names}
     for name, values in columns.items():
-        infinite = np.flatnonzero(np.isinf(values))
+        infinite = np.flatnonzero(np.abs(values) > _LARGEST)
         if len(infinite):
+            found = values[infinite[0]]
+            sentence = (
+                "expected a finite number, found infinity"
+                if np.isinf(found)
+                else f"expected a number that a sensor can read, found {found:g}"
+            )
             raise InputError(
-                f"{path}:{infinite[0] + 2}: column '{name}': expected a finite number, found infinity; correct it"
+                f"{path}:{infinite[0] + 2}: column '{name}': {sentence}; correct it, or leave the cell empty"
             )
         if np.isnan(values).all():
             raise InputError(
@@ -74,44 +84,75 @@ def _csv_names(path: Path) -> list[str]:
 def _read_csv(path: Path, names: list[str]) -> pl.DataFrame:
     import polars as pl
 
-    in_file = {_clean(raw): raw.strip('"') for raw in _csv_header(path)}
-    raw_names = [in_file[name] for name in names]
-    rename = dict(zip(raw_names, names, strict=True))
+    header = [_clean(raw) for raw in _csv_header(path)]
+    for name in names:
+        if header.count(name) > 1:
+            raise InputError(f"{path}:1: expected columns of different names, found '{name}' twice; rename one")
+    place: dict[str, str] = dict(zip(names, names, strict=True))
     try:
+        # By place, not by name: names may be quoted or padded in ways of their own, and Polars has its own way with them.
+        raw = pl.read_csv(path, n_rows=0, infer_schema=False).columns
+        place = {raw[header.index(name)]: name for name in names}
         frame = pl.read_csv(
-            path,
-            columns=raw_names,
-            schema_overrides=dict.fromkeys(raw_names, pl.Float64),
-            null_values=MISSING,
+            path, columns=list(place), schema_overrides=dict.fromkeys(place, pl.Float64), null_values=MISSING
         )
     except pl.exceptions.PolarsError:
-        frame = _read_csv_slowly(path, raw_names, rename)
-    return frame.rename(rename)
+        frame = _read_csv_slowly(path, place)
+    if _has_quotes(path):
+        # A quotation mark that is not closed makes one cell of many rows, without any complaint.
+        _check_rows(path)
+    # Empty lines at the end are no rows.
+    filled = (~frame.select(pl.all_horizontal(pl.all().is_null())).to_series()).arg_true()
+    return frame.head(filled[-1] + 1 if len(filled) else 0).rename(place)
 
 
-def _read_csv_slowly(path: Path, raw_names: list[str], rename: dict[str, str]) -> pl.DataFrame:
+def _read_csv_slowly(path: Path, place: Mapping[str, str]) -> pl.DataFrame:
     """Read cells as text, to accept blanks around numbers and to name the cell that is none."""
     import polars as pl
 
+    _check_rows(path)
     try:
-        text = pl.read_csv(path, columns=raw_names, infer_schema=False, null_values=MISSING)
+        text = pl.read_csv(path, columns=list(place), infer_schema=False, null_values=MISSING)
     except pl.exceptions.PolarsError as error:
         reason = str(error).splitlines()[0].rstrip(".")
         raise InputError(
             f"{path}: expected a CSV table with a header, found something else ({reason}); check the file"
         ) from None
-    stripped = text.select(pl.all().str.strip_chars())
+    stripped = text.select(pl.all().str.strip_chars().str.strip_chars('"').str.strip_chars())
     stripped = stripped.select(pl.when(pl.all().is_in(MISSING)).then(None).otherwise(pl.all()).name.keep())
     numbers = stripped.select(pl.all().cast(pl.Float64, strict=False))
-    for raw in raw_names:
-        wrong = (stripped[raw].is_not_null() & numbers[raw].is_null()).arg_true()
+    for column, name in place.items():
+        wrong = (stripped[column].is_not_null() & numbers[column].is_null()).arg_true()
         if len(wrong):
             row = wrong[0]
             raise InputError(
-                f"{path}:{row + 2}: column '{rename[raw]}': expected a number, found '{text[raw][row][:40]}'; correct the cell "
+                f"{path}:{row + 2}: column '{name}': expected a number, found '{text[column][row][:40]}'; correct the cell "
                 "or leave it empty"
             )
     return numbers
+
+
+def _has_quotes(path: Path) -> bool:
+    with path.open("rb") as file:
+        return any(b'"' in block for block in iter(lambda: file.read(1 << 20), b""))
+
+
+def _check_rows(path: Path) -> None:
+    """Name the first row of a table whose cells do not match its header.
+
+    Raises:
+        InputError: A row is longer than the header, or quotation marks run over its end.
+    """
+    wanted = len(_csv_header(path))
+    with path.open("r", encoding="utf-8", errors="replace", newline="") as file:
+        for number, line in enumerate(file, start=1):
+            if line.count('"') % 2:
+                raise InputError(f"{path}:{number}: expected quotation marks in pairs, found one alone; remove it")
+            cells = 1 + line.count(",") if '"' not in line else 1
+            if cells > wanted:
+                raise InputError(
+                    f"{path}:{number}: expected {wanted} cells as in the header, found {cells}; correct the row (or a decimal comma)"
+                )
 
 
 def _parquet_names(path: Path) -> list[str]:
@@ -126,7 +167,10 @@ def _parquet_names(path: Path) -> list[str]:
 def _read_parquet(path: Path, names: list[str]) -> pl.DataFrame:
     import polars as pl
 
-    frame = pl.read_parquet(path, columns=names)
+    try:
+        frame = pl.read_parquet(path, columns=names)
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise InputError(f"{path}: expected a Parquet file, found something else ({error}); copy it again") from None
     for name, kind in frame.schema.items():
         if not kind.is_numeric():
             raise InputError(f"{path}: column '{name}': expected numbers, found {kind}; name another column")

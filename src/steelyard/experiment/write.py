@@ -13,7 +13,7 @@ from steelyard.arrays import Array
 from steelyard.experiment.form import FORMAT
 from steelyard.experiment.model import Experiment, Stream
 from steelyard.instruments import Instrument
-from steelyard.robot.file import bundled_names, robot_file
+from steelyard.robot.file import bundled_names, read_robot, robot_file
 
 
 def write_experiment(experiment: Experiment, folder: Path) -> None:
@@ -23,9 +23,10 @@ def write_experiment(experiment: Experiment, folder: Path) -> None:
         experiment: What to write.
         folder: An empty folder that exists.
     """
-    bundled = experiment.robot.name in bundled_names()
+    description = robot_file(experiment.robot)
+    bundled = experiment.robot.name in bundled_names() and description == robot_file(read_robot(experiment.robot.name))
     if not bundled:
-        write_yaml(robot_file(experiment.robot), folder / "robot.yaml")
+        write_yaml(description, folder / "robot.yaml")
     runs = []
     for run in experiment.runs:
         (folder / run.name).mkdir()
@@ -45,6 +46,7 @@ def write_experiment(experiment: Experiment, folder: Path) -> None:
         "format": FORMAT,
         "name": experiment.name,
         "robot": experiment.robot.name if bundled else "robot.yaml",
+        **({"known": _known(experiment.known)} if experiment.known else {}),
         "uncertainty": dict(experiment.uncertainty),
         "instruments": {
             name: instrument.model_dump(mode="json", exclude_unset=True)
@@ -53,6 +55,19 @@ def write_experiment(experiment: Experiment, folder: Path) -> None:
         "runs": runs,
     }
     write_yaml(values, folder / "experiment.yaml")
+
+
+def _known(known: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+    """Values known beforehand under the names of the file."""
+    nested: dict[str, Any] = {}
+    for name, (value, sigma) in known.items():
+        entry = {"value": value, "sigma": sigma}
+        if name == "mass":
+            nested["mass"] = entry
+        else:
+            group = "center_of_gravity" if name.startswith("c") else "inertia"
+            nested.setdefault(group, {})[name[1:]] = entry
+    return nested
 
 
 def write_yaml(values: Mapping[str, Any], path: Path) -> None:

@@ -130,7 +130,8 @@ def told(fit: BodyFit, size: float) -> NDArray[np.bool_]:
     mass = abs(fit.value[0])
     plausible = np.array([mass, *[size] * 3, *[mass * size**2] * 6])
     known: NDArray[np.bool_] = np.sqrt(np.diag(fit.covariance)) < _UNTOLD * plausible
-    return known
+    # Without the mass there is no body to say anything about.
+    return known if known[0] else np.zeros(10, dtype=bool)
 
 
 def finish(fit: BodyFit, size: float, method: str) -> Estimate:

@@ -128,6 +128,8 @@ def judge(value: Array, *, reasons: Sequence[str] = ()) -> Verdict:
         found.append("the mass cannot be told from these data")
     elif value[0] <= 0:
         found.append(f"the mass is not positive: {value[0]:.4g} kg")
+    elif (value[4:7] <= 0).any():
+        found.append(f"a moment of inertia is not positive: {np.nanmin(value[4:7]):.4g} kg m^2")
     elif np.isfinite(value).all():
         body = Inertia.from_body_parameters(value)
         if not body.is_physical:

@@ -30,6 +30,8 @@ from steelyard.motion.state import State
 _BLOCK_SPACINGS = 10.0
 """Length of a block of correlated residuals, in knot spacings of the filter."""
 _LEAST_BLOCKS = 10
+_LEAST_FORCE = 1e-6
+"""Below it there is no force to speak of [N]."""
 _BODY_SIZE_ON_SENSOR = 0.3
 """Plausible radius of a body on a wrench sensor [m]; a platform on cables shows its own."""
 
@@ -208,6 +210,8 @@ def _step(target: Array, *groups: _Unknown) -> _Step:
     value, influence = np.zeros(_UNKNOWNS), np.zeros((len(target), _UNKNOWNS))
     unknown = np.zeros((_UNKNOWNS, fit.unknown.shape[1]))
     value[place], influence[:, place], unknown[place] = fit.value, fit.influence, scale[:, None] * fit.unknown
+    if _INVERSE_MASS[0] in place and value[0] == 0:
+        value[0] = scale[place == 0][0]  # not told at all: any mass but an infinite one
     return _Step(fit, place, regressor, value, influence, unknown)
 
 
@@ -224,7 +228,7 @@ def _gathered(runs: Sequence[Samples]) -> tuple[Array, Array, bool]:
 
 def _forces(force: Array, specific_force: Array, offset: bool) -> list[_Unknown]:
     """Unknowns of Eq. (6) without the centre of gravity: -F (1/m) + b/m = -s."""
-    inverse_mass = _rms(specific_force) / max(_rms(force), 1e-12)
+    inverse_mass = _rms(specific_force) / max(_rms(force), _LEAST_FORCE)
     groups = [_Unknown(_INVERSE_MASS, -force[:, :, None], inverse_mass, np.zeros(1))]
     return [*groups, _free(_FORCE_OFFSET, len(force), _rms(specific_force))] if offset else groups
 
@@ -258,7 +262,7 @@ def _poses(runs: Sequence[Samples], size: float) -> BodyFit:
     Y, wrench, offset = _gathered(runs)
     force, torque = wrench[:, :3], wrench[:, 3:]
     one = _step(-Y[:, :3, 0], *_forces(force, Y[:, :3, 0], offset))
-    mass = 1 / one.value[0] if one.value[0] else np.inf
+    mass = 1 / one.value[0]
     # n = h x s with h = m c, for c.
     cog = _Unknown(_COG, Y[:, 3:, 1:4] * mass, size, np.zeros(3))
     two = _step(torque, cog, *([_free(_TORQUE_OFFSET, len(torque), _rms(torque) + 1e-12)] if offset else []))

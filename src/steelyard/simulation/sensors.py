@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Stream
+from steelyard.experiment.read import check_instruments
 from steelyard.instruments import AnyInstrument, Instrument
 from steelyard.instruments.base import Prior
 from steelyard.instruments.equations import predict
@@ -180,13 +181,11 @@ def _sensors(document: Document, robot: Robot) -> Sensors:
         raise document.error(
             ("instruments",), "expected an instrument of kind 'tension' or 'wrench', found none; add one"
         )
+    check_instruments(form.instruments, robot, document)
     for name, instrument in form.instruments.items():
-        key = ("instruments", name)
         if instrument.rate is None:
-            raise document.error(key, "expected the key 'rate', found it missing; add the samples per second")
-        if instrument.kind in {"tension", "length"} and not robot.m:
             raise document.error(
-                (*key, "kind"), f"expected a robot with cables, found none in '{robot.name}'; use kind 'wrench'"
+                ("instruments", name), "expected the key 'rate', found it missing; add the samples per second"
             )
     return Sensors(_with_delays(form))
 
@@ -281,6 +280,10 @@ def record(
         clock = instrument.clock or f"instrument {name}"
         origin, phase = clocks.setdefault(clock, (rng.uniform(0, _LATEST_START), rng.uniform()))
         times = np.arange(phase / rate, response.duration, 1 / rate)
+        if len(times) < 2:
+            raise InputError(
+                f"instrument '{name}': expected a rate of at least two samples in {response.duration:g} s, found {rate:g} Hz; raise it"
+            )
         source = command if instrument.kind == "command" else response
         readings = predict(instrument, robot, source.at(times), errors[name].calibration)
         noise = {q.name: q.noise or 0.0 for q in instrument.quantities(robot.m)}

@@ -22,6 +22,8 @@ PAPER_PAUSE = 0.5
 """Rest before and after it [s]."""
 MULTISINE_DURATION = 20.0
 """[s]"""
+SHORTEST, LONGEST = 0.5, 7200.0
+"""Durations that are simulated [s]."""
 _HIGHEST_FREQUENCY = 0.5
 """Of the multisine [Hz]: an octave and more below the lowest natural frequency of such platforms."""
 
@@ -50,8 +52,8 @@ def trajectories(robot: Robot, which: str, duration: float | None) -> dict[str, 
     Raises:
         InputError: The robot cannot do it, or the file is wrong.
     """
-    if duration is not None and not 0.5 <= duration <= 7200:
-        raise InputError(f"--duration: expected 0.5 to 7200 s, found {duration:g}; choose another")
+    if duration is not None and not SHORTEST <= duration <= LONGEST:
+        raise InputError(f"--duration: expected {SHORTEST:g} to {LONGEST:g} s, found {duration:g}; choose another")
     if which == "paper":
         runs = _paper(duration or PAPER_MOVE)
     elif which == "multisine":
@@ -178,4 +180,9 @@ def from_file(path: Path, robot: Robot) -> Sampled:
     if not np.isfinite(poses).all():
         row = int(np.argmin(np.isfinite(poses).all(axis=1)))
         raise InputError(f"{path}:{first[row] + 2}: expected a pose in every row, found an empty cell; fill it")
+    if not SHORTEST <= time[-1] - time[0] <= LONGEST:
+        raise InputError(
+            f"{path}: expected a motion of {SHORTEST:g} to {LONGEST:g} s, found one of {time[-1] - time[0]:g} s; "
+            "check the unit of column 't'"
+        )
     return Sampled.through(time - time[0], poses)
