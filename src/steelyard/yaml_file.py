@@ -147,8 +147,8 @@ def _plain(node: Any, key: tuple[str | int, ...], lines: dict[tuple[str | int, .
     if isinstance(node, bool) or node is None:
         return node
     if isinstance(node, int):
-        # Beyond any float it is a mistake, and printing it would be one too.
-        return int(node) if node.bit_length() < 1000 else float("inf")
+        # Beyond this, Python refuses even to print it.
+        return int(node) if node.bit_length() < 10_000 else float("inf")
     if isinstance(node, float):
         return float(node)
     # Scalar booleans of the round-trip loader are integers with a mark of their own.

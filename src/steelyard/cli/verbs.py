@@ -44,7 +44,10 @@ def list_robots(name: str | None, *, as_json: bool) -> None:
     """List the bundled robots, or print one."""
     if name is not None:
         text = bundled_text(name)
-        print_json(robot_file(read_robot(name))) if as_json else text.rstrip("\n")
+        if as_json:
+            print_json(robot_file(read_robot(name)))
+        else:
+            print(text.rstrip("\n"))
         return
     robots = {each: read_robot(each) for each in bundled_names()}
     if as_json:

@@ -72,7 +72,8 @@ def read_stream(
 
     def column(name: str, unit: str) -> Array:
         in_log = wanted.get(name, time_column)
-        given = units.get(in_log, units.get(name, unit))
+        # Where axes are exchanged, a name of the contract may be another column of the log.
+        given = units.get(in_log, unit if name in wanted.values() else units.get(name, unit))
         factors = FACTORS[unit]
         if given not in factors:
             raise InputError(

@@ -91,10 +91,14 @@ def _read_csv(path: Path, names: list[str]) -> pl.DataFrame:
     place: dict[str, str] = dict(zip(names, names, strict=True))
     try:
         # By place, not by name: names may be quoted or padded in ways of their own, and Polars has its own way with them.
-        raw = pl.read_csv(path, n_rows=0, infer_schema=False).columns
+        raw = pl.read_csv(_source(path), n_rows=0, infer_schema=False, glob=False).columns
         place = {raw[header.index(name)]: name for name in names}
         frame = pl.read_csv(
-            path, columns=list(place), schema_overrides=dict.fromkeys(place, pl.Float64), null_values=MISSING
+            _source(path),
+            columns=list(place),
+            schema_overrides=dict.fromkeys(place, pl.Float64),
+            null_values=MISSING,
+            glob=False,
         )
     except pl.exceptions.PolarsError:
         frame = _read_csv_slowly(path, place)
@@ -112,7 +116,7 @@ def _read_csv_slowly(path: Path, place: Mapping[str, str]) -> pl.DataFrame:
 
     _check_rows(path)
     try:
-        text = pl.read_csv(path, columns=list(place), infer_schema=False, null_values=MISSING)
+        text = pl.read_csv(_source(path), columns=list(place), infer_schema=False, null_values=MISSING, glob=False)
     except pl.exceptions.PolarsError as error:
         reason = str(error).splitlines()[0].rstrip(".")
         raise InputError(
@@ -130,6 +134,15 @@ def _read_csv_slowly(path: Path, place: Mapping[str, str]) -> pl.DataFrame:
                 "or leave it empty"
             )
     return numbers
+
+
+def _source(path: Path) -> Path | bytes:
+    """A path as Polars takes it: one whose bytes are no text has to be read for it."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return path.read_bytes()
+    return path
 
 
 def _has_quotes(path: Path) -> bool:
@@ -159,7 +172,7 @@ def _parquet_names(path: Path) -> list[str]:
     import polars as pl
 
     try:
-        return list(pl.read_parquet_schema(path))
+        return pl.scan_parquet(_source(path), glob=False).collect_schema().names()
     except pl.exceptions.PolarsError as error:
         raise InputError(f"{path}: expected a Parquet file, found something else ({error}); check the file") from None
 
@@ -168,7 +181,7 @@ def _read_parquet(path: Path, names: list[str]) -> pl.DataFrame:
     import polars as pl
 
     try:
-        frame = pl.read_parquet(path, columns=names)
+        frame = pl.read_parquet(_source(path), columns=names, glob=False)
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InputError(f"{path}: expected a Parquet file, found something else ({error}); copy it again") from None
     for name, kind in frame.schema.items():

@@ -95,7 +95,8 @@ def write_stream(stream: Stream, instrument: Instrument, m: int, path: Path, *, 
         if quantity.rotation:
             values = _as_columns(values, form)
         columns.update({name: values[:, i] for i, name in enumerate(form)})
-    pl.DataFrame(columns).fill_nan(None).write_csv(path)
+    with path.open("wb") as file:
+        pl.DataFrame(columns).fill_nan(None).write_csv(file)
 
 
 def _as_columns(rotations: Array, form: tuple[str, ...]) -> Array:
