@@ -231,6 +231,23 @@ def test_columns_that_nobody_asks_for_do_no_harm(small, original):
     assert_same_recording(read_experiment(small), original)
 
 
+@pytest.mark.parametrize("behind", [True, False])
+def test_a_comma_in_a_quoted_name_separates_nothing(small, original, behind):
+    file = small.parent / TRACKER
+    lines = file.read_text().splitlines()
+    first = [f'"wall clock, local",{lines[0]}', *(f"7,{line}" for line in lines[1:])]
+    file.write_text("\n".join(f"{line},{'more' if i == 0 else 9}" if behind else line for i, line in enumerate(first)))
+    assert_same_recording(read_experiment(small), original)
+
+
+def test_signs_of_another_encoding_in_columns_that_nobody_asks_for_do_no_harm(small, original):
+    file = small.parent / TRACKER
+    lines = file.read_text().splitlines()
+    text = "\n".join(f"{line},{'T [°C]' if i == 0 else '20 °C'}" for i, line in enumerate(lines))
+    file.write_bytes(text.encode("latin-1"))
+    assert_same_recording(read_experiment(small), original)
+
+
 @pytest.mark.parametrize("named", ["in the log", "in the contract"])
 def test_units_are_turned_to_si(small, original, named):
     file = small.parent / IMU

@@ -174,3 +174,30 @@ def test_a_body_on_a_wrench_sensor_needs_no_position(robot, trajectory):
         runs=tuple(replace(r, streams={k: r.streams[k] for k in ("sensor", "imu")}) for r in experiment.runs),
     )
     np.testing.assert_allclose(TwoStep()(lone).value, virtual.body.body_parameters, rtol=EQUAL, atol=1e-3)
+
+
+def static_experiment(folder, columns, extra=""):
+    """24 real poses at rest, with some of their columns."""
+    (folder / "robot.yaml").write_text("name: tool\ngravity: 9.82085\ncables: []\n")
+    (folder / "experiment.yaml").write_text(
+        "format: steelyard/1\nrobot: robot.yaml\ninstruments:\n"
+        "  wrench: {kind: wrench, acts_on: sensor}\n" + columns + "runs:\n"
+        "  - {name: poses, static: true, wrench: poses.csv, " + extra + "}\n"
+    )
+    return read_experiment(folder / "experiment.yaml")
+
+
+def test_poses_with_an_accelerometer_alone_need_no_attitude(tmp_path, examples):
+    poses = (examples / "kuka-tool" / "0-calibration_fts-accel.csv").read_text()
+    (tmp_path / "poses.csv").write_text(poses)
+    # Without the columns of the attitude an accelerometer has to say where gravity pulls, bias and misalignment included.
+    experiment = static_experiment(
+        tmp_path, "  imu: {kind: imu, rpy_deg: [0, 90, 90]}\n", "imu: {file: poses.csv, units: {ax: g, ay: g, az: g}}"
+    )
+    run = experiment.runs[0]
+    accelerometer = replace(run.streams["imu"], values={"specific_force": run.streams["imu"].values["specific_force"]})
+    lone = replace(experiment, runs=(replace(run, streams={**run.streams, "imu": accelerometer}),))
+    for acceleration in (None, "imu", "tracker"):
+        estimate = TwoStep(acceleration=acceleration)(lone)
+        assert estimate.value[0] == pytest.approx(0.932, rel=0.01)
+        np.testing.assert_allclose(estimate.value[1:4], [0.0003, 0, 0.0439], atol=2e-3)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,16 +16,11 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.smoothing import Samples1D, Smoothed, choose_spacing, fit, pieces, segments
-from steelyard.instruments import Command, Imu, Pose, Position
+from steelyard.identification.sources import Acceleration, Source, Sources, choose_sources
 from steelyard.instruments.equations import solve_for
 from steelyard.motion.state import motion_of_quaternions, specific_force_of
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
-
-Source = tuple[str, str]
-"""Instrument and quantity."""
-
-Acceleration = Literal["imu", "tracker"]
 
 _FEWEST_SAMPLES = 10
 _WIDEST_SPACING = 0.5
@@ -71,92 +65,6 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.time)
-
-
-@dataclass(frozen=True)
-class Sources:
-    """Which quantity of which instrument is used for what."""
-
-    force: str
-    """Instrument of kind tension or wrench."""
-    rotation: Source | None
-    omega: Source | None
-    specific_force: Source | None
-    position: Source | None
-
-    def used(self) -> list[Source]:
-        """All but the forces."""
-        return list(dict.fromkeys(s for s in (self.rotation, self.omega, self.specific_force, self.position) if s))
-
-
-def choose_sources(experiment: Experiment, run: Run, acceleration: Acceleration | None) -> Sources:
-    """Decide what is read from where (Table I of the paper); of several instruments the first in the file is taken.
-
-    Args:
-        experiment: With its instruments.
-        run: With its streams.
-        acceleration: Where to take the acceleration from; None: the IMU where there is one, else the tracker.
-
-    Raises:
-        InputError: Something is missing; the message names it.
-    """
-
-    def first(quantity: str, *kinds: type) -> Source | None:
-        return next(
-            (
-                (name, quantity)
-                for name, instrument in experiment.instruments.items()
-                if name in run.streams
-                and quantity in run.streams[name].values
-                and (isinstance(instrument, kinds) if kinds else instrument.kind != "command")
-            ),
-            None,
-        )
-
-    def needed(source: Source | None, what: str) -> Source:
-        if source is None:
-            raise InputError(
-                f"{experiment.source or experiment.name}: run '{run.name}': expected {what}, found none; add a stream that has it"
-            )
-        return source
-
-    force = experiment.force_instrument(run)
-    if force is None:
-        raise InputError(
-            f"{experiment.name}: run '{run.name}': expected forces, found none; add a stream of kind 'tension' or 'wrench'"
-        )
-    cables = experiment.instruments[force].kind == "tension"
-    rotation = first("orientation")
-    position = first("position")
-    if cables:
-        rotation = needed(rotation, "an orientation (imu, attitude or pose) to know where the cables pull")
-        position = position or needed(
-            first("position", Command), "a position (position, pose or command) to know where the cables pull"
-        )
-    omega = first("angular_velocity") or needed(
-        rotation, "an angular velocity (gyro) or an orientation to differentiate"
-    )
-    specific_force = first("specific_force", Imu)
-    tracked = first("position", Position, Pose)
-    if acceleration == "tracker" or (acceleration is None and specific_force is None and not run.static):
-        tracked = needed(
-            tracked,
-            "a position or pose to take the acceleration from" if acceleration else "an accelerometer or a tracker",
-        )
-        return Sources(
-            force, needed(rotation, "an orientation beside the tracker's acceleration"), omega, None, tracked
-        )
-    if run.static:
-        if rotation is None:
-            specific_force = needed(specific_force, "an orientation or an accelerometer for the direction of gravity")
-        return Sources(force, rotation, None, None if rotation else specific_force, position if cables else None)
-    return Sources(
-        force,
-        rotation,
-        omega,
-        needed(specific_force, "an accelerometer for --acceleration imu"),
-        position if cables else None,
-    )
 
 
 def prepare(

@@ -22,7 +22,8 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.body_fit import BodyFit, finish, from_two_steps, median, merge
 from steelyard.identification.estimate import Estimate
 from steelyard.identification.linear import LinearFit, block_covariance, solve
-from steelyard.identification.preparation import Acceleration, Samples, choose_sources, prepare
+from steelyard.identification.preparation import Samples, prepare
+from steelyard.identification.sources import Acceleration, choose_sources
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments.equations import means, predict, terms_behind
 from steelyard.motion.state import State
