@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -66,11 +67,14 @@ def read_names(path: Path) -> list[str]:
 
 
 def _csv_header(path: Path) -> list[str]:
-    """Names in the first line as they stand there."""
+    """Names in the first line."""
     # Bounded: the header of a log is never longer, and the file may be anything.
     with path.open("r", encoding="utf-8-sig", errors="replace", newline="") as file:
         header = file.readline(1 << 20).rstrip("\r\n")
-    return header.split(",") if header.strip() else []
+    try:
+        return next(csv.reader([header], skipinitialspace=True), []) if header.strip() else []
+    except csv.Error:
+        return header.split(",")
 
 
 def _clean(name: str) -> str:
@@ -91,13 +95,18 @@ def _read_csv(path: Path, names: list[str]) -> pl.DataFrame:
     place: dict[str, str] = dict(zip(names, names, strict=True))
     try:
         # By place, not by name: names may be quoted or padded in ways of their own, and Polars has its own way with them.
-        raw = pl.read_csv(_source(path), n_rows=0, infer_schema=False, glob=False).columns
+        raw = pl.read_csv(_source(path), n_rows=0, infer_schema=False, encoding="utf8-lossy", glob=False).columns
+        if len(raw) != len(header):
+            raise InputError(
+                f"{path}:1: expected a header of names between commas, found one that cannot be read; correct it"
+            )
         place = {raw[header.index(name)]: name for name in names}
         frame = pl.read_csv(
             _source(path),
             columns=list(place),
             schema_overrides=dict.fromkeys(place, pl.Float64),
             null_values=MISSING,
+            encoding="utf8-lossy",
             glob=False,
         )
     except pl.exceptions.PolarsError:
@@ -116,7 +125,14 @@ def _read_csv_slowly(path: Path, place: Mapping[str, str]) -> pl.DataFrame:
 
     _check_rows(path)
     try:
-        text = pl.read_csv(_source(path), columns=list(place), infer_schema=False, null_values=MISSING, glob=False)
+        text = pl.read_csv(
+            _source(path),
+            columns=list(place),
+            infer_schema=False,
+            null_values=MISSING,
+            encoding="utf8-lossy",
+            glob=False,
+        )
     except pl.exceptions.PolarsError as error:
         reason = str(error).splitlines()[0].rstrip(".")
         raise InputError(
