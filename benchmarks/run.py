@@ -17,9 +17,14 @@ from pathlib import Path
 import numpy as np
 from recordings import recordings
 
+from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import BODY_PARAMETERS
+from steelyard.robot.file import read_robot
+from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
+from steelyard.simulation.sensors import draw_errors, paper_sensors, record
+from steelyard.simulation.trajectories import feasible_multisine
 
 STEELYARD = [sys.executable, "-m", "steelyard"]
 REFERENCE = [sys.executable, "-c", "import casadi, numpy, polars, pydantic, scipy.interpolate, scipy.integrate"]
@@ -114,7 +119,27 @@ def accuracy(_: Path) -> None:
         print(f"{'rmse of points-*':16}{acceleration:>9}" + "".join(f"{e:9.3f}" for e in rmse))
 
 
-BENCHMARKS = {"speed": speed, "hour": hour, "accuracy": accuracy}
+def honesty(_: Path) -> None:
+    """How the errors of the two steps compare with the 1-sigma that they state, over forty draws of the paper's sensors."""
+    robot = read_robot("cogiro").with_straight_cables()
+    trajectory = feasible_multisine(robot, 20.0)
+    response = CablePlatform(robot, robot.platform).move(trajectory)
+    command = ExactMotion(robot, robot.platform, trajectory)
+    instruments = paper_sensors(robot).instruments
+    errors, in_sigmas = [], []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        drawn = draw_errors(instruments, robot.m, ["run"], rng)["run"]
+        streams, sync = record(response, instruments, drawn, robot, command, rng)
+        estimate = TwoStep()(Experiment("draw", robot, instruments, (Run("run", streams, sync),)))
+        errors.append(estimate.value - robot.platform.body_parameters)
+        in_sigmas.append(errors[-1] / estimate.standard_deviation)
+    print(f"{'':28}" + "".join(f"{name:>9}" for name in BODY_PARAMETERS))
+    for what, values in (("rmse [kg], [m], [kg m^2]", errors), ("rms error in stated sigmas", in_sigmas)):
+        print(f"{what:28}" + "".join(f"{v:9.3f}" for v in np.sqrt(np.mean(np.square(values), axis=0))))
+
+
+BENCHMARKS = {"speed": speed, "hour": hour, "accuracy": accuracy, "honesty": honesty}
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as temporary:

@@ -201,3 +201,19 @@ def test_poses_with_an_accelerometer_alone_need_no_attitude(tmp_path, examples):
         estimate = TwoStep(acceleration=acceleration)(lone)
         assert estimate.value[0] == pytest.approx(0.932, rel=0.01)
         np.testing.assert_allclose(estimate.value[1:4], [0.0003, 0, 0.0439], atol=2e-3)
+
+
+def test_an_imu_that_takes_gravity_out_needs_an_attitude(robot, trajectory):
+    sensors = changed(ideal_sensors(robot), imu={"gravity": "removed"})
+    arm = replace(
+        robot, anchors=np.zeros((0, 3)), attachments=np.zeros((0, 3)), pulley_radius=[], pulley_axis=[], name="arm"
+    )
+    run = simulate(
+        arm, {"run": trajectory}, Sensors({**ideal_sensors(arm).instruments, "imu": sensors.instruments["imu"]})
+    )
+    experiment = run.experiment
+    stream = experiment.runs[0].streams["imu"]
+    blind = replace(stream, values={q: v for q, v in stream.values.items() if q != "orientation"})
+    lone = replace(experiment.runs[0], streams={"sensor": experiment.runs[0].streams["sensor"], "imu": blind})
+    with pytest.raises(InputError, match="the platform's rotation"):
+        prepare(experiment, lone)

@@ -6,8 +6,9 @@ instruments themselves, with systematic errors at the values known beforehand.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -200,7 +201,7 @@ def _moving(task: _Task) -> Samples:
         gaps += 1
         for a, b, first, last in pieces(part_start, part_end, spacing):
             inside = times[(times >= first) & (times < last)]
-            state = _part(task, raw, (a, b, spacing), inside) if len(inside) else None
+            state = _Part(task, raw, a, b, spacing).state(inside) if len(inside) else None
             if state is not None:
                 parts.append(state)
     found = sum(len(p["time"]) for p in parts)
@@ -268,78 +269,104 @@ def _spacing(judged: list[Samples1D], used: list[Samples1D], start: float, end: 
     return choose_spacing(judged, [float(c) for c in candidates], start, min(end, start + _JUDGED))
 
 
-def _part(
-    task: _Task, raw: Mapping[Source, Samples1D], interval: tuple[float, float, float], times: Array
-) -> dict[str, Array] | None:
-    """The platform's state at times in an interval without gaps; None where the samples do not determine it."""
-    sources, start, end, spacing = task.sources, *interval
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The streams of one run over an interval without gaps, smooth and turned into parts of the platform's state one by one."""
 
-    def within(source: Source) -> Samples1D:
-        samples = raw[source]
-        inside = (samples.time >= start) & (samples.time <= end)
+    task: _Task
+    raw: Mapping[Source, Samples1D]
+    start: float
+    end: float
+    spacing: float
+
+    def within(self, source: Source) -> Samples1D:
+        """Samples in the interval."""
+        samples = self.raw[source]
+        inside = (samples.time >= self.start) & (samples.time <= self.end)
         return Samples1D(samples.time[inside], samples.values[inside])
 
-    def smooth(samples: Samples1D) -> Smoothed:
-        fitted = fit(samples, start, end, spacing)
+    def smooth(self, samples: Samples1D) -> Smoothed:
+        """Fit, or give the part up."""
+        fitted = fit(samples, self.start, self.end, self.spacing)
         if fitted is None:
             raise _UndeterminedError
         return fitted
 
-    try:
-        attitude = smooth(within(sources.rotation)) if sources.rotation else None
+    @cached_property
+    def attitude(self) -> Smoothed | None:
+        """Quaternion."""
+        rotation = self.task.sources.rotation
+        return self.smooth(self.within(rotation)) if rotation else None
 
-        def rotation_at(t: Array) -> dict[str, Array]:
-            if attitude is None:
-                return {}
-            return {"rotation": Rotation.from_quat(attitude.at(t), scalar_first=True).as_matrix()}
+    @cached_property
+    def gyro(self) -> Smoothed | None:
+        """Angular velocity; None where it has to come from the attitude."""
+        omega = self.task.sources.omega
+        return self.smooth(self.within(omega)) if omega and omega != self.task.sources.rotation else None
 
-        turning: Callable[[Array], dict[str, Array]]
-        if sources.omega and sources.omega != sources.rotation:
-            gyro = smooth(within(sources.omega))
+    def rotation(self, t: Array) -> dict[str, Array]:
+        """R_world_platform, where it is known."""
+        if self.attitude is None:
+            return {}
+        return {"rotation": Rotation.from_quat(self.attitude.at(t), scalar_first=True).as_matrix()}
 
-            def turning(t: Array) -> dict[str, Array]:
-                return {"omega": gyro.at(t), "alpha": gyro.at(t, 1)}
+    def turning(self, t: Array) -> dict[str, Array]:
+        """Angular velocity and acceleration."""
+        if self.gyro is not None:
+            return {"omega": self.gyro.at(t), "alpha": self.gyro.at(t, 1)}
+        assert self.attitude is not None  # choose_sources() has made sure
+        return dict(motion_of_quaternions(*(self.attitude.at(t, order) for order in range(3))))
 
-            noise = [gyro.noise(times, order) for order in (0, 1)]
-        else:
-            assert attitude is not None
-            known = attitude
+    def turning_noise(self, t: Array) -> tuple[float, float]:
+        """1-sigma of the noise left in angular velocity and acceleration."""
+        if self.gyro is not None:
+            return self.gyro.noise(t, 0), self.gyro.noise(t, 1)
+        assert self.attitude is not None
+        # A quaternion turns half as fast as the rotation vector.
+        return 2 * self.attitude.noise(t, 1), 2 * self.attitude.noise(t, 2)
 
-            def turning(t: Array) -> dict[str, Array]:
-                return dict(motion_of_quaternions(*(known.at(t, order) for order in range(3))))
+    @cached_property
+    def position(self) -> Smoothed | None:
+        """Of the platform origin: what is tracked may be another point, whose lever turns with the platform."""
+        source = self.task.sources.position
+        if source is None:
+            return None
+        tracked = self.within(source)
+        origin = self.task.solve("position", source, tracked.values, **self.rotation(tracked.time))
+        return self.smooth(Samples1D(tracked.time, origin))
 
-            # A quaternion turns half as fast as the rotation vector.
-            noise = [2 * known.noise(times, order) for order in (1, 2)]
+    def specific_force(self, t: Array) -> Array:
+        """Of the platform origin, from the accelerometer or from the tracker."""
+        source, gravity = self.task.sources.specific_force, self.task.robot.gravity
+        if source is not None:
+            felt = self.within(source)
+            given = {**self.turning(felt.time), **self.rotation(felt.time), "gravity": gravity}
+            at_origin = self.task.solve("specific_force", source, felt.values, **given)
+            return self.smooth(Samples1D(felt.time, at_origin)).at(t)
+        assert self.position is not None  # choose_sources() has made sure
+        return specific_force_of(self.rotation(t)["rotation"], self.position.at(t, 2), gravity)
 
-        place = None
-        if sources.position:
-            tracked = within(sources.position)
-            command = task.experiment.instruments[sources.position[0]].kind == "command"
-            given = {} if command else rotation_at(tracked.time)
-            place = smooth(Samples1D(tracked.time, task.solve("position", sources.position, tracked.values, **given)))
-        if sources.specific_force:
-            felt = within(sources.specific_force)
-            given = {**turning(felt.time), **rotation_at(felt.time)}
-            if getattr(task.experiment.instruments[sources.specific_force[0]], "gravity", "") == "removed":
-                given["gravity"] = task.robot.gravity
-            else:
-                given.pop("rotation", None)
-            at_origin = task.solve("specific_force", sources.specific_force, felt.values, **given)
-            specific_force = smooth(Samples1D(felt.time, at_origin)).at(times)
-        else:
-            assert place is not None
-            specific_force = specific_force_of(rotation_at(times)["rotation"], place.at(times, 2), task.robot.gravity)
-        readings = {q: smooth(within((name, q))).at(times) for name, q in raw if name == sources.force}
-    except _UndeterminedError:
-        return None
-    return {
-        "time": times,
-        **turning(times),
-        "specific_force": specific_force,
-        "wrench": task.wrench(readings, place.at(times) if place else None, rotation_at(times).get("rotation")),
-        "omega_noise": np.full(len(times), noise[0]),
-        "alpha_noise": np.full(len(times), noise[1]),
-    }
+    def wrench(self, t: Array) -> Array:
+        """On the platform."""
+        force = self.task.sources.force
+        readings = {q: self.smooth(self.within((name, q))).at(t) for name, q in self.raw if name == force}
+        position = None if self.position is None else self.position.at(t)
+        return self.task.wrench(readings, position, self.rotation(t).get("rotation"))
+
+    def state(self, t: Array) -> dict[str, Array] | None:
+        """All of it at times; None where the samples do not determine it."""
+        try:
+            omega_noise, alpha_noise = self.turning_noise(t)
+            return {
+                "time": t,
+                **self.turning(t),
+                "specific_force": self.specific_force(t),
+                "wrench": self.wrench(t),
+                "omega_noise": np.full(len(t), omega_noise),
+                "alpha_noise": np.full(len(t), alpha_noise),
+            }
+        except _UndeterminedError:
+            return None
 
 
 class _UndeterminedError(Exception):

@@ -9,6 +9,7 @@ import casadi as ca
 
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
+from steelyard.errors import InputError
 from steelyard.instruments.base import Instrument, Term
 from steelyard.motion.state import State, symbols
 from steelyard.robot.model import Robot
@@ -64,10 +65,13 @@ def solve_for(
         instrument: With its systematic errors at their means.
         robot: Its cables.
         readings: Quantities that determine the unknown, arrays over n samples.
-        given: Other fields of the state that the equation needs.
+        given: Other fields of the state; all that the equation needs, and it may be more.
 
     Returns:
         The unknown over n samples.
+
+    Raises:
+        InputError: The equation needs a part of the state that is not given.
     """
     state = symbols(robot.m)
     target = getattr(state, unknown)
@@ -81,9 +85,20 @@ def solve_for(
     difference = ca.vertcat(*[ca.vec(s) for s in measured.values()]) - at_zero
     solution = ca.reshape(ca.solve(jacobian, difference), *target.shape)
     inputs = {f"measured_{name}": symbol for name, symbol in measured.items()}
-    used = {name: getattr(state, name) for name in given}
-    solved = Batched("solve", {**inputs, **used}, {unknown: solution})
-    return solved(**{f"measured_{name}": readings[name] for name in names}, **given)[unknown]
+    needed = {
+        f.name: getattr(state, f.name)
+        for f in fields(State)
+        if getattr(state, f.name).numel() and ca.depends_on(solution, ca.vec(getattr(state, f.name)))
+    }
+    missing = [name for name in needed if name not in given]
+    if missing:
+        raise InputError(
+            f"instrument of kind '{instrument.kind}': expected the platform's {' and '.join(missing)} beside its "
+            f"{' and '.join(names).replace('_', ' ')}, found none; add a stream that tells it"
+        )
+    solved = Batched("solve", {**inputs, **needed}, {unknown: solution})
+    values = {f"measured_{name}": readings[name] for name in names}
+    return solved(**values, **{name: given[name] for name in needed})[unknown]
 
 
 def _symbol_like(name: str, expression: Symbol) -> Symbol:
