@@ -283,6 +283,21 @@ EXPERIMENT_FILE = [
         r"experiment\.yaml:10: 'instruments\.cables\.calibration\.offset': expected one sigma or 8 of them, found 3",
     ),
     case(
+        "delay of one clock per axis",
+        change(EXPERIMENT, "offset: 5.0", "offset: 5.0, delay: [0.1, 0.2]"),
+        r"experiment\.yaml:10: 'instruments\.cables\.calibration\.delay.*': expected ",
+    ),
+    case(
+        "delay of no value",
+        change(EXPERIMENT, "offset: 5.0", "offset: 5.0, delay: {value: [], sigma: 1}"),
+        r"experiment\.yaml:10: 'instruments\.cables\.calibration\.delay.*': expected ",
+    ),
+    case(
+        "impossibly far away",
+        change(EXPERIMENT, "position: [0.047", "position: [1.0e308"),
+        r"experiment\.yaml:14: 'instruments\.imu\.position.*': expected .*found 1e\+308",
+    ),
+    case(
         "calibration per what",
         change(EXPERIMENT, "offset: 5.0", "offset: {sigma: 1, per: day}"),
         r"experiment\.yaml:10: 'instruments\.cables\.calibration\.offset\.per': .*'experiment' or 'run', found 'day'",
@@ -486,6 +501,11 @@ YAML_FILE = [
         append(EXPERIMENT, "# " + "x" * 10_000_000 + "\n"),
         r"experiment\.yaml: expected at most 4 MiB.*found 9",
     ),
+    case(
+        "4 MB of values",
+        append(EXPERIMENT, "known:\n" + "- 1\n" * 1_000_000),
+        r"experiment\.yaml.*: expected at most .*found ",
+    ),
     case("tagged object", change(EXPERIMENT, "small", "!!python/object/apply:os.system [ls]"), r"experiment\.yaml:2: "),
     case(
         "number of 10000 digits",
@@ -584,6 +604,11 @@ ROBOT_FILE = [
         "limits reversed",
         change(ROBOT, "[4.0, 3.0, 3.5]", "[-5.0, 3.0, 3.5]"),
         r"robot\.yaml:\d+: 'limits\.position': expected the lowest corner first",
+    ),
+    case(
+        "impossibly large robot",
+        change(ROBOT, "-7.1967", "1.0e308"),
+        r"robot\.yaml:4: 'cables\[0\]\.anchor.*': expected .*found 1e\+308",
     ),
     case(
         "mass of zero",
@@ -961,6 +986,18 @@ SIMULATIONS = [
         "sensors with calibration of too few cables",
         write("s.yaml", "instruments:\n  cables: {kind: tension, rate: 25, calibration: {offset: [1, 2]}}\n"),
         r"s\.yaml:2: 'instruments\.cables\.calibration\.offset': expected one sigma or 8 of them, found 2",
+        f"{SIMULATE} --sensors s.yaml",
+    ),
+    case(
+        "sensors with a negative clock error",
+        write("s.yaml", SENSORS + "  imu: {kind: imu, rate: 25, sync: -1}\n"),
+        r"s\.yaml:3: 'instruments\.imu\.sync': expected a number at least 0, found -1",
+        f"{SIMULATE} --sensors s.yaml",
+    ),
+    case(
+        "sensors with a key of our own making",
+        write("s.yaml", SENSORS + "own_sync: {cables: 1}\n"),
+        r"s\.yaml:3: 'own_sync': expected a known key, found 'own_sync'; known here: instruments, sync($|[^,])",
         f"{SIMULATE} --sensors s.yaml",
     ),
     case(

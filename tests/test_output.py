@@ -97,6 +97,15 @@ def test_after_an_error_no_parent_is_there(tmp_path):
     assert tree(tmp_path) == {}
 
 
+def test_after_an_error_parents_stay_that_others_have_begun_to_use(tmp_path):
+    publishing = results_folder(tmp_path / "x" / "y" / "out", force=False)
+    publishing.__enter__()
+    fill(tmp_path / "x", a="of another process")
+    with pytest.raises(KeyboardInterrupt):
+        publishing.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
+    assert tree(tmp_path) == {"x": None, "x/a": "of another process"}
+
+
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_after_an_error_earlier_results_are_as_they_were(tmp_path, error):
     target = tmp_path / "out"
@@ -254,6 +263,38 @@ def test_a_long_name_that_fits_is_no_trouble(tmp_path):
     name = "o" * os.pathconf(tmp_path, "PC_NAME_MAX")
     publish(tmp_path / name, a="1")
     assert tree(tmp_path / name) == {"a": "1"}
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is forbidden to root")
+def test_a_folder_of_ones_own_in_a_folder_of_another(tmp_path):
+    # As /data of a container, or a mount point: what is beside it is not ours.
+    fill(tmp_path / "theirs" / "mine")
+    (tmp_path / "theirs").chmod(0o555)
+    try:
+        publish(tmp_path / "theirs" / "mine", a="1")
+        publish(tmp_path / "theirs" / "mine", force=True, a="2")
+        with pytest.raises(InputError, match="expected a place that can be written to"):
+            check_target(tmp_path / "theirs" / "new", force=False)
+    finally:
+        (tmp_path / "theirs").chmod(0o755)
+    assert tree(tmp_path / "theirs") == {"mine": None, "mine/a": "2"}
+
+
+def test_results_for_a_folder_that_exists_are_prepared_on_the_same_device(tmp_path, monkeypatch):
+    # Moves between devices fail, and a mount point is on another device than what is beside it.
+    target = tmp_path / "mounted"
+    target.mkdir()
+    rename = Path.rename
+
+    def within(self, other):
+        if (target in self.parents) != (target in Path(other).parents):
+            raise OSError(18, "Invalid cross-device link", str(self))
+        return rename(self, other)
+
+    monkeypatch.setattr(Path, "rename", within)
+    publish(target, a="1")
+    publish(target, force=True, a="2", b="2")
+    assert tree(tmp_path) == {"mounted": None, "mounted/a": "2", "mounted/b": "2"}
 
 
 def test_a_check_changes_nothing(tmp_path):

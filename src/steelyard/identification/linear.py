@@ -81,20 +81,29 @@ def _triangle(regressor: Array) -> Array:
     return triangle
 
 
-def block_covariance(influence: Array, block: int) -> Array:
-    """Covariance of a sum of influences whose samples are correlated over less than a block [Newey1987]_.
-
-    Sums over blocks are nearly independent, whatever the correlation within them.
+def block_sums(influence: Array, block: int) -> Array:
+    """Sums of influences over blocks, which are nearly independent whatever the correlation within them.
 
     Args:
         influence: Shape (n, p).
         block: Samples per block; 1 where samples are independent.
 
     Returns:
-        Shape (p, p).
+        Shape (b, p), at least two blocks.
     """
     n = len(influence)
-    count = max(2, n // max(1, block))
-    edges = np.linspace(0, n, count + 1).astype(int)[:-1]
-    sums = np.add.reduceat(influence, edges, axis=0)
+    edges = np.linspace(0, n, max(2, n // max(1, block)) + 1).astype(int)[:-1]
+    return np.asarray(np.add.reduceat(influence, edges, axis=0))
+
+
+def covariance_of(sums: Array) -> Array:
+    """Covariance of a result from the influences of independent blocks [Newey1987]_.
+
+    Args:
+        sums: Shape (b, p), see :func:`block_sums`.
+
+    Returns:
+        Shape (p, p).
+    """
+    count = len(sums)
     return np.asarray(count / (count - 1) * sums.T @ sums)

@@ -21,7 +21,7 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.identification.body_fit import BodyFit, finish, from_two_steps, median, merge
 from steelyard.identification.estimate import Estimate
-from steelyard.identification.linear import LinearFit, block_covariance, solve
+from steelyard.identification.linear import LinearFit, block_sums, covariance_of, solve
 from steelyard.identification.preparation import Samples, prepare
 from steelyard.identification.sources import Acceleration, choose_sources
 from steelyard.inertia import BODY_PARAMETERS
@@ -31,6 +31,8 @@ from steelyard.motion.state import State
 _BLOCK_SPACINGS = 10.0
 """Length of a block of correlated residuals, in knot spacings of the filter."""
 _LEAST_BLOCKS = 10
+_ROWS = 20_000
+"""Samples whose regressor is held at once."""
 _LEAST_FORCE = 1e-6
 """Below it there is no force to speak of [N]."""
 _BODY_SIZE_ON_SENSOR = 0.3
@@ -191,10 +193,18 @@ class _Step:
     regressor: Array
     value: Array
     """Shape (16,)."""
-    influence: Array
-    """Shape (n, 16)."""
     unknown: Array
     """Square root of the covariance of what it cannot tell, shape (16, k)."""
+    known_otherwise: NDArray[np.intp]
+    """Unknowns whose value does not come from this step."""
+
+    def influence(self, block: int) -> Array:
+        """Influence of blocks of samples on the 16, shape (b, 16)."""
+        sums = block_sums(self.fit.influence, block)
+        placed = np.zeros((len(sums), _UNKNOWNS))
+        placed[:, self.place] = sums
+        placed[:, self.known_otherwise] = 0.0
+        return placed
 
     def following(self, h_columns: Array) -> Array:
         """How its solution moves when ``h_columns @ h`` is taken off its target, shape (16, 3)."""
@@ -204,16 +214,16 @@ class _Step:
 
 
 def _step(target: Array, *groups: _Unknown) -> _Step:
-    regressor = np.concatenate([g.columns for g in groups], axis=2)
+    columns = [g.columns for g in groups]
+    regressor = columns[0] if len(columns) == 1 else np.concatenate(columns, axis=2)
     place = np.concatenate([g.place for g in groups])
     scale = np.concatenate([np.full(len(g.place), g.scale) for g in groups])
     fit = solve(regressor, target, scale, np.concatenate([g.noise for g in groups]))
-    value, influence = np.zeros(_UNKNOWNS), np.zeros((len(target), _UNKNOWNS))
-    unknown = np.zeros((_UNKNOWNS, fit.unknown.shape[1]))
-    value[place], influence[:, place], unknown[place] = fit.value, fit.influence, scale[:, None] * fit.unknown
+    value, unknown = np.zeros(_UNKNOWNS), np.zeros((_UNKNOWNS, fit.unknown.shape[1]))
+    value[place], unknown[place] = fit.value, scale[:, None] * fit.unknown
     if _INVERSE_MASS[0] in place and value[0] == 0:
         value[0] = scale[place == 0][0]  # not told at all: any mass but an infinite one
-    return _Step(fit, place, regressor, value, influence, unknown)
+    return _Step(fit, place, regressor, value, unknown, np.arange(0))
 
 
 def _free(place: NDArray[np.intp], n: int, scale: float) -> _Unknown:
@@ -221,52 +231,76 @@ def _free(place: NDArray[np.intp], n: int, scale: float) -> _Unknown:
     return _Unknown(place, np.broadcast_to(np.eye(3), (n, 3, 3)), scale, np.zeros(3))
 
 
-def _gathered(runs: Sequence[Samples]) -> tuple[Array, Array, bool]:
-    """Regressor, wrench, and whether the wrench has a free offset, over the samples of all runs."""
-    Y = np.concatenate([platform_regressor(run.specific_force, run.omega, run.alpha) for run in runs])
-    return Y, np.concatenate([run.wrench for run in runs]), any(run.free_offset for run in runs)
+class _Equations(NamedTuple):
+    """Both halves of the equations over the samples of all runs."""
+
+    specific_force: Array
+    """Shape (n, 3)."""
+    force_of_cog: Array
+    """Columns of h in the force, shape (n, 3, 3)."""
+    torque_of_cog: Array
+    """Columns of h in the torque, shape (n, 3, 3)."""
+    torque_of_moments: Array
+    """Columns of J_P in the torque, shape (n, 3, 6)."""
+    force: Array
+    torque: Array
+    offset: bool
+    """Whether the wrench has a free offset."""
 
 
-def _forces(force: Array, specific_force: Array, offset: bool) -> list[_Unknown]:
+def _equations(runs: Sequence[Samples]) -> _Equations:
+    parts: list[tuple[Array, Array, Array, Array]] = []
+    for run in runs:
+        for start in range(0, len(run), _ROWS):
+            rows = slice(start, start + _ROWS)
+            Y = platform_regressor(run.specific_force[rows], run.omega[rows], run.alpha[rows])
+            parts.append((Y[:, :3, 0].copy(), Y[:, :3, 1:4].copy(), Y[:, 3:, 1:4].copy(), Y[:, 3:, 4:].copy()))
+    wrench = np.concatenate([run.wrench for run in runs])
+    felt, in_force, in_torque, moments = (np.concatenate(group) for group in zip(*parts, strict=True))
+    offset = any(run.free_offset for run in runs)
+    return _Equations(felt, in_force, in_torque, moments, wrench[:, :3], wrench[:, 3:], offset)
+
+
+def _forces(e: _Equations) -> list[_Unknown]:
     """Unknowns of Eq. (6) without the centre of gravity: -F (1/m) + b/m = -s."""
-    inverse_mass = _rms(specific_force) / max(_rms(force), _LEAST_FORCE)
-    groups = [_Unknown(_INVERSE_MASS, -force[:, :, None], inverse_mass, np.zeros(1))]
-    return [*groups, _free(_FORCE_OFFSET, len(force), _rms(specific_force))] if offset else groups
+    felt = _rms(e.specific_force)
+    inverse_mass = felt / max(_rms(e.force), _LEAST_FORCE)
+    groups = [_Unknown(_INVERSE_MASS, -e.force[:, :, None], inverse_mass, np.zeros(1))]
+    return [*groups, _free(_FORCE_OFFSET, len(e.force), felt)] if e.offset else groups
+
+
+def _torque_offset(e: _Equations) -> list[_Unknown]:
+    return [_free(_TORQUE_OFFSET, len(e.torque), _rms(e.torque) + 1e-12)] if e.offset else []
 
 
 def _motion(runs: Sequence[Samples], size: float, at_rest: BodyFit | None) -> BodyFit:
     """Eq. (6), then Eq. (8), over the samples of one or more runs in motion."""
-    Y, wrench, offset = _gathered(runs)
-    force, torque = wrench[:, :3], wrench[:, 3:]
+    e = _equations(runs)
     alpha_noise = float(np.sqrt(np.mean([run.alpha_noise**2 for run in runs])))
 
     # Step one, Eq. (6): -F (1/m) [+ b/m] + ([w']x + [w]x[w]x) c = -s.
-    specific_force = Y[:, :3, 0]
-    cog = _Unknown(_COG, Y[:, :3, 1:4], size, np.full(3, 2 * alpha_noise**2))
-    one = _with_better_cog(_step(-specific_force, cog, *_forces(force, specific_force, offset)), runs, at_rest)
+    cog = _Unknown(_COG, e.force_of_cog, size, np.full(3, 2 * alpha_noise**2))
+    one = _with_better_cog(_step(-e.specific_force, cog, *_forces(e)), runs, at_rest)
 
     # Step two, Eq. (8): J_P from n - h x s, with h of step one; J_C follows by Eq. (7).
     mass, c = 1 / one.value[0], one.value[_COG]
-    h_columns = Y[:, 3:, 1:4]
-    moments = _Unknown(_MOMENTS, Y[:, 3:, 4:], mass * size**2, alpha_noise**2 * np.array([1, 1, 1, 2, 2, 2]))
-    offsets = [_free(_TORQUE_OFFSET, len(torque), _rms(torque) + 1e-12)] if offset else []
-    two = _step(torque - h_columns @ (mass * c), moments, *offsets)
+    moments = _Unknown(_MOMENTS, e.torque_of_moments, mass * size**2, alpha_noise**2 * np.array([1, 1, 1, 2, 2, 2]))
+    two = _step(e.torque - e.torque_of_cog @ (mass * c), moments, *_torque_offset(e))
 
     # How step two follows step one, through h = c / (1/m).
     by_first = np.zeros((3, _UNKNOWNS))
     by_first[:, _INVERSE_MASS[0]], by_first[:, _COG] = -c * mass**2, mass * np.eye(3)
-    return _joined(one, two, two.following(h_columns) @ by_first, _block(runs))
+    return _joined(one, two, two.following(e.torque_of_cog) @ by_first, _block(runs))
 
 
 def _poses(runs: Sequence[Samples], size: float) -> BodyFit:
     """Mass from the forces and centre of gravity from the torque balance of poses at rest."""
-    Y, wrench, offset = _gathered(runs)
-    force, torque = wrench[:, :3], wrench[:, 3:]
-    one = _step(-Y[:, :3, 0], *_forces(force, Y[:, :3, 0], offset))
+    e = _equations(runs)
+    one = _step(-e.specific_force, *_forces(e))
     mass = 1 / one.value[0]
     # n = h x s with h = m c, for c.
-    cog = _Unknown(_COG, Y[:, 3:, 1:4] * mass, size, np.zeros(3))
-    two = _step(torque, cog, *([_free(_TORQUE_OFFSET, len(torque), _rms(torque) + 1e-12)] if offset else []))
+    cog = _Unknown(_COG, e.torque_of_cog * mass, size, np.zeros(3))
+    two = _step(e.torque, cog, *_torque_offset(e))
     # The torque balance gives h; c = h (1/m) moves with the mass.
     passed_on = np.zeros((_UNKNOWNS, _UNKNOWNS))
     passed_on[_COG, _INVERSE_MASS[0]] = two.value[_COG] * mass
@@ -279,15 +313,14 @@ def _poses(runs: Sequence[Samples], size: float) -> BodyFit:
 def _joined(one: _Step, two: _Step, passed_on: Array, block: int) -> BodyFit:
     """Both steps as one system of estimating equations: the second passes on the errors of the first."""
     follow = np.eye(_UNKNOWNS) + passed_on
-    influence = one.influence @ follow.T + two.influence
     unknown = np.hstack([follow @ one.unknown, two.unknown])
-    covariance = block_covariance(influence, block) + unknown @ unknown.T
+    covariance = covariance_of(one.influence(block) @ follow.T + two.influence(block)) + unknown @ unknown.T
     # Residual of Eq. (6) as a force.
-    residual = np.hstack([one.fit.residual / one.value[0], two.fit.residual])
+    residual = [one.fit.residual / one.value[0], two.fit.residual]
     return from_two_steps(
         one.value + two.value,
         covariance,
-        residual=np.sqrt(np.mean(residual**2, axis=0)),
+        residual=np.concatenate([np.sqrt(np.mean(r**2, axis=0)) for r in residual]),
         condition=(one.fit.condition, two.fit.condition),
     )
 
@@ -302,14 +335,14 @@ def _with_better_cog(one: _Step, runs: Sequence[Samples], at_rest: BodyFit | Non
     unknown = np.hstack([one.unknown, place])
     if at_rest is None:
         return replace(one, unknown=unknown)
-    own = np.sqrt(np.sum(unknown[_COG] ** 2, axis=1) + np.sum(one.influence[:, _COG] ** 2, axis=0))
+    own = np.sqrt(np.sum(unknown[_COG] ** 2, axis=1) + np.sum(one.influence(1)[:, _COG] ** 2, axis=0))
     sigma = np.sqrt(np.diag(at_rest.covariance))[_COG]
     better = _COG[sigma < own]
-    value, influence = one.value.copy(), one.influence.copy()
-    value[better], influence[:, better], unknown[better] = at_rest.value[better], 0.0, 0.0
+    value = one.value.copy()
+    value[better], unknown[better] = at_rest.value[better], 0.0
     extra = np.zeros((_UNKNOWNS, _UNKNOWNS))
     extra[better, better] = np.sqrt(np.diag(at_rest.covariance))[better]
-    return replace(one, value=value, influence=influence, unknown=np.hstack([unknown, extra]))
+    return replace(one, value=value, unknown=np.hstack([unknown, extra]), known_otherwise=better)
 
 
 def _untold_notes(estimate: Estimate, moving: Sequence[Samples]) -> list[str]:
