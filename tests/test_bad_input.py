@@ -499,7 +499,7 @@ YAML_FILE = [
     case(
         "10 MB",
         append(EXPERIMENT, "# " + "x" * 10_000_000 + "\n"),
-        r"experiment\.yaml: expected at most 4 MiB.*found 9",
+        r"experiment\.yaml: expected at most 512 KiB.*found 9",
     ),
     case(
         "4 MB of values",
@@ -997,7 +997,7 @@ SIMULATIONS = [
     case(
         "sensors with a key of our own making",
         write("s.yaml", SENSORS + "own_sync: {cables: 1}\n"),
-        r"s\.yaml:3: 'own_sync': expected a known key, found 'own_sync'; known here: instruments, sync($|[^,])",
+        r"s\.yaml:3: 'own_sync': expected a known key, found 'own_sync'",
         f"{SIMULATE} --sensors s.yaml",
     ),
     case(

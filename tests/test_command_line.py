@@ -567,3 +567,27 @@ def test_a_terminal_of_few_characters_is_no_trouble(small, encoding, option):
     assert (ended.returncode, ended.stderr) == (0, b"")
     if option:
         parsed(ended.stdout.decode(encoding))
+
+
+# The whole story
+
+
+def test_the_demo_tells_the_whole_story(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run("demo")
+    assert (status, err) == (0, "")
+    assert "truth" in out
+    assert ": accepted" in out
+    assert "not accepted" not in out
+    folder = tmp_path / "steelyard-demo"
+    assert {"experiment.yaml", "truth.json", "estimate.json", "report.md"} <= set(files(folder))
+    estimate = parsed((folder / "estimate.json").read_text())["estimates"]["two-step"]
+    assert_has_the_shape_of_the_contract(estimate)
+    assert estimate["mass"] == pytest.approx(161.058, rel=0.03)
+    before = files(tmp_path)
+    # What it printed can be done next, and a second demo does not replace the first unasked.
+    assert run("identify", folder / "paper-moves" / "experiment.yaml", "--acceleration", "tracker")[0] in (0, 3)
+    status, out, err = run("demo")
+    assert (status, out) == (2, "")
+    assert "--force" in err
+    assert files(tmp_path) == before

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ def check_target(target: Path, *, force: bool) -> None:
         )
     if target.exists() and not target.is_dir():
         raise InputError(f"{target}: expected a folder for the results, found a file; choose another with --out")
-    if target.is_dir() and any(target.iterdir()) and not force:
+    if target.is_dir() and not force and any(target.iterdir()):
         raise InputError(
             f"{target}: expected a new or empty folder for the results, found files; choose another, or --force to replace them"
         )
@@ -57,26 +58,26 @@ def results_folder(target: Path, *, force: bool) -> Iterator[Path]:
     place = target.resolve() if target.exists() else target.absolute()
     made = [parent for parent in place.parents if not parent.exists()]
     place.parent.mkdir(parents=True, exist_ok=True)
+    beside = Path(tempfile.mkdtemp(prefix=".steelyard-", dir=place.parent))
     done = False
     try:
-        beside = Path(tempfile.mkdtemp(prefix=".steelyard-", dir=place.parent))
+        fresh = beside / "new"
+        fresh.mkdir()
         try:
-            fresh = beside / "new"
-            fresh.mkdir()
-            try:
-                yield fresh
-            except OSError as error:
-                _rename_in(error, fresh, target)
-                raise
-            check_target(target, force=force)
-            _publish(fresh, place, beside / "old")
-            done = True
-        finally:
-            shutil.rmtree(beside, ignore_errors=True)
+            yield fresh
+        except OSError as error:
+            _rename_in(error, fresh, target)
+            raise
+        check_target(target, force=force)
+        _publish(fresh, place, beside / "old")
+        done = True
     finally:
+        shutil.rmtree(beside, ignore_errors=True)
         if not done:
-            for parent in made:
-                parent.rmdir()
+            # Others may have begun to use them.
+            with suppress(OSError):
+                for parent in made:
+                    parent.rmdir()
 
 
 def _rename_in(error: OSError, fresh: Path, target: Path) -> None:
@@ -99,16 +100,26 @@ def _publish(fresh: Path, place: Path, old: Path) -> None:
             there = place / entry.name
             moved.append(entry.name)
             if there.exists() or there.is_symlink():
-                there.rename(old / entry.name)
-            entry.rename(there)
+                _move(there, old / entry.name)
+            _move(entry, there)
     except BaseException:
         for name in reversed(moved):
             there, before = place / name, old / name
             if (there.exists() or there.is_symlink()) and not (fresh / name).exists():
-                there.rename(fresh / name)
+                _move(there, fresh / name)
             if before.exists() or before.is_symlink():
-                before.rename(there)
+                _move(before, there)
         raise
+
+
+def _move(source: Path, target: Path) -> None:
+    try:
+        source.rename(target)
+    except OSError as error:
+        # A folder that exists may be on another device than what lies beside it.
+        if error.errno != errno.EXDEV:
+            raise
+        shutil.move(source, target)
 
 
 def write_json(values: Mapping[str, Any], path: Path) -> None:

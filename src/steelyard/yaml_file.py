@@ -14,7 +14,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from steelyard.errors import InputError
 
-_LARGEST_FILE = 4 * 2**20  # bytes
+_LARGEST_FILE = 2**19  # bytes; reading line numbers along takes seconds beyond it
+_LARGEST_NUMBER = 1e15
 _MOST_VALUES = 200_000  # after aliases are expanded: a file of a few lines can name itself a billion times
 
 
@@ -91,7 +92,7 @@ def read_text(path: Path) -> str:
     require_file(path)
     if path.stat().st_size > _LARGEST_FILE:
         raise InputError(
-            f"{path}: expected at most {_LARGEST_FILE >> 20} MiB of YAML, found {path.stat().st_size >> 20} MiB"
+            f"{path}: expected at most {_LARGEST_FILE >> 10} KiB of YAML, found {path.stat().st_size >> 10} KiB"
         )
     try:
         return path.read_text(encoding="utf-8-sig")
@@ -179,6 +180,7 @@ def validate(model: type[Model], document: Document, data: Any = None, key: tupl
     values = document.data if data is None else data
     if not isinstance(values, dict):
         raise document.error(key, f"expected a mapping of keys to values, found {_short(values)}")
+    _check_sizes(document, values, key)
     try:
         return model.model_validate(_with_tuples(values))
     except ValidationError as error:
@@ -191,6 +193,15 @@ def validate(model: type[Model], document: Document, data: Any = None, key: tupl
         known = _known_keys(model, tuple(first["loc"]))
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise document.error(path, _sentence(first, path, known) + more) from None
+
+
+def _check_sizes(document: Document, value: Any, key: tuple[str | int, ...]) -> None:
+    """Refuse numbers that no quantity has, and whose squares would overflow."""
+    if isinstance(value, dict | list):
+        for part, entry in value.items() if isinstance(value, dict) else enumerate(value):
+            _check_sizes(document, entry, (*key, part))
+    elif isinstance(value, float) and _LARGEST_NUMBER < abs(value) < float("inf"):
+        raise document.error(key, f"expected a number of a possible size, found {value:g}; correct it")
 
 
 def _with_tuples(value: Any) -> Any:

@@ -94,13 +94,15 @@ def check_instruments(instruments: Mapping[str, Instrument], robot: Robot, docum
                 f"expected a robot with cables for an instrument of kind '{instrument.kind}', found none in robot '{robot.name}'; "
                 "use kind 'wrench' or another robot",
             )
-        for term in instrument.terms(robot.m):
+        delay = instrument.calibration.delay
+        priors = [(term.key, term.prior, term.size) for term in instrument.terms(robot.m)]
+        for key, prior, size in [*priors, *([("delay", delay, 1)] if delay else [])]:
             for part in ("value", "sigma"):
-                given = getattr(term.prior, part)
-                if isinstance(given, tuple) and len(given) != term.size:
+                given = getattr(prior, part)
+                if isinstance(given, tuple) and len(given) != size:
                     raise document.error(
-                        ("instruments", name, "calibration", *term.key.split(".")),
-                        f"expected one {part} or {term.size} of them, found {len(given)}; correct it",
+                        ("instruments", name, "calibration", *key.split(".")),
+                        f"expected one {part}{f' or {size} of them' if size > 1 else ''}, found {len(given)}; correct it",
                     )
 
 

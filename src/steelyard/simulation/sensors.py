@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
@@ -16,7 +16,7 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Stream
 from steelyard.experiment.read import check_instruments
 from steelyard.instruments import AnyInstrument, Instrument
-from steelyard.instruments.base import Prior
+from steelyard.instruments.base import exact, sigma
 from steelyard.instruments.equations import predict
 from steelyard.robot.model import Robot
 from steelyard.simulation.forward_dynamics import Response
@@ -32,25 +32,6 @@ class SensorsForm(FileModel):
     instruments: dict[str, AnyInstrument] = Field(min_length=1)
     sync: Annotated[float, Field(ge=0)] = 0.0
     """1-sigma of every clock against the one of the forces [s]."""
-    own_sync: dict[str, Annotated[float, Field(ge=0)]] = Field(default_factory=dict)
-    """Instrument -> the same for its clock alone; in the file it stands as ``sync`` among the instrument's keys."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _gather_sync(cls, value: Any) -> Any:
-        """``sync`` of one instrument is not a key of the instrument itself, which knows nothing of simulation."""
-        if not isinstance(value, dict) or not isinstance(value.get("instruments"), dict):
-            return value
-        instruments = {
-            name: {key: entry for key, entry in keys.items() if key != "sync"} if isinstance(keys, dict) else keys
-            for name, keys in value["instruments"].items()
-        }
-        own = {
-            name: keys["sync"]
-            for name, keys in value["instruments"].items()
-            if isinstance(keys, dict) and "sync" in keys
-        }
-        return {**value, "instruments": instruments, "own_sync": own}
 
 
 @dataclass(frozen=True)
@@ -176,7 +157,8 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
 
 
 def _sensors(document: Document, robot: Robot) -> Sensors:
-    form = validate(SensorsForm, document)
+    data, own_sync = _without_own_sync(document)
+    form = validate(SensorsForm, document, data)
     if not any(i.kind in {"tension", "wrench"} for i in form.instruments.values()):
         raise document.error(
             ("instruments",), "expected an instrument of kind 'tension' or 'wrench', found none; add one"
@@ -187,22 +169,59 @@ def _sensors(document: Document, robot: Robot) -> Sensors:
             raise document.error(
                 ("instruments", name), "expected the key 'rate', found it missing; add the samples per second"
             )
-    return Sensors(_with_delays(form))
+    return Sensors(_stated(form, own_sync, robot.m))
 
 
-def _with_delays(form: SensorsForm) -> dict[str, Instrument]:
-    """State the error of every clock: none for the one that defines the time, the sigma of the synchronisation for the others."""
+def _without_own_sync(document: Document) -> tuple[Any, dict[str, float]]:
+    """The document without the ``sync`` of single instruments, which know nothing of simulation, and these [s]."""
+    data = document.data
+    if not isinstance(data, dict) or not isinstance(data.get("instruments"), dict):
+        return data, {}
+    own = {}
+    for name, keys in data["instruments"].items():
+        if isinstance(keys, dict) and "sync" in keys:
+            value = keys["sync"]
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < float("inf"):
+                raise document.error(
+                    ("instruments", name, "sync"), f"expected a number at least 0, found {value}; correct it"
+                )
+            own[name] = float(value)
+    instruments = {
+        name: {k: v for k, v in keys.items() if k != "sync"} if isinstance(keys, dict) else keys
+        for name, keys in data["instruments"].items()
+    }
+    return {**data, "instruments": instruments}, own
+
+
+def _stated(form: SensorsForm, own_sync: Mapping[str, float], m: int) -> dict[str, Instrument]:
+    """State every systematic error as it will be drawn, defaults too, so that the experiment file needs no guessing.
+
+    What would be taken from data has none to be taken from, and is not drawn. The clock that defines the time has no error, the
+    others have that of the synchronisation.
+    """
     instruments: Mapping[str, Instrument] = form.instruments
     reference = next(i for i in instruments.values() if i.kind in {"tension", "wrench"})
     stated = {}
     for name, instrument in instruments.items():
-        calibration = instrument.calibration
-        if calibration.delay is None:
+        delay = instrument.calibration.delay
+        if delay is None:
             same = instrument is reference or (instrument.clock is not None and instrument.clock == reference.clock)
-            delay = Prior.model_validate({"sigma": 0.0 if same else form.own_sync.get(name, form.sync)})
-            calibration = calibration.model_copy(update={"delay": delay})
-        stated[name] = instrument.model_copy(update={"calibration": calibration})
+            delay = sigma(0.0 if same else own_sync.get(name, form.sync))
+        calibration: dict[str, Any] = {}
+        for term in instrument.terms(m):
+            put_nested(calibration, term.key, exact() if term.deviation is None else term.prior)
+        calibration["delay"] = delay
+        keys = {key: getattr(instrument, key) for key in instrument.model_fields_set}
+        stated[name] = type(instrument).model_validate({**keys, "calibration": calibration})
     return stated
+
+
+def put_nested(entry: dict[str, Any], key: str, value: Any) -> None:
+    """Set a key whose parts stand between dots."""
+    *path, last = key.split(".")
+    for part in path:
+        entry = entry.setdefault(part, {})
+    entry[last] = value
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from steelyard.inertia import Inertia
 from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.model import Robot
 from steelyard.simulation.forward_dynamics import ExactMotion, responder
-from steelyard.simulation.sensors import Errors, Sensors, draw_errors, record
+from steelyard.simulation.sensors import Errors, Sensors, draw_errors, put_nested, record
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,18 +35,10 @@ class VirtualExperiment:
             entry: dict[str, Any] = {}
             for term in instrument.terms(m):
                 drawn = {run: self.errors[run][name].calibration[term.key].tolist() for run in runs}
-                _put(entry, term.key, drawn if term.prior.per == "run" else drawn[runs[0]])
+                put_nested(entry, term.key, drawn if term.prior.per == "run" else drawn[runs[0]])
             entry["delay"] = {run: self.errors[run][name].delay for run in runs}
             calibration[name] = entry
         return {**self.body.to_dict(), "calibration": calibration}
-
-
-def _put(entry: dict[str, Any], key: str, value: Any) -> None:
-    """Set a nested key with dots."""
-    *path, last = key.split(".")
-    for part in path:
-        entry = entry.setdefault(part, {})
-    entry[last] = value
 
 
 def simulate(
