@@ -883,7 +883,12 @@ SIMULATIONS = [
         "simulate none.yaml --out results",
     ),
     case("unknown robot to simulate", nothing, r"'cogito': expected ", "simulate cogito --out results"),
-    case("unknown trajectory", nothing, r"circle: expected ", SIMULATE.replace("--duration 2", "--trajectory circle")),
+    case(
+        "unknown trajectory",
+        nothing,
+        r"--trajectory: expected .paper., .multisine. or .*found .circle.",
+        SIMULATE.replace("--duration 2", "--trajectory circle"),
+    ),
     case(
         "trajectory file missing",
         nothing,

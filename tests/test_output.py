@@ -132,7 +132,10 @@ def test_a_process_that_is_killed_leaves_no_half_results(tmp_path, before):
     ended = subprocess.run([sys.executable, "-c", KILLED, str(target)], check=False, timeout=60)
     assert ended.returncode == -signal.SIGKILL
     if before:
-        assert tree(target) == {"a": "old", "b": "old"}
+        assert {name: text for name, text in tree(target).items() if not name.startswith(".")} == {
+            "a": "old",
+            "b": "old",
+        }
     else:
         assert not target.exists()
     # What it had begun is hidden, and does not stand in the way of the next one.
@@ -277,6 +280,23 @@ def test_a_folder_of_ones_own_in_a_folder_of_another(tmp_path):
     finally:
         (tmp_path / "theirs").chmod(0o755)
     assert tree(tmp_path / "theirs") == {"mine": None, "mine/a": "2"}
+
+
+def test_nothing_is_made_beside_a_folder_that_exists(tmp_path, monkeypatch):
+    # The same for root, to whom nothing is forbidden.
+    target = tmp_path / "mine"
+    target.mkdir()
+    mkdir = os.mkdir
+
+    def within(path, *mode):
+        if target not in Path(path).parents:
+            raise PermissionError(13, "Permission denied", str(path))
+        mkdir(path, *mode)
+
+    monkeypatch.setattr(os, "mkdir", within)
+    publish(target, a="1")
+    publish(target, force=True, a="2")
+    assert tree(tmp_path) == {"mine": None, "mine/a": "2"}
 
 
 def test_results_for_a_folder_that_exists_are_prepared_on_the_same_device(tmp_path, monkeypatch):

@@ -202,7 +202,7 @@ NO_ROBOTS = {
     "control character": ("name: \x07", "expected YAML"),
     "not UTF-8": (b"name: \xff\xfe", "expected UTF-8 text, found a byte that is not at 6"),
     "number of 5000 digits": ("gravity: " + "9" * 5000, "expected YAML, found something that cannot be read"),
-    "5 MiB": ("#" * (5 * 2**20), "expected at most 4 MiB of YAML, found 5 MiB"),
+    "5 MiB": ("#" * (5 * 2**20), "expected at most 512 KiB of YAML, found 5120 KiB"),
     "65 cables": (
         "name: x\ncables:\n" + "".join(f"- {{anchor: [{i}, 0, 0], attachment: [0, 0, 0]}}\n" for i in range(65)),
         r"'cables': expected at most 64 values",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import shutil
@@ -14,9 +13,16 @@ from typing import Any
 
 from steelyard.errors import InputError
 
+_HIDDEN = ".steelyard-"
+"""How the names of unfinished results begin; what a killed process left does not count as files of the user."""
+
 
 def check_target(target: Path, *, force: bool) -> None:
     """Refuse a place for results before any work is done.
+
+    Args:
+        target: Where the results belong.
+        force: Whether they may replace others.
 
     Raises:
         InputError: Something is there already and may not be replaced, or the place cannot be written to.
@@ -27,7 +33,7 @@ def check_target(target: Path, *, force: bool) -> None:
         )
     if target.exists() and not target.is_dir():
         raise InputError(f"{target}: expected a folder for the results, found a file; choose another with --out")
-    if target.is_dir() and not force and any(target.iterdir()):
+    if target.is_dir() and not force and any(not entry.name.startswith(_HIDDEN) for entry in target.iterdir()):
         raise InputError(
             f"{target}: expected a new or empty folder for the results, found files; choose another, or --force to replace them"
         )
@@ -58,7 +64,8 @@ def results_folder(target: Path, *, force: bool) -> Iterator[Path]:
     place = target.resolve() if target.exists() else target.absolute()
     made = [parent for parent in place.parents if not parent.exists()]
     place.parent.mkdir(parents=True, exist_ok=True)
-    beside = Path(tempfile.mkdtemp(prefix=".steelyard-", dir=place.parent))
+    # Inside a folder that exists: what lies beside it may be another device, or somebody else's.
+    beside = Path(tempfile.mkdtemp(prefix=_HIDDEN, dir=place if place.is_dir() else place.parent))
     done = False
     try:
         fresh = beside / "new"
@@ -100,26 +107,16 @@ def _publish(fresh: Path, place: Path, old: Path) -> None:
             there = place / entry.name
             moved.append(entry.name)
             if there.exists() or there.is_symlink():
-                _move(there, old / entry.name)
-            _move(entry, there)
+                there.rename(old / entry.name)
+            entry.rename(there)
     except BaseException:
         for name in reversed(moved):
             there, before = place / name, old / name
             if (there.exists() or there.is_symlink()) and not (fresh / name).exists():
-                _move(there, fresh / name)
+                there.rename(fresh / name)
             if before.exists() or before.is_symlink():
-                _move(before, there)
+                before.rename(there)
         raise
-
-
-def _move(source: Path, target: Path) -> None:
-    try:
-        source.rename(target)
-    except OSError as error:
-        # A folder that exists may be on another device than what lies beside it.
-        if error.errno != errno.EXDEV:
-            raise
-        shutil.move(source, target)
 
 
 def write_json(values: Mapping[str, Any], path: Path) -> None:

@@ -191,7 +191,9 @@ def validate(model: type[Model], document: Document, data: Any = None, key: tupl
         # Branches of a union appear in the location under their tag; only real keys help the reader.
         path = key + _real_keys(tuple(first["loc"]), values)
         known = _known_keys(model, tuple(first["loc"]))
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        places = {_real_keys(tuple(p["loc"]), values) for p in problems}
+        others = sum(1 for place in places if key + place[: len(path) - len(key)] != path)
+        more = f" (and {others} more)" if others else ""
         raise document.error(path, _sentence(first, path, known) + more) from None
 
 

@@ -155,7 +155,7 @@ def main() -> None:
         sys.exit(status if isinstance(status, int) else 0)
     except click.ClickException as error:
         command = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "steelyard"
-        _fail(f"{error.format_message().rstrip('.')}; see '{command} --help'", 2)
+        _fail(f"{error.format_message().rstrip('.?').replace('. ', '; ')}; see '{command} --help'", 2)
     except SteelyardError as error:
         _fail(str(error), 2)
     except (click.Abort, KeyboardInterrupt):

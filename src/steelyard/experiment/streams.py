@@ -17,6 +17,8 @@ from steelyard.instruments import Instrument, Quantity
 from steelyard.units import FACTORS
 
 _UNIT_OF_ANGLE_FREE = "1"
+_SHORTEST_STEP, _LONGEST_STEP = 1e-5, 10.0
+"""Median time between samples of any instrument [s]."""
 _LARGEST_SHEAR = 0.05
 """How far nine numbers may be from a rotation matrix; a log with few digits is well below, a wrong matrix far above."""
 
@@ -84,6 +86,7 @@ def read_stream(
     time = np.arange(n, dtype=np.float64) if static else column("t", "s")
     if not static:
         _check_time(path, time_column, time)
+        _check_rate(path, time_column, time)
     values = {
         quantity.name: _rotations(path, form, [column(c, _column_unit(c, quantity)) for c in form])
         if quantity.rotation
@@ -137,6 +140,17 @@ def _check_time(path: Path, name: str, time: Array) -> None:
         raise InputError(
             f"{path}:{i + 2}: column '{name}': expected time that never decreases, found {time[i]:.9g} s after {time[i - 1]:.9g} s; "
             "sort the rows or correct the clock"
+        )
+
+
+def _check_rate(path: Path, name: str, time: Array) -> None:
+    """A unit that was forgotten shows in the rate."""
+    steps = np.diff(time)
+    steps = steps[steps > 0]
+    if len(steps) and not _SHORTEST_STEP <= float(np.median(steps)) <= _LONGEST_STEP:
+        raise InputError(
+            f"{path}: column '{name}': expected a rate between {1 / _LONGEST_STEP:g} and {1 / _SHORTEST_STEP:g} Hz, found steps of "
+            f"{np.median(steps):.3g} s; state the unit of time under 'units', such as {{{name}: us}}"
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -28,13 +29,14 @@ def write_experiment(experiment: Experiment, folder: Path) -> None:
     if not bundled:
         write_yaml(description, folder / "robot.yaml")
     runs = []
-    for run in experiment.runs:
-        (folder / run.name).mkdir()
+    for i, run in enumerate(experiment.runs):
+        place = run.name if re.fullmatch(r"\w[\w .\-]{0,100}", run.name) else f"run-{i + 1}"
+        (folder / place).mkdir()
         entry: dict[str, Any] = {"name": run.name}
         if run.static:
             entry["static"] = True
         for name, stream in run.streams.items():
-            file = f"{run.name}/{name}.csv"
+            file = f"{place}/{name}.csv"
             write_stream(stream, experiment.instruments[name], experiment.robot.m, folder / file, timed=not run.static)
             entry[name] = file
         if run.sync:

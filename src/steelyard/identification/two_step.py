@@ -112,6 +112,9 @@ def _not_in_sigma(experiment: Experiment, acceleration: Acceleration | None) -> 
                     errors[f"{name}.{term.key}"] = None
             if not run.static and experiment.delay(run, name).sigma != 0.0:
                 errors[f"{name}.delay"] = None
+    for name, uncertainty in experiment.uncertainty.items():
+        if uncertainty and (experiment.robot.m or name == "gravity"):
+            errors[f"uncertainty.{name}"] = None
     if experiment.robot.cable.linear_density:
         errors["the weight of the cables"] = None
     notes = [f"its 1-sigma comes from the residuals; it does not contain {', '.join(errors)}"] if errors else []

@@ -16,6 +16,7 @@ from steelyard.robot.model import Robot
 from steelyard.robot.tension import distribute
 
 _CHECKS_PER_SECOND = 50.0
+_MOST_CHECKS = 20_000
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,8 @@ class Extremes:
 
 def check_times(trajectory: Trajectory) -> Array:
     """Times at which a trajectory is checked [s], shape (n,)."""
-    return np.linspace(0.0, trajectory.duration, int(np.ceil(trajectory.duration * _CHECKS_PER_SECOND)) + 1)
+    count = min(int(np.ceil(trajectory.duration * _CHECKS_PER_SECOND)), _MOST_CHECKS)
+    return np.linspace(0.0, trajectory.duration, count + 1)
 
 
 def motion_extremes(robot: Robot, trajectory: Trajectory) -> Extremes:

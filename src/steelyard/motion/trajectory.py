@@ -31,6 +31,7 @@ class Trajectory(Protocol):
         """
 
 
+_MOST_SINES = 40
 _SOFTEST_START = 2.0
 """[s]"""
 
@@ -128,11 +129,12 @@ def multisine(
     fade_time = min(duration / 2, max(duration / 8, _SOFTEST_START))
     u = np.clip(np.minimum(t, duration - t) / fade_time, 0.0, 1.0)
     fade = _REST_TO_REST(u)
-    k = np.arange(1, harmonics + 1)
+    # Spread over the band where there would be many: more make a longer sum, not a richer motion.
+    k = np.unique(np.linspace(1, harmonics, min(harmonics, _MOST_SINES)).round())
     poses = np.empty((len(t), 6))
     for axis in range(6):
-        weights = rng.uniform(0.5, 1.0, harmonics)
-        phases = rng.uniform(0.0, 2 * np.pi, harmonics)
+        weights = rng.uniform(0.5, 1.0, len(k))
+        phases = rng.uniform(0.0, 2 * np.pi, len(k))
         signal = fade * (np.sin(2 * np.pi * np.outer(t, k) / duration + phases) @ weights)
         poses[:, axis] = center[axis] + amplitude[axis] * signal / np.abs(signal).max()
     return Sampled.through(t, poses, at_rest=True)

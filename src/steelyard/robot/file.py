@@ -44,7 +44,7 @@ class CablePropertiesForm(FileModel):
     diameter: Positive | None = None
     axial_stiffness: Positive | None = None
     linear_density: NotNegative | None = None
-    damping_ratio: NotNegative = 0.02
+    damping_ratio: Annotated[float, Field(ge=0, le=1)] = 0.02
 
 
 class TensionForm(FileModel):
@@ -109,7 +109,9 @@ def bundled_text(name: str) -> str:
         InputError: There is none of that name.
     """
     if name not in bundled_names():
-        raise InputError(f"robot '{name}': expected one of {', '.join(bundled_names())}, or the path of a robot file")
+        raise InputError(
+            f"robot '{name}': expected one of {', '.join(bundled_names())}, found none of that name; choose one of these"
+        )
     return (resources.files("steelyard.robot") / "library" / f"{name}.yaml").read_text(encoding="utf-8")
 
 

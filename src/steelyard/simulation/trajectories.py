@@ -63,7 +63,12 @@ def trajectories(robot: Robot, which: str, duration: float | None) -> dict[str, 
             raise InputError(
                 "--duration: expected none with a trajectory from a file, found one; the file has its own duration"
             )
-        runs = {Path(which).stem: from_file(Path(which), robot)}
+        path = Path(which)
+        if not path.suffix and not path.exists():
+            raise InputError(
+                f"--trajectory: expected 'paper', 'multisine' or the path of a CSV file, found '{which}'; correct it"
+            )
+        runs = {"trajectory" if path.stem.startswith(".") else path.stem: from_file(path, robot)}
     for name, trajectory in runs.items():
         extremes = motion_extremes(robot, trajectory)
         if extremes.fraction > 1 + 1e-9:
