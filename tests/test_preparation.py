@@ -217,3 +217,21 @@ def test_an_imu_that_takes_gravity_out_needs_an_attitude(robot, trajectory):
     lone = replace(experiment.runs[0], streams={"sensor": experiment.runs[0].streams["sensor"], "imu": blind})
     with pytest.raises(InputError, match="the platform's rotation"):
         prepare(experiment, lone)
+
+
+@pytest.mark.parametrize(("column", "factor", "said"), [(0, 1 / 3, "about x"), (2, -1.0, "about z")])
+def test_a_gyro_that_contradicts_the_attitude_is_named(recordings, column, factor, said):
+    whole = read_experiment(recordings / "points-00" / "experiment.yaml")
+    assert not any("gyro" in note for note in prepare(whole, whole.runs[0]).notes)
+
+    def spoil(name, stream):
+        if name != "imu":
+            return stream
+        gyro = stream.values["angular_velocity"].copy()
+        gyro[:, column] *= factor
+        return replace(stream, values={**stream.values, "angular_velocity": gyro})
+
+    spoilt = with_streams(whole, spoil)
+    notes = [note for note in prepare(spoilt, spoilt.runs[0]).notes if "gyro" in note]
+    assert len(notes) == 1
+    assert said in notes[0]

@@ -30,6 +30,10 @@ _LEAST_TURNING = 1e-3
 """Angular acceleration of a platform at rest, rms [rad/s^2]."""
 _LEAST_MOVING = 0.05
 """Change of the specific force of a platform at rest, rms [m/s^2]."""
+_LEAST_COMPARED = 0.05
+"""Angular velocity about an axis at which gyro and attitude are compared, rms [rad/s]."""
+_LARGEST_FACTOR = 0.5
+"""Difference of their ratio from one that neither misalignment nor vibration explains."""
 _JUDGED = 60.0
 """Length of the part on which the knot spacing is chosen [s]."""
 
@@ -213,7 +217,7 @@ def _moving(task: _Task) -> Samples:
     joined = {key: np.concatenate([p[key] for p in parts]) for key in parts[0]}
     noise = {key: float(np.sqrt(np.mean(joined.pop(key) ** 2))) for key in ("alpha_noise", "omega_noise")}
     _check_motion(task.where, joined, noise)
-    notes = []
+    notes = _gyro_notes(run.name, joined["omega"], joined.pop("omega_of_attitude"))
     if sources.position and task.experiment.instruments[sources.position[0]].kind == "command":
         notes.append(f"run '{run.name}': the position is the commanded one, for want of a measured one")
     if gaps > 0:
@@ -233,6 +237,22 @@ def _moving(task: _Task) -> Samples:
         position_sigma=task.position_sigma,
         notes=tuple(notes),
     )
+
+
+def _gyro_notes(run: str, omega: Array, omega_of_attitude: Array) -> list[str]:
+    """Say where gyro and attitude contradict each other: a wrong axis, sign or unit passes all other checks."""
+    notes = []
+    for axis, name in enumerate("xyz"):
+        own, other = omega[:, axis], omega_of_attitude[:, axis]
+        own, other = own - own.mean(), other - other.mean()
+        if (
+            np.sqrt(np.mean(other**2)) > _LEAST_COMPARED
+            and abs(factor := float(own @ other / (other @ other)) - 1) > _LARGEST_FACTOR
+        ):
+            notes.append(
+                f"run '{run}': about {name} the gyro turns {factor + 1:.2g} times as fast as the orientation; check axes, signs and units"
+            )
+    return notes
 
 
 def _samples(task: _Task, source: Source) -> Samples1D:
@@ -317,6 +337,12 @@ class _Part:
         assert self.attitude is not None  # choose_sources() has made sure
         return dict(motion_of_quaternions(*(self.attitude.at(t, order) for order in range(3))))
 
+    def omega_of_attitude(self, t: Array) -> Array:
+        """Angular velocity as the attitude has it, to hold against the gyro; NaN where there are not both."""
+        if self.attitude is None or self.gyro is None:
+            return np.full((len(t), 3), np.nan)
+        return motion_of_quaternions(*(self.attitude.at(t, order) for order in range(3)))["omega"]
+
     def turning_noise(self, t: Array) -> tuple[float, float]:
         """1-sigma of the noise left in angular velocity and acceleration."""
         if self.gyro is not None:
@@ -360,6 +386,7 @@ class _Part:
             return {
                 "time": t,
                 **self.turning(t),
+                "omega_of_attitude": self.omega_of_attitude(t),
                 "specific_force": self.specific_force(t),
                 "wrench": self.wrench(t),
                 "omega_noise": np.full(len(t), omega_noise),
