@@ -13,6 +13,7 @@ from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
 
 POSE_TOLERANCE = 1e-4  # [m], [rad]: what the issue asks of two simulators over 5 s; they agree to a few micrometres
 DURATION = 5.0
+FINE = 1e-9  # of the integrator, where differences divide its error by small times
 
 
 def point_robot(damping_ratio=0.0):
@@ -75,18 +76,18 @@ def test_states_satisfy_newton_euler_and_their_own_derivatives(sagging):
     robot = read_robot("cogiro")
     robot = robot if sagging else robot.with_straight_cables()
     response = CablePlatform(robot, robot.platform).move(
-        multisine([0, 0, 2, 0, 0, 0], [0.2] * 3 + [0.15] * 3, 5.0, harmonics=2)
+        multisine([0, 0, 2, 0, 0, 0], [0.2] * 3 + [0.15] * 3, 5.0, harmonics=2), tolerance=FINE
     )
     times = np.linspace(0.2, 4.8, 50)
     state = response.at(times)
     wrench = platform_wrench(robot.platform.parameters, state.specific_force, state.omega, state.alpha)
     np.testing.assert_allclose(wrench, state.wrench, atol=1e-8)
-    h = 5e-4  # the integrator's 1e-8 over h is what the differences can be off by
+    h = 2e-4
     before, after = response.at(times - h), response.at(times + h)
     acceleration = (after.position - 2 * state.position + before.position) / h**2
     felt = np.einsum("nji,nj->ni", state.rotation, acceleration - robot.gravity)
     np.testing.assert_allclose(felt, state.specific_force, atol=2e-3)
-    np.testing.assert_allclose((after.omega - before.omega) / (2 * h), state.alpha, atol=3e-4)
+    np.testing.assert_allclose((after.omega - before.omega) / (2 * h), state.alpha, atol=1e-4)
 
 
 def test_energy_is_lost_only_through_damping():
@@ -127,7 +128,7 @@ def test_energy_is_lost_only_through_damping():
 def test_starts_at_rest_in_equilibrium():
     robot = read_robot("cogiro")
     trajectory = RestToRest(np.array([0.5, 0.2, 2, 0.1, 0, 0.2]), np.array([0, 0, 2.2, 0, 0.1, 0]), 2.0, pause=0.5)
-    state = CablePlatform(robot, robot.platform).move(trajectory).at(np.linspace(0, 0.45, 20))
+    state = CablePlatform(robot, robot.platform).move(trajectory, tolerance=FINE).at(np.linspace(0, 0.45, 20))
     np.testing.assert_allclose(state.specific_force, np.einsum("nji,j->ni", state.rotation, -robot.gravity), atol=1e-4)
     assert np.abs(state.omega).max() < 1e-6
 

@@ -32,8 +32,8 @@ from steelyard.robot.kinematics import cables_at, structure_columns
 from steelyard.robot.model import Robot
 
 _FEED_SAMPLES_PER_SECOND = 100.0
-_TOLERANCE = 1e-8
-"""Of the integrator, relative and in metres, radians and their rates: far below any sensor."""
+TOLERANCE = 1e-7
+"""Of the integrator, relative and in metres, radians and their rates; the pose is then right to about 1e-8 m."""
 
 Progress = Callable[[float], None]
 """Is told the fraction done."""
@@ -232,8 +232,15 @@ class CablePlatform:
             )
         return state(found.x)
 
-    def move(self, trajectory: Trajectory, progress: Progress | None = None) -> ElasticMotion:
+    def move(
+        self, trajectory: Trajectory, progress: Progress | None = None, *, tolerance: float = TOLERANCE
+    ) -> ElasticMotion:
         """Integrate from rest while the winches feed what the commanded poses need.
+
+        Args:
+            trajectory: The command.
+            progress: Is told the fraction done.
+            tolerance: See :data:`TOLERANCE`.
 
         Raises:
             InfeasibleError: A pose has no tensions within the limits, or a cable goes slack.
@@ -251,7 +258,7 @@ class CablePlatform:
             return rate(x, feed(t), feed_rate(t))
 
         result = solve_ivp(
-            derivative, (0.0, duration), start, method="DOP853", rtol=_TOLERANCE, atol=_TOLERANCE, dense_output=True
+            derivative, (0.0, duration), start, method="DOP853", rtol=tolerance, atol=tolerance, dense_output=True
         )
         if not result.success:
             raise InfeasibleError(
