@@ -102,7 +102,8 @@ class Sampled:
         """See :class:`Trajectory`."""
         t = np.asarray(t)
         inside = np.clip(t, 0.0, self.duration)
-        values = np.asarray(self.spline(inside, nu=order))
+        # Some releases of SciPy read beyond their memory for derivatives above the degree.
+        values = np.zeros((len(t), 6)) if order > self.spline.k else np.asarray(self.spline(inside, nu=order))
         if order:
             values[inside != t] = 0.0
         return values
