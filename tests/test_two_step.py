@@ -49,7 +49,6 @@ def samples(
         static=False,
         free_offset=offset is not None,
         alpha_noise=alpha_noise,
-        omega_noise=0.0,
         spacing=0.0,
         position_sigma=0.0,
     )
@@ -71,7 +70,6 @@ def poses(body, rotations, offset=None):
         static=True,
         free_offset=offset is not None,
         alpha_noise=0.0,
-        omega_noise=0.0,
         spacing=0.0,
         position_sigma=0.0,
     )

@@ -130,11 +130,9 @@ def run_identification(
 
 def _methods(names: Sequence[str], acceleration: str | None, combine: str) -> list[Method]:
     """Estimators with the options that they take."""
-    for name in names:
-        if name != "all":
-            method_named(name)
-    wanted = list(AVAILABLE) if not names or "all" in names else list(dict.fromkeys(names))
-    return [TwoStep(acceleration=acceleration, combine=combine) for _ in wanted]  # type: ignore[arg-type]
+    named = {name: method_named(name) for name in names if name != "all"}
+    wanted = AVAILABLE if not names or "all" in names else named
+    return [method(acceleration=acceleration, combine=combine) for method in wanted.values()]  # type: ignore[arg-type]
 
 
 def _selected(experiment: Experiment, names: Sequence[str]) -> Experiment:

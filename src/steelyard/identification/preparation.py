@@ -56,8 +56,6 @@ class Samples:
     """Whether the wrench has a constant offset that is not known."""
     alpha_noise: float
     """1-sigma of the noise left in alpha [rad/s^2]."""
-    omega_noise: float
-    """1-sigma of the noise left in omega [rad/s]."""
     spacing: float
     """Of the knots of the filter [s]; 0: not filtered."""
     position_sigma: float
@@ -120,7 +118,6 @@ def _static(task: RunReader) -> Samples:
         static=True,
         free_offset=task.free_offset,
         alpha_noise=0.0,
-        omega_noise=0.0,
         spacing=0.0,
         position_sigma=0.0,
     )
@@ -155,8 +152,8 @@ def _moving(task: RunReader) -> Samples:
             f"{end - start:.2f} s; record longer, or widen 'window'"
         )
     joined = {key: np.concatenate([p[key] for p in parts]) for key in parts[0]}
-    noise = {key: float(np.sqrt(np.mean(joined.pop(key) ** 2))) for key in ("alpha_noise", "omega_noise")}
-    _check_motion(task.where, joined, noise)
+    alpha_noise = float(np.sqrt(np.mean(joined["alpha_noise"] ** 2)))
+    _check_motion(task.where, joined, alpha_noise)
     notes = _gyro_notes(run.name, joined["omega"], joined.pop("omega_of_attitude"))
     if sources.position and task.experiment.instruments[sources.position[0]].kind == "command":
         notes.append(f"run '{run.name}': the position is the commanded one, for want of a measured one")
@@ -171,8 +168,7 @@ def _moving(task: RunReader) -> Samples:
         wrench=joined["wrench"],
         static=False,
         free_offset=task.free_offset,
-        alpha_noise=noise["alpha_noise"],
-        omega_noise=noise["omega_noise"],
+        alpha_noise=alpha_noise,
         spacing=spacing,
         position_sigma=task.position_sigma,
         notes=tuple(notes),
@@ -229,13 +225,13 @@ def _spacing(judged: list[Samples1D], used: list[Samples1D], start: float, end: 
     return choose_spacing(judged, [float(c) for c in candidates], start, min(end, start + _JUDGED))
 
 
-def _check_motion(where: str, state: Mapping[str, Array], noise: Mapping[str, float]) -> None:
+def _check_motion(where: str, state: Mapping[str, Array], alpha_noise: float) -> None:
     """Refuse a recording of a platform at rest: its place is among the static runs."""
     turning = float(np.sqrt(np.mean(np.sum((state["alpha"] - state["alpha"].mean(axis=0)) ** 2, axis=1))))
     moving = float(
         np.sqrt(np.mean(np.sum((state["specific_force"] - state["specific_force"].mean(axis=0)) ** 2, axis=1)))
     )
-    if turning < max(3 * noise["alpha_noise"], _LEAST_TURNING) and moving < _LEAST_MOVING:
+    if turning < max(3 * alpha_noise, _LEAST_TURNING) and moving < _LEAST_MOVING:
         raise InputError(
             f"{where}: expected a motion, found a platform (nearly) at rest: {turning:.2g} rad/s^2 and {moving:.2g} m/s^2 rms; "
             "record a motion, or list it under 'static: true'"

@@ -128,13 +128,13 @@ class SmoothPart:
             return np.full((len(t), 3), np.nan)
         return motion_of_quaternions(*(self.attitude.at(t, order) for order in range(3)))["omega"]
 
-    def turning_noise(self, t: Array) -> tuple[float, float]:
-        """1-sigma of the noise left in angular velocity and acceleration."""
+    def alpha_noise(self, t: Array) -> float:
+        """1-sigma of the noise left in the angular acceleration [rad/s^2]."""
         if self.gyro is not None:
-            return self.gyro.noise(t, 0), self.gyro.noise(t, 1)
+            return self.gyro.noise(t, 1)
         assert self.attitude is not None
         # A quaternion turns half as fast as the rotation vector.
-        return 2 * self.attitude.noise(t, 1), 2 * self.attitude.noise(t, 2)
+        return 2 * self.attitude.noise(t, 2)
 
     @cached_property
     def position(self) -> Smoothed | None:
@@ -167,15 +167,13 @@ class SmoothPart:
     def state(self, t: Array) -> dict[str, Array] | None:
         """All of it at times; None where the samples do not determine it."""
         try:
-            omega_noise, alpha_noise = self.turning_noise(t)
             return {
                 "time": t,
                 **self.turning(t),
                 "omega_of_attitude": self.omega_of_attitude(t),
                 "specific_force": self.specific_force(t),
                 "wrench": self.wrench(t),
-                "omega_noise": np.full(len(t), omega_noise),
-                "alpha_noise": np.full(len(t), alpha_noise),
+                "alpha_noise": np.full(len(t), self.alpha_noise(t)),
             }
         except _UndeterminedError:
             return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -108,10 +109,7 @@ def feasible_multisine(robot: Robot, duration: float) -> Sampled:
     low, high = robot.tension_limits
     careful = replace(robot, tension_limits=(_TENSION_MARGIN * low, high / _TENSION_MARGIN))
     # Each kind of motion alone against its own limits, then both together against the tensions.
-    alone = [
-        _largest(robot, lambda scale, mix=mix: trial(scale * mix[0], scale * mix[1]))
-        for mix in ((1.0, 0.0), (0.0, 1.0))
-    ]
+    alone = _largest(robot, lambda scale: trial(scale, 0.0)), _largest(robot, lambda scale: trial(0.0, scale))
     for scale in 0.9 ** np.arange(30):
         trajectory = trial(alone[0] * scale, alone[1] * scale)
         if motion_extremes(robot, trajectory).fraction > 1:
@@ -136,11 +134,11 @@ def feasible_multisine(robot: Robot, duration: float) -> Sampled:
     )
 
 
-def _largest(robot: Robot, trial: object) -> float:
+def _largest(robot: Robot, trial: Callable[[float], Trajectory]) -> float:
     """Largest scale, at most 1, at which a family of trajectories keeps the limits of motion."""
     scale = 1.0
     for _ in range(40):
-        if motion_extremes(robot, trial(scale)).fraction <= 1:  # type: ignore[operator]
+        if motion_extremes(robot, trial(scale)).fraction <= 1:
             break
         scale *= 0.9
     return scale
