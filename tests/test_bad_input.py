@@ -1215,7 +1215,7 @@ def test_bad_input_ends_a_process_in_the_same_way(corrupt, pattern, arguments, f
 
 def test_the_experiment_that_is_corrupted_above_is_a_good_one(folder, monkeypatch, capsys):
     poses(4, 4)(folder)
-    monkeypatch.setattr(sys, "argv", ["steelyard", *IDENTIFY.split()])
+    monkeypatch.setattr(sys, "argv", ["steelyard", *IDENTIFY.split(), "--method", "two-step"])
     with pytest.raises(SystemExit) as end:
         main()
     assert end.value.code == 0

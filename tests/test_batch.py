@@ -28,6 +28,15 @@ def test_equals_numpy_sample_by_sample(n):
     np.testing.assert_allclose(result["norm"], np.linalg.norm(v, axis=1)[:, None], rtol=ROUNDING)
 
 
+@pytest.mark.parametrize("cores", [1, 2, 3, None])
+def test_threads_change_nothing(cores, monkeypatch):
+    given, whole = numbers(20_001), products()
+    pieces = [whole(**{key: value[a : a + 500] for key, value in given.items()}) for a in range(0, 20_001, 500)]
+    monkeypatch.setattr("os.cpu_count", lambda: cores)
+    for key, values in whole(**given).items():
+        np.testing.assert_array_equal(values, np.concatenate([piece[key] for piece in pieces]))
+
+
 @pytest.mark.parametrize("constant", ["A", "v", "k"])
 def test_an_input_without_sample_axis_is_the_same_for_all_samples(constant):
     given = numbers(300)

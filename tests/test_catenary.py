@@ -1,3 +1,5 @@
+from itertools import product
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -6,7 +8,15 @@ from scipy.optimize import brentq
 
 from steelyard.batch import Batched
 from steelyard.robot.cable import CableSpec, by_length, by_tension
-from steelyard.robot.catenary import span, taut_tension
+from steelyard.robot.catenary import (
+    Catenary,
+    forces,
+    mean_of_near_end,
+    near_end_of_mean,
+    required_length,
+    shallow_length,
+    taut_tension,
+)
 
 TOLERANCE = 1e-8  # [m], relative force: what the module accepts as solved; the integration itself is good to 1e-11
 
@@ -14,6 +24,7 @@ WEIGHT, STIFFNESS = 0.064 * 9.81, 5e5  # [N/m], [N]
 ANCHORS = {"above": [-7.2, -5.4, 5.4], "below": [6.0, 4.0, -2.5], "level": [3.0, -8.0, 1.2], "steep": [0.4, 0.3, 8.0]}
 UPS = {"upright": [0.0, 0.0, 1.0], "tilted": [0.06, -0.1, 0.99]}
 POINT = np.array([0.3, -0.5, 1.2])
+SIXTH_ORDER = [(1, 45), (-1, -45), (2, -9), (-2, 9), (3, 1), (-3, -1)]  # of central differences, over 60 h
 
 
 def unit(v):
@@ -67,12 +78,63 @@ def assert_hangs(cable, shape, point=POINT):
     assert np.linalg.norm(pull) == pytest.approx(shape["winch_tension"], rel=TOLERANCE)
 
 
-@pytest.mark.parametrize("compliance", [0.0, 2e-6, 1e-4])
-@pytest.mark.parametrize(("H", "V"), [(600, 400), (50, -30), (5, 0), (2000, -2500), (0.5, 3)])
-def test_span_is_where_the_integrated_cable_ends(H, V, compliance):
-    x = span(ca.DM(H), ca.DM(V), ca.DM(9.0), ca.DM(WEIGHT), ca.DM(compliance))
-    end, _ = hang(np.zeros(3), np.array([H, 0, V]), 9.0, np.array([0, 0, 1]), WEIGHT, compliance)
-    np.testing.assert_allclose([float(v) for v in x], end[[0, 2]], atol=TOLERANCE)
+def integrated(H, V, compliance, length=9.0):
+    """Span of a cable of known forces, by integration, and the cable in terms of the mean of its end tensions."""
+    up = np.array([0, 0, 1])
+    end, pull = hang(np.zeros(3), np.array([H, 0, V]), length, up, WEIGHT, compliance)
+    mean = (np.hypot(H, V) + np.linalg.norm(pull)) / 2
+    return end[0], end[2], Catenary(ca.DM(mean), ca.DM(length), WEIGHT, compliance)
+
+
+FORCES = pytest.mark.parametrize(("H", "V"), [(600, 400), (50, -30), (5, 0), (2000, -2500), (0.5, 3)])
+COMPLIANCES = pytest.mark.parametrize("compliance", [0.0, 2e-6, 1e-4])
+
+
+@COMPLIANCES
+@FORCES
+def test_forces_are_those_of_the_cable_integrated_to_the_same_span(H, V, compliance):
+    run, rise, cable = integrated(H, V, compliance)
+    level, mean_vertical = forces(cable, run, rise)
+    assert float(level) == pytest.approx(H, rel=TOLERANCE)
+    assert float(mean_vertical) == pytest.approx(V + WEIGHT * 9.0 / 2, rel=TOLERANCE)
+
+
+@COMPLIANCES
+@FORCES
+def test_required_length_is_that_of_the_integrated_cable(H, V, compliance):
+    run, rise, cable = integrated(H, V, compliance)
+    assert float(required_length(cable, run**2, rise).value) == pytest.approx(9.0, rel=TOLERANCE)
+
+
+@COMPLIANCES
+@FORCES
+def test_mean_tension_and_that_of_the_near_end_follow_from_each_other(H, V, compliance):
+    _, rise, cable = integrated(H, V, compliance)
+    assert float(mean_of_near_end(np.hypot(H, V), rise, WEIGHT, compliance)) == pytest.approx(
+        float(cable.mean), rel=TOLERANCE
+    )
+    assert float(near_end_of_mean(cable.mean, rise, WEIGHT, compliance)) == pytest.approx(np.hypot(H, V), rel=TOLERANCE)
+
+
+@COMPLIANCES
+@pytest.mark.parametrize("length", [9.0, 14.0])  # of a taut and of a slack one
+def test_derivatives_of_the_required_length_are_those_of_casadi(length, compliance):
+    mean, free = ca.SX.sym("mean"), ca.SX.sym("free")
+    required = required_length(Catenary(mean, free, WEIGHT, compliance), 70.0, -4.0)
+    stated = ca.vertcat(required.by_mean, required.by_length)
+    derived = ca.gradient(required.value, ca.vertcat(mean, free))
+    stated, derived = ca.Function("derivatives", [mean, free], [stated, derived])(11.0, length)
+    np.testing.assert_allclose(stated, derived, rtol=TOLERANCE)
+
+
+@pytest.mark.parametrize("tension", [30.0, 300.0])
+def test_a_shallow_cable_is_its_parabola(tension):
+    """The next term is of fourth order in the weight over the tension."""
+    shallow = float(shallow_length(tension, 64.0, 3.0, WEIGHT, 2e-6))
+    cable = Catenary(ca.DM(tension), ca.DM(shallow), WEIGHT, 2e-6)
+    assert (
+        abs(float(required_length(cable, 64.0, 3.0).value) - shallow) < shallow * (WEIGHT * shallow / 2 / tension) ** 4
+    )
 
 
 @pytest.mark.parametrize("stiffness", [STIFFNESS, None], ids=["elastic", "inextensible"])
@@ -108,6 +170,44 @@ def test_a_cable_of_known_length_reaches_its_anchor(anchor, tension, radius):
     assert shape["residual"] < TOLERANCE
     assert shape["length"] == pytest.approx(fed, rel=TOLERANCE)
     assert_hangs(cable, shape)
+
+
+@pytest.mark.parametrize("axis", [(0, 0, 1), (1, 2, 2)], ids=["up", "slanting"])
+@pytest.mark.parametrize(
+    ("radius", "slack"), [*product([0.0, 0.05, 0.3], [0.995, 1.0, 1.01, 1.03]), (0.0, 1.1), (0.0, 1.3)]
+)
+@pytest.mark.parametrize("anchor", [ANCHORS[name] for name in ("above", "below", "level")])
+def test_a_cable_of_known_length_hangs_from_taut_to_slack(anchor, slack, radius, axis):
+    straight = solved(by_tension, cable_spec(anchor, radius=radius, axis=axis, weight=0.0, stiffness=None), 1.0)
+    cable = cable_spec(anchor, radius=radius, axis=axis)
+    shape = solved(by_length, cable, slack * straight["length"])
+    assert shape["residual"] < TOLERANCE
+    assert shape["length"] == pytest.approx(slack * straight["length"], rel=TOLERANCE)
+    assert_hangs(cable, shape)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.05])
+@pytest.mark.parametrize("tension", [20.0, 300.0])
+def test_derivatives_through_the_steps_are_those_of_the_solution(tension, radius):
+    """Instruments differentiate the expressions; sixth-order differences of a length of ten metres are good to 1e-9."""
+    cable, h = cable_spec(ANCHORS["above"], radius=radius), 0.02
+    point, given = ca.SX.sym("point", 3), ca.SX.sym("tension")
+    length = by_tension(cable, point, given).length
+    gradient = np.array(ca.Function("g", [point, given], [ca.gradient(length, point)])(POINT, tension)).ravel()
+    for e, derived in zip(np.eye(3), gradient, strict=True):
+        moved = [c * solved(by_tension, cable, tension, (POINT + k * h * e)[None])["length"] for k, c in SIXTH_ORDER]
+        assert derived == pytest.approx(sum(moved) / (60 * h), abs=1e-8)
+
+
+def test_constants_of_a_cable_may_be_symbols():
+    numbers = cable_spec(ANCHORS["above"], UPS["tilted"], radius=0.05, axis=(1, 2, 2))
+    symbols = CableSpec(*[ca.SX.sym(name, ca.DM(value).numel()) for name, value in numbers._asdict().items()])
+    expected = by_tension(numbers, ca.DM(POINT), 300.0)
+    found = ca.Function("shape", list(symbols), list(by_tension(symbols, ca.DM(POINT), 300.0)))(*map(ca.DM, numbers))
+    for name, value, wanted in zip(expected._fields, found, expected, strict=True):
+        np.testing.assert_allclose(
+            np.array(value), np.array(ca.DM(wanted)), rtol=TOLERANCE, atol=TOLERANCE, err_msg=name
+        )
 
 
 @pytest.mark.parametrize("weight", [0.0, WEIGHT])

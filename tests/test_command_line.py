@@ -329,7 +329,12 @@ def test_results_may_lie_beside_the_experiment(run, small):
 
 
 @pytest.mark.parametrize(
-    "options", [["--method", "two-step"], ["--method", "all"], ["--run", "moving"], ["--method", "two-step"] * 2]
+    "options",
+    [
+        ["--method", "two-step", "--method", "consistent"],
+        ["--run", "moving"],
+        ["--method", "two-step", "--method", "consistent"] * 2,
+    ],
 )
 def test_options_that_ask_for_what_is_done_anyway(run, small, options):
     assert run("identify", small, "--json", *options) == run("identify", small, "--json")
@@ -393,9 +398,9 @@ def test_a_truth_that_never_ends_is_none(small):
 # Not accepted
 
 
-def not_accepted(run, small, tmp_path):
+def not_accepted(run, small, tmp_path, *options):
     """Ends with exit status 3, and what it wrote says the same."""
-    status, out, err = run("identify", small, "--out", tmp_path / "out")
+    status, out, err = run("identify", small, "--out", tmp_path / "out", *options)
     assert (status, err) == (3, "")
     assert "two-step: not accepted: " in out
     answer = parsed((tmp_path / "out" / "estimate.json").read_text())
@@ -417,7 +422,7 @@ def test_pushing_cables_are_not_accepted(run, small, tmp_path):
 def test_an_inertia_that_no_body_has_is_not_accepted(run, small, tmp_path):
     # Turning about x told faster than it was makes the moment about it small, less than the others differ.
     change_cells(small.parent / "moving" / "imu.csv", ["wx"], lambda w: 3 * w)
-    estimate = not_accepted(run, small, tmp_path)
+    estimate = not_accepted(run, small, tmp_path, "--method", "two-step")
     assert estimate["physical"] is False
     assert "no body has this inertia" in estimate["verdict"]["reasons"][0]
 

@@ -2,9 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from steelyard.errors import InfeasibleError
+from steelyard.robot import kinematics
 from steelyard.robot.file import read_robot
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import CableProperties, Robot
@@ -93,6 +95,49 @@ def test_hanging_cables_carry_the_platform_and_their_own_weight(g):
     np.testing.assert_allclose(found.winch_tension, np.linalg.norm(at_anchor, axis=2), rtol=TOLERANCE)
     force = np.einsum("nij,nj->ni", turn.as_matrix(), np.einsum("nkm,nm->nk", found.structure[:, :3], tension))
     np.testing.assert_allclose(force, pull.sum(axis=1), atol=900 * TOLERANCE)
+
+
+def slack_and_taut(n):
+    """Every third sample has a slack cable, so that quick and full evaluation alternate."""
+    tension = np.random.default_rng(2).uniform(100, 5000, (n, 8))
+    tension[::3, 4] = 10.0
+    return tension
+
+
+def test_slack_and_taut_samples_hang_between_their_ends():
+    position, turn = poses(6)
+    robot, tension = replace(COGIRO, pulley_radius=np.zeros(8)), slack_and_taut(6)
+    found = cables_at(robot, position, turn.as_matrix(), tension)
+    weight, compliance = np.array([0, 0, 0.064 * 9.81]), 1 / COGIRO.cable.axial_stiffness
+    for k, i in np.ndindex(6, 8):
+
+        def element(s, y, force=tension[k, i] * found.direction[k, i]):
+            pull = force + weight * s
+            return (1 / np.linalg.norm(pull) + compliance) * pull
+
+        start = position[k] + turn[k].apply(robot.attachments[i].copy())
+        end = solve_ivp(element, (0, found.length[k, i]), start, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+        np.testing.assert_allclose(end, robot.anchors[i], atol=TOLERANCE)
+
+
+@pytest.mark.parametrize("robot", [COGIRO, replace(COGIRO, pulley_radius=np.full(8, 0.3))])
+def test_samples_found_quickly_are_as_good_as_those_given_all_steps(robot, monkeypatch):
+    position, turn = poses(90)
+    tension = slack_and_taut(90)
+    found = cables_at(robot, position, turn.as_matrix(), tension)
+    monkeypatch.setattr(kinematics, "_QUICK_TOLERANCE", 0.0)
+    monkeypatch.setattr(kinematics, "_SLACK_AT_ONCE", 32)
+    full = cables_at(robot, position, turn.as_matrix(), tension)
+    for name in ("direction", "structure", "length", "winch_tension"):
+        np.testing.assert_allclose(getattr(found, name), getattr(full, name), rtol=1e-12, atol=TOLERANCE)
+
+
+def test_a_slack_sample_is_found_with_one_rotation_for_all():
+    position, _ = poses(6)
+    level, tension = np.eye(3), slack_and_taut(6)
+    once = cables_at(COGIRO, position, level, tension)
+    each = cables_at(COGIRO, position, np.tile(level, (6, 1, 1)), tension)
+    np.testing.assert_array_equal(once.structure, each.structure)
 
 
 def test_straight_cables_pull_as_hard_at_the_winch():

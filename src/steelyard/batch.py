@@ -1,12 +1,16 @@
 """CasADi expressions evaluated over all samples at once.
 
 The physics is written once, symbolically. This module turns an expression into a function of NumPy arrays with
-time on axis 0. Samples go through CasADi's buffer interface in blocks: no conversion, no copy of the block.
+time on axis 0. Samples go through CasADi's buffer interface in blocks: no conversion, no copy of the block. It lets go of the
+interpreter's lock, so that many blocks are shared among threads; each sample is computed alike, whoever does it.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any, TypeAlias
 
 import casadi as ca
@@ -19,6 +23,8 @@ Symbol: TypeAlias = Any
 """A CasADi SX or MX expression (the library ships no types)."""
 
 _BLOCK = 256  # samples a call: large enough to hide the call, small enough to build in a millisecond
+_BLOCKS_A_THREAD = 32  # a thread starts and ends in a millisecond or two where others compete; many calls are small
+_MOST_THREADS = 8  # they share the memory, which does not get faster
 
 
 def _row_major(expression: Symbol) -> Symbol:
@@ -66,16 +72,32 @@ class Batched:
         padded = -(-n // _BLOCK) * _BLOCK
         inputs = [_stack(values[key], shape, n, padded) for key, shape in self._in_shapes.items()]
         outputs = {key: np.empty((padded, *shape)) for key, shape in self._out_shapes.items()}
+        blocks = padded // _BLOCK
+        threads = max(1, min(os.cpu_count() or 1, _MOST_THREADS, blocks // _BLOCKS_A_THREAD))
+        if threads == 1:
+            self._evaluate(inputs, list(outputs.values()), 0, blocks)
+        else:
+            bounds = [blocks * k // threads for k in range(threads + 1)]
+            with ThreadPoolExecutor(threads) as pool:
+                shares = [
+                    pool.submit(self._evaluate, inputs, list(outputs.values()), first, last)
+                    for first, last in pairwise(bounds)
+                ]
+            for share in shares:
+                share.result()  # raises what went wrong there
+        return {key: array[:n] for key, array in outputs.items()}
+
+    def _evaluate(self, inputs: list[Array], outputs: list[Array], first: int, last: int) -> None:
+        """Fill the outputs of blocks first to last - 1; a buffer has memory of its own, so that calls may overlap."""
         buffer: Any
         buffer, evaluate = self._block.buffer()
-        for start in range(0, padded, _BLOCK):
-            part = slice(start, start + _BLOCK)
+        for k in range(first, last):
+            part = slice(k * _BLOCK, (k + 1) * _BLOCK)
             for i, array in enumerate(inputs):
                 buffer.set_arg(i, array[part].data)
-            for i, array in enumerate(outputs.values()):
+            for i, array in enumerate(outputs):
                 buffer.set_res(i, array[part].data)
             evaluate()
-        return {key: array[:n] for key, array in outputs.items()}
 
 
 def _shape(symbol: Symbol) -> tuple[int, ...]:

@@ -45,6 +45,23 @@ def point_inertia(mass: Any, position: ArrayLike) -> Any:
     return mass * ((c @ c) * np.eye(3) - np.outer(c, c))
 
 
+def body_jacobian(parameters: ArrayLike) -> Array:
+    """Derivative of the ten of :data:`BODY_PARAMETERS` by the ten of :data:`LINEAR_PARAMETERS`, shape (10, 10).
+
+    Args:
+        parameters: Of :data:`LINEAR_PARAMETERS`, the mass not zero, shape (10,).
+    """
+    p = np.asarray(parameters, dtype=np.float64)
+
+    def body(x: Any) -> Any:
+        cog = x[1:4] / x[0]
+        return np.concatenate([[x[0]], cog, x[4:] - six(point_inertia(x[0], cog))])
+
+    # A complex step is exact to rounding.
+    step = 1e-200
+    return np.column_stack([np.asarray(body(p + 1j * step * e).imag / step, dtype=np.float64) for e in np.eye(10)])
+
+
 @dataclass(frozen=True, eq=False)
 class Inertia:
     """Mass, centre of gravity and inertia of a body, in platform axes.

@@ -100,7 +100,12 @@ def simulate(
 @app.command()
 @click.argument("experiment", type=click.Path(path_type=Path))
 @click.option(
-    "--method", "methods", multiple=True, help="two-step, or all; may be repeated. Default: the best there is."
+    "--method",
+    "methods",
+    multiple=True,
+    metavar="NAME",
+    help="two-step, least-squares, instrumental-variables, consistent, or all; may be repeated. Default: the best there is, with two-step "
+    "beside it.",
 )
 @click.option(
     "--acceleration", type=click.Choice(["imu", "tracker"]), help="two-step: where the acceleration comes from."
@@ -112,7 +117,29 @@ def simulate(
     show_default=True,
     help="two-step: the median over the runs, or one fit over all of them.",
 )
-@click.option("--run", "runs", multiple=True, help="Use this run only; may be repeated.")
+@click.option("--run", "runs", multiple=True, metavar="RUN", help="Use this run only; may be repeated.")
+@click.option(
+    "--holdout", multiple=True, metavar="RUN", help="Leave this run out and predict its forces; may be repeated."
+)
+@click.option(
+    "--box",
+    nargs=6,
+    type=float,
+    metavar="X0 Y0 Z0 X1 Y1 Z1",
+    help="consistent: corners of a box that holds all mass [m].",
+)
+@click.option(
+    "--ellipsoid",
+    nargs=6,
+    type=float,
+    metavar="X Y Z A B C",
+    help="consistent: centre and semi-axes of an ellipsoid, likewise [m].",
+)
+@click.option(
+    "--towards-nominal",
+    is_flag=True,
+    help="consistent: pull towards the nominal body as far as that predicts runs left out better.",
+)
 @click.option("--out", type=_FOLDER, help="Folder for estimate.json and report.md; without it nothing is written.")
 @click.option("--force", is_flag=True, help="Replace files of the same names.")
 @_common
@@ -122,6 +149,10 @@ def identify(
     acceleration: str | None,
     combine: str,
     runs: tuple[str, ...],
+    holdout: tuple[str, ...],
+    box: tuple[float, ...] | None,
+    ellipsoid: tuple[float, ...] | None,
+    towards_nominal: bool,
     out: Path | None,
     force: bool,
     as_json: bool,
@@ -136,11 +167,44 @@ def identify(
         acceleration=acceleration,
         combine=combine,
         runs=runs,
+        holdout=holdout,
+        box=box,
+        ellipsoid=ellipsoid,
+        towards_nominal=towards_nominal,
         out=out,
         force=force,
         as_json=as_json,
         quiet=quiet,
     )
+
+
+@app.command()
+@click.argument("estimates", nargs=-1, required=True, metavar="ESTIMATE ESTIMATE...")
+@click.option("--payload", is_flag=True, help="What was added between two estimates: before, after.")
+@click.option(
+    "--fail-above",
+    type=float,
+    metavar="SIGMAS",
+    help="Exit status 1 where a parameter, or all as a whole, differ by more.",
+)
+@click.option("--method", metavar="NAME", help="Which estimate of each file, or all. Default: its result.")
+@_common
+def compare(
+    estimates: tuple[str, ...],
+    payload: bool,
+    fail_above: float | None,
+    method: str | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Put estimates side by side: differences in units of their uncertainty, and whether they agree.
+
+    ESTIMATE is an estimate.json or a folder with one, with :METHOD behind it for one of its methods (:all for every one).
+    """
+    from steelyard.cli.compare import run_comparison, run_payload
+
+    run = run_payload if payload else run_comparison
+    run(estimates, method=method, fail_above=fail_above, as_json=as_json)
 
 
 def main() -> None:

@@ -8,11 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from steelyard.cli.progress import progress
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.write import write_experiment
+from steelyard.identification.consistent import Consistent
+from steelyard.identification.consistent_body import Box, Ellipsoid
 from steelyard.identification.identify import AVAILABLE, Identification, Method, identify, method_named
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import Inertia
@@ -104,18 +108,23 @@ def run_identification(
     acceleration: str | None,
     combine: str,
     runs: Sequence[str],
+    holdout: Sequence[str],
+    box: Sequence[float] | None,
+    ellipsoid: Sequence[float] | None,
+    towards_nominal: bool,
     out: Path | None,
     force: bool,
     as_json: bool,
     quiet: bool,
 ) -> None:
     """Identify an experiment; ends the process with the status of the verdict."""
-    chosen = _methods(methods, acceleration, combine)
+    consistent = Consistent(regions=_regions(box, ellipsoid), towards_nominal=towards_nominal)
+    chosen = _methods(methods, TwoStep(acceleration=acceleration, combine=combine), consistent)  # type: ignore[arg-type]
     if out is not None:
         check_target(out, force=force)
     recorded = _selected(read_experiment(experiment), runs)
     with progress(quiet=quiet) as tell:
-        identification = identify(recorded, chosen, tell)
+        identification = identify(recorded, chosen, tell, holdout=holdout)
     summary = summarise(identification, known_truth(experiment.parent))
     if out is not None:
         with results_folder(out, force=force) as folder:
@@ -128,11 +137,35 @@ def run_identification(
         sys.exit(NOT_ACCEPTED)
 
 
-def _methods(names: Sequence[str], acceleration: str | None, combine: str) -> list[Method]:
+def _methods(names: Sequence[str], two_step: TwoStep, consistent: Consistent) -> list[Method]:
     """Estimators with the options that they take."""
-    named = {name: method_named(name) for name in names if name != "all"}
-    wanted = AVAILABLE if not names or "all" in names else named
-    return [method(acceleration=acceleration, combine=combine) for method in wanted.values()]  # type: ignore[arg-type]
+    if not names:
+        return [two_step, consistent]
+    with_options: dict[str, Method] = {"two-step": two_step, "consistent": consistent}
+    for name in names:
+        if name != "all":
+            method_named(name)
+    wanted = AVAILABLE if "all" in names else dict.fromkeys(names)
+    return [with_options[name] if name in with_options else method_named(name)() for name in wanted]
+
+
+def _regions(box: Sequence[float] | None, ellipsoid: Sequence[float] | None) -> tuple[Box | Ellipsoid, ...]:
+    """Where the mass lies, as the user says."""
+    regions: list[Box | Ellipsoid] = []
+    if box:
+        lower, upper = box[:3], box[3:]
+        if not all(low < high for low, high in zip(lower, upper, strict=True)):
+            raise InputError(
+                f"--box: expected the lower corner, then the upper one [m], found {' '.join(map(str, box))}; order them"
+            )
+        regions.append(Box(np.array(lower), np.array(upper)))
+    if ellipsoid:
+        if min(ellipsoid[3:]) <= 0:
+            raise InputError(
+                f"--ellipsoid: expected the centre, then three semi-axes above 0 [m], found {' '.join(map(str, ellipsoid))}; correct it"
+            )
+        regions.append(Ellipsoid(np.array(ellipsoid[:3]), np.array(ellipsoid[3:])))
+    return tuple(regions)
 
 
 def _selected(experiment: Experiment, names: Sequence[str]) -> Experiment:

@@ -83,12 +83,18 @@ class Experiment:
         )
         return exact() if same_clock else sigma(DEFAULT_DELAY)
 
-    def common_time(self, run: Run, name: str) -> Array:
-        """Times of a stream on the common clock [s], shape (n,): 0 is the common event, or the first force sample."""
+    def common_time(self, run: Run, name: str, delay: float | None = None) -> Array:
+        """Times of a stream on the common clock [s], shape (n,): 0 is the common event, or the first force sample.
+
+        Args:
+            run: One of the runs.
+            name: Instrument.
+            delay: Of its clock [s]; None: as known beforehand.
+        """
         if run.static:
             return run.streams[name].time
         value = self.delay(run, name).value
-        late = float(np.mean(value)) if value is not None else 0.0
+        late = delay if delay is not None else float(np.mean(value)) if value is not None else 0.0
         if run.sync:
             return run.streams[name].time - run.sync[name] - late
         reference = self.force_instrument(run)

@@ -116,12 +116,23 @@ def plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def judge(value: Array, *, reasons: Sequence[str] = ()) -> Verdict:
+def nothing_told(method: str, reason: str) -> Estimate:
+    """An estimate of which every number is unknown."""
+    return Estimate(
+        method=method,
+        value=np.full(10, np.nan),
+        covariance=np.full((10, 10), np.nan),
+        verdict=Verdict(False, (reason,), dict.fromkeys(BODY_PARAMETERS, "unidentifiable")),
+    )
+
+
+def judge(value: Array, *, reasons: Sequence[str] = (), by_prior: Sequence[bool] = (False,) * 10) -> Verdict:
     """The checks that every method's result goes through, added to its own reasons.
 
     Args:
         value: The ten, NaN where the data cannot tell, shape (10,).
         reasons: Why else not to accept it.
+        by_prior: Which of the ten what was known about the body has told rather than the data, shape (10,).
     """
     found = list(reasons)
     if np.isnan(value[0]):
@@ -143,6 +154,7 @@ def judge(value: Array, *, reasons: Sequence[str] = ()) -> Verdict:
                 )
             )
     labels: dict[str, Label] = {
-        name: "unidentifiable" if np.isnan(v) else "data" for name, v in zip(BODY_PARAMETERS, value, strict=True)
+        name: "unidentifiable" if np.isnan(v) else "prior" if prior else "data"
+        for name, v, prior in zip(BODY_PARAMETERS, value, by_prior, strict=True)
     }
     return Verdict(accepted=not found, reasons=tuple(found), parameters=labels)

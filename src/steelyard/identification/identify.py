@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
-from steelyard.identification.estimate import BEST_FIRST, FORMAT, Estimate
+from steelyard.identification.classical import NoBalanceError, study
+from steelyard.identification.consistent import Consistent
+from steelyard.identification.estimate import BEST_FIRST, FORMAT, Estimate, nothing_told
+from steelyard.identification.instrumental_variables import InstrumentalVariables
+from steelyard.identification.least_squares import LeastSquares
+from steelyard.identification.prediction import Prediction, predict_held_out
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import Inertia
 
 Method = Callable[[Experiment, Callable[[str, float], None] | None], Estimate]
 
-AVAILABLE: dict[str, type[TwoStep]] = {"two-step": TwoStep}
-"""Methods of this version by name."""
+AVAILABLE: dict[str, Callable[[], Method]] = {
+    "two-step": TwoStep,
+    "least-squares": LeastSquares,
+    "instrumental-variables": InstrumentalVariables,
+    "consistent": Consistent,
+}
+"""Methods of this version by name, with their default settings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +35,8 @@ class Identification:
     experiment: str
     nominal: Inertia | None
     estimates: Mapping[str, Estimate]
+    predictions: tuple[Prediction, ...] = ()
+    """Of runs that were held out."""
 
     @property
     def result(self) -> str:
@@ -39,11 +51,16 @@ class Identification:
             "nominal": self.nominal.to_dict() if self.nominal else None,
             "result": self.result,
             "estimates": {name: estimate.to_dict() for name, estimate in self.estimates.items()},
+            **({"holdout": {p.run: p.to_dict() for p in self.predictions}} if self.predictions else {}),
         }
 
 
 def identify(
-    experiment: Experiment, methods: Sequence[Method] = (), progress: Callable[[str, float], None] | None = None
+    experiment: Experiment,
+    methods: Sequence[Method] = (),
+    progress: Callable[[str, float], None] | None = None,
+    *,
+    holdout: Sequence[str] = (),
 ) -> Identification:
     """Estimate the inertial parameters of the platform.
 
@@ -51,16 +68,33 @@ def identify(
         experiment: With at least one run.
         methods: Estimators; none: the best there is, with the two steps of the paper beside it.
         progress: Is told what is being done and the fraction that is done.
+        holdout: Names of runs to leave out, whose forces are predicted.
 
     Raises:
-        InputError: A run lacks what a method needs.
+        InputError: A run lacks what a method needs, or there is no run of a name.
     """
-    chosen = list(methods) or [TwoStep()]
-    estimates = [method(experiment, progress) for method in chosen]
-    return Identification(experiment.name, experiment.robot.platform, {e.method: e for e in estimates})
+    chosen = list(methods) or [TwoStep(), Consistent()]
+    names = [run.name for run in experiment.runs]
+    for name in holdout:
+        if name not in names:
+            raise InputError(f"--holdout: expected one of {', '.join(names)}, found '{name}'; choose one of these")
+    predictions = predict_held_out(experiment, frozenset(holdout), progress) if holdout else ()
+    used = replace(experiment, runs=tuple(run for run in experiment.runs if run.name not in holdout))
+    estimates, shared = [], None
+    for method in chosen:
+        if isinstance(method, LeastSquares | Consistent):
+            # Both stand on the same normal equations.
+            try:
+                shared = shared or study(used, progress)
+                estimates.append(method.of(shared))
+            except NoBalanceError as error:
+                estimates.append(nothing_told(method.name, str(error)))
+        else:
+            estimates.append(method(used, progress))
+    return Identification(experiment.name, experiment.robot.platform, {e.method: e for e in estimates}, predictions)
 
 
-def method_named(name: str) -> type[TwoStep]:
+def method_named(name: str) -> Callable[[], Method]:
     """Method by its name.
 
     Raises:

@@ -7,7 +7,8 @@ instruments themselves, with systematic errors at the values known beforehand.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,7 +18,8 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.reading import RunReader, SmoothPart
 from steelyard.identification.smoothing import Samples1D, choose_spacing, pieces, segments
-from steelyard.identification.sources import Acceleration, Source, choose_sources
+from steelyard.identification.sources import Acceleration, Source, Sources, choose_sources
+from steelyard.identification.unknowns import Systematic
 from steelyard.motion.state import specific_force_of
 
 _FEWEST_SAMPLES = 10
@@ -60,15 +62,56 @@ class Samples:
     """Of the knots of the filter [s]; 0: not filtered."""
     position_sigma: float
     """1-sigma of the place that the acceleration was measured at [m]."""
+    position: Array | None = None
+    """Of the platform origin, world frame [m], shape (n, 3); None where nothing tells it."""
+    rotation: Array | None = None
+    """R_world_platform, shape (n, 3, 3); None where nothing tells it."""
+    tension: Array | None = None
+    """Of the cables at the platform [N], shape (n, m); None without cables."""
+    structure: Array | None = None
+    """Structure matrix, shape (n, 6, m); None without cables."""
+    share: float = 1.0
+    """Force samples of the recording that each sample stands for."""
+    plan: Plan | None = None
+    """How the run was cut and filtered; None: not at all."""
+    noise: Mapping[str, float] = field(default_factory=dict)
+    """1-sigma of the noise left in ``omega`` [rad/s], ``alpha`` [rad/s^2], ``specific_force`` [m/s^2], ``position`` [m] and ``rotation``
+    [rad], and of single readings of the force instrument about their spline."""
     notes: tuple[str, ...] = ()
     """What a reader should know about how they were made."""
 
     def __len__(self) -> int:
         return len(self.time)
 
+    def part(self, rows: slice) -> Samples:
+        """Some of the samples."""
+        arrays = ("time", "omega", "alpha", "specific_force", "wrench", "position", "rotation", "tension", "structure")
+        given: dict[str, Any] = {key: getattr(self, key) for key in arrays}
+        changed: dict[str, Any] = {key: None if value is None else value[rows] for key, value in given.items()}
+        return replace(self, **changed)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """How a run is cut into parts and filtered; the same for all that is to be compared sample by sample."""
+
+    spacing: float
+    """Of the knots of the filter [s]."""
+    parts: tuple[tuple[float, float, Array], ...]
+    """Start and end of what is fitted [s], and the times at which it is evaluated [s], shape (n,)."""
+    gaps: int = 0
+
 
 def prepare(
-    experiment: Experiment, run: Run, *, acceleration: Acceleration | None = None, straight: bool = False
+    experiment: Experiment,
+    run: Run,
+    *,
+    acceleration: Acceleration | None = None,
+    straight: bool = False,
+    systematic: Systematic | None = None,
+    sources: Sources | None = None,
+    plan: Plan | None = None,
+    thin: bool = False,
 ) -> Samples:
     """Samples of one run.
 
@@ -77,14 +120,18 @@ def prepare(
         run: One of its runs.
         acceleration: Where to take the acceleration from; None: the IMU where there is one.
         straight: Whether to take the cables as massless and straight, as the paper does.
+        systematic: Values of the systematic errors; None: as known beforehand.
+        sources: What to read from where; None: as :func:`choose_sources` decides.
+        plan: That of other samples of the same run, to be compared with; None: from the data.
+        thin: Whether few samples between two knots of the filter will do, and samples far from all others be left out.
 
     Raises:
         InputError: A quantity that is needed is missing, the streams do not overlap, or nothing moves.
     """
-    sources = choose_sources(experiment, run, acceleration)
     robot = experiment.robot.with_straight_cables() if straight else experiment.robot
-    task = RunReader(experiment, robot, run, sources)
-    return _static(task) if run.static else _moving(task)
+    sources = sources or choose_sources(experiment, run, acceleration)
+    task = RunReader(experiment, robot, run, sources, systematic)
+    return _static(task) if run.static else _moving(task, plan, thin=thin)
 
 
 def _static(task: RunReader) -> Samples:
@@ -95,7 +142,7 @@ def _static(task: RunReader) -> Samples:
     if not rows.any():
         raise InputError(f"{task.where}: expected at least one complete pose, found none; fill the empty cells")
     still = np.zeros((int(rows.sum()), 3))
-    gravity = task.robot.gravity
+    gravity = task.gravity
     rotation = position = None
     if sources.rotation:
         rotation = task.solve("rotation", sources.rotation, raw[sources.rotation][rows])
@@ -108,13 +155,16 @@ def _static(task: RunReader) -> Samples:
         )
     if sources.position and rotation is not None:
         position = task.solve("position", sources.position, raw[sources.position][rows], rotation=rotation)
+    carried: dict[str, Any] = task.carried({k: v[rows] for k, v in forces.items()}, position, rotation)
     return Samples(
         run=task.run.name,
         time=streams[sources.force].time[rows],
         omega=still,
         alpha=still,
         specific_force=specific_force,
-        wrench=task.wrench({k: v[rows] for k, v in forces.items()}, position, rotation),
+        **carried,
+        position=position,
+        rotation=rotation,
         static=True,
         free_offset=task.free_offset,
         alpha_noise=0.0,
@@ -123,56 +173,82 @@ def _static(task: RunReader) -> Samples:
     )
 
 
-def _moving(task: RunReader) -> Samples:
+def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
     run, sources = task.run, task.sources
     everything = [*sources.used(), *((sources.force, quantity) for quantity in run.streams[sources.force].values)]
     raw = {source: _samples(task, source) for source in everything}
-    start, end = run.window or (-np.inf, np.inf)
+    plan = plan or _planned(task, raw, thin=thin)
+    states = [SmoothPart(task, raw, a, b, plan.spacing, robust=thin).state(times) for a, b, times in plan.parts]
+    plan = replace(plan, parts=tuple(p for p, state in zip(plan.parts, states, strict=True) if state is not None))
+    parts = [state for state, _ in filter(None, states)]
+    found = sum(len(p["time"]) for p in parts)
+    if found < _FEWEST_SAMPLES:
+        raise InputError(
+            f"{task.where}: expected at least {_FEWEST_SAMPLES} force samples where all streams have data, found {found}; "
+            "record longer, or widen 'window'"
+        )
+    joined: dict[str, Any] = {key: np.concatenate([p[key] for p in parts]) for key in parts[0]}
+    noises, counts = [noise for _, noise in filter(None, states)], [len(p["time"]) for p in parts]
+    noise = {key: float(np.sqrt(np.average([n[key] ** 2 for n in noises], weights=counts))) for key in noises[0]}
+    alpha_noise = noise["alpha"]
+    _check_motion(task.where, joined, alpha_noise)
+    notes = _gyro_notes(run.name, joined["omega"], joined.pop("omega_of_attitude"))
+    if sources.position and task.experiment.instruments[sources.position[0]].kind == "command":
+        notes.append(f"run '{run.name}': the position is the commanded one, for want of a measured one")
+    if plan.gaps:
+        notes.append(f"run '{run.name}': {plan.gaps} gap{'s' if plan.gaps > 1 else ''} in the streams left out")
+    return Samples(
+        run=run.name,
+        static=False,
+        free_offset=task.free_offset,
+        alpha_noise=alpha_noise,
+        noise=noise,
+        spacing=plan.spacing,
+        plan=plan,
+        position_sigma=task.position_sigma,
+        share=_share(task, plan),
+        notes=tuple(notes),
+        **joined,
+    )
+
+
+_PER_KNOT = 4
+"""Samples between two knots that hold all that the filter has let through."""
+
+
+def _planned(task: RunReader, raw: Mapping[Source, Samples1D], *, thin: bool) -> Plan:
+    """Cut a run where streams have gaps, and choose the filter from the data."""
+    start, end = task.run.window or (-np.inf, np.inf)
     start = max(start, *(float(s.time[0]) for s in raw.values()))
     end = min(end, *(float(s.time[-1]) for s in raw.values()))
     if end <= start:
         raise InputError(f"{task.where}: expected streams that overlap in time, found none; correct 'sync' or 'window'")
-    differentiated = [sources.omega or sources.rotation]
-    if sources.specific_force is None:
+    sources = task.sources
+    # The paper's procedure looks at what it differentiates; others at all that tells the motion.
+    differentiated: list[Source | None] = [*sources.used()] if thin else [sources.omega or sources.rotation]
+    if sources.specific_force is None and not thin:
         differentiated.append(sources.position)
     spacing = _spacing([raw[s] for s in differentiated if s], list(raw.values()), start, end)
-    times = task.experiment.common_time(run, sources.force)
+    times = task.time(sources.force)
     parts, gaps = [], -1
     for part_start, part_end in segments([s.time for s in raw.values()], start, end, spacing):
         gaps += 1
         for a, b, first, last in pieces(part_start, part_end, spacing):
             inside = times[(times >= first) & (times < last)]
-            state = SmoothPart(task, raw, a, b, spacing).state(inside) if len(inside) else None
-            if state is not None:
-                parts.append(state)
-    found = sum(len(p["time"]) for p in parts)
-    if found < _FEWEST_SAMPLES:
-        raise InputError(
-            f"{task.where}: expected at least {_FEWEST_SAMPLES} force samples where all streams have data, found {found} in "
-            f"{end - start:.2f} s; record longer, or widen 'window'"
-        )
-    joined = {key: np.concatenate([p[key] for p in parts]) for key in parts[0]}
-    alpha_noise = float(np.sqrt(np.mean(joined["alpha_noise"] ** 2)))
-    _check_motion(task.where, joined, alpha_noise)
-    notes = _gyro_notes(run.name, joined["omega"], joined.pop("omega_of_attitude"))
-    if sources.position and task.experiment.instruments[sources.position[0]].kind == "command":
-        notes.append(f"run '{run.name}': the position is the commanded one, for want of a measured one")
-    if gaps > 0:
-        notes.append(f"run '{run.name}': {gaps} gap{'s' if gaps > 1 else ''} in the streams left out")
-    return Samples(
-        run=run.name,
-        time=joined["time"],
-        omega=joined["omega"],
-        alpha=joined["alpha"],
-        specific_force=joined["specific_force"],
-        wrench=joined["wrench"],
-        static=False,
-        free_offset=task.free_offset,
-        alpha_noise=alpha_noise,
-        spacing=spacing,
-        position_sigma=task.position_sigma,
-        notes=tuple(notes),
-    )
+            enough = round(_PER_KNOT * (last - first) / spacing)
+            if thin and len(inside) > enough:
+                inside = np.asarray(first + (np.arange(enough) + 0.5) * ((last - first) / enough))
+            if len(inside):
+                parts.append((a, b, inside))
+    return Plan(spacing, tuple(parts), gaps)
+
+
+def _share(task: RunReader, plan: Plan) -> float:
+    """Force samples of the recording that each evaluated sample stands for."""
+    times = task.time(task.sources.force)
+    used = sum(len(inside) for *_, inside in plan.parts)
+    stood_for = sum(int(np.sum((times >= inside[0]) & (times <= inside[-1]))) for *_, inside in plan.parts)
+    return max(1.0, stood_for / used)
 
 
 def _gyro_notes(run: str, omega: Array, omega_of_attitude: Array) -> list[str]:
@@ -197,7 +273,7 @@ def _samples(task: RunReader, source: Source) -> Samples1D:
     stream = task.run.streams[name]
     values = stream.values[quantity]
     valid = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
-    time, values = task.experiment.common_time(task.run, name)[valid], values[valid]
+    time, values = task.time(name)[valid], values[valid]
     if len(time) < 2:
         raise InputError(
             f"{stream.source}: expected at least 2 complete samples of {quantity.replace('_', ' ')}, found {len(time)}; fill the empty cells"

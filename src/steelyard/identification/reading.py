@@ -13,7 +13,8 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.smoothing import Samples1D, Smoothed, fit
 from steelyard.identification.sources import Source, Sources
-from steelyard.instruments.equations import solve_for
+from steelyard.identification.unknowns import Systematic, clock_of
+from steelyard.instruments.equations import means, solve_for
 from steelyard.motion.state import motion_of_quaternions, specific_force_of
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
@@ -27,30 +28,59 @@ class RunReader:
     robot: Robot
     run: Run
     sources: Sources
+    systematic: Systematic | None = None
+    """Values of the systematic errors; None: as known beforehand."""
 
     @property
     def where(self) -> str:
         """File and run, for messages."""
         return f"{self.experiment.source or self.experiment.name}: run '{self.run.name}'"
 
+    def time(self, name: str) -> Array:
+        """Times of a stream on the common clock [s], shape (n,)."""
+        delay = None
+        if self.systematic and not self.run.static:
+            delay = self.systematic.delay(clock_of(self.experiment, name), self.run.name)
+        return self.experiment.common_time(self.run, name, delay)
+
+    @property
+    def gravity(self) -> Array:
+        """World frame [m/s^2], shape (3,)."""
+        return self.systematic.gravity if self.systematic else self.robot.gravity
+
+    def _errors(self, name: str) -> dict[str, Array]:
+        instrument = self.experiment.instruments[name]
+        if self.systematic is None:
+            return means(instrument, self.robot.m)
+        return self.systematic.of(name, instrument, self.run.name)
+
     def solve(self, unknown: str, source: Source, readings: Array, **given: Array) -> Array:
         """Part of the platform's state behind the readings of one quantity."""
-        instrument = self.experiment.instruments[source[0]]
-        return solve_for(unknown, instrument, self.robot, {source[1]: readings}, given)
+        name, quantity = source
+        instrument = self.experiment.instruments[name]
+        return solve_for(unknown, instrument, self.robot, {quantity: readings}, given, self._errors(name))
 
-    def wrench(self, readings: Mapping[str, Array], position: Array | None, rotation: Array | None) -> Array:
-        """Wrench on the platform behind the readings of the force instrument, shape (n, 6)."""
-        instrument = self.experiment.instruments[self.sources.force]
+    def carried(
+        self, readings: Mapping[str, Array], position: Array | None, rotation: Array | None
+    ) -> dict[str, Array]:
+        """What carries the platform, behind the readings of the force instrument.
+
+        Returns:
+            ``wrench`` on the platform, shape (n, 6); on cables also their ``tension`` [N], shape (n, m), and ``structure``, shape
+            (n, 6, m).
+        """
+        name = self.sources.force
+        instrument = self.experiment.instruments[name]
+        errors = self._errors(name)
         if instrument.kind == "wrench":
-            return solve_for("wrench", instrument, self.robot, readings, {})
+            return {"wrench": solve_for("wrench", instrument, self.robot, readings, {}, errors)}
         assert position is not None  # choose_sources() has made sure
         assert rotation is not None
         # Sensors at the winch need the pose; those at the platform do without.
         pose = {"position": position, "rotation": rotation}
-        tension = solve_for("tension", instrument, self.robot, readings, pose)
+        tension = solve_for("tension", instrument, self.robot, readings, pose, errors)
         structure = cables_at(self.robot, position, rotation, tension).structure
-        wrench: Array = np.einsum("nkm,nm->nk", structure, tension)
-        return wrench
+        return {"wrench": np.einsum("nkm,nm->nk", structure, tension), "tension": tension, "structure": structure}
 
     @property
     def free_offset(self) -> bool:
@@ -74,6 +104,10 @@ class RunReader:
         return float(np.sqrt(np.mean(place.deviation**2)))
 
 
+_EDGE = 1e-4
+"""Samples so close outside an interval still belong to it [s]: a clock that is moved a little must not lose one."""
+
+
 @dataclass(frozen=True, eq=False)
 class SmoothPart:
     """The streams of one run over an interval without gaps, smooth and turned into parts of the platform's state one by one."""
@@ -83,16 +117,18 @@ class SmoothPart:
     start: float
     end: float
     spacing: float
+    robust: bool = False
+    """Whether to leave out samples that stand far from the others."""
 
     def within(self, source: Source) -> Samples1D:
         """Samples in the interval."""
         samples = self.raw[source]
-        inside = (samples.time >= self.start) & (samples.time <= self.end)
-        return Samples1D(samples.time[inside], samples.values[inside])
+        inside = (samples.time >= self.start - _EDGE) & (samples.time <= self.end + _EDGE)
+        return Samples1D(np.clip(samples.time[inside], self.start, self.end), samples.values[inside])
 
     def smooth(self, samples: Samples1D) -> Smoothed:
         """Fit, or give the part up."""
-        fitted = fit(samples, self.start, self.end, self.spacing)
+        fitted = fit(samples, self.start, self.end, self.spacing, robust=self.robust)
         if fitted is None:
             raise _UndeterminedError
         return fitted
@@ -128,13 +164,13 @@ class SmoothPart:
             return np.full((len(t), 3), np.nan)
         return motion_of_quaternions(*(self.attitude.at(t, order) for order in range(3)))["omega"]
 
-    def alpha_noise(self, t: Array) -> float:
-        """1-sigma of the noise left in the angular acceleration [rad/s^2]."""
+    def turning_noise(self, t: Array) -> tuple[float, float]:
+        """1-sigma of the noise left in angular velocity [rad/s] and acceleration [rad/s^2]."""
         if self.gyro is not None:
-            return self.gyro.noise(t, 1)
+            return self.gyro.noise(t, 0), self.gyro.noise(t, 1)
         assert self.attitude is not None
         # A quaternion turns half as fast as the rotation vector.
-        return 2 * self.attitude.noise(t, 2)
+        return 2 * self.attitude.noise(t, 1), 2 * self.attitude.noise(t, 2)
 
     @cached_property
     def position(self) -> Smoothed | None:
@@ -146,35 +182,72 @@ class SmoothPart:
         origin = self.reader.solve("position", source, tracked.values, **self.rotation(tracked.time))
         return self.smooth(Samples1D(tracked.time, origin))
 
+    @cached_property
+    def felt(self) -> Smoothed | None:
+        """Specific force of the platform origin by the accelerometer; None where it has to come from the tracker."""
+        source = self.reader.sources.specific_force
+        if source is None:
+            return None
+        samples = self.within(source)
+        given = {**self.turning(samples.time), **self.rotation(samples.time), "gravity": self.reader.gravity}
+        return self.smooth(
+            Samples1D(samples.time, self.reader.solve("specific_force", source, samples.values, **given))
+        )
+
     def specific_force(self, t: Array) -> Array:
         """Of the platform origin, from the accelerometer or from the tracker."""
-        source, gravity = self.reader.sources.specific_force, self.reader.robot.gravity
-        if source is not None:
-            felt = self.within(source)
-            given = {**self.turning(felt.time), **self.rotation(felt.time), "gravity": gravity}
-            at_origin = self.reader.solve("specific_force", source, felt.values, **given)
-            return self.smooth(Samples1D(felt.time, at_origin)).at(t)
+        if self.felt is not None:
+            return self.felt.at(t)
         assert self.position is not None  # choose_sources() has made sure
-        return specific_force_of(self.rotation(t)["rotation"], self.position.at(t, 2), gravity)
+        return specific_force_of(self.rotation(t)["rotation"], self.position.at(t, 2), self.reader.gravity)
 
-    def wrench(self, t: Array) -> Array:
-        """On the platform."""
-        force = self.reader.sources.force
-        readings = {q: self.smooth(self.within((name, q))).at(t) for name, q in self.raw if name == force}
-        position = None if self.position is None else self.position.at(t)
-        return self.reader.wrench(readings, position, self.rotation(t).get("rotation"))
+    def specific_force_noise(self, t: Array) -> float:
+        """1-sigma of the noise left in it [m/s^2]."""
+        if self.felt is not None:
+            return self.felt.noise(t, 0)
+        assert self.position is not None
+        return self.position.noise(t, 2)
 
-    def state(self, t: Array) -> dict[str, Array] | None:
-        """All of it at times; None where the samples do not determine it."""
+    @cached_property
+    def forces(self) -> dict[str, Smoothed]:
+        """Readings of the force instrument."""
+        return {q: self.smooth(self.within((name, q))) for name, q in self.raw if name == self.reader.sources.force}
+
+    def pose(self, t: Array) -> dict[str, Array]:
+        """Position and rotation, where they are known."""
+        return {**({} if self.position is None else {"position": self.position.at(t)}), **self.rotation(t)}
+
+    def carried(self, t: Array) -> dict[str, Array]:
+        """What carries the platform."""
+        readings = {q: smoothed.at(t) for q, smoothed in self.forces.items()}
+        pose = self.pose(t)
+        return {**pose, **self.reader.carried(readings, pose.get("position"), pose.get("rotation"))}
+
+    def motion(self, t: Array) -> dict[str, Array]:
+        """How the platform moves."""
+        return {
+            **self.turning(t),
+            "omega_of_attitude": self.omega_of_attitude(t),
+            "specific_force": self.specific_force(t),
+        }
+
+    def noise(self, t: Array) -> dict[str, float]:
+        """1-sigma of the noise left in the motion, and of single force readings about their spline."""
+        omega, alpha = self.turning_noise(t)
+        return {
+            "omega": omega,
+            "alpha": alpha,
+            "specific_force": self.specific_force_noise(t),
+            "position": 0.0 if self.position is None else self.position.noise(t, 0),
+            # A quaternion turns half as fast as the rotation vector.
+            "rotation": 0.0 if self.attitude is None else 2 * self.attitude.noise(t, 0),
+            **{quantity: smoothed.sigma for quantity, smoothed in self.forces.items()},
+        }
+
+    def state(self, t: Array) -> tuple[dict[str, Array], dict[str, float]] | None:
+        """All of it at times, and its noise; None where the samples do not determine it."""
         try:
-            return {
-                "time": t,
-                **self.turning(t),
-                "omega_of_attitude": self.omega_of_attitude(t),
-                "specific_force": self.specific_force(t),
-                "wrench": self.wrench(t),
-                "alpha_noise": np.full(len(t), self.alpha_noise(t)),
-            }
+            return {"time": t, **self.motion(t), **self.carried(t)}, self.noise(t)
         except _UndeterminedError:
             return None
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_lsq_spline
 
 from steelyard.arrays import Array
@@ -60,8 +61,46 @@ def knots(start: float, end: float, spacing: float) -> Array:
     return np.concatenate([np.full(DEGREE, start), inner, np.full(DEGREE, end)])
 
 
-def fit(samples: Samples1D, start: float, end: float, spacing: float) -> Smoothed | None:
-    """Fit one quantity over an interval; None where its samples do not determine the spline."""
+def fit(samples: Samples1D, start: float, end: float, spacing: float, *, robust: bool = False) -> Smoothed | None:
+    """Fit one quantity over an interval; None where its samples do not determine the spline.
+
+    Args:
+        samples: Of the quantity.
+        start: Of the interval [s].
+        end: Of the interval [s].
+        spacing: Of the knots [s].
+        robust: Whether to leave out samples that stand far from the others.
+    """
+    fitted = _fit(samples, start, end, spacing)
+    for _ in range(_ROUNDS if robust and fitted else 0):
+        assert fitted is not None
+        kept = _kept(samples, fitted)
+        if kept.all():
+            break
+        again = _fit(Samples1D(samples.time[kept], samples.values[kept]), start, end, spacing)
+        if again is None:
+            break
+        fitted = again
+    return fitted
+
+
+_ROUNDS = 3
+_FAR = 6.0
+"""Of how many 1-sigma a sample stands far from the others."""
+_MOST_LEFT_OUT = 0.05
+
+
+def _kept(samples: Samples1D, fitted: Smoothed) -> NDArray[np.bool_]:
+    """Samples that do not stand far from the others: a spike of a sensor would ring through the spline."""
+    residual = np.abs(samples.values - fitted.at(samples.time))
+    # The median is hardly moved by the few that stand far.
+    sigma = np.median(residual, axis=0) / 0.6745
+    far = (residual > _FAR * sigma + 1e-9 * np.abs(samples.values).max(axis=0)).any(axis=1)
+    # Where many stand far, none is the exception.
+    return ~far if np.mean(far) <= _MOST_LEFT_OUT else np.ones(len(far), dtype=bool)
+
+
+def _fit(samples: Samples1D, start: float, end: float, spacing: float) -> Smoothed | None:
     inside = (samples.time >= start) & (samples.time <= end)
     time, values = samples.time[inside], samples.values[inside]
     t = knots(start, end, spacing)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
+from functools import lru_cache
 
 import casadi as ca
 
+from steelyard import rotations
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.errors import InputError
 from steelyard.instruments.base import Instrument, Term
-from steelyard.motion.state import State, symbols
+from steelyard.motion.state import State, state_of_pose, symbols
 from steelyard.robot.model import Robot
 
 
@@ -57,15 +59,17 @@ def solve_for(
     robot: Robot,
     readings: Mapping[str, Array],
     given: Mapping[str, Array],
+    calibration: Mapping[str, Array] | None = None,
 ) -> Array:
     """The part of the platform's state that gives the readings of an instrument, which must be linear in it.
 
     Args:
         unknown: Name of a field of :class:`State`.
-        instrument: With its systematic errors at their means.
+        instrument: Any kind.
         robot: Its cables.
         readings: Quantities that determine the unknown, arrays over n samples.
         given: Other fields of the state; all that the equation needs, and it may be more.
+        calibration: Systematic errors, one array for each of :meth:`Instrument.terms`; None: as known beforehand.
 
     Returns:
         The unknown over n samples.
@@ -73,33 +77,155 @@ def solve_for(
     Raises:
         InputError: The equation needs a part of the state that is not given.
     """
+    solved, inputs = _solution(unknown, instrument, robot, tuple(readings))
+    needed = [name for name in inputs if name in _FIELDS]
+    missing = [name for name in needed if name not in given]
+    if missing:
+        raise InputError(
+            f"instrument of kind '{instrument.kind}': expected the platform's {' and '.join(missing)} beside its "
+            f"{' and '.join(readings).replace('_', ' ')}, found none; add a stream that tells it"
+        )
+    known = means(instrument, robot.m) if calibration is None else calibration
+    errors = {name: known[name.removeprefix("term_")] for name in inputs if name.startswith("term_")}
+    values = {f"measured_{name}": value for name, value in readings.items()}
+    return solved(**values, **errors, **{name: given[name] for name in needed})[unknown]
+
+
+_FIELDS = frozenset(f.name for f in fields(State))
+
+
+@lru_cache(maxsize=128)
+def _solution(
+    unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
+) -> tuple[Batched, list[str]]:
+    """Inverse of a measurement equation and the names of what it needs: readings, systematic errors, the rest of the state."""
     state = symbols(robot.m)
     target = getattr(state, unknown)
-    stated = instrument.predict(state, {k: ca.DM(v) for k, v in means(instrument, robot.m).items()}, robot)
-    names = list(readings)
-    predicted = ca.vertcat(*[ca.vec(stated[name]) for name in names])
-    measured = {name: _symbol_like(name, stated[name]) for name in names}
+    terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
+    stated = instrument.predict(state, terms, robot)
+    predicted = ca.vertcat(*[ca.vec(stated[name]) for name in quantities])
+    measured = {name: _symbol_like(name, stated[name]) for name in quantities}
     column = ca.vec(target)
     jacobian = ca.jacobian(predicted, column)
     at_zero = ca.substitute(predicted, column, ca.DM.zeros(column.numel()))
     difference = ca.vertcat(*[ca.vec(s) for s in measured.values()]) - at_zero
     solution = ca.reshape(ca.solve(jacobian, difference), *target.shape)
-    inputs = {f"measured_{name}": symbol for name, symbol in measured.items()}
-    needed = {
-        f.name: getattr(state, f.name)
-        for f in fields(State)
-        if getattr(state, f.name).numel() and ca.depends_on(solution, ca.vec(getattr(state, f.name)))
+    behind = {
+        **{f"term_{key}": symbol for key, symbol in terms.items()},
+        **{f.name: getattr(state, f.name) for f in fields(State)},
     }
-    missing = [name for name in needed if name not in given]
-    if missing:
-        raise InputError(
-            f"instrument of kind '{instrument.kind}': expected the platform's {' and '.join(missing)} beside its "
-            f"{' and '.join(names).replace('_', ' ')}, found none; add a stream that tells it"
-        )
-    solved = Batched("solve", {**inputs, **needed}, {unknown: solution})
-    values = {f"measured_{name}": readings[name] for name in names}
-    return solved(**values, **{name: given[name] for name in needed})[unknown]
+    inputs = {
+        **{f"measured_{name}": symbol for name, symbol in measured.items()},
+        **{key: symbol for key, symbol in behind.items() if symbol.numel() and ca.depends_on(solution, ca.vec(symbol))},
+    }
+    return Batched("solve", inputs, {unknown: solution}), list(inputs)
 
 
 def _symbol_like(name: str, expression: Symbol) -> Symbol:
     return ca.SX.sym(name, *expression.shape)
+
+
+@lru_cache(maxsize=128)
+def _linearised(instrument: Instrument, quantity: str, robot: Robot) -> Batched:
+    pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
+    gravity = ca.SX.sym("gravity", 3)
+    terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
+    errors = ca.vertcat(*terms.values()) if terms else ca.SX.sym("none", 1)
+    predicted = instrument.predict(state_of_pose(pose, rate, acceleration, gravity), terms, robot)[quantity]
+    measured = _symbol_like("measured", predicted)
+    residual = rotations.log(predicted.T @ measured) if predicted.shape == (3, 3) else measured - predicted
+    return Batched(
+        "linearised",
+        {"pose": pose, "rate": rate, "acceleration": acceleration, "gravity": gravity, "errors": errors, "measured": measured},
+        {
+            "residual": residual,
+            **{
+                name: ca.densify(ca.jacobian(residual, symbol))
+                for name, symbol in (
+                    ("by_pose", pose), ("by_rate", rate), ("by_acceleration", acceleration),
+                    ("by_errors", errors), ("by_gravity", gravity),
+                )
+            },
+        },
+    )  # fmt: skip
+
+
+def linearised(
+    instrument: Instrument,
+    quantity: str,
+    robot: Robot,
+    measured: Array,
+    motion: tuple[Array, Array, Array],
+    errors: Array,
+    gravity: Array,
+) -> dict[str, Array]:
+    """Measurement equation of one quantity about a motion: what is measured beyond what is predicted, and its derivatives.
+
+    Of a rotation the difference is the rotation vector on the right of the predicted one.
+
+    Args:
+        instrument: A kind that looks at the motion alone.
+        quantity: One of its quantities, of k numbers.
+        robot: Its cables.
+        measured: Readings, shape (n, k) or (n, 3, 3).
+        motion: Position [m] over quaternion, its first and second time derivative, shape (n, 7) each.
+        errors: Systematic errors in the order of :meth:`Instrument.terms`, shape (e,).
+        gravity: World frame [m/s^2], shape (3,).
+
+    Returns:
+        ``residual``, shape (n, k), and its derivatives ``by_pose``, ``by_rate``, ``by_acceleration``, shape (n, k, 7),
+        ``by_errors``, shape (n, k, e), ``by_gravity``, shape (n, k, 3).
+    """
+    pose, rate, acceleration = motion
+    return _linearised(instrument, quantity, robot)(
+        pose=pose, rate=rate, acceleration=acceleration, errors=errors, gravity=gravity, measured=measured
+    )
+
+
+@lru_cache(maxsize=64)
+def _sensitivity(
+    unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
+) -> tuple[Batched, list[str]]:
+    state = symbols(robot.m)
+    terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
+    stated = instrument.predict(state, terms, robot)
+    predicted = ca.vertcat(*[ca.vec(stated[name]) for name in quantities])
+    inverse = ca.inv(ca.jacobian(predicted, ca.vec(getattr(state, unknown))))
+    outputs = {
+        "by_reading": ca.densify(inverse),
+        "by_terms": ca.densify(-inverse @ ca.jacobian(predicted, ca.vertcat(*terms.values()))),
+    }
+    behind = {
+        **{f"term_{key}": symbol for key, symbol in terms.items()},
+        **{f.name: getattr(state, f.name) for f in fields(State)},
+    }
+    everything = ca.veccat(*outputs.values())
+    inputs = {k: s for k, s in behind.items() if s.numel() and ca.depends_on(everything, ca.vec(s))}
+    return Batched("sensitivity", inputs, outputs), list(inputs)
+
+
+def sensitivity(
+    unknown: str,
+    instrument: Instrument,
+    robot: Robot,
+    quantities: tuple[str, ...],
+    state: Mapping[str, Array],
+    calibration: Mapping[str, Array],
+) -> tuple[Array, Array]:
+    """How what :func:`solve_for` gives follows the readings and the systematic errors, by the implicit function theorem.
+
+    Args:
+        unknown: Name of a field of :class:`State`, of k numbers.
+        instrument: Any kind.
+        robot: Its cables.
+        quantities: That determine the unknown.
+        state: Fields of the state over n samples, the unknown among them.
+        calibration: Systematic errors, one array for each of :meth:`Instrument.terms`, e numbers in all.
+
+    Returns:
+        Derivative by the readings, shape (n, k, k), and by the systematic errors, shape (n, k, e).
+    """
+    batched, inputs = _sensitivity(unknown, instrument, robot, quantities)
+    errors = {name: calibration[name.removeprefix("term_")] for name in inputs if name.startswith("term_")}
+    values = batched(**errors, **{name: state[name] for name in inputs if name in _FIELDS})
+    return values["by_reading"], values["by_terms"]

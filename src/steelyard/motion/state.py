@@ -55,6 +55,32 @@ def symbols(m: int) -> State:
     )
 
 
+def state_of_pose(pose: Any, rate: Any, acceleration: Any, gravity: Any) -> State:
+    """State of a platform whose pose is position [m] over quaternion (w, x, y, z), symbolically; without forces.
+
+    The quaternion may have any length but zero and any rate of it: no state depends on that.
+
+    Args:
+        pose: Shape (7,).
+        rate: Its time derivative, shape (7,).
+        acceleration: The second one, shape (7,).
+        gravity: World frame [m/s^2], shape (3,).
+    """
+    q, dq = pose[3:], rate[3:]
+    R = rotations.from_quaternion(q) / ca.dot(q, q)
+    omega = rotations.quaternion_omega(q, dq)
+    return State(
+        position=pose[:3],
+        rotation=R,
+        omega=omega,
+        alpha=ca.jtimes(omega, ca.vertcat(pose, rate), ca.vertcat(rate, acceleration)),
+        specific_force=specific_force_in_platform(R, acceleration[:3], gravity),
+        tension=None,
+        wrench=None,
+        gravity=gravity,
+    )
+
+
 @cache
 def _pose_motion() -> Batched:
     q, dq, ddq = (ca.SX.sym(name, 6) for name in ("pose", "rate", "acceleration"))

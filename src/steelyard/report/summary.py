@@ -91,7 +91,7 @@ def summarise(
     return Summary(
         table=Table(title or identification.experiment, tuple(columns)),
         runs=runs,
-        statements=tuple(_statements(shown)),
+        statements=(*_statements(shown), *(str(p) for p in identification.predictions)),
     )
 
 

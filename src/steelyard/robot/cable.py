@@ -2,14 +2,14 @@
 
 Two questions are asked of the same equations: which way does it pull if its tension at the platform is known (identification),
 and how hard does it pull if the length fed out is known (simulation). Straight cables have closed forms; for cables with
-weight a fixed number of Newton steps from a shallow-sag start reaches rounding error, and the remaining ``residual`` is handed
-out so that the caller can check it.
+weight a fixed number of steps from a shallow-sag start reaches rounding error, and the remaining ``residual`` is handed
+out so that the caller can check it. One step does for taut cables.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -22,20 +22,38 @@ from steelyard.robot.model import Robot
 RESIDUAL_TOLERANCE = 1e-8
 """What :attr:`CableShape.residual` must not exceed where the equations have been solved."""
 
+STEPS = 4
+"""Steps for a known tension that reach rounding error from 10 N upwards on cables of ten metres and 60 g/m; the residual tells
+where they do not."""
+_STEPS_BY_LENGTH = 5
+"""Those for a known length, up to some hundredths longer than the chord unless the cable hangs nearly plumb."""
+
 
 class CableSpec(NamedTuple):
-    """Constants of one cable; geometry may be symbolic."""
+    """Constants of one cable; all may be symbolic."""
 
     anchor: Symbol
     """World frame [m], shape (3,)."""
-    axis: Array
-    radius: float
-    up: Array
-    """Unit vector against gravity, world frame."""
-    weight: float
-    """[N/m]; 0: straight."""
-    compliance: float
+    axis: Array | Symbol
+    """Its direction of travel there, unit vector, world frame, shape (3,)."""
+    radius: float | Symbol
+    """Of the roller [m]; the number 0: none."""
+    up: Array | Symbol
+    """Unit vector against gravity, world frame, shape (3,)."""
+    weight: float | Symbol
+    """[N/m]; the number 0: straight."""
+    compliance: float | Symbol
     """1 / EA [1/N]; 0: does not stretch."""
+
+    @property
+    def hangs(self) -> bool:
+        """Whether it has weight."""
+        return isinstance(self.weight, ca.SX) or self.weight != 0
+
+    @property
+    def rolls(self) -> bool:
+        """Whether it runs over a roller."""
+        return isinstance(self.radius, ca.SX) or self.radius != 0
 
 
 class CableShape(NamedTuple):
@@ -54,7 +72,7 @@ class CableShape(NamedTuple):
     winch_tension: Symbol
     """At the roller, where the cable's weight has been added [N]."""
     residual: Symbol
-    """Error of the equations, in metres of span and relative tension; 0 for closed forms."""
+    """Error of the equations, in metres of length and radians at the roller; 0 for closed forms."""
 
 
 def spec(robot: Robot, i: int) -> CableSpec:
@@ -70,25 +88,20 @@ def spec(robot: Robot, i: int) -> CableSpec:
     )
 
 
-def by_tension(cable: CableSpec, point: Symbol, tension: Symbol) -> CableShape:
+def by_tension(cable: CableSpec, point: Symbol, tension: Symbol, *, steps: int = STEPS) -> CableShape:
     """Shape of a cable whose tension at the platform end is known.
 
     Args:
         cable: Its constants.
         point: Attachment in the world frame [m], shape (3,).
         tension: [N], positive where the cable has weight.
+        steps: Towards the shape of a cable with weight; fewer are faster and leave a larger residual where it is slack.
     """
-    if not cable.weight:
-        _, wrap, leave, chord = _straight(cable, point)
-        strained = chord + cable.radius * wrap
-        direction = (leave - point) / chord
-        length = strained / (1 + tension * cable.compliance)
-        return CableShape(direction, tension, length, leave, wrap, tension, ca.SX(0))
-
-    def closing(H: Symbol, V: Symbol, fed: Symbol) -> Symbol:
-        return ca.sqrt(H**2 + V**2) / tension - 1
-
-    return _hanging(cable, point, tension, closing, _STEPS_BY_TENSION)
+    if cable.hangs:
+        return _hanging("tension", cable, point, tension, steps)
+    _, wrap, leave, chord = _straight(cable, point)
+    length = (chord + cable.radius * wrap) / (1 + tension * cable.compliance)
+    return CableShape((leave - point) / chord, tension, length, leave, wrap, tension, ca.SX(0))
 
 
 def by_length(cable: CableSpec, point: Symbol, fed: Symbol) -> CableShape:
@@ -99,92 +112,192 @@ def by_length(cable: CableSpec, point: Symbol, fed: Symbol) -> CableShape:
         point: Attachment in the world frame [m], shape (3,).
         fed: Unstrained length from the anchor over the roller to the attachment [m].
     """
+    if cable.hangs:
+        return _hanging("length", cable, point, fed, _STEPS_BY_LENGTH)
     _, wrap, leave, chord = _straight(cable, point)
-    if not cable.weight:
-        tension = ((chord + cable.radius * wrap) / fed - 1) / cable.compliance
-        return CableShape((leave - point) / chord, tension, fed, leave, wrap, tension, ca.SX(0))
-
-    def closing(H: Symbol, V: Symbol, length: Symbol) -> Symbol:
-        return length - fed
-
-    # Only the weight across the chord makes it sag; along the chord it makes the tension grow towards the upper end.
-    rise = ca.dot(leave - point, ca.DM(cable.up))
-    across = cable.weight * ca.sqrt(ca.fmax(1 - (rise / chord) ** 2, 1e-12))
-    mean = catenary.taut_tension(chord, fed - cable.radius * wrap, across, 1 / cable.compliance)
-    start = ca.fmax(mean - cable.weight * rise / 2, 0.3 * mean)
-    return _hanging(cable, point, start, closing, _STEPS_BY_LENGTH)
+    tension = ((chord + cable.radius * wrap) / fed - 1) / cable.compliance
+    return CableShape((leave - point) / chord, tension, fed, leave, wrap, tension, ca.SX(0))
 
 
 def _straight(cable: CableSpec, point: Symbol) -> tuple[pulley.Roller, Symbol, Symbol, Symbol]:
     """Roller, wrap angle, leave point and free length of a straight cable."""
-    roller = pulley.swivel(cable.anchor, ca.DM(cable.axis), cable.radius, point)
-    wrap = pulley.straight_wrap(roller, point) if cable.radius else ca.SX(0)
-    leave = pulley.leave_point(roller, wrap) if cable.radius else cable.anchor
+    roller = pulley.swivel(cable.anchor, ca.SX(cable.axis), cable.radius, point)
+    wrap = pulley.straight_wrap(roller, point) if cable.rolls else ca.SX(0)
+    leave = pulley.leave_point(roller, wrap) if cable.rolls else cable.anchor
     return roller, wrap, leave, ca.norm_2(leave - point)
 
 
-_STEPS_BY_TENSION = 4
-_STEPS_BY_LENGTH = 4
-"""Newton steps that reach rounding error from 10 N upwards on cables of ten metres; the residual tells where they do not."""
+_Known = Literal["tension", "length"]
+_FULLEST_START = 0.9
+"""Half the weight over the mean tension from which the fullest cable is approached; 1 is out of reach."""
 
 
-def _hanging(
-    cable: CableSpec,
-    point: Symbol,
-    tension: Symbol,
-    closing: Callable[[Symbol, Symbol, Symbol], Symbol],
-    steps: int,
-) -> CableShape:
-    """Solve the catenary and the tangent condition at the roller together.
+def _hanging(known: _Known, cable: CableSpec, point: Symbol, value: Symbol, steps: int) -> CableShape:
+    constants = [cable.anchor, cable.axis, cable.radius, cable.up, cable.weight, cable.compliance]
+    arguments = [ca.SX(a) for a in (*constants, point, value)]
+    return CableShape(*_solution(known, cable.rolls, steps).call(arguments, True, False))
 
-    Args:
-        cable: Its constants.
-        point: Attachment in the world frame [m], shape (3,).
-        tension: A first guess at the platform end [N].
-        closing: The equation that closes the system, of H, V and the unstrained length up to the anchor.
-        steps: Of Newton's method.
+
+@lru_cache(maxsize=16)
+def _solution(known: _Known, rolls: bool, steps: int) -> Symbol:
+    """Function of a cable's constants, its attachment and what is known of it: the fields of its shape.
+
+    Expressions made by one call of it cost a hundredth of those made in Python, cable by cable.
     """
-    up = ca.DM(cable.up)
-    roller, wrap0, _, _ = _straight(cable, point)
-    x = ca.SX.sym("x", 4 if cable.radius else 3)
-    H, V, free = x[0], x[1], x[2]
-    wrap = x[3] if cable.radius else ca.SX(0)
-
-    def chord_in_plane(wrap: Symbol) -> tuple[Symbol, Symbol, Symbol, Symbol]:
-        leave = pulley.leave_point(roller, wrap) if cable.radius else cable.anchor
-        d = leave - point
-        rise = ca.dot(d, up)
-        level = d - rise * up
-        # A micrometre keeps a cable that hangs exactly plumb from dividing by zero.
-        run = ca.sqrt(ca.dot(level, level) + 1e-12)
-        return leave, level / run, run, rise
-
-    leave, level, run, rise = chord_in_plane(wrap)
-    horizontal, vertical = catenary.span(H, V, free, cable.weight, cable.compliance)
-    winch_tension = ca.sqrt(H**2 + (V + cable.weight * free) ** 2)
-    fed = free + cable.radius * wrap / (1 + winch_tension * cable.compliance)
-    equations = [horizontal - run, vertical - rise, closing(H, V, fed)]
-    if cable.radius:
-        pull = (H * level + (V + cable.weight * free) * up) / winch_tension
-        equations.append(ca.dot(pull, pulley.radial(roller, wrap)))
-    g = ca.vertcat(*equations)
-
-    # Shallow sag: at the platform end the cable hangs lower than its chord by half its weight.
-    _, _, run0, rise0 = chord_in_plane(wrap0)
-    chord0 = ca.sqrt(run0**2 + rise0**2)
-    slope = rise0 / run0 - cable.weight * chord0**2 / (2 * tension * run0)
-    H0 = tension / ca.sqrt(1 + slope**2)
-    start = [H0, slope * H0, chord0 / (1 + tension * cable.compliance)]
-    guess = ca.vertcat(*start, wrap0) if cable.radius else ca.vertcat(*start)
-
-    others = ca.symvar(ca.veccat(g, guess))
-    parameters = [s for s in others if not ca.depends_on(x, s)]
-    step = ca.Function("step", [x, *parameters], [x - ca.solve(ca.jacobian(g, x), g)])
-    solved = guess
+    anchor, axis, up, point = (ca.SX.sym(name, 3) for name in ("anchor", "axis", "up", "point"))
+    radius, weight, compliance, value = (ca.SX.sym(name) for name in ("radius", "weight", "compliance", "value"))
+    cable = CableSpec(anchor, axis, radius if rolls else 0.0, up, weight, compliance)
+    equations = _Equations(known, cable, pulley.swivel(anchor, axis, cable.radius, point), point, value)
+    inputs = [anchor, axis, radius, up, weight, compliance, point, value]
+    state = equations.start()
     for _ in range(steps):
-        solved = step.call([solved, *parameters], True, False)[0]
+        state = equations.improved(state)
+    return ca.Function("hanging", inputs, ca.cse([ca.SX(field) for field in equations.shape(state)]))
 
-    direction = (H * level + V * up) / ca.sqrt(H**2 + V**2)
-    outputs = [direction, ca.sqrt(H**2 + V**2), fed, leave, wrap, winch_tension, ca.norm_1(g)]
-    finish = ca.Function("finish", [x, *parameters], [ca.SX(o) for o in outputs])
-    return CableShape(*finish.call([solved, *parameters], True, False))
+
+class _State(NamedTuple):
+    """What is sought of a hanging cable; its tension or its length follows from what is known."""
+
+    mean: Symbol
+    """Mean tension between platform and roller [N]."""
+    free: Symbol
+    """Unstrained length between them [m]."""
+    wrap: Symbol
+    """[rad]"""
+
+
+class _Line(NamedTuple):
+    """The straight line from the attachment to the leave point."""
+
+    leave: Symbol
+    level: Symbol
+    """Its horizontal part [m], shape (3,)."""
+    run_squared: Symbol
+    rise: Symbol
+
+
+class _Equations(NamedTuple):
+    """Those of a hanging cable over its roller, for either question."""
+
+    known: _Known
+    cable: CableSpec
+    roller: pulley.Roller
+    point: Symbol
+    value: Symbol
+    """Tension at the platform end [N], or unstrained length up to the anchor [m]."""
+
+    def start(self) -> _State:
+        """A shallow cable over the straight one's wrap angle."""
+        cable = self.cable
+        wrap = pulley.straight_wrap(self.roller, self.point) if cable.rolls else ca.SX(0)
+        line = self.line(wrap)
+        if self.known == "tension":
+            mean = catenary.mean_of_near_end(self.value, line.rise, cable.weight, cable.compliance)
+            shallow = catenary.shallow_length(mean, line.run_squared, line.rise, cable.weight, cable.compliance)
+            free = ca.fmin(shallow, 2 * _FULLEST_START * mean / cable.weight)
+        else:
+            # Only the weight across the chord makes it sag; a micrometre keeps a cable that hangs plumb from having none.
+            run = ca.sqrt(line.run_squared + 1e-12)
+            chord = ca.sqrt(run**2 + line.rise**2)
+            free = self.value - cable.radius * wrap
+            taut = catenary.taut_tension(chord, free, cable.weight * run / chord, 1 / cable.compliance)
+            mean = ca.fmax(taut, free * cable.weight / (2 * _FULLEST_START))
+        return self.rolled(line, _State(mean, free, wrap))
+
+    def improved(self, state: _State) -> _State:
+        """One step of Newton's method for the mean tension or the length, then one for the wrap angle."""
+        line = self.line(state.wrap)
+        state = self.consistent(line, state)
+        required = catenary.required_length(self.catenary(state), line.run_squared, line.rise)
+        miss = required.value - state.free
+        # At most halfway to a cable that is all weight: beyond there is none.
+        if self.known == "tension":
+            free = state.free + miss / (1 - required.by_length)
+            state = state._replace(free=ca.fmin(free, state.free / 2 + state.mean / self.cable.weight))
+        else:
+            # What lies on the roller stretches as well. The equation times the mean squared is nearly a cubic one.
+            on_roller = self.cable.compliance * self.on_roller(line, state) / self.strained(line, state)
+            slope = required.by_mean - on_roller * (1 - required.by_length)
+            mean = state.mean - miss / (slope + 2 * miss / state.mean)
+            state = state._replace(mean=ca.fmax(mean, state.mean / 2 + state.free * (self.cable.weight / 4)))
+        return self.rolled(line, state)
+
+    def consistent(self, line: _Line, state: _State) -> _State:
+        """With what follows from the known value at a wrap angle."""
+        cable = self.cable
+        if self.known == "tension":
+            mean = catenary.mean_of_near_end(self.value, line.rise, cable.weight, cable.compliance)
+            return state._replace(mean=mean)
+        return state._replace(free=self.value - self.on_roller(line, state))
+
+    def on_roller(self, line: _Line, state: _State) -> Symbol:
+        """Unstrained length there [m]."""
+        if not self.cable.rolls:
+            return ca.SX(0)
+        return self.cable.radius * state.wrap / self.strained(line, state)
+
+    def strained(self, line: _Line, state: _State) -> Symbol:
+        """Length over unstrained length on the roller."""
+        return 1 + self.cable.compliance * self.tensions(line, state)[1]
+
+    def line(self, wrap: Symbol) -> _Line:
+        """Where the cable leaves the roller, seen from the attachment."""
+        leave = pulley.leave_point(self.roller, wrap) if self.cable.rolls else self.cable.anchor
+        d = leave - self.point
+        rise = ca.dot(d, self.cable.up)
+        level = d - rise * self.cable.up
+        return _Line(leave, level, ca.dot(level, level), rise)
+
+    def catenary(self, state: _State) -> catenary.Catenary:
+        """The part that hangs freely."""
+        return catenary.Catenary(state.mean, state.free, self.cable.weight, self.cable.compliance)
+
+    def tensions(self, line: _Line, state: _State) -> tuple[Symbol, Symbol]:
+        """At the platform and at the roller [N]."""
+        if self.known == "tension":
+            near = self.value
+        else:
+            near = catenary.near_end_of_mean(state.mean, line.rise, self.cable.weight, self.cable.compliance)
+        return near, 2 * state.mean - near
+
+    def pulls(self, line: _Line, state: _State) -> tuple[Symbol, Symbol]:
+        """Forces along the cable towards the anchor, at the platform and at the roller [N], shape (3,)."""
+        level, rise = catenary.forces(self.catenary(state), line.level, line.rise)
+        half_weight = self.cable.weight * state.free / 2
+        return level + (rise - half_weight) * self.cable.up, level + (rise + half_weight) * self.cable.up
+
+    def kink(self, line: _Line, state: _State) -> Symbol:
+        """By what the wrap angle falls short of a cable that leaves the roller tangentially, in first order [rad]."""
+        angle = ca.SX.sym("angle")
+        radial = pulley.radial(self.roller, angle)
+        radial, along = ca.substitute([radial, ca.jacobian(radial, angle)], [angle], [ca.SX(state.wrap)])
+        _, pull = self.pulls(line, state)
+        # With the angle, the weight that hangs from the leave point changes too.
+        curved = self.cable.weight * self.cable.radius * ca.dot(self.cable.up, radial)
+        return ca.dot(pull, radial) / (curved - ca.dot(pull, along))
+
+    def rolled(self, line: _Line, state: _State) -> _State:
+        """With the wrap angle at which the end of the cable is tangential; a cable laid on the roller keeps its length."""
+        if not self.cable.rolls:
+            return state
+        kink = self.kink(line, state)
+        laid = self.cable.radius * kink / self.strained(line, state)
+        return state._replace(wrap=state.wrap + kink, free=state.free - laid)
+
+    def shape(self, state: _State) -> CableShape:
+        """The cable and by how much it misses its equations."""
+        line = self.line(state.wrap)
+        state = self.consistent(line, state)
+        tension, winch_tension = self.tensions(line, state)
+        pull, _ = self.pulls(line, state)
+        miss = catenary.required_length(self.catenary(state), line.run_squared, line.rise).value - state.free
+        kink = self.kink(line, state) if self.cable.rolls else ca.SX(0)
+        return CableShape(
+            direction=pull / ca.norm_2(pull),
+            tension=tension,
+            length=state.free + self.on_roller(line, state) if self.known == "tension" else self.value,
+            leave_point=line.leave,
+            wrap=state.wrap,
+            winch_tension=winch_tension,
+            residual=ca.fabs(miss) + ca.fabs(kink),
+        )

@@ -11,13 +11,19 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.errors import InfeasibleError
 from steelyard.robot import cable
 from steelyard.robot.model import Robot
+
+_QUICK_STEPS = 1
+"""What a taut cable needs; samples with a slack one are done again with all steps."""
+_QUICK_TOLERANCE = 1e-10
+"""Residual of a quick shape that is kept: no direction is then wrong by more."""
+_SLACK_AT_ONCE = 65536  # samples; bounds the memory that they take a second time
 
 
 @dataclass(frozen=True)
@@ -40,19 +46,23 @@ def structure_columns(rotation: Symbol, attachment: Symbol, direction: Symbol) -
     return ca.vertcat(pull, ca.cross(attachment, pull))
 
 
-def shapes(robot: Robot, position: Symbol, rotation: Symbol, tension: Symbol) -> list[cable.CableShape]:
-    """Shapes of all cables at a pose for tensions at the platform end, symbolically."""
+def shapes(
+    robot: Robot, position: Symbol, rotation: Symbol, tension: Symbol, *, steps: int = cable.STEPS
+) -> list[cable.CableShape]:
+    """Shapes of all cables at a pose for tensions at the platform end, symbolically; steps as of :func:`cable.by_tension`."""
     return [
-        cable.by_tension(cable.spec(robot, i), position + rotation @ ca.DM(robot.attachments[i]), tension[i])
+        cable.by_tension(
+            cable.spec(robot, i), position + rotation @ ca.DM(robot.attachments[i]), tension[i], steps=steps
+        )
         for i in range(robot.m)
     ]
 
 
 @lru_cache(maxsize=32)
-def _batched(robot: Robot) -> Batched:
+def _batched(robot: Robot, steps: int) -> Batched:
     position, rotation = ca.SX.sym("position", 3), ca.SX.sym("rotation", 3, 3)
     tension = ca.SX.sym("tension", robot.m)
-    all_cables = shapes(robot, position, rotation, tension)
+    all_cables = shapes(robot, position, rotation, tension, steps=steps)
     columns = [
         structure_columns(rotation, ca.DM(b), c.direction) for b, c in zip(robot.attachments, all_cables, strict=True)
     ]
@@ -75,6 +85,12 @@ def attachments_at(position: ArrayLike, rotation: ArrayLike, robot: Robot) -> Ar
     return np.asarray(position, dtype=np.float64)[..., None, :] + np.swapaxes(turned, -1, -2)
 
 
+def _of(chosen: NDArray[np.int_], value: ArrayLike, ndim: int) -> Array:
+    """Chosen samples of an array; one value of the given dimension for all stays what it is."""
+    value = np.asarray(value, dtype=np.float64)
+    return value[chosen] if value.ndim > ndim else value
+
+
 def cables_at(robot: Robot, position: ArrayLike, rotation: ArrayLike, tension: ArrayLike) -> CableState:
     """Directions, lengths and structure matrix at poses.
 
@@ -95,7 +111,16 @@ def cables_at(robot: Robot, position: ArrayLike, rotation: ArrayLike, tension: A
         # A reading near zero carries no direction: nothing pulls less than a cable that just bears its own weight across.
         reach = np.linalg.norm(robot.anchors - attachments_at(position, rotation, robot), axis=-1)
         tension = np.maximum(tension, robot.cable.linear_density * np.linalg.norm(robot.gravity) * reach)
-    values = _batched(robot)(position=position, rotation=rotation, tension=tension)
+    values = _batched(robot, _QUICK_STEPS)(position=position, rotation=rotation, tension=tension)
+    if robot.cable.linear_density:
+        slack = np.flatnonzero(~(values["residual"] < _QUICK_TOLERANCE).all(axis=-1))
+        for start in range(0, len(slack), _SLACK_AT_ONCE):
+            some = slack[start : start + _SLACK_AT_ONCE]
+            again = _batched(robot, cable.STEPS)(
+                position=_of(some, position, 1), rotation=_of(some, rotation, 2), tension=_of(some, tension, 1)
+            )
+            for key, value in again.items():
+                values[key][some] = value
     residual = values.pop("residual")
     values["structure"] = values["structure"].reshape(-1, 6, robot.m)
     values["direction"] = values["direction"].reshape(-1, robot.m, 3)

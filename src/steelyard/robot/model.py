@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -99,4 +100,10 @@ class Robot:
 
     def with_straight_cables(self) -> Robot:
         """The same robot with massless cables, hence straight, as the paper assumes them."""
-        return replace(self, cable=replace(self.cable, linear_density=None))
+        return _with_straight_cables(self) if self.cable.linear_density else self
+
+
+@lru_cache(maxsize=32)
+def _with_straight_cables(robot: Robot) -> Robot:
+    # One and the same value every time: what has been built for it is found again.
+    return replace(robot, cable=replace(robot.cable, linear_density=None))

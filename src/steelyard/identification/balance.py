@@ -1,0 +1,252 @@
+r"""The balance of wrenches over samples, linear in all that is unknown.
+
+What carries the platform must equal what moves it: ``wrench(readings, errors) = Y phi``. About the present values of the systematic
+errors that is one linear equation per sample, ``wrench_0 = Y phi - D d + noise``, with D the derivative of ``wrench - Y phi`` by the
+errors d. Every classical method solves these rows; every directed test looks at one column of D.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.dynamics import platform_regressor, platform_wrench
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.preparation import Samples, prepare
+from steelyard.identification.sources import choose_sources
+from steelyard.identification.unknowns import ROBOT, Systematic, clock_of
+from steelyard.instruments.equations import sensitivity
+from steelyard.robot.geometry import WrenchByGeometry, wrench_by_geometry
+
+_MOST_DRAWS = 4
+_DRAWN_SAMPLES = 20_000
+_TYPICAL_SIZE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """The equations of one run, n samples."""
+
+    samples: Samples
+    sigma: Array
+    """1-sigma of single readings of the force instrument, shape (r,)."""
+    by_reading: Array
+    """How the wrench follows those readings, shape (n, 6, r)."""
+    by_errors: Array
+    """Derivative of the wrench by the errors of the force instrument, shape (n, 6, e)."""
+    places: NDArray[np.intp]
+    """Where these errors stand in the vector of all systematic errors, shape (e,)."""
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    @property
+    def target(self) -> Array:
+        """Wrench of what carries the platform, shape (n, 6)."""
+        return self.samples.wrench
+
+
+def force_sigma(experiment: Experiment, run: Run, samples: Samples) -> tuple[Array, bool]:
+    """1-sigma of single force readings, shape (r,), and whether it was stated."""
+    name = experiment.force_instrument(run)
+    assert name is not None
+    quantities = experiment.instruments[name].quantities(experiment.robot.m)
+    stated = all(q.noise is not None for q in quantities)
+    sigma = []
+    for q in quantities:
+        values = run.streams[name].values[q.name]
+        # What scatters by nothing but rounding still has a size.
+        least = 1e-6 * float(np.nanmax(np.abs(values), initial=_TYPICAL_SIZE))
+        found = q.noise if q.noise is not None else samples.noise.get(q.name, 1e4 * least)
+        sigma.append(np.full(q.size, max(found, least)))
+    return np.concatenate(sigma), stated
+
+
+def balance(experiment: Experiment, run: Run, samples: Samples, systematic: Systematic, sigma: Array) -> Balance:
+    """Equations of one run.
+
+    Args:
+        experiment: With robot and instruments.
+        run: One of its runs.
+        samples: Of it, made with the same systematic errors.
+        systematic: Present values of all systematic errors.
+        sigma: 1-sigma of single force readings, shape (r,).
+    """
+    name = experiment.force_instrument(run)
+    assert name is not None
+    instrument = experiment.instruments[name]
+    quantities = tuple(q.name for q in instrument.quantities(experiment.robot.m))
+    unknown = "tension" if samples.structure is not None else "wrench"
+    state = {
+        key: value
+        for key in ("tension", "wrench", "position", "rotation")
+        if (value := getattr(samples, key)) is not None
+    }
+    by_reading, by_errors = sensitivity(
+        unknown, instrument, experiment.robot, quantities, state, systematic.of(name, instrument, run.name)
+    )
+    by_reading = np.broadcast_to(by_reading, (len(samples), *by_reading.shape[1:]))
+    by_errors = np.broadcast_to(by_errors, (len(samples), *by_errors.shape[1:]))
+    if samples.structure is not None:
+        by_reading, by_errors = samples.structure @ by_reading, samples.structure @ by_errors
+    places = [systematic.unknowns.place(name, term.key, run.name) for term in instrument.terms(experiment.robot.m)]
+    numbers = np.arange(len(systematic.unknowns))
+    return Balance(samples, sigma, by_reading, by_errors, np.concatenate([numbers[place] for place in places]))
+
+
+def shared_noise(equations: Balance, systematic: Systematic, white: Array) -> Array:
+    """Product of the noise in the columns of :attr:`Balance.by_errors` with that of the wrench, summed over the samples, shape (e,).
+
+    A gain multiplies a reading, so that the noise of the reading is in its column; all other columns are free of it.
+
+    Args:
+        equations: Of one run.
+        systematic: Present values.
+        white: Matrices that whiten the rows, shape (n, 6, 6).
+    """
+    samples = equations.samples
+    by_reading = np.sum((white @ equations.by_reading) ** 2, axis=(0, 1)) * equations.sigma**2
+    # The filter has taken the rest of the noise out of both.
+    by_reading = by_reading * (freedom(samples) / (len(samples) * samples.share))
+    values = systematic.values[equations.places]
+    keys = [unknown.key for _, unknown, _ in systematic.unknowns.components()]
+    found = np.zeros(len(values))
+    gains = [i for i, place in enumerate(equations.places) if keys[place] == "gain"]
+    common = [i for i, place in enumerate(equations.places) if keys[place] == "common_gain"]
+    found[gains] = -by_reading[: len(gains)] / values[gains]
+    found[common] = -np.sum(by_reading) / values[common]
+    return found
+
+
+def freedom(samples: Samples) -> float:
+    """Samples of a run that are independent: the filter lets no more through."""
+    if samples.plan is None:
+        return float(len(samples))
+    length = sum(float(times[-1] - times[0]) + samples.spacing for *_, times in samples.plan.parts)
+    return min(len(samples) * samples.share, length / samples.spacing)
+
+
+def motion_errors(experiment: Experiment, run: Run, systematic: Systematic) -> NDArray[np.intp]:
+    """Places of the systematic errors that the motion of a run depends on, those that are known exactly too."""
+    unknowns = systematic.unknowns
+    sources = choose_sources(experiment, run, None)
+    numbers = np.arange(len(unknowns))
+    places = [numbers[unknowns.places[ROBOT, "gravity", None]]]
+    for name in dict.fromkeys(source[0] for source in sources.used()):
+        places += [
+            numbers[unknowns.place(name, t.key, run.name)] for t in experiment.instruments[name].terms(unknowns.m)
+        ]
+        clock = clock_of(experiment, name)
+        if not run.static and clock != clock_of(experiment, sources.force):
+            places.append(numbers[unknowns.place(clock, "delay", run.name)])
+    return np.unique(np.concatenate(places))
+
+
+_STEPS = {"rad": 1e-5, "m": 1e-5, "s": 2e-5, "rad/s": 1e-5, "m/s^2": 1e-4}
+"""Step of the differences by which the samples' dependence on a systematic error is found, by its unit."""
+
+
+def by_motion_errors(
+    experiment: Experiment,
+    run: Run,
+    samples: Samples,
+    systematic: Systematic,
+    parameters: Array,
+    places: NDArray[np.intp],
+) -> Array:
+    """Derivative of wrench minus ``Y phi`` by systematic errors of the motion instruments.
+
+    The whole preparation is differentiated by differences, on the same cuts and knots: it is smooth in every one of them.
+
+    Args:
+        experiment: With robot and instruments.
+        run: One of its runs.
+        samples: Of it, made with the same systematic errors.
+        systematic: Present values of all systematic errors.
+        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
+        places: Of the errors in the vector of all of them, shape (k,).
+
+    Returns:
+        Shape (n, 6, k).
+    """
+
+    def unbalanced(values: Array) -> Array:
+        moved = prepare(
+            experiment, run, straight=True, systematic=replace(systematic, values=values), plan=samples.plan, thin=True
+        )
+        return moved.wrench - platform_wrench(parameters, moved.specific_force, moved.omega, moved.alpha)
+
+    # How a cable's sag changes with an error of milliradians is of no account.
+    base = unbalanced(systematic.values)
+    columns = np.empty((len(samples), 6, len(places)))
+    units = [unknown.unit for _, unknown, _ in systematic.unknowns.components()]
+    for j, place in enumerate(places):
+        step = _STEPS[units[place]]
+        values = systematic.values.copy()
+        values[place] += step
+        columns[:, :, j] = (unbalanced(values) - base) / step
+    return columns
+
+
+def by_geometry(experiment: Experiment, samples: Samples) -> WrenchByGeometry | None:
+    """Derivative of the wrench by where the cables are fixed and where the platform is; None without cables."""
+    if samples.tension is None or samples.position is None or samples.rotation is None:
+        return None
+    return wrench_by_geometry(experiment.robot, samples.position, samples.rotation, samples.tension)
+
+
+_LOOKED_AT = 1000
+"""Samples that show how much noise the motion brings into the balance."""
+
+
+def motion_noise(experiment: Experiment, samples: Samples, parameters: Array) -> Array:
+    """Covariance of what the noise of the motion brings into the balance, as a single force reading would have it, shape (6, 6).
+
+    The filter lets the motion's noise through as it lets that of the forces: what is left of both is compared as raw.
+    """
+    few = samples.part(slice(None, None, -(-len(samples) // _LOOKED_AT)))
+    felt = regressor_noise(few, np.random.default_rng(0)) @ parameters
+    covariance = np.einsum("dnk,dnl->kl", felt, felt) / (felt.shape[0] * felt.shape[1])
+    geometry = by_geometry(experiment, few)
+    if geometry is not None:
+        sigma = np.repeat([samples.noise.get("position", 0.0), samples.noise.get("rotation", 0.0)], 3)
+        moved = geometry.pose * sigma
+        covariance += np.einsum("nki,nli->kl", moved, moved) / len(few)
+    return np.asarray(covariance * (len(samples) * samples.share / freedom(samples)))
+
+
+def regressor_noise(samples: Samples, rng: np.random.Generator) -> Array:
+    """Draws of the noise in the regressor that the filter has left, shape (k, n, 6, 10).
+
+    Half the difference of two regressors whose motion is moved to either side, so that only noise is left.
+    """
+    noise = samples.noise
+    draws = []
+    for _ in range(int(np.clip(_DRAWN_SAMPLES / len(samples), 1, _MOST_DRAWS))):
+        moved = {
+            key: rng.standard_normal((len(samples), 3)) * noise.get(key, 0.0)
+            for key in ("specific_force", "omega", "alpha")
+        }
+        there, back = (
+            platform_regressor(*(getattr(samples, key) + sign * moved[key] for key in moved)) for sign in (1, -1)
+        )
+        draws.append((there - back) / 2)
+    return np.array(draws)
+
+
+def whitener(equations: Balance, extra: Array) -> Array:
+    """Matrices that make the noise of the rows white with unit variance, shape (n, 6, 6).
+
+    Args:
+        equations: Of one run.
+        extra: Covariance of further noise of a row, as a single reading would have it, shape (6, 6).
+    """
+    covariance = np.einsum("nkr,r,nlr->nkl", equations.by_reading, equations.sigma**2, equations.by_reading) + extra
+    # Rows are scaled first: forces and torques have different units and sizes.
+    scale = np.sqrt(np.einsum("nkk->nk", covariance))
+    normal = covariance / scale[:, :, None] / scale[:, None, :]
+    root = np.linalg.cholesky(normal + 1e-12 * np.eye(6))
+    return np.asarray(np.linalg.inv(root) / scale[:, None, :] * np.sqrt(equations.samples.share))

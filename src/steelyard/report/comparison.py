@@ -1,0 +1,160 @@
+"""Estimates side by side, and what was added between two of them, as tables in a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from steelyard.arrays import Array
+from steelyard.identification.comparison import SIGNIFICANT, Agreement, Comparison, Pair, Payload
+from steelyard.identification.estimate_file import NamedEstimate
+from steelyard.report.summary import LABELS, number
+
+_PIPED_WIDTH = 160
+_USUAL = 2.0
+"""Sigmas that chance exceeds once in twenty times."""
+_LEAST_P = 1e-99
+"""Smaller ones say nothing more."""
+
+
+def show_comparison(comparison: Comparison, *, fail_above: float | None = None) -> None:
+    """Print estimates, their differences from the first, and whether they agree.
+
+    Args:
+        comparison: Of two or more estimates.
+        fail_above: Sigmas above which differences are named; None: none are.
+    """
+    console = _console()
+    of_first = comparison.pairs[: len(comparison.estimates) - 1]
+    for other, pair in zip(comparison.estimates[1:], of_first, strict=True):
+        console.print(_drawn(comparison.estimates[0], other, pair))
+    for text, style in comparison_statements(comparison, fail_above):
+        console.print(Text(text, style=style))
+
+
+def comparison_statements(comparison: Comparison, fail_above: float | None = None) -> Iterator[tuple[str, str]]:
+    """Sentences under the tables, each with the style it is printed in."""
+    yield from _doubted(comparison.estimates)
+    for pair in comparison.pairs:
+        yield f"{pair.first} and {pair.second}: {_agreement(pair.agreement)}", _style(pair.agreement)
+    if comparison.whole is not None:
+        yield (
+            f"all of different recordings ({'; '.join(comparison.whole_of)}): {_agreement(comparison.whole)}",
+            _style(comparison.whole),
+        )
+    for note in comparison.notes:
+        yield f"note: {note}", ""
+    if fail_above is not None:
+        exceeding = comparison.exceeding(fail_above)
+        for text in exceeding:
+            yield f"above {fail_above:g} sigmas: {text}", "red"
+        if not exceeding:
+            yield f"nothing differs by more than {fail_above:g} sigmas", "green"
+
+
+def show_payload(payload: Payload) -> None:
+    """Print what was added between two estimates."""
+    console = _console()
+    drawn = _table("payload: what was added")
+    columns = (payload.before.name, payload.after.name, "added")
+    for heading in columns:
+        drawn.add_column(Text(heading), justify="right")
+    estimates = (payload.before.estimate, payload.after.estimate, payload.estimate)
+    cells = [_cells(e.value, e.standard_deviation) for e in estimates]
+    for row, (label, unit, _) in enumerate(LABELS):
+        drawn.add_row(label, unit, *(column[row] for column in cells), end_section=row in (0, 3))
+    console.print(drawn)
+    for text, style in payload_statements(payload):
+        console.print(Text(text, style=style))
+
+
+def payload_statements(payload: Payload) -> Iterator[tuple[str, str]]:
+    """Sentences under the table, each with the style it is printed in."""
+    yield from _doubted((payload.before, payload.after))
+    verdict, physical = payload.estimate.verdict, payload.estimate.physical
+    if verdict.accepted:
+        can = {True: ", of a body that can exist", None: "; whether such a body can exist is not known"}
+        within = f"; a body that can exist lies within {SIGNIFICANT:g} sigmas of it"
+        yield f"payload: accepted{can.get(physical, within)}", "green"
+    for reason in verdict.reasons:
+        yield f"payload: not accepted: {reason}", "red"
+    for note in payload.estimate.notes:
+        yield f"note: {note}", ""
+
+
+def _console() -> Console:
+    console = Console(highlight=False)
+    # Nothing is cut where a file or a pipe reads along.
+    return console if console.is_terminal else Console(width=_PIPED_WIDTH, highlight=False)
+
+
+def _table(title: str) -> RichTable:
+    drawn = RichTable(title=Text(title), title_justify="left", title_style="bold", header_style="bold")
+    drawn.add_column("")
+    drawn.add_column("unit")
+    return drawn
+
+
+def _drawn(first: NamedEstimate, second: NamedEstimate, pair: Pair) -> RichTable:
+    drawn = _table(f"{second.name}, compared with {first.name}")
+    for heading in (first.name, second.name, "difference", "in sigmas"):
+        drawn.add_column(Text(heading), justify="right")
+    values = [_cells(each.estimate.value, each.estimate.standard_deviation) for each in (first, second)]
+    differences = _cells(pair.difference, pair.standard_deviation, sign=True)
+    for row, (label, unit, _) in enumerate(LABELS):
+        z = pair.z[row]
+        sigmas = "-" if np.isnan(z) else "exact" if np.isinf(z) else f"{z:+.1f}"
+        style = "red" if abs(z) > SIGNIFICANT else ""
+        cells = (values[0][row], values[1][row], differences[row], Text(sigmas, style=style))
+        drawn.add_row(label, unit, *cells, end_section=row in (0, 3))
+    return drawn
+
+
+def _cells(values: Array, sigmas: Array, *, sign: bool = False) -> list[str]:
+    """Ten numbers with their 1-sigma in the units of :data:`LABELS`."""
+    return [
+        number(
+            value * factor if np.isfinite(value) else None, sigma * factor if np.isfinite(sigma) else None, sign=sign
+        )
+        for value, sigma, (_, _, factor) in zip(values.tolist(), sigmas.tolist(), LABELS, strict=True)
+    ]
+
+
+def _doubted(estimates: Sequence[NamedEstimate]) -> Iterator[tuple[str, str]]:
+    for each in estimates:
+        verdict = each.estimate.verdict
+        if not verdict.accepted:
+            yield (
+                f"{each.name}: was not accepted when it was made: {'; '.join(verdict.reasons) or 'no reason given'}",
+                "red",
+            )
+
+
+def _agreement(found: Agreement) -> str:
+    if np.isnan(found.p_value):
+        return "nothing that they all know can be compared"
+    if found.contradicted:
+        return f"disagree: {', '.join(found.contradicted)} given as exact by both, but with different values"
+    words = (
+        "agree within their uncertainty"
+        if found.sigmas <= _USUAL
+        else "differ more than is usual"
+        if found.sigmas <= SIGNIFICANT
+        else "disagree"
+    )
+    if not found.freedom:
+        return f"{words}: the same exact values"
+    rare = f", as rare as {found.sigmas:.1f} sigmas" if found.sigmas > _USUAL else ""
+    part = "" if len(found.parameters) == len(LABELS) else f" ({', '.join(found.parameters)})"
+    p_value = f"p = {found.p_value:.2g}" if found.p_value > _LEAST_P else f"p < {_LEAST_P:g}"
+    return f"{words}: chi-square {found.chi_square:.1f} on {found.freedom}, {p_value}{rare}{part}"
+
+
+def _style(found: Agreement) -> str:
+    if np.isnan(found.p_value):
+        return ""
+    return "green" if found.sigmas <= _USUAL else "yellow" if found.sigmas <= SIGNIFICANT else "red"
