@@ -9,11 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.identification.estimate import Estimate, judge
+from steelyard.identification.estimate import Estimate, judge, told_by
 from steelyard.inertia import point_inertia, six
-
-_UNTOLD = 0.5
-"""A parameter whose 1-sigma exceeds this part of its plausible size is not told by the data."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,11 +124,7 @@ def told(fit: BodyFit, size: float) -> NDArray[np.bool_]:
     Returns:
         Shape (10,).
     """
-    mass = abs(fit.value[0])
-    plausible = np.array([mass, *[size] * 3, *[mass * size**2] * 6])
-    known: NDArray[np.bool_] = np.sqrt(np.diag(fit.covariance)) < _UNTOLD * plausible
-    # Without the mass there is no body to say anything about.
-    return known if known[0] else np.zeros(10, dtype=bool)
+    return told_by(float(fit.value[0]), fit.covariance, size)
 
 
 def finish(fit: BodyFit, size: float, method: str) -> Estimate:

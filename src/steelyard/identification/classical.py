@@ -28,6 +28,7 @@ from steelyard.identification.balance import (
     shared_noise,
     whitener,
 )
+from steelyard.identification.estimate import plausible_sizes, told_by
 from steelyard.identification.kinematic_fit import KinematicFit, fit_kinematics
 from steelyard.identification.preparation import Samples, prepare
 from steelyard.identification.regression import (
@@ -45,7 +46,7 @@ from steelyard.identification.regression import (
     together,
 )
 from steelyard.identification.unknowns import ROBOT, Systematic, Unknowns, gather
-from steelyard.inertia import Inertia, body_jacobian
+from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian
 
 _PART = 60.0
 """Length of recording that tells the systematic errors of the motion instruments [s]; constants need no more."""
@@ -60,8 +61,6 @@ _EXACT = 1e-6
 """1-sigma of what is known exactly, as a part of its plausible size."""
 _BODY_SIZE_ON_SENSOR = 0.3
 """Plausible radius of a body on a wrench sensor [m]; a platform on cables shows its own."""
-_UNTOLD = 0.5
-"""A parameter whose 1-sigma exceeds this part of its plausible size is not told by the data."""
 
 Progress = Callable[[str, float], None] | None
 Instruments = Callable[[Experiment, Run, Samples, Systematic], Samples | None]
@@ -121,22 +120,13 @@ class Study:
     @property
     def told(self) -> NDArray[np.bool_]:
         """Which of the ten body parameters the data tell, shape (10,)."""
-        return told(self.parameters, self.body_covariance, self.size)
+        return told_by(float(self.parameters[0]), self.body_covariance, self.size)
 
     @property
     def body_covariance(self) -> Array:
         """Of the ten of :data:`steelyard.inertia.BODY_PARAMETERS`, shape (10, 10)."""
         J = body_jacobian(self.parameters)
         return np.asarray(J @ self.solution.covariance[:TEN, :TEN] @ J.T)
-
-
-def told(parameters: Array, body_covariance: Array, size: float) -> NDArray[np.bool_]:
-    """Which of the ten body parameters are known better than half of their plausible size, shape (10,)."""
-    mass = abs(parameters[0])
-    plausible = np.array([mass, *[size] * 3, *[mass * size**2] * 6])
-    known: NDArray[np.bool_] = np.sqrt(np.diag(body_covariance)) < _UNTOLD * plausible
-    # Without the mass there is no body to say anything about.
-    return known if known[0] else np.zeros(TEN, dtype=bool)
 
 
 def plausible(parameters: Array, size: float) -> Array:
@@ -417,17 +407,13 @@ def _prior(
     pull = precision @ mean
     if experiment.known and parameters.any():
         body, J = Inertia.from_parameters(parameters).body_parameters, body_jacobian(parameters)
-        mass = abs(parameters[0])
-        sizes = np.array([mass, *[size] * 3, *[mass * size**2] * 6])
+        sizes = plausible_sizes(float(parameters[0]), size)
         for name, (value, sigma) in experiment.known.items():
-            i = _BODY[name]
+            i = BODY_PARAMETERS.index(name)
             row = J[i] / max(sigma, _EXACT * sizes[i])
             precision[:TEN, :TEN] += np.outer(row, row)
             pull[:TEN] += row * ((value - body[i]) / max(sigma, _EXACT * sizes[i]) + row @ parameters)
     return Prior(mean, precision, pull, covariance)
-
-
-_BODY = {name: i for i, name in enumerate(("mass", "cx", "cy", "cz", "Jxx", "Jyy", "Jzz", "Jyz", "Jxz", "Jxy"))}
 
 
 def _extended(part: Study, experiment: Experiment, held_out: frozenset[str]) -> Study:

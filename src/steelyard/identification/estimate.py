@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.inertia import BODY_PARAMETERS, Inertia, symmetric
@@ -114,6 +115,36 @@ def plain(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(value) if np.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value
+
+
+_UNTOLD = 0.5
+"""A parameter whose 1-sigma exceeds this part of its plausible size is not told by the data."""
+
+
+def plausible_sizes(mass: float, size: float) -> Array:
+    """How large the ten of :data:`steelyard.inertia.BODY_PARAMETERS` may well be, shape (10,).
+
+    No product of inertia exceeds half of the moment about the third axis.
+
+    Args:
+        mass: [kg]
+        size: Plausible radius of the body [m].
+    """
+    moment = abs(mass) * size**2
+    return np.array([abs(mass), *[size] * 3, *[moment] * 3, *[moment / 2] * 3])
+
+
+def told_by(mass: float, covariance: Array, size: float) -> NDArray[np.bool_]:
+    """Which of the ten are known better than half of their plausible size, shape (10,).
+
+    Args:
+        mass: As estimated [kg].
+        covariance: Of the ten of :data:`steelyard.inertia.BODY_PARAMETERS`, shape (10, 10).
+        size: Plausible radius of the body [m].
+    """
+    known: NDArray[np.bool_] = np.sqrt(np.diag(covariance)) < _UNTOLD * plausible_sizes(mass, size)
+    # Without the mass there is no body to say anything about.
+    return known if known[0] else np.zeros(10, dtype=bool)
 
 
 def nothing_told(method: str, reason: str) -> Estimate:
