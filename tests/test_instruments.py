@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension, Wrench
-from steelyard.instruments.equations import means, predict, solve_for
+from steelyard.instruments.equations import linearised, means, predict, sensitivity, solve_for
 from steelyard.motion.state import State
 from steelyard.robot.model import CableProperties, Robot
 
@@ -397,3 +397,231 @@ def test_an_imu_off_the_origin_feels_what_its_own_path_tells(gravity):
         # Differences of second order by steps of a millisecond leave 1e-9; alpha is one of differences.
         np.testing.assert_allclose(readings["specific_force"][0], expected, atol=1e-6)
         np.testing.assert_allclose(readings["orientation"][0], R @ rpy(turned), atol=TOLERANCE)
+
+
+@pytest.mark.parametrize("case", BACKWARDS)
+def test_the_state_follows_from_the_readings_with_errors_that_are_given(case, state):
+    kind, unknown, quantities, given = BACKWARDS[case]
+    instrument, stated, robot = KINDS[kind]
+    calibration = draw(instrument, seed=3)
+    readings = {key: np.array(value) for key, value in stated(instrument, calibration, robot, state).items()}
+    found = solve_for(
+        unknown,
+        instrument,
+        robot,
+        {q: readings[q] for q in quantities},
+        {g: getattr(state, g) for g in given},
+        calibration,
+    )
+    np.testing.assert_allclose(found, getattr(state, unknown), rtol=1e-8, atol=1e-8)
+
+
+# About a motion
+
+DIFFERENCE = 1e-6  # step of central differences
+DIFFERENCED = 1e-7  # relative to the largest number compared: what such differences are right to
+
+
+def hamilton(a, b):
+    """Product of quaternions (w, x, y, z)."""
+    return np.array([a[0] * b[0] - a[1:] @ b[1:], *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
+
+
+def unit(q, dq, ddq):
+    """Quaternion of length one and its two time derivatives."""
+    s = np.linalg.norm(q)
+    ds = q @ dq / s
+    dds = (dq @ dq + q @ ddq - ds**2) / s
+    return q / s, dq / s - q * ds / s**2, ddq / s - 2 * dq * ds / s**2 - q * dds / s**2 + 2 * q * ds**2 / s**3
+
+
+def turning(q, dq, ddq):
+    """R, omega and alpha in platform axes: omega = 2 u* du; in its derivative du* du is a number without direction."""
+    u, du, ddu = unit(q, dq, ddq)
+    back = u * [1, -1, -1, -1]
+    return Rotation.from_quat(u, scalar_first=True).as_matrix(), 2 * hamilton(back, du)[1:], 2 * hamilton(back, ddu)[1:]
+
+
+def state_along(pose, rate, acceleration, gravity):
+    """The platform's state, sample by sample."""
+    turns = [turning(*(x[3:] for x in motion)) for motion in zip(pose, rate, acceleration, strict=True)]
+    R, omega, alpha = (np.array(each) for each in zip(*turns, strict=True))
+    felt = np.einsum("nji,nj->ni", R, acceleration[:, :3] - gravity)
+    return State(pose[:, :3], R, omega, felt, alpha, np.zeros((N, M)), np.zeros((N, 6)), gravity)
+
+
+@pytest.fixture
+def motion():
+    """Pose, rate and acceleration; quaternions of any length that also changes."""
+    rng = np.random.default_rng(8)
+    return (
+        np.hstack([rng.normal(0, 2, (N, 3)), rng.normal(0, 1, (N, 4))]),
+        rng.normal(0, 1, (N, 7)),
+        rng.normal(0, 3, (N, 7)),
+    )
+
+
+def beyond(kind, quantity, measured, motion, errors, gravity):
+    """What is measured beyond what the table says, shape (n, 3)."""
+    instrument, stated, robot = KINDS[kind]
+    ends = np.cumsum([term.size for term in instrument.terms(M)])
+    calibration = {
+        term.key: errors[end - term.size : end] for term, end in zip(instrument.terms(M), ends, strict=True)
+    }
+    expected = np.array(stated(instrument, calibration, robot, state_along(*motion, gravity))[quantity])
+    if measured.ndim == 3:
+        return Rotation.from_matrix(np.swapaxes(expected, 1, 2) @ measured).as_rotvec()
+    return measured - expected
+
+
+def reading_near(kind, quantity, motion, errors, gravity):
+    """Readings that differ from what is expected, of rotations by next to nothing up to two radians."""
+    expected = beyond(kind, quantity, np.zeros((N, 3)), motion, errors, gravity) if quantity != "orientation" else None
+    rng = np.random.default_rng(4)
+    if expected is not None:
+        return -expected + rng.normal(0, 1, (N, 3))
+    plain = -beyond(kind, quantity, np.tile(np.eye(3), (N, 1, 1)), motion, errors, gravity)
+    axes = rng.normal(0, 1, (N, 3))
+    angles = np.array([0.0, 1e-5, 1e-3, 0.1, 0.5, 1.0, 2.0])[:, None]
+    off = Rotation.from_rotvec(angles * axes / np.linalg.norm(axes, axis=1, keepdims=True))
+    return Rotation.from_rotvec(plain).as_matrix() @ off.as_matrix()
+
+
+LOOKED_AT = [
+    (kind, quantity)
+    for kind, quantities in {
+        "imu": ("angular_velocity", "specific_force", "orientation"),
+        "imu without gravity": ("angular_velocity", "specific_force", "orientation"),
+        "attitude": ("orientation",),
+        "position": ("position",),
+        "pose": ("position", "orientation"),
+        "command": ("position", "orientation"),
+    }.items()
+    for quantity in quantities
+]
+
+
+def errors_of(kind):
+    """All terms in their order; an instrument without any has one number that does nothing."""
+    drawn = list(draw(KINDS[kind][0], seed=6).values())
+    return np.concatenate(drawn) if drawn else np.zeros(1)
+
+
+def differences_by(function, at):
+    """Central differences by every number of an array's last axis, on the last axis of the result."""
+    columns = []
+    for j in range(at.shape[-1]):
+        step = np.zeros(at.shape[-1])
+        step[j] = DIFFERENCE
+        columns.append((function(at + step) - function(at - step)) / (2 * DIFFERENCE))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize(("kind", "quantity"), LOOKED_AT)
+def test_what_is_measured_beyond_what_a_motion_tells_and_its_derivatives(kind, quantity, motion):
+    instrument, _, robot = KINDS[kind]
+    errors = errors_of(kind)
+    measured = reading_near(kind, quantity, motion, errors, TILTED_GRAVITY)
+    found = linearised(instrument, quantity, robot, measured, motion, errors, TILTED_GRAVITY)
+    now = [*motion, errors, TILTED_GRAVITY]
+    expected = {"residual": beyond(kind, quantity, measured, motion, errors, TILTED_GRAVITY)}
+    for place, name in enumerate(("by_pose", "by_rate", "by_acceleration", "by_errors", "by_gravity")):
+
+        def residual(value, place=place):
+            changed = [*now[:place], value, *now[place + 1 :]]
+            return beyond(kind, quantity, measured, tuple(changed[:3]), *changed[3:])
+
+        expected[name] = differences_by(residual, now[place])
+    assert found.keys() == expected.keys()
+    np.testing.assert_allclose(found["residual"], expected["residual"], atol=TOLERANCE)
+    for name, value in expected.items():
+        assert found[name].shape == value.shape
+        np.testing.assert_allclose(found[name], value, atol=DIFFERENCED * max(1, np.abs(value).max()), err_msg=name)
+
+
+@pytest.mark.parametrize(("kind", "quantity"), LOOKED_AT)
+def test_the_length_of_the_quaternion_does_not_matter(kind, quantity, motion):
+    # c(t) q(t) for any c(t) is the same motion.
+    instrument, _, robot = KINDS[kind]
+    errors = errors_of(kind)
+    measured = reading_near(kind, quantity, motion, errors, TILTED_GRAVITY)
+    rng = np.random.default_rng(12)
+    c, dc, ddc = rng.uniform(0.3, 3, (N, 1)), rng.normal(0, 1, (N, 1)), rng.normal(0, 1, (N, 1))
+    pose, rate, acceleration = (x.copy() for x in motion)
+    q, dq, ddq = (x[:, 3:] for x in motion)
+    pose[:, 3:] = c * q
+    rate[:, 3:] = c * dq + dc * q
+    acceleration[:, 3:] = c * ddq + 2 * dc * dq + ddc * q
+    one, other = (
+        linearised(instrument, quantity, robot, measured, m, errors, TILTED_GRAVITY)
+        for m in (motion, (pose, rate, acceleration))
+    )
+    for name in ("residual", "by_errors", "by_gravity"):
+        np.testing.assert_allclose(other[name], one[name], atol=1e-9, err_msg=name)
+    # Nothing changes along c, dc, ddc.
+    by_pose, by_rate, by_acceleration = (one[f"by_{name}"][:, :, 3:] for name in ("pose", "rate", "acceleration"))
+    for along in (
+        by_pose @ q[:, :, None] + by_rate @ dq[:, :, None] + by_acceleration @ ddq[:, :, None],
+        by_rate @ q[:, :, None] + 2 * by_acceleration @ dq[:, :, None],
+        by_acceleration @ q[:, :, None],
+    ):
+        np.testing.assert_allclose(along, 0, atol=1e-9)
+
+
+# How what is found follows readings and errors
+
+SENSITIVE = {
+    "tension": ("tension", "tension"),
+    "tension at the winch": ("tension at the winch of straight cables", "tension"),
+    "wrench": ("wrench", "wrench"),
+    "wrench on the sensor": ("wrench on the sensor", "wrench"),
+}
+
+
+@pytest.mark.parametrize("case", SENSITIVE)
+def test_what_is_found_follows_readings_and_errors_as_differences_say(case, state):
+    kind, unknown = SENSITIVE[case]
+    instrument, stated, robot = KINDS[kind]
+    calibration = draw(instrument, seed=7)
+    quantities = tuple(q.name for q in instrument.quantities(M))
+    readings = np.hstack([stated(instrument, calibration, robot, state)[q] for q in quantities])
+    terms = instrument.terms(M)
+    ends = np.cumsum([term.size for term in terms])[:-1]
+
+    def found(values, errors):
+        split = dict(zip(quantities, np.split(values, len(quantities), axis=1), strict=True))
+        given = {"position": state.position, "rotation": state.rotation}
+        known = dict(zip((term.key for term in terms), np.split(errors, ends), strict=True))
+        return solve_for(unknown, instrument, robot, split, given, known)
+
+    errors = np.concatenate(list(calibration.values()))
+    by_reading, by_errors = sensitivity(
+        unknown,
+        instrument,
+        robot,
+        quantities,
+        {key: getattr(state, key) for key in ("tension", "wrench", "position", "rotation")},
+        calibration,
+    )
+    for derivative, expected in (
+        (by_reading, differences_by(lambda values: found(values, errors), readings)),
+        (by_errors, differences_by(lambda e: found(readings, e), errors)),
+    ):
+        whole = np.broadcast_to(derivative, (N, *derivative.shape[1:]))
+        np.testing.assert_allclose(whole, expected, atol=DIFFERENCED * max(1, np.abs(expected).max()))
+
+
+def test_a_tension_follows_its_own_reading_gain_and_offset(state):
+    # tension = (reading - offset) / (common gain x gain), differentiated by hand.
+    instrument = Tension(kind="tension")
+    calibration = draw(instrument, seed=9)
+    gain, common = calibration["gain"], calibration["common_gain"]
+    by_reading, by_errors = sensitivity(
+        "tension", instrument, STRAIGHT, ("tension",), {"tension": state.tension}, calibration
+    )
+    eye, t = np.eye(M), state.tension
+    np.testing.assert_allclose(by_reading, np.broadcast_to(eye / (common * gain), by_reading.shape), rtol=1e-12)
+    whole = np.broadcast_to(by_errors, (N, M, 2 * M + 1))
+    np.testing.assert_allclose(whole[:, :, :M], np.broadcast_to(-eye / (common * gain), (N, M, M)), rtol=1e-12)
+    np.testing.assert_allclose(whole[:, :, M : 2 * M], -eye * (t / gain)[:, None, :], rtol=1e-12)
+    np.testing.assert_allclose(whole[:, :, 2 * M], -t / common, rtol=1e-12)

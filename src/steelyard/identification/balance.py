@@ -172,6 +172,8 @@ def by_motion_errors(
     Returns:
         Shape (n, 6, k).
     """
+    # Few samples between two knots show how a spline follows an error as well as many do.
+    run = _few(run, samples.spacing)
 
     def unbalanced(values: Array) -> Array:
         moved = prepare(
@@ -189,6 +191,23 @@ def by_motion_errors(
         values[place] += step
         columns[:, :, j] = (unbalanced(values) - base) / step
     return columns
+
+
+_ENOUGH = 8
+"""Samples of a stream between two knots that show how the spline follows an error of its instrument."""
+
+
+def _few(run: Run, spacing: float) -> Run:
+    """The run with no more samples than that."""
+    if not spacing:
+        return run
+    streams = {}
+    for name, stream in run.streams.items():
+        length = float(stream.time[-1] - stream.time[0])
+        stride = max(1, int(len(stream) * spacing / max(length, spacing) / _ENOUGH))
+        thinned = {quantity: values[::stride] for quantity, values in stream.values.items()}
+        streams[name] = replace(stream, time=stream.time[::stride], values=thinned)
+    return replace(run, streams=streams)
 
 
 def by_geometry(experiment: Experiment, samples: Samples) -> WrenchByGeometry | None:

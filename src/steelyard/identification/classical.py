@@ -45,6 +45,7 @@ from steelyard.identification.regression import (
     sums_of,
     together,
 )
+from steelyard.identification.sources import choose_sources
 from steelyard.identification.unknowns import ROBOT, Systematic, Unknowns, gather
 from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian
 
@@ -95,6 +96,8 @@ class Study:
     """Whether the last round changed nothing."""
     held_out: frozenset[str] = frozenset()
     """Runs whose forces were not looked at."""
+    part: Study | None = None
+    """The part of a long recording that has told the errors of the motion instruments; None: all of it."""
     notes: tuple[str, ...] = ()
 
     @property
@@ -178,40 +181,45 @@ def _study(
     held_out: frozenset[str],
 ) -> Study:
     unknowns = gather(experiment)
-    whole = []
-    for i, run in enumerate(experiment.runs):
-        tell(f"preparing {run.name}", 0.3 * i / len(experiment.runs))
-        whole.append(prepare(experiment, run, thin=True, systematic=Systematic(unknowns, unknowns.mean)))
-    runs, samples, all_of_it = _part(experiment, whole, unknowns)
+    known = Systematic(unknowns, unknowns.mean)
+    runs = _part(experiment)
+    samples = []
+    for i, run in enumerate(runs):
+        tell(f"preparing {run.name}", 0.3 * i / len(runs))
+        samples.append(prepare(experiment, run, thin=True, systematic=known))
     tell("comparing the motion instruments", 0.3)
     kinematics = fit_kinematics(experiment, unknowns, [s for s in samples if not s.static])
     tell("balancing forces and motion", 0.5)
     part = _balanced(experiment, runs, samples, unknowns, kinematics, instruments, held_out)
-    if all_of_it:
+    if all(run is whole for run, whole in zip(runs, experiment.runs, strict=True)):
         return part
     tell("balancing the whole recording", 0.7)
     return _extended(part, experiment, held_out)
 
 
-def _part(
-    experiment: Experiment, whole: Sequence[Samples], unknowns: Unknowns
-) -> tuple[list[Run], list[Samples], bool]:
+def _part(experiment: Experiment) -> list[Run]:
     """The stretch of every run that tells the systematic errors: all of it, or where most happens."""
-    longest = max(3.0, _PART / max(1, sum(not s.static for s in whole)))
-    runs, samples, all_of_it = [], [], True
-    for run, own in zip(experiment.runs, whole, strict=True):
-        if own.static or own.time[-1] - own.time[0] <= 1.5 * longest:
-            runs.append(run)
-            samples.append(own)
-            continue
-        all_of_it = False
-        activity = np.concatenate([[0.0], np.cumsum(np.sum(own.alpha**2, axis=1))])
-        ends = np.searchsorted(own.time, own.time + longest)
-        best = int(np.argmax(activity[ends] - activity[:-1]))
-        window = (float(own.time[best]) - own.spacing, float(own.time[best]) + longest + own.spacing)
-        runs.append(replace(run, window=window))
-        samples.append(prepare(experiment, runs[-1], thin=True, systematic=Systematic(unknowns, unknowns.mean)))
-    return runs, samples, all_of_it
+    longest = max(3.0, _PART / max(1, sum(not run.static for run in experiment.runs)))
+    return [run if run.static else _stretch(experiment, run, longest) for run in experiment.runs]
+
+
+def _stretch(experiment: Experiment, run: Run, longest: float) -> Run:
+    """The most lively stretch of a run, as its first turning instrument shows it."""
+    sources = choose_sources(experiment, run, None)
+    name, quantity = sources.omega or sources.rotation or sources.used()[0]
+    time, values = experiment.common_time(run, name), run.streams[name].values[quantity]
+    start, end = run.window or (float(time[0]), float(time[-1]))
+    start, end = max(start, float(time[0])), min(end, float(time[-1]))
+    if end - start <= 1.5 * longest:
+        return run
+    # Means over tenths of the stretch: what is lively scatters about them.
+    edges = np.arange(start, end, longest / 10)
+    flat = np.nan_to_num(values.reshape(len(values), -1))
+    square = np.concatenate([[0.0], np.cumsum(np.sum((flat - flat.mean(axis=0)) ** 2, axis=1))])
+    at = np.searchsorted(time, np.stack([edges, edges + longest]))
+    inside = edges + longest <= end
+    best = edges[inside][int(np.argmax((square[at[1]] - square[at[0]])[inside]))]
+    return replace(run, window=(float(best), float(best) + longest))
 
 
 def _balanced(
@@ -461,6 +469,7 @@ def _extended(part: Study, experiment: Experiment, held_out: frozenset[str]) -> 
     scored = together(blocks)
     result = replace(
         part,
+        part=part,
         systematic=replace(
             part.systematic, values=part.systematic.values + np.where(solution.estimated, solution.value, 0.0)[TEN:]
         ),

@@ -74,8 +74,8 @@ class Estimate:
     def to_dict(self) -> dict[str, Any]:
         """Plain values in the shape of the contract."""
         entries: dict[str, Any] = {
-            **_named(self.value),
-            "standard_deviation": _named(self.standard_deviation),
+            **named(self.value),
+            "standard_deviation": named(self.standard_deviation),
             "covariance": {"parameters": list(BODY_PARAMETERS), "matrix": plain(self.covariance)},
             "physical": self.physical,
             "calibration": plain(self.calibration),
@@ -96,7 +96,8 @@ class Estimate:
         return entries
 
 
-def _named(ten: Array) -> dict[str, Any]:
+def named(ten: Array) -> dict[str, Any]:
+    """Ten values under the names of the contract; NaN as None."""
     return {
         "mass": plain(ten[0]),
         "center_of_gravity": plain(ten[1:4]),

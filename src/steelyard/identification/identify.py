@@ -8,9 +8,10 @@ from typing import Any
 
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
+from steelyard.identification.bound import Bound, attainable
 from steelyard.identification.classical import NoBalanceError, study
 from steelyard.identification.consistent import Consistent
-from steelyard.identification.estimate import BEST_FIRST, FORMAT, Estimate, nothing_told
+from steelyard.identification.estimate import BEST_FIRST, FORMAT, Estimate, named, nothing_told
 from steelyard.identification.instrumental_variables import InstrumentalVariables
 from steelyard.identification.least_squares import LeastSquares
 from steelyard.identification.prediction import Prediction, predict_held_out
@@ -37,6 +38,8 @@ class Identification:
     estimates: Mapping[str, Estimate]
     predictions: tuple[Prediction, ...] = ()
     """Of runs that were held out."""
+    bound: Bound | None = None
+    """What could be known at best; None where it was not asked for or cannot be had."""
 
     @property
     def result(self) -> str:
@@ -51,6 +54,7 @@ class Identification:
             "nominal": self.nominal.to_dict() if self.nominal else None,
             "result": self.result,
             "estimates": {name: estimate.to_dict() for name, estimate in self.estimates.items()},
+            **({"attainable": {"standard_deviation": named(self.bound.standard_deviation)}} if self.bound else {}),
             **({"holdout": {p.run: p.to_dict() for p in self.predictions}} if self.predictions else {}),
         }
 
@@ -91,7 +95,10 @@ def identify(
                 estimates.append(nothing_told(method.name, str(error)))
         else:
             estimates.append(method(used, progress))
-    return Identification(experiment.name, experiment.robot.platform, {e.method: e for e in estimates}, predictions)
+    bound = attainable(shared) if shared else None
+    return Identification(
+        experiment.name, experiment.robot.platform, {e.method: e for e in estimates}, predictions, bound
+    )
 
 
 def method_named(name: str) -> Callable[[], Method]:

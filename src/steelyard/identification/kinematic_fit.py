@@ -72,6 +72,8 @@ class KinematicFit:
     ratios: Mapping[Source, float]
     """Residuals of each quantity in units of its stated noise, root mean square; of about 1 where the noise is as stated."""
     converged: bool
+    arcs: tuple[Arc, ...] = ()
+    """The motion, as fitted."""
 
 
 def fit_kinematics(experiment: Experiment, unknowns: Unknowns, samples: Sequence[Samples]) -> KinematicFit:
@@ -92,13 +94,13 @@ def fit_kinematics(experiment: Experiment, unknowns: Unknowns, samples: Sequence
     active = _active(experiment, unknowns, arcs)
     if not arcs or not active.any():
         return prior
-    fitted, scale = _solve(experiment, unknowns, arcs, active, {})
+    fitted, moved = _solve(experiment, unknowns, arcs, active, {})
     larger = {source: ratio for source, ratio in fitted.ratios.items() if ratio > _LARGER}
     if larger:
         # A noise that is visibly larger than stated must not count as if it were as stated.
-        again, _ = _solve(experiment, unknowns, scale, active, larger)
+        again, moved = _solve(experiment, unknowns, moved, active, larger)
         fitted = replace(again, ratios=fitted.ratios)
-    return fitted
+    return replace(fitted, arcs=tuple(moved))
 
 
 def _arcs(experiment: Experiment, run: Run, samples: Samples, systematic: Systematic, longest: float) -> Iterator[Arc]:
@@ -106,8 +108,10 @@ def _arcs(experiment: Experiment, run: Run, samples: Samples, systematic: System
         return
     spacing = samples.plan.spacing
     for start, end, times in samples.plan.parts:
-        if longest < _SHORTEST or end - start < 4 * spacing:
+        if longest < _SHORTEST:
             return
+        if end - start < 4 * spacing:
+            continue
         end = min(end, start + longest)
         longest -= end - start
         chosen = (
@@ -139,7 +143,7 @@ def _readings(
                 yield Reading((name, quantity.name), time[use], values[use], sigma)
 
 
-_LEAST_NOISE = 1e-9
+_LEAST_NOISE = 1e-6
 """Of a quantity that scatters by nothing but rounding, as a part of its size."""
 
 
@@ -196,7 +200,7 @@ def _solve(
 ) -> tuple[KinematicFit, list[Arc]]:
     """Gauss-Newton over motion and systematic errors."""
     values, count = unknowns.mean.copy(), int(active.sum())
-    precision = 1 / unknowns.deviation[active] ** 2
+    deviation = unknowns.deviation[active]
     current = list(arcs)
     converged = False
     ratios: dict[Source, float] = {}
@@ -207,7 +211,7 @@ def _solve(
             accumulate(
                 len(arc.coefficients),
                 count,
-                _rows(experiment, arc, Systematic(unknowns, values), active, larger, squares),
+                motion_rows(experiment, arc, Systematic(unknowns, values), active, larger, squares),
             )
             for arc in current
         ]
@@ -215,13 +219,14 @@ def _solve(
             reduced = [each.reduced() for each in equations]
         except np.linalg.LinAlgError:
             break
-        matrix = np.diag(precision) + sum(m for m, _ in reduced)
-        step = np.asarray(
-            np.linalg.solve(matrix, precision * (unknowns.mean - values)[active] + sum(g for _, g in reduced))
-        )
+        # In units of the prior, where no data can tell less than nothing: of that, rounding of exact data would make negative variances.
+        told, axes = np.linalg.eigh(deviation[:, None] * np.sum([m for m, _ in reduced], axis=0) * deviation)
+        gradient = (unknowns.mean - values)[active] / deviation + deviation * np.sum([g for _, g in reduced], axis=0)
+        unit = (axes / (1 + np.maximum(told, 0.0))) @ axes.T
+        step = deviation * (unit @ gradient)
         current = [_moved(arc, each, step) for arc, each in zip(current, equations, strict=True)]
         values[active] += step
-        found = np.linalg.inv(matrix)
+        found = deviation[:, None] * unit * deviation
         covariance[np.ix_(active, active)] = found
         ratios = {
             source: float(np.sqrt(sum(s for s, _ in pairs) / sum(n for _, n in pairs)))
@@ -238,7 +243,7 @@ def _moved(arc: Arc, equations: NormalEquations, border: Array) -> Arc:
     return replace(arc, coefficients=arc.coefficients + step)
 
 
-def _rows(
+def motion_rows(
     experiment: Experiment,
     arc: Arc,
     systematic: Systematic,
@@ -246,14 +251,26 @@ def _rows(
     larger: Mapping[Source, float],
     squares: dict[Source, list[tuple[float, int]]],
 ) -> Iterator[Rows]:
-    """Whitened readings of an arc, then what holds the motion where no instrument does."""
+    """Whitened readings of an arc, then what holds the motion where no instrument does.
+
+    Args:
+        experiment: With its instruments.
+        arc: With readings and present motion.
+        systematic: Present values of the systematic errors.
+        active: Which of them are unknown, shape (u,).
+        larger: Quantity -> by how much its noise exceeds what was stated.
+        squares: Is given the sum of squares and the count of the residuals of each quantity.
+    """
     unknowns = systematic.unknowns
     column_of, count = np.cumsum(active) - 1, int(active.sum())
+    references = reference_clocks(experiment, unknowns, arc)
     for reading in arc.readings:
         name, quantity = reading.source
         instrument = experiment.instruments[name]
-        clock = unknowns.place(clock_of(experiment, name), "delay", arc.run)
-        times = reading.time - systematic.values[clock][0]
+        own, reference = clock_of(experiment, name), references[clock_of(experiment, name)]
+        clock, origin = (unknowns.place(each, "delay", arc.run) for each in (own, reference))
+        delay = systematic.values[clock] - systematic.values[origin] + unknowns.mean[origin]
+        times = reading.time - delay[0]
         # A clock that has moved may carry samples out of the arc.
         inside = (times >= arc.knots[0]) & (times <= arc.knots[-1])
         times = np.clip(times, arc.knots[0], arc.knots[-1])
@@ -271,22 +288,21 @@ def _rows(
 
         def put(place: slice, derivative: Array) -> None:
             use = active[place]
-            by_errors[:, :, column_of[place][use]] = derivative[:, :, use]  # noqa: B023
+            by_errors[:, :, column_of[place][use]] += derivative[:, :, use]  # noqa: B023
 
         column = 0
         for term in instrument.terms(unknowns.m):
             put(unknowns.place(name, term.key, arc.run), linear["by_errors"][:, :, column : column + term.size])
             column += term.size
         put(clock, by_delay[:, :, None])
+        put(origin, -by_delay[:, :, None])
         put(unknowns.places[ROBOT, "gravity", None], linear["by_gravity"])
         sigma = reading.sigma * larger.get(reading.source, 1.0)
         residual = linear["residual"] / sigma
         size = np.sqrt(np.sum(residual**2, axis=1))
         # Spikes count no more than what noise may reach once in ten thousand samples [Huber1964]_.
         weight = (inside * np.sqrt(np.minimum(1.0, _cut(residual.shape[1]) / np.maximum(size, 1e-300))))[:, None]
-        squares.setdefault(reading.source, []).append(
-            (float(np.sum((weight * residual) ** 2)), int(inside.sum()) * residual.shape[1])
-        )
+        squares.setdefault(reading.source, []).append(_squares(size[inside], residual.shape[1]))
         yield Rows(
             local.first,
             weight * residual,
@@ -294,6 +310,35 @@ def _rows(
             weight[:, :, None] * by_errors / sigma,
         )
     yield _held(arc, count)
+
+
+def reference_clocks(experiment: Experiment, unknowns: Unknowns, arc: Arc) -> dict[str, str]:
+    """Clock -> clock whose time the motion is told in, the best known one of those that can be compared.
+
+    Motion and all clocks moved together read the same. Without a reference the knots, which stay, would seem to tell the time.
+    """
+    rotating, moving = dict[str, None](), dict[str, str]()
+    for name, quantity in (reading.source for reading in arc.readings):
+        clock = clock_of(experiment, name)
+        if quantity in {"position", "specific_force"}:
+            moving[name] = clock
+        else:
+            rotating[clock] = None
+    # Place and acceleration are compared, and attitude with both; one of them alone fits any attitude.
+    alone = len(moving) == 1 and not rotating.keys() & set(moving.values())
+    groups = [rotating.keys(), set(moving.values())] if alone else [dict.fromkeys([*rotating, *moving.values()]).keys()]
+
+    def known(clock: str) -> float:
+        return float(unknowns.deviation[unknowns.place(clock, "delay", arc.run)][0])
+
+    return {clock: min(group, key=known) for group in groups for clock in group}
+
+
+def _squares(size: Array, k: int) -> tuple[float, int]:
+    """Sum of the squares of whitened residuals of k numbers each, and how many numbers; without spikes, which tell no noise."""
+    usual = float(np.median(size)) / np.sqrt(chi2.ppf(0.5, k)) if len(size) else 1.0
+    kept = size[size <= _cut(k) * max(1.0, usual)]
+    return float(np.sum(kept**2)), len(kept) * k
 
 
 def _cut(k: int) -> float:

@@ -33,6 +33,8 @@ _LEAST_COMPARED = 0.05
 """Angular velocity about an axis at which gyro and attitude are compared, rms [rad/s]."""
 _LARGEST_FACTOR = 0.5
 """Difference of their ratio from one that neither misalignment nor vibration explains."""
+_MARGIN = 1.0
+"""Of a stream beside the window of its run [s]: clocks may still be moved."""
 _JUDGED = 60.0
 """Length of the part on which the knot spacing is chosen [s]."""
 
@@ -273,7 +275,11 @@ def _samples(task: RunReader, source: Source) -> Samples1D:
     stream = task.run.streams[name]
     values = stream.values[quantity]
     valid = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
-    time, values = task.time(name)[valid], values[valid]
+    time = task.time(name)
+    if task.run.window:
+        start, end = task.run.window
+        valid &= (time >= start - _MARGIN) & (time <= end + _MARGIN)
+    time, values = time[valid], values[valid]
     if len(time) < 2:
         raise InputError(
             f"{stream.source}: expected at least 2 complete samples of {quantity.replace('_', ' ')}, found {len(time)}; fill the empty cells"

@@ -20,6 +20,7 @@ from steelyard.instruments.base import Term
 ROBOT = "robot"
 """Owner of the errors of the robot file."""
 _AXES = "xyz"
+_PER_CABLE = frozenset({"offset", "gain"})
 _OFFSET_SHARE = 0.01
 """Default 1-sigma of the offset of a force sensor, as a part of the median tension."""
 
@@ -46,10 +47,11 @@ class Unknown:
         where = f"{self.owner}.{self.key}" + (f" of run '{self.run}'" if self.run else "")
         if self.key in {"anchor", "attachment"}:
             return [f"{self.key} {i // 3 + 1} {_AXES[i % 3]}" for i in range(size)]
+        # A robot of three cables has vectors that are no axes.
+        if size == m and size > 1 and self.key in _PER_CABLE:
+            return [f"{where} of cable {i + 1}" for i in range(size)]
         if size == 3:
             return [f"{where} {axis}" for axis in _AXES]
-        if size == m and size > 1:
-            return [f"{where} of cable {i + 1}" for i in range(size)]
         return [where] if size == 1 else [f"{where} {i + 1}" for i in range(size)]
 
 

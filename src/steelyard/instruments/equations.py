@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import lru_cache
 
 import casadi as ca
+import numpy as np
 
 from steelyard import rotations
 from steelyard.arrays import Array
@@ -77,8 +78,8 @@ def solve_for(
     Raises:
         InputError: The equation needs a part of the state that is not given.
     """
-    solved, inputs = _solution(unknown, instrument, robot, tuple(readings))
-    needed = [name for name in inputs if name in _FIELDS]
+    inverse_of, at_zero_of = _linear_form(unknown, instrument, robot, tuple(readings))
+    needed = [name for name in dict.fromkeys((*inverse_of.inputs, *at_zero_of.inputs)) if name in _FIELDS]
     missing = [name for name in needed if name not in given]
     if missing:
         raise InputError(
@@ -86,39 +87,60 @@ def solve_for(
             f"{' and '.join(readings).replace('_', ' ')}, found none; add a stream that tells it"
         )
     known = means(instrument, robot.m) if calibration is None else calibration
-    errors = {name: known[name.removeprefix("term_")] for name in inputs if name.startswith("term_")}
-    values = {f"measured_{name}": value for name, value in readings.items()}
-    return solved(**values, **errors, **{name: given[name] for name in needed})[unknown]
+    values = {**{f"term_{key}": value for key, value in known.items()}, **given}
+    measured = np.hstack([_columns(np.asarray(value, dtype=np.float64)) for value in readings.values()])
+    at_zero = at_zero_of.evaluate(values)
+    difference = measured - at_zero.reshape(len(at_zero), -1)
+    inverse = inverse_of.evaluate(values)
+    inverse = inverse.reshape(len(inverse), -1, measured.shape[1])
+    # The matrix mostly depends on no sample; then it has been inverted once and not a million times.
+    solved = difference @ inverse[0].T if len(inverse) == 1 else np.einsum("nij,nj->ni", inverse, difference)
+    return np.ascontiguousarray(solved.reshape(-1, 3, 3).transpose(0, 2, 1) if unknown == "rotation" else solved)
+
+
+def _columns(values: Array) -> Array:
+    """Vectors as they are, matrices column by column as CasADi orders them, shape (n, k)."""
+    return values.transpose(0, 2, 1).reshape(len(values), -1) if values.ndim == 3 else values
 
 
 _FIELDS = frozenset(f.name for f in fields(State))
 
 
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """An expression of some of the systematic errors and of the state."""
+
+    batched: Batched
+    inputs: tuple[str, ...]
+
+    def evaluate(self, values: Mapping[str, Array]) -> Array:
+        return self.batched(**{name: values[name] for name in self.inputs})["value"]
+
+
 @lru_cache(maxsize=128)
-def _solution(
+def _linear_form(
     unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
-) -> tuple[Batched, list[str]]:
-    """Inverse of a measurement equation and the names of what it needs: readings, systematic errors, the rest of the state."""
+) -> tuple[_Part, _Part]:
+    """Readings as a linear function of the unknown: the inverse of its matrix, and its value at zero."""
     state = symbols(robot.m)
-    target = getattr(state, unknown)
     terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
     stated = instrument.predict(state, terms, robot)
     predicted = ca.vertcat(*[ca.vec(stated[name]) for name in quantities])
-    measured = {name: _symbol_like(name, stated[name]) for name in quantities}
-    column = ca.vec(target)
-    jacobian = ca.jacobian(predicted, column)
-    at_zero = ca.substitute(predicted, column, ca.DM.zeros(column.numel()))
-    difference = ca.vertcat(*[ca.vec(s) for s in measured.values()]) - at_zero
-    solution = ca.reshape(ca.solve(jacobian, difference), *target.shape)
+    column = ca.vec(getattr(state, unknown))
     behind = {
         **{f"term_{key}": symbol for key, symbol in terms.items()},
         **{f.name: getattr(state, f.name) for f in fields(State)},
     }
-    inputs = {
-        **{f"measured_{name}": symbol for name, symbol in measured.items()},
-        **{key: symbol for key, symbol in behind.items() if symbol.numel() and ca.depends_on(solution, ca.vec(symbol))},
-    }
-    return Batched("solve", inputs, {unknown: solution}), list(inputs)
+
+    def part(expression: Symbol) -> _Part:
+        dense = ca.densify(expression)
+        inputs = {key: s for key, s in behind.items() if s.numel() and ca.depends_on(dense, ca.vec(s))}
+        return _Part(Batched("part", inputs, {"value": dense}), tuple(inputs))
+
+    return (
+        part(ca.inv(ca.jacobian(predicted, column))),
+        part(ca.substitute(predicted, column, ca.DM.zeros(column.numel()))),
+    )
 
 
 def _symbol_like(name: str, expression: Symbol) -> Symbol:

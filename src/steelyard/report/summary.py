@@ -83,6 +83,8 @@ def summarise(
         columns += [_given(heading, v) for heading, v in (("nominal", nominal), ("truth", true)) if v is not None]
     shown = {**(beside or {}), **{f"{name}{suffix}": e for name, e in identification.estimates.items()}}
     columns += [_estimated(name, estimate, true) for name, estimate in shown.items()]
+    if identification.bound is not None:
+        columns.append(_attainable(identification.bound.standard_deviation, shown))
     runs = tuple(
         Table(f"{name}, each run alone", tuple(_estimated(run, e, None) for run, e in estimate.runs.items()))
         for name, estimate in identification.estimates.items()
@@ -104,6 +106,13 @@ def _scaled(values: Array | Sequence[float]) -> tuple[float | None, ...]:
 
 def _given(heading: str, values: Array) -> Column:
     return Column(heading, _scaled(values), None)
+
+
+def _attainable(deviations: Array, shown: Mapping[str, Estimate]) -> Column:
+    """The smallest 1-sigma that any method could have, of what is told at all; three digits are plenty."""
+    told = np.any([np.isfinite(estimate.value) for estimate in shown.values()], axis=0)
+    rounded = [float(f"{d:.3g}") if t else np.nan for d, t in zip(deviations, told, strict=True)]
+    return Column("attainable 1-sigma", _scaled(rounded), None)
 
 
 def _estimated(heading: str, estimate: Estimate, truth: Array | None) -> Column:

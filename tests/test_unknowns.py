@@ -1,0 +1,379 @@
+"""The vector of all systematic errors against the tables of the contract."""
+
+import numpy as np
+import pytest
+
+from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.identification.unknowns import ROBOT, Systematic, as_tree, gather
+from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension, Wrench
+from steelyard.robot.model import Robot
+
+M = 4
+GRAVITY = np.array([0.4, -0.3, -9.7])
+ROUNDING = 1e-12
+
+SQUARE = Robot(
+    name="square",
+    anchors=[[-4, -3, 5], [4, -3, 5.5], [4, 3, 5], [-4, 3, 6]],
+    attachments=[[-0.3, -0.2, 0.1], [0.3, -0.2, 0], [0.3, 0.25, 0], [-0.3, 0.2, 0.1]],
+    gravity=GRAVITY,
+)
+TENSIONS = np.array([[100.0, 200.0, np.nan, 400.0], [500.0, -600.0, 700.0, 800.0], [900.0, 1000.0, 1100.0, 1200.0]])
+KINDS = {
+    "cables": Tension,
+    "sensor": Wrench,
+    "imu": Imu,
+    "compass": Attitude,
+    "tracker": Position,
+    "camera": Pose,
+    "winches": Length,
+    "command": Command,
+}
+
+
+def stream(name, values=None):
+    """A recording whose values matter only where a default is taken from them."""
+    forces = {"force": np.array([[1.0, -7.0, 3.0], [2.0, 2.0, np.nan]]), "torque": np.array([[0.1, 0.2, -0.3]] * 2)}
+    own = {"tension": TENSIONS} if name in {"cables", "spare"} else forces if name == "sensor" else {}
+    values = own if values is None else values
+    return Stream(np.arange(3.0), values, f"{name}.csv")
+
+
+def experiment(instruments, runs=None, robot=SQUARE, **keys):
+    """Instruments as name -> keys of the file, or what is read from them; a run uses all of them unless stated."""
+    made = {
+        name: KINDS[k.get("is", name)].model_validate(
+            {"kind": KINDS[k.get("is", name)].model_fields["kind"].annotation.__args__[0]}
+            | {key: value for key, value in k.items() if key != "is"}
+        )
+        for name, k in instruments.items()
+    }
+    runs = runs or (Run("run", {name: stream(name) for name in made}),)
+    return Experiment("some", robot, made, tuple(runs), **keys)
+
+
+def entry(unknowns, owner, key, run=None):
+    return next(u for u in unknowns.entries if (u.owner, u.key, u.run) == (owner, key, run))
+
+
+# Default 1-sigma by the table of the contract, per component.
+TABLE = {
+    ("cables", "offset"): (M, 0.01 * 700.0),  # 1 % of the median of |TENSIONS|
+    ("cables", "gain"): (M, 0.01),
+    ("cables", "common_gain"): (1, 0.005),
+    ("sensor", "offset.force"): (3, 7.0),  # the largest reading
+    ("sensor", "offset.torque"): (3, 0.3),
+    ("sensor", "position"): (3, 0.0),
+    ("sensor", "misalignment"): (3, 0.0),
+    ("winches", "offset"): (M, 1.0),
+    ("imu", "gyro_bias"): (3, 0.02),
+    ("imu", "accelerometer_bias"): (3, 0.5),
+    ("imu", "position"): (3, 0.005),
+    ("imu", "misalignment"): (3, 0.05),
+    ("imu", "reference"): (3, 0.02),
+    ("compass", "misalignment"): (3, 0.05),
+    ("compass", "reference"): (3, 0.02),
+    ("tracker", "target"): (3, 0.005),
+    ("tracker", "frame.position"): (3, 0.002),
+    ("tracker", "frame.rotation"): (3, 0.0005),
+    ("camera", "misalignment"): (3, 0.05),
+    ("camera", "target"): (3, 0.005),
+    ("camera", "frame.position"): (3, 0.002),
+    ("camera", "frame.rotation"): (3, 0.0005),
+}
+
+
+@pytest.fixture(scope="module")
+def everything():
+    return gather(experiment({name: {} for name in KINDS}))
+
+
+@pytest.mark.parametrize(("owner", "key"), TABLE)
+def test_a_default_is_that_of_the_contract(everything, owner, key):
+    size, deviation = TABLE[owner, key]
+    found = entry(everything, owner, key)
+    np.testing.assert_allclose(found.deviation, np.full(size, deviation), rtol=ROUNDING)
+    np.testing.assert_array_equal(found.mean, np.full(size, 1.0 if key.endswith("gain") else 0.0))
+
+
+def test_there_are_no_other_errors_than_those_of_the_contract(everything):
+    found = {(u.owner, u.key) for u in everything.entries}
+    delays = {(name, "delay") for name in KINDS}
+    assert found == {*TABLE, *delays, *((ROBOT, key) for key in ("anchor", "attachment", "gravity"))}
+
+
+def test_places_follow_each_other_without_gap(everything):
+    taken = np.concatenate([np.arange(len(everything))[place] for place in everything.places.values()])
+    np.testing.assert_array_equal(taken, np.arange(len(everything)))
+    assert len(everything.mean) == len(everything.deviation) == len(everything.names) == len(everything)
+    for place, unknown, component in everything.components():
+        own = everything.places[unknown.owner, unknown.key, unknown.run]
+        assert place == own.start + component < own.stop
+        assert everything.mean[place] == unknown.mean[component]
+        assert everything.deviation[place] == unknown.deviation[component]
+
+
+def test_every_component_has_a_name_of_its_own(everything):
+    names = everything.names
+    assert len(set(names)) == len(names)
+    assert names[everything.places["imu", "gyro_bias", None]][1] == "imu.gyro_bias y"
+    assert names[everything.places["cables", "gain", None]][2] == "cables.gain of cable 3"
+    assert names[everything.places["cables", "common_gain", None]] == ("cables.common_gain",)
+    assert names[everything.places["tracker", "delay", "run"]] == ("tracker.delay of run 'run'",)
+    assert names[everything.places[ROBOT, "attachment", None]][5] == "attachment 2 z"
+
+
+def test_the_forces_of_three_cables_are_no_axes():
+    three = Robot(name="three", anchors=SQUARE.anchors[:3], attachments=SQUARE.attachments[:3])
+    unknowns = gather(experiment({"cables": {}, "imu": {}}, robot=three))
+    assert entry(unknowns, "cables", "gain").names(3)[2] == "cables.gain of cable 3"
+    assert entry(unknowns, "cables", "offset").names(3)[0] == "cables.offset of cable 1"
+    assert entry(unknowns, "imu", "gyro_bias").names(3)[2] == "imu.gyro_bias z"
+
+
+def test_a_default_from_the_data_looks_at_all_runs():
+    runs = [
+        Run("one", {"cables": stream("cables", {"tension": np.full((1, M), 100.0)})}),
+        Run("two", {"cables": stream("cables", {"tension": np.full((3, M), -300.0)})}),
+    ]
+    unknowns = gather(experiment({"cables": {}}, runs))
+    np.testing.assert_allclose(entry(unknowns, "cables", "offset").deviation, 3.0)
+
+
+def test_the_median_is_that_of_all_readings():
+    unknowns = gather(experiment({"cables": {}}))
+    expected = 0.01 * np.median(np.abs(TENSIONS[np.isfinite(TENSIONS)]))
+    np.testing.assert_allclose(entry(unknowns, "cables", "offset").deviation, np.full(M, expected))
+
+
+@pytest.mark.parametrize(
+    ("stated", "mean", "deviation"),
+    [
+        (0.03, [0, 0, 0], [0.03] * 3),
+        (0, [0, 0, 0], [0] * 3),
+        ((0.01, 0.02, 0.0), [0, 0, 0], [0.01, 0.02, 0.0]),
+        ({"value": 0.2, "sigma": 0.01}, [0.2] * 3, [0.01] * 3),
+        ({"value": (0.1, 0.2, 0.3), "sigma": 0.01}, [0.1, 0.2, 0.3], [0.01] * 3),
+        ({"value": (0.1, 0.2, 0.3), "sigma": (0.0, 0.0, 0.5)}, [0.1, 0.2, 0.3], [0.0, 0.0, 0.5]),
+    ],
+)
+def test_a_prior_is_what_the_file_states(stated, mean, deviation):
+    found = entry(gather(experiment({"imu": {"calibration": {"gyro_bias": stated}}})), "imu", "gyro_bias")
+    np.testing.assert_array_equal(found.mean, mean)
+    np.testing.assert_array_equal(found.deviation, deviation)
+
+
+def test_a_nested_prior_is_what_the_file_states():
+    calibration = {"frame": {"position": {"value": (1.0, 2.0, 3.0), "sigma": 0.1}, "rotation": 0.2}}
+    unknowns = gather(experiment({"tracker": {"calibration": calibration}}))
+    np.testing.assert_array_equal(entry(unknowns, "tracker", "frame.position").mean, [1, 2, 3])
+    np.testing.assert_array_equal(entry(unknowns, "tracker", "frame.rotation").deviation, [0.2] * 3)
+
+
+def test_a_known_gain_replaces_the_one_of_a_perfect_instrument():
+    calibration = {"gain": {"value": (0.9, 1.0, 1.1, 1.2), "sigma": 0.0}, "offset": {"value": 3.0, "sigma": 1.0}}
+    unknowns = gather(experiment({"cables": {"calibration": calibration}}))
+    np.testing.assert_array_equal(entry(unknowns, "cables", "gain").mean, [0.9, 1.0, 1.1, 1.2])
+    np.testing.assert_array_equal(entry(unknowns, "cables", "offset").mean, [3.0] * M)
+    np.testing.assert_array_equal(entry(unknowns, "cables", "offset").deviation, [1.0] * M)
+
+
+def three_runs(*, static=()):
+    """The IMU is in the first and the last of them."""
+    return [
+        Run(
+            name,
+            {i: stream(i) for i in ("cables", "imu", "tracker") if i != "imu" or name != "middle"},
+            static=name in static,
+        )
+        for name in ("first", "middle", "last")
+    ]
+
+
+def test_an_error_per_run_is_one_for_every_run_that_has_the_instrument():
+    prior = {"gyro_bias": {"value": 0.1, "sigma": 0.02, "per": "run"}}
+    unknowns = gather(experiment({"cables": {}, "imu": {"calibration": prior}, "tracker": {}}, three_runs()))
+    found = [u for u in unknowns.entries if u.key == "gyro_bias"]
+    assert [u.run for u in found] == ["first", "last"]
+    for u in found:
+        np.testing.assert_array_equal(u.mean, [0.1] * 3)
+        np.testing.assert_array_equal(u.deviation, [0.02] * 3)
+    one, other = (unknowns.place("imu", "gyro_bias", run) for run in ("first", "last"))
+    assert one != other
+    assert unknowns.place("imu", "misalignment", "first") == unknowns.place("imu", "misalignment", "last")
+    with pytest.raises(KeyError):
+        unknowns.place("imu", "gyro_bias", "middle")
+    assert unknowns.names[other.start] == "imu.gyro_bias of run 'last' x"
+
+
+def test_an_instrument_that_no_run_uses_has_no_errors():
+    runs = [Run("run", {"cables": stream("cables")})]
+    unknowns = gather(experiment({"cables": {}, "imu": {}}, runs))
+    assert {u.owner for u in unknowns.entries} == {"cables", ROBOT}
+
+
+# Clocks
+
+
+def delays(unknowns, run="run"):
+    """Clock -> 1-sigma."""
+    return {u.owner: float(u.deviation[0]) for u in unknowns.entries if u.key == "delay" and u.run == run}
+
+
+def test_the_clock_of_the_forces_defines_the_time():
+    unknowns = gather(experiment({"imu": {}, "cables": {}, "tracker": {}}))
+    assert delays(unknowns) == {"imu": 0.05, "cables": 0.0, "tracker": 0.05}
+
+
+def test_instruments_of_one_clock_have_one_delay():
+    unknowns = gather(
+        experiment(
+            {
+                "cables": {"clock": "recorder"},
+                "imu": {"clock": "recorder"},
+                "tracker": {"clock": "hall"},
+                "camera": {"clock": "hall"},
+                "compass": {},
+            }
+        )
+    )
+    assert delays(unknowns) == {"recorder": 0.0, "hall": 0.05, "compass": 0.05}
+
+
+def test_the_first_force_instrument_of_a_run_defines_its_time():
+    pair = {"cables": {}, "sensor": {}}
+    runs = [
+        Run("both", {name: stream(name) for name in pair}),
+        Run("sensor only", {"sensor": stream("sensor")}),
+    ]
+    unknowns = gather(experiment(pair, runs))
+    assert delays(unknowns, "both") == {"cables": 0.0, "sensor": 0.05}
+    assert delays(unknowns, "sensor only") == {"sensor": 0.0}
+
+
+def test_what_is_known_of_one_instrument_is_known_of_its_clock():
+    hall = {"clock": "hall"}
+    known = {"clock": "hall", "calibration": {"delay": {"value": 0.3, "sigma": 0.001}}}
+    for tracker, camera in ((hall, known), (known, hall)):
+        unknowns = gather(experiment({"cables": {}, "tracker": tracker, "camera": camera}))
+        assert delays(unknowns)["hall"] == 0.001
+        assert entry(unknowns, "hall", "delay", "run").mean == 0.3
+
+
+def test_even_the_forces_may_have_a_stated_delay():
+    calibration = {"delay": {"value": -0.02, "sigma": 0.004}}
+    unknowns = gather(experiment({"cables": {"calibration": calibration}}))
+    assert delays(unknowns) == {"cables": 0.004}
+    assert entry(unknowns, "cables", "delay", "run").mean == -0.02
+
+
+def test_every_run_in_motion_has_delays_of_its_own_and_poses_at_rest_have_none():
+    unknowns = gather(experiment({"cables": {}, "imu": {}, "tracker": {}}, three_runs(static=("last",))))
+    assert delays(unknowns, "first") == {"cables": 0.0, "imu": 0.05, "tracker": 0.05}
+    assert delays(unknowns, "middle") == {"cables": 0.0, "tracker": 0.05}
+    assert delays(unknowns, "last") == {}
+    assert unknowns.place("tracker", "delay", "first") != unknowns.place("tracker", "delay", "middle")
+
+
+# The robot file
+
+
+def test_the_robot_file_is_uncertain_as_stated():
+    unknowns = gather(experiment({"cables": {}}, uncertainty={"anchor": 0.003, "attachment": 0.001, "gravity": 0.02}))
+    for key, value, deviation in (
+        ("anchor", SQUARE.anchors, 0.003),
+        ("attachment", SQUARE.attachments, 0.001),
+        ("gravity", GRAVITY, 0.02),
+    ):
+        found = entry(unknowns, ROBOT, key)
+        np.testing.assert_array_equal(found.mean, np.ravel(value))
+        np.testing.assert_array_equal(found.deviation, np.full(np.size(value), deviation))
+
+
+def test_a_body_on_a_sensor_has_neither_anchors_nor_attachments():
+    arm = Robot(name="arm", anchors=np.zeros((0, 3)), attachments=np.zeros((0, 3)))
+    unknowns = gather(experiment({"sensor": {}, "imu": {}}, robot=arm))
+    assert len(entry(unknowns, ROBOT, "anchor").mean) == 0
+    assert len(set(unknowns.names)) == len(unknowns)
+
+
+# Values
+
+
+@pytest.fixture
+def numbered():
+    """Errors that are their own place, over three runs."""
+    prior = {"gyro_bias": {"sigma": 0.02, "per": "run"}}
+    whole = experiment(
+        {"cables": {"clock": "recorder"}, "imu": {"clock": "recorder", "calibration": prior}, "tracker": {}},
+        three_runs(),
+    )
+    unknowns = gather(whole)
+    return whole, unknowns, Systematic(unknowns, np.arange(float(len(unknowns))))
+
+
+def test_an_instrument_gets_its_own_errors_in_its_own_order(numbered):
+    whole, unknowns, systematic = numbered
+    for run in ("first", "last"):
+        for name in ("cables", "imu", "tracker"):
+            instrument = whole.instruments[name]
+            found = systematic.of(name, instrument, run)
+            assert list(found) == [term.key for term in instrument.terms(M)]
+            for term in instrument.terms(M):
+                holds = run if term.key == "gyro_bias" else None
+                place = unknowns.places[name, term.key, holds]
+                np.testing.assert_array_equal(found[term.key], np.arange(place.start, place.start + term.size))
+
+
+def test_delay_and_gravity_stand_where_they_are_named(numbered):
+    _, unknowns, systematic = numbered
+    assert systematic.delay("tracker", "middle") == unknowns.names.index("tracker.delay of run 'middle'")
+    assert systematic.delay("recorder", "last") == unknowns.names.index("recorder.delay of run 'last'")
+    np.testing.assert_array_equal(
+        systematic.gravity, [unknowns.names.index(f"robot.gravity {axis}") for axis in ("x", "y", "z")]
+    )
+
+
+def test_at_the_values_known_beforehand_gravity_is_that_of_the_robot(everything):
+    np.testing.assert_array_equal(Systematic(everything, everything.mean).gravity, GRAVITY)
+
+
+def test_the_tree_has_the_shape_of_the_contract(numbered):
+    _, unknowns, systematic = numbered
+    deviations = systematic.values + 0.5
+    tree = as_tree(unknowns, systematic.values, deviations)
+
+    def pair(owner, key, run=None):
+        value = systematic.values[unknowns.places[owner, key, run]]
+        return {"value": value.tolist(), "standard_deviation": (value + 0.5).tolist()}
+
+    def single(owner, key, run=None):
+        return {name: value[0] for name, value in pair(owner, key, run).items()}
+
+    def plain(node):
+        return {k: plain(v) for k, v in node.items()} if isinstance(node, dict) else np.asarray(node).tolist()
+
+    assert plain(tree) == {
+        "cables": {
+            "offset": pair("cables", "offset"),
+            "gain": pair("cables", "gain"),
+            "common_gain": single("cables", "common_gain"),
+        },
+        "imu": {
+            "gyro_bias": {run: pair("imu", "gyro_bias", run) for run in ("first", "last")},
+            **{key: pair("imu", key) for key in ("accelerometer_bias", "position", "misalignment", "reference")},
+        },
+        "tracker": {
+            "target": pair("tracker", "target"),
+            "frame": {key: pair("tracker", f"frame.{key}") for key in ("position", "rotation")},
+            "delay": {run: single("tracker", "delay", run) for run in ("first", "middle", "last")},
+        },
+    }
+
+
+def test_errors_that_are_known_exactly_are_not_reported():
+    unknowns = gather(experiment({"cables": {"calibration": {"gain": 0, "common_gain": 0, "offset": (0, 0, 0, 2.0)}}}))
+    tree = as_tree(unknowns, unknowns.mean, unknowns.deviation)
+    assert set(tree) == {"cables"}
+    assert set(tree["cables"]) == {"offset"}
+    np.testing.assert_array_equal(tree["cables"]["offset"]["standard_deviation"], [0, 0, 0, 2.0])
