@@ -68,7 +68,9 @@ def test_a_motion_of_constant_snap_has_the_derivatives_of_its_polynomial():
 
     FOURS = [(0, 1, 2, 3), (0, 1, 2, 4), (0, 1, 3, 4), (0, 2, 3, 4), (1, 2, 3, 4)]
     count = len(UNEVEN) - DEGREE - 1
-    coefficients = np.array([coefficient(UNEVEN[j + 1 : j + DEGREE + 1]) for j in range(count)])[:, None] * np.ones(POSE)
+    coefficients = np.array([coefficient(UNEVEN[j + 1 : j + DEGREE + 1]) for j in range(count)])[:, None] * np.ones(
+        POSE
+    )
     t = np.linspace(START, END, 21)
     pose, rate, acceleration, jerk = motion_at(basis(UNEVEN, t), coefficients)
     for found, expected in ((pose, t**4 / 24), (rate, t**3 / 6), (acceleration, t**2 / 2), (jerk, t)):

@@ -16,8 +16,9 @@ from scipy.stats import chi2, norm
 
 from steelyard.arrays import Array
 from steelyard.identification.classical import Study
+from steelyard.identification.diagnosis import diagnose
 from steelyard.identification.regression import TEN
-from steelyard.identification.unknowns import ROBOT
+from steelyard.identification.unknowns import LAG, ROBOT
 from steelyard.inertia import body_jacobian
 
 FAMILY = 1e-3
@@ -177,6 +178,7 @@ def _proposal(owner: str, key: str) -> str:
         "gain": f"check this sensor's gain and unit, or state a larger {where}",
         "common_gain": f"check the unit and the calibration of the force sensors, or state a larger {where}",
         "offset": f"check the zero of this sensor, or state a larger {where}",
+        LAG: f"check 'sync' and 'clock' of {owner} against those of the motion instruments",
         "delay": "check 'sync' and 'clock', or state a larger 'delay' of the instruments of this clock",
         "misalignment": f"check the axes, signs and 'rpy_deg' of {owner}, or state a larger {where}",
     }.get(key, f"check how {owner} is described and mounted, or state a larger {where}")
@@ -184,11 +186,12 @@ def _proposal(owner: str, key: str) -> str:
 
 def reasons(study: Study) -> list[str]:
     """Why not to rely on an estimate, in words and numbers; none for a sound recording."""
+    contradictions = [*_of_motion(study), *_of_forces(study)]
     return [
-        *_of_motion(study),
-        *_of_forces(study),
+        *contradictions,
+        *(diagnose(study) if contradictions else ()),
         *_of_runs(study),
-        *_of_description(study),
+        *_of_description(study, 1 if contradictions else _MOST_NAMED),
         *_of_nominal(study),
         *_of_bias(study),
     ]
@@ -283,14 +286,14 @@ def _of_runs(study: Study) -> Iterator[str]:
         )
 
 
-def _of_description(study: Study) -> Iterator[str]:
+def _of_description(study: Study, most: int) -> Iterator[str]:
     tests = directed_tests(study)
     limit = float(norm.isf(FAMILY / max(1, len(tests)) / 2))
     found = [test for test in tests if abs(test.z) > limit and test.shift > _MATTERS]
-    for test in found[:_MOST_NAMED]:
+    for test in found[:most]:
         yield str(test)
-    if len(found) > _MOST_NAMED:
-        yield f"{len(found) - _MOST_NAMED} more numbers of the description seem to be off; the first ones named may explain them"
+    if len(found) > most:
+        yield f"{len(found) - most} more numbers of the description seem to be off; what is named first may explain them"
 
 
 def _of_nominal(study: Study) -> Iterator[str]:

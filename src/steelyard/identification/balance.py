@@ -8,6 +8,7 @@ errors d. Every classical method solves these rows; every directed test looks at
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,6 +216,17 @@ def by_geometry(experiment: Experiment, samples: Samples) -> WrenchByGeometry | 
     if samples.tension is None or samples.position is None or samples.rotation is None:
         return None
     return wrench_by_geometry(experiment.robot, samples.position, samples.rotation, samples.tension)
+
+
+def by_lag(samples: Samples) -> Array:
+    """Derivative of the wrench by how far the forces lag behind the motion [N/s], [N m/s], shape (n, 6)."""
+    slopes = np.zeros_like(samples.wrench)
+    ends = np.cumsum([len(times) for *_, times in samples.plan.parts]) if samples.plan else np.zeros(0, dtype=int)
+    for start, end in pairwise([0, *ends]):
+        if end - start > 1:
+            slopes[start:end] = np.gradient(samples.wrench[start:end], samples.time[start:end], axis=0)
+    # A reading that comes late belongs to an earlier instant: at its own time the wrench is that of later readings.
+    return slopes
 
 
 _LOOKED_AT = 1000

@@ -19,6 +19,7 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.balance import (
     balance,
     by_geometry,
+    by_lag,
     by_motion_errors,
     force_sigma,
     freedom,
@@ -46,7 +47,7 @@ from steelyard.identification.regression import (
     together,
 )
 from steelyard.identification.sources import choose_sources
-from steelyard.identification.unknowns import ROBOT, Systematic, Unknowns, gather
+from steelyard.identification.unknowns import LAG, ROBOT, Systematic, Unknowns, gather
 from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian
 
 _PART = 60.0
@@ -346,6 +347,9 @@ def _derivatives(
     found = np.zeros((len(samples), 6, len(unknowns)))
     places = motion_errors(experiment, run, systematic)
     found[:, :, places] = by_motion_errors(experiment, run, samples, systematic, parameters, places)
+    force = experiment.force_instrument(run)
+    if force is not None and not run.static:
+        found[:, :, unknowns.place(force, LAG, run.name)] = by_lag(samples)[:, :, None]
     geometry = by_geometry(experiment, samples)
     if geometry is not None:
         for key, part in (("anchor", geometry.anchor), ("attachment", geometry.attachment)):

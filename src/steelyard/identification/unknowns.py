@@ -19,6 +19,8 @@ from steelyard.instruments.base import Term
 
 ROBOT = "robot"
 """Owner of the errors of the robot file."""
+LAG = "lag"
+"""Key of how far the forces lag behind the motion instruments, those of their own clock too."""
 _AXES = "xyz"
 _PER_CABLE = frozenset({"offset", "gain"})
 _OFFSET_SHARE = 0.01
@@ -167,6 +169,10 @@ def gather(experiment: Experiment) -> Unknowns:
             if clock not in clocks or sigma[0] < clocks[clock].deviation[0]:
                 clocks[clock] = Unknown(clock, "delay", run.name, "s", mean, sigma)
         entries += clocks.values()
+        force = experiment.force_instrument(run)
+        if force is not None:
+            # Exact by the contract, since this clock defines the time; tests may ask whether it is.
+            entries.append(Unknown(force, LAG, run.name, "s", np.zeros(1), np.zeros(1)))
     robot, uncertainty = experiment.robot, experiment.uncertainty
     for key, unit, value in (
         ("anchor", "m", robot.anchors.ravel()),
