@@ -13,7 +13,7 @@ from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.kinematic_fit import fit_kinematics
 from steelyard.identification.preparation import prepare
 from steelyard.identification.smoothing import DEGREE, knots
-from steelyard.identification.unknowns import ROBOT, Systematic, gather
+from steelyard.identification.unknowns import LAG, ROBOT, Systematic, gather
 from steelyard.instruments import Attitude, Pose
 from steelyard.robot.file import read_robot
 from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
@@ -84,7 +84,7 @@ def truth(unknowns, experiment, drawn):
     """The errors that were drawn, in the places of the unknowns."""
     values = unknowns.mean.copy()
     for u in unknowns.entries:
-        if u.owner == ROBOT:
+        if u.owner == ROBOT or u.key == LAG:
             continue
         run = u.run or experiment.runs[0].name
         place = unknowns.places[u.owner, u.key, u.run]

@@ -52,9 +52,11 @@ from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian
 
 _PART = 60.0
 """Length of recording that tells the systematic errors of the motion instruments [s]; constants need no more."""
-_ROUNDS = 4
+_ROUNDS = 10
 _SETTLED = 0.05
 """Largest change of the last round, in 1-sigma."""
+_UNSETTLED = 0.5
+"""Change of the last round, in 1-sigma, with which there is no saying where it would have ended."""
 _FAR = 2.0
 """A change beyond so many 1-sigma asks for new derivatives."""
 _ROWS = 20_000
@@ -94,7 +96,7 @@ class Study:
     residuals: Mapping[str, Array]
     """Run -> whitened residual of each sample, shape (n, 6)."""
     settled: bool
-    """Whether the last round changed nothing."""
+    """Whether the last round changed little."""
     held_out: frozenset[str] = frozenset()
     """Runs whose forces were not looked at."""
     part: Study | None = None
@@ -281,15 +283,16 @@ def _balanced(
         parameters = solution.value[:TEN]
         step = np.where(acting, solution.value, 0.0)[TEN:]
         systematic = replace(systematic, values=systematic.values + step)
-        if not stated and solution.ratio > 0:
-            sigma = {name: s * np.sqrt(solution.ratio) for name, s in sigma.items()}
+        if not stated:
+            sigma = {name: s * _scatter(sums[name], solution, total) for name, s in sigma.items()}
         deviation = np.sqrt(np.maximum(np.diag(solution.covariance)[TEN:], 1e-300))
-        settled = bool(np.all(np.abs(step) <= _SETTLED * deviation))
+        change = float((np.abs(step) / deviation).max(initial=0.0))
         # Derivatives change little within the uncertainty of what they are by.
         far = bool(np.any((np.abs(step) > _FAR * deviation)[motion]))
         residuals = {name: each.target - each.columns @ solution.value for name, each in rows.items()}
         weights = {name: robust_weights(r / np.sqrt(_middle(r))) for name, r in residuals.items()}
-        if settled and turn > 1:
+        steady = stated or abs(np.log(max(solution.ratio, 1e-12))) < _SETTLED
+        if change <= _SETTLED and steady and turn > 1:
             break
     blocks = together([each for name, (_, each) in summed.items() if name not in held_out])
     result = Study(
@@ -306,11 +309,19 @@ def _balanced(
         parameters=parameters,
         weights=weights,
         residuals=residuals,
-        settled=settled,
+        settled=change <= _UNSETTLED,
         held_out=held_out,
         notes=tuple(dict.fromkeys(note for s in current for note in s.notes)),
     )
     return replace(result, solution=enlarged(solution, blocks, result.told, total.freedom))
+
+
+def _scatter(own: Sums, solution: Solution, total: Sums) -> float:
+    """Residual of one run in units of the noise that it was whitened with, root mean square."""
+    value = solution.value
+    square = own.square - 2 * value @ own.plain_right + value @ own.normal @ value
+    freedom = 6 * own.freedom * max(0.1, 1 - solution.spent / (6 * total.freedom))
+    return float(np.sqrt(max(square / freedom, 1e-12)))
 
 
 def _middle(residual: Array) -> float:
