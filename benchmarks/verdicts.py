@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from multiprocessing import get_context
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.identification.least_squares import LeastSquares
 from steelyard.motion.state import State
 from steelyard.robot.file import read_robot
 from steelyard.robot.kinematics import cables_at
@@ -130,3 +132,32 @@ def with_late_forces(experiment: Experiment) -> Experiment:
         stream = run.streams["cables"]
         runs.append(replace(run, streams={**run.streams, "cables": replace(stream, time=stream.time + 0.05)}))
     return replace(experiment, runs=tuple(runs))
+
+
+_recorder: Recorder | None = None
+
+
+def _judged(seed: int, *, with_wrong: bool) -> list[tuple[str, bool, str]]:
+    """Name, whether accepted, and the first reason."""
+    global _recorder
+    _recorder = _recorder or Recorder()
+    cases = {"sound": _recorder(seed), **(wrong(seed, _recorder) if with_wrong else {})}
+    estimates = {name: LeastSquares()(experiment) for name, experiment in cases.items()}
+    return [(name, e.verdict.accepted, next(iter(e.verdict.reasons), "")) for name, e in estimates.items()]
+
+
+def table(sound: int, wrong_each: int, processes: int) -> None:
+    """Print how often sound and wrong experiments are rejected."""
+    with get_context("spawn").Pool(processes) as pool:
+        jobs = [pool.apply_async(_judged, (FIRST_SEED + i,), {"with_wrong": i < wrong_each}) for i in range(sound)]
+        judged = [line for job in jobs for line in job.get()]
+    print(f"{'experiment':40}{'rejected':>12}   first reason of the first one")
+    for name in dict.fromkeys(line[0] for line in judged):
+        own = [line for line in judged if line[0] == name]
+        rejected = [line for line in own if not line[1]]
+        print(
+            f"{name:40}{f'{len(rejected)} of {len(own)}':>12}   {rejected[0][2][:150] if rejected else ''}", flush=True
+        )
+
+
+FIRST_SEED = 200_000

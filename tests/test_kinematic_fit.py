@@ -446,7 +446,7 @@ def test_spikes_do_no_harm(recorder):
 
 def test_ideal_data_show_no_errors(recorder):
     ideal = {
-        name: changed(i, rate=100.0)
+        name: changed(i, rate=250.0)
         for name, i in ideal_sensors(recorder.robot).instruments.items()
         if name != "command"
     }
@@ -456,7 +456,7 @@ def test_ideal_data_show_no_errors(recorder):
         "tracker": changed(ideal["tracker"], calibration=TRACKER),
     }
     experiment, _ = recorder(0, ideal, stated=uncertain)
-    run = replace(experiment.runs[0], window=(1.0, 5.0))
+    run = replace(experiment.runs[0], window=(1.0, 4.0))
     unknowns, fit, _ = fitted(replace(experiment, runs=(run,)))
     own = moving(unknowns)
     error = np.abs(fit.systematic.values - unknowns.mean)[own]

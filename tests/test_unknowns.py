@@ -347,9 +347,9 @@ def test_at_the_values_known_beforehand_gravity_is_that_of_the_robot(everything)
 
 
 def test_the_tree_has_the_shape_of_the_contract(numbered):
-    _, unknowns, systematic = numbered
+    numbered_experiment, unknowns, systematic = numbered
     deviations = systematic.values + 0.5
-    tree = as_tree(unknowns, systematic.values, deviations)
+    tree = as_tree(numbered_experiment, unknowns, systematic.values, deviations)
 
     def pair(owner, key, run=None):
         value = systematic.values[unknowns.places[owner, key, run]]
@@ -380,8 +380,9 @@ def test_the_tree_has_the_shape_of_the_contract(numbered):
 
 
 def test_errors_that_are_known_exactly_are_not_reported():
-    unknowns = gather(experiment({"cables": {"calibration": {"gain": 0, "common_gain": 0, "offset": (0, 0, 0, 2.0)}}}))
-    tree = as_tree(unknowns, unknowns.mean, unknowns.deviation)
+    described = experiment({"cables": {"calibration": {"gain": 0, "common_gain": 0, "offset": (0, 0, 0, 2.0)}}})
+    unknowns = gather(described)
+    tree = as_tree(described, unknowns, unknowns.mean, unknowns.deviation)
     assert set(tree) == {"cables"}
     assert set(tree["cables"]) == {"offset"}
     np.testing.assert_array_equal(tree["cables"]["offset"]["standard_deviation"], [0, 0, 0, 2.0])

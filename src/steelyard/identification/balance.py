@@ -19,12 +19,17 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.preparation import Samples, prepare
 from steelyard.identification.sources import choose_sources
 from steelyard.identification.unknowns import ROBOT, Systematic, clock_of
+from steelyard.instruments import Quantity
 from steelyard.instruments.equations import sensitivity
 from steelyard.robot.geometry import WrenchByGeometry, wrench_by_geometry
 
 _MOST_DRAWS = 4
 _DRAWN_SAMPLES = 20_000
 _TYPICAL_SIZE = 1e-12
+_LEAST_NOISE = 1e-3
+"""Of force readings whose noise is not stated, as a part of the largest: no sensor is described better."""
+_NOISE_AT_REST = 10.0
+"""First guess of the noise of readings of which each stands alone, in units of the least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,18 +57,31 @@ class Balance:
 
 def force_sigma(experiment: Experiment, run: Run, samples: Samples) -> tuple[Array, bool]:
     """1-sigma of single force readings, shape (r,), and whether it was stated."""
+    quantities = _force_quantities(experiment, run)
+    least = least_sigma(experiment, run)
+    guess = [np.full(q.size, samples.noise.get(q.name, np.inf) if q.noise is None else q.noise) for q in quantities]
+    sigma = np.concatenate(guess)
+    sigma = np.where(np.isfinite(sigma), sigma, _NOISE_AT_REST * least)
+    return np.maximum(sigma, least), all(q.noise is not None for q in quantities)
+
+
+def least_sigma(experiment: Experiment, run: Run) -> Array:
+    """Least 1-sigma of single force readings, shape (r,)."""
     name = experiment.force_instrument(run)
     assert name is not None
-    quantities = experiment.instruments[name].quantities(experiment.robot.m)
-    stated = all(q.noise is not None for q in quantities)
-    sigma = []
-    for q in quantities:
-        values = run.streams[name].values[q.name]
-        # What scatters by nothing but rounding still has a size.
-        least = 1e-6 * float(np.nanmax(np.abs(values), initial=_TYPICAL_SIZE))
-        found = q.noise if q.noise is not None else samples.noise.get(q.name, 1e4 * least)
-        sigma.append(np.full(q.size, max(found, least)))
-    return np.concatenate(sigma), stated
+    values = run.streams[name].values
+    return np.concatenate(
+        [
+            np.full(q.size, _LEAST_NOISE * float(np.nanmax(np.abs(values[q.name]), initial=_TYPICAL_SIZE)))
+            for q in _force_quantities(experiment, run)
+        ]
+    )
+
+
+def _force_quantities(experiment: Experiment, run: Run) -> tuple[Quantity, ...]:
+    name = experiment.force_instrument(run)
+    assert name is not None
+    return experiment.instruments[name].quantities(experiment.robot.m)
 
 
 def balance(experiment: Experiment, run: Run, samples: Samples, systematic: Systematic, sigma: Array) -> Balance:
@@ -177,8 +195,9 @@ def by_motion_errors(
     run = _few(run, samples.spacing)
 
     def unbalanced(values: Array) -> Array:
+        # Spikes are the same on both sides of a difference, and go.
         moved = prepare(
-            experiment, run, straight=True, systematic=replace(systematic, values=values), plan=samples.plan, thin=True
+            experiment, run, straight=True, systematic=replace(systematic, values=values), plan=samples.plan
         )
         return moved.wrench - platform_wrench(parameters, moved.specific_force, moved.omega, moved.alpha)
 
@@ -220,13 +239,15 @@ def by_geometry(experiment: Experiment, samples: Samples) -> WrenchByGeometry | 
 
 def by_lag(samples: Samples) -> Array:
     """Derivative of the wrench by how far the forces lag behind the motion [N/s], [N m/s], shape (n, 6)."""
-    slopes = np.zeros_like(samples.wrench)
+    # The forces alone are late: the cables' directions, which the motion tells, are those of the instant.
+    felt = samples.wrench if samples.tension is None else samples.tension
+    slopes = np.zeros_like(felt)
     ends = np.cumsum([len(times) for *_, times in samples.plan.parts]) if samples.plan else np.zeros(0, dtype=int)
     for start, end in pairwise([0, *ends]):
         if end - start > 1:
-            slopes[start:end] = np.gradient(samples.wrench[start:end], samples.time[start:end], axis=0)
-    # A reading that comes late belongs to an earlier instant: at its own time the wrench is that of later readings.
-    return slopes
+            slopes[start:end] = np.gradient(felt[start:end], samples.time[start:end], axis=0)
+    # A reading that comes late belongs to an earlier instant: at its own time the forces are those of later readings.
+    return slopes if samples.structure is None else np.asarray(np.einsum("nkm,nm->nk", samples.structure, slopes))
 
 
 _LOOKED_AT = 1000

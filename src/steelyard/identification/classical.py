@@ -23,6 +23,7 @@ from steelyard.identification.balance import (
     by_motion_errors,
     force_sigma,
     freedom,
+    least_sigma,
     motion_errors,
     motion_noise,
     regressor_noise,
@@ -53,6 +54,8 @@ from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian
 _PART = 60.0
 """Length of recording that tells the systematic errors of the motion instruments [s]; constants need no more."""
 _ROUNDS = 10
+_FEW_ROUNDS = 4
+"""After so many an unstated noise need not have settled: it is on its floor."""
 _SETTLED = 0.05
 """Largest change of the last round, in 1-sigma."""
 _UNSETTLED = 0.5
@@ -239,6 +242,7 @@ def _balanced(
     found = [force_sigma(experiment, run, s) for run, s in zip(runs, samples, strict=True)]
     sigma = {run.name: s for run, (s, _) in zip(runs, found, strict=True)}
     stated = all(s for _, s in found)
+    least = {run.name: least_sigma(experiment, run) for run in runs}
     plans = [s.plan for s in samples]
     parameters = np.zeros(TEN)
     weights: dict[str, Array] = {}
@@ -284,14 +288,16 @@ def _balanced(
         step = np.where(acting, solution.value, 0.0)[TEN:]
         systematic = replace(systematic, values=systematic.values + step)
         if not stated:
-            sigma = {name: s * _scatter(sums[name], solution, total) for name, s in sigma.items()}
+            sigma = {
+                name: np.maximum(s * _scatter(sums[name], solution, total), least[name]) for name, s in sigma.items()
+            }
         deviation = np.sqrt(np.maximum(np.diag(solution.covariance)[TEN:], 1e-300))
         change = float((np.abs(step) / deviation).max(initial=0.0))
         # Derivatives change little within the uncertainty of what they are by.
         far = bool(np.any((np.abs(step) > _FAR * deviation)[motion]))
         residuals = {name: each.target - each.columns @ solution.value for name, each in rows.items()}
         weights = {name: robust_weights(r / np.sqrt(_middle(r))) for name, r in residuals.items()}
-        steady = stated or abs(np.log(max(solution.ratio, 1e-12))) < _SETTLED
+        steady = stated or abs(np.log(max(solution.ratio, 1e-12))) < _SETTLED or turn > _FEW_ROUNDS
         if change <= _SETTLED and steady and turn > 1:
             break
     blocks = together([each for name, (_, each) in summed.items() if name not in held_out])
@@ -321,7 +327,7 @@ def _scatter(own: Sums, solution: Solution, total: Sums) -> float:
     value = solution.value
     square = own.square - 2 * value @ own.plain_right + value @ own.normal @ value
     freedom = 6 * own.freedom * max(0.1, 1 - solution.spent / (6 * total.freedom))
-    return float(np.sqrt(max(square / freedom, 1e-12)))
+    return float(max(float(square) / freedom, 1e-12) ** 0.5)
 
 
 def _middle(residual: Array) -> float:

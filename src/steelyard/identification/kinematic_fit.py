@@ -143,8 +143,8 @@ def _readings(
                 yield Reading((name, quantity.name), time[use], values[use], sigma)
 
 
-_LEAST_NOISE = 1e-6
-"""Of a quantity that scatters by nothing but rounding, as a part of its size."""
+_LEAST_NOISE = 1e-4
+"""Of a quantity that scatters by nothing but rounding, as a part of how much it varies: no sensor resolves more."""
 
 
 def _scatter(time: Array, values: Array, start: float, end: float, spacing: float) -> float | None:
@@ -155,7 +155,8 @@ def _scatter(time: Array, values: Array, start: float, end: float, spacing: floa
         return None
     # Nine elements of a rotation matrix scatter by sqrt(6 / 9) of the rotation vector.
     scale = np.sqrt(1.5) if values.ndim == 3 else 1.0
-    return max(fitted.sigma * scale, _LEAST_NOISE * float(np.abs(flat).max(initial=1e-3)))
+    least = _LEAST_NOISE * float(flat.std(axis=0).max()) + 1e-9 * float(np.abs(flat).max()) + 1e-12
+    return max(fitted.sigma * scale, least)
 
 
 def _start(

@@ -73,7 +73,7 @@ def finished(
         value=value,
         covariance=np.where(np.outer(told, told), covariance, np.nan),
         verdict=judge(value, reasons=[*further, *reasons(found)], by_prior=[bool(p) for p in label_mask(found)]),
-        calibration=as_tree(unknowns, found.systematic.values, deviations),
+        calibration=as_tree(found.experiment, unknowns, found.systematic.values, deviations),
         residuals=_residuals(found),
         details={
             "noise_ratio": float(np.sqrt(max(solution.ratio, 0.0))),

@@ -33,6 +33,8 @@ _LEAST_COMPARED = 0.05
 """Angular velocity about an axis at which gyro and attitude are compared, rms [rad/s]."""
 _LARGEST_FACTOR = 0.5
 """Difference of their ratio from one that neither misalignment nor vibration explains."""
+_FASTEST = 0.02
+"""Knot spacing that follows all that a platform on cables does [s]: 25 Hz."""
 _MARGIN = 1.0
 """Of a stream beside the window of its run [s]: clocks may still be moved."""
 _JUDGED = 60.0
@@ -179,8 +181,11 @@ def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
     run, sources = task.run, task.sources
     everything = [*sources.used(), *((sources.force, quantity) for quantity in run.streams[sources.force].values)]
     raw = {source: _samples(task, source) for source in everything}
+    first = plan is None
     plan = plan or _planned(task, raw, thin=thin)
-    states = [SmoothPart(task, raw, a, b, plan.spacing, robust=thin).state(times) for a, b, times in plan.parts]
+    states = [
+        SmoothPart(task, raw, a, b, plan.spacing, robust=thin, compare=first).state(times) for a, b, times in plan.parts
+    ]
     plan = replace(plan, parts=tuple(p for p, state in zip(plan.parts, states, strict=True) if state is not None))
     parts = [state for state, _ in filter(None, states)]
     found = sum(len(p["time"]) for p in parts)
@@ -230,7 +235,7 @@ def _planned(task: RunReader, raw: Mapping[Source, Samples1D], *, thin: bool) ->
     differentiated: list[Source | None] = [*sources.used()] if thin else [sources.omega or sources.rotation]
     if sources.specific_force is None and not thin:
         differentiated.append(sources.position)
-    spacing = _spacing([raw[s] for s in differentiated if s], list(raw.values()), start, end)
+    spacing = _spacing([raw[s] for s in differentiated if s], list(raw.values()), start, end, robust=thin)
     times = task.time(sources.force)
     parts, gaps = [], -1
     for part_start, part_end in segments([s.time for s in raw.values()], start, end, spacing):
@@ -298,13 +303,18 @@ def _quaternions(rotations: Array) -> Array:
     return np.asarray(quaternions * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
 
 
-def _spacing(judged: list[Samples1D], used: list[Samples1D], start: float, end: float) -> float:
+def _spacing(judged: list[Samples1D], used: list[Samples1D], start: float, end: float, *, robust: bool) -> float:
     """Knot spacing from the data: at least two samples of the slowest stream, at most what the motion bears."""
     steps = [np.diff(s.time[(s.time >= start) & (s.time <= end)]) for s in used]
     finest = 2.0 * max((float(np.median(step)) for step in steps if len(step)), default=_WIDEST_SPACING)
     widest = max(finest, min(_WIDEST_SPACING, (end - start) / 8))
+    if robust:
+        finest = min(widest, max(finest, _FASTEST))
     candidates = np.geomspace(finest, widest, 1 + int(np.ceil(2 * np.log2(widest / finest))))
-    return choose_spacing(judged, [float(c) for c in candidates], start, min(end, start + _JUDGED))
+    # No spline crosses a gap: the longest part without one is looked at.
+    parts = segments([s.time for s in used], start, end, finest)
+    start, end = max(parts, key=lambda part: part[1] - part[0], default=(start, end))
+    return choose_spacing(judged, [float(c) for c in candidates], start, min(end, start + _JUDGED), robust=robust)
 
 
 def _check_motion(where: str, state: Mapping[str, Array], alpha_noise: float) -> None:

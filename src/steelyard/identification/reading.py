@@ -104,6 +104,8 @@ class RunReader:
         return float(np.sqrt(np.mean(place.deviation**2)))
 
 
+_SMALL_TURN = 1e-4
+"""By which the lever of a tracked point is found [rad]."""
 _EDGE = 1e-4
 """Samples so close outside an interval still belong to it [s]: a clock that is moved a little must not lose one."""
 
@@ -118,7 +120,9 @@ class SmoothPart:
     end: float
     spacing: float
     robust: bool = False
-    """Whether to leave out samples that stand far from the others."""
+    """Whether to leave out numbers that stand far from the others of their channel."""
+    compare: bool = True
+    """Whether the attitude is held against the gyro."""
 
     def within(self, source: Source) -> Samples1D:
         """Samples in the interval."""
@@ -160,7 +164,7 @@ class SmoothPart:
 
     def omega_of_attitude(self, t: Array) -> Array:
         """Angular velocity as the attitude has it, to hold against the gyro; NaN where there are not both."""
-        if self.attitude is None or self.gyro is None:
+        if not self.compare or self.attitude is None or self.gyro is None:
             return np.full((len(t), 3), np.nan)
         return motion_of_quaternions(*(self.attitude.at(t, order) for order in range(3)))["omega"]
 
@@ -205,8 +209,28 @@ class SmoothPart:
         """1-sigma of the noise left in it [m/s^2]."""
         if self.felt is not None:
             return self.felt.noise(t, 0)
+        return self.position_noise(t, 2)
+
+    @cached_property
+    def lever(self) -> float:
+        """How far the place of the platform origin follows the attitude, root mean square over the axes [m/rad]."""
+        source = self.reader.sources.position
+        if source is None or self.attitude is None:
+            return 0.0
+        tracked = self.within(source)
+        turned = Rotation.from_quat(self.attitude.at(tracked.time[:1]), scalar_first=True) * Rotation.from_rotvec(
+            _SMALL_TURN * np.vstack([np.zeros(3), np.eye(3)])
+        )
+        origin = self.reader.solve(
+            "position", source, np.repeat(tracked.values[:1], 4, axis=0), rotation=turned.as_matrix()
+        )
+        return float(np.sqrt(np.sum((origin[1:] - origin[0]) ** 2) / 3)) / _SMALL_TURN
+
+    def position_noise(self, t: Array, order: int) -> float:
+        """1-sigma of the noise left in a derivative of the platform origin's place: the tracker's, and the attitude's at its lever."""
         assert self.position is not None
-        return self.position.noise(t, 2)
+        turning = 0.0 if self.attitude is None else 2 * self.attitude.noise(t, order)
+        return float(np.hypot(self.position.noise(t, order), self.lever * turning))
 
     @cached_property
     def forces(self) -> dict[str, Smoothed]:
@@ -238,7 +262,7 @@ class SmoothPart:
             "omega": omega,
             "alpha": alpha,
             "specific_force": self.specific_force_noise(t),
-            "position": 0.0 if self.position is None else self.position.noise(t, 0),
+            "position": 0.0 if self.position is None else self.position_noise(t, 0),
             # A quaternion turns half as fast as the rotation vector.
             "rotation": 0.0 if self.attitude is None else 2 * self.attitude.noise(t, 0),
             **{quantity: smoothed.sigma for quantity, smoothed in self.forces.items()},

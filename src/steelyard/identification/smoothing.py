@@ -69,35 +69,51 @@ def fit(samples: Samples1D, start: float, end: float, spacing: float, *, robust:
         start: Of the interval [s].
         end: Of the interval [s].
         spacing: Of the knots [s].
-        robust: Whether to leave out samples that stand far from the others.
+        robust: Whether to leave out numbers that stand far from the others of their channel.
     """
-    fitted = _fit(samples, start, end, spacing)
-    for _ in range(_ROUNDS if robust and fitted else 0):
-        assert fitted is not None
-        kept = _kept(samples, fitted)
-        if kept.all():
-            break
-        again = _fit(Samples1D(samples.time[kept], samples.values[kept]), start, end, spacing)
+    if not robust or len(samples.time) <= _NEIGHBOURS:
+        return _fit(samples, start, end, spacing)
+    # A number that stands far is replaced by what the others say of it: a spike in one channel leaves the others as they are. Spikes
+    # are seen against their neighbours first, since they would ring through the spline.
+    expected = _among_neighbours(samples.values)
+    far = _far(samples.values, expected)
+    fitted = None
+    for _ in range(_ROUNDS):
+        again = _fit(Samples1D(samples.time, np.where(far, expected, samples.values)), start, end, spacing)
         if again is None:
             break
-        fitted = again
+        fitted, before = again, far
+        expected = fitted.at(samples.time)
+        far = _far(samples.values, expected)
+        if (far == before).all() and not far.any():
+            break
     return fitted
 
 
-_ROUNDS = 3
+_NEIGHBOURS = 4
+_ROUNDS = 5
 _FAR = 6.0
-"""Of how many 1-sigma a sample stands far from the others."""
+"""Of how many 1-sigma a number stands far from what is expected."""
 _MOST_LEFT_OUT = 0.05
 
 
-def _kept(samples: Samples1D, fitted: Smoothed) -> NDArray[np.bool_]:
-    """Samples that do not stand far from the others: a spike of a sensor would ring through the spline."""
-    residual = np.abs(samples.values - fitted.at(samples.time))
+def _among_neighbours(values: Array) -> Array:
+    """Median of the two samples before and the two after each, shape (n, k)."""
+    n = len(values)
+    places = np.arange(n)[:, None] + np.array([-2, -1, 1, 2])
+    # At the ends those of the other side stand in.
+    places = np.where(places < 0, -places + 2, np.where(places >= n, 2 * (n - 1) - places - 2, places))
+    return np.asarray(np.median(values[places], axis=1))
+
+
+def _far(values: Array, expected: Array) -> NDArray[np.bool_]:
+    """Numbers that stand further from what is expected than those of their channel do."""
+    residual = np.abs(values - expected)
     # The median is hardly moved by the few that stand far.
     sigma = np.median(residual, axis=0) / 0.6745
-    far = (residual > _FAR * sigma + 1e-9 * np.abs(samples.values).max(axis=0)).any(axis=1)
+    far = residual > _FAR * sigma + 1e-9 * np.abs(values).max(axis=0)
     # Where many stand far, none is the exception.
-    return ~far if np.mean(far) <= _MOST_LEFT_OUT else np.ones(len(far), dtype=bool)
+    return np.asarray(far & (far.mean(axis=0) <= _MOST_LEFT_OUT))
 
 
 def _fit(samples: Samples1D, start: float, end: float, spacing: float) -> Smoothed | None:
@@ -188,7 +204,9 @@ def pieces(start: float, end: float, spacing: float) -> list[tuple[float, float,
     ]
 
 
-def choose_spacing(streams: Sequence[Samples1D], candidates: Sequence[float], start: float, end: float) -> float:
+def choose_spacing(
+    streams: Sequence[Samples1D], candidates: Sequence[float], start: float, end: float, *, robust: bool = False
+) -> float:
     """Knot spacing that predicts the streams best, by generalised cross-validation.
 
     Args:
@@ -196,6 +214,7 @@ def choose_spacing(streams: Sequence[Samples1D], candidates: Sequence[float], st
         candidates: Spacings to choose from [s], ascending.
         start: Of the interval to judge on [s].
         end: Of the interval [s].
+        robust: Whether to leave out numbers that stand far from the others of their channel.
 
     Returns:
         One of the candidates [s]; the first if none can be judged.
@@ -204,7 +223,7 @@ def choose_spacing(streams: Sequence[Samples1D], candidates: Sequence[float], st
     for spacing in candidates:
         score = 0.0
         for samples in streams:
-            fitted = fit(samples, start, end, spacing)
+            fitted = fit(samples, start, end, spacing, robust=robust)
             if fitted is None:
                 score = np.inf
                 break

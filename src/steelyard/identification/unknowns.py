@@ -192,24 +192,33 @@ def _from_data(experiment: Experiment, name: str, term: Term) -> Array:
     return np.full(term.size, float(scale))
 
 
-def as_tree(unknowns: Unknowns, values: Array, deviations: Array) -> dict[str, Any]:
+def as_tree(experiment: Experiment, unknowns: Unknowns, values: Array, deviations: Array) -> dict[str, Any]:
     """Values with their 1-sigma in the shape of ``calibration`` in ``estimate.json``; errors known exactly are left out."""
     tree: dict[str, Any] = {}
     for unknown in unknowns.entries:
         place = unknowns.places[unknown.owner, unknown.key, unknown.run]
         if unknown.owner == ROBOT or not unknown.deviation.any():
             continue
-        entry = tree.setdefault(unknown.owner, {})
-        *path, last = unknown.key.split(".")
-        for part in path:
-            entry = entry.setdefault(part, {})
         single = len(unknown.mean) == 1
         pair = {
             "value": float(values[place][0]) if single else values[place],
             "standard_deviation": float(deviations[place][0]) if single else deviations[place],
         }
-        if unknown.run is None:
-            entry[last] = pair
-        else:
-            entry.setdefault(last, {})[unknown.run] = pair
+        for owner in _instruments_of(experiment, unknown):
+            *path, last = unknown.key.split(".")
+            entry = tree.setdefault(owner, {})
+            for part in path:
+                entry = entry.setdefault(part, {})
+            if unknown.run is None:
+                entry[last] = pair
+            else:
+                entry.setdefault(last, {})[unknown.run] = pair
     return tree
+
+
+def _instruments_of(experiment: Experiment, unknown: Unknown) -> list[str]:
+    """The instrument of an error; of a delay all that share the clock."""
+    if unknown.key != "delay":
+        return [unknown.owner]
+    run = next(run for run in experiment.runs if run.name == unknown.run)
+    return [name for name in run.streams if clock_of(experiment, name) == unknown.owner]

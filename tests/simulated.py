@@ -1,0 +1,182 @@
+"""Simulated experiments of known truth: one motion recorded as often as one likes, and studies of them that several tests share."""
+
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
+
+import numpy as np
+
+from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.identification.classical import study
+from steelyard.inertia import Inertia
+from steelyard.motion.trajectory import multisine
+from steelyard.robot.file import read_robot
+from steelyard.robot.kinematics import cables_at
+from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
+from steelyard.simulation.sensors import draw_errors, ideal_sensors, paper_sensors, record
+from steelyard.simulation.trajectories import feasible_multisine
+
+DURATION = 12.0  # [s]
+EXACT = {"anchor": 0.0, "attachment": 0.0, "gravity": 0.0}
+ROBOT = read_robot("cogiro").with_straight_cables()
+BODY = ROBOT.platform
+TRUTH = BODY.body_parameters
+PAPER = paper_sensors(ROBOT).instruments
+IDEAL = ideal_sensors(ROBOT).instruments
+CENTER, REACH = np.array([0, 0, 2, 0, 0, 0.0]), np.array([0.5, 0.5, 0.4, 0.35, 0.3, 0.5])
+PRETENSION = 600.0  # [N]
+
+
+def changed(instrument, **keys):
+    """The same instrument with other keys; those of ``calibration`` replace single ones."""
+    old = instrument.model_dump(exclude_unset=True)
+    calibration = {**old.get("calibration", {}), **keys.pop("calibration", {})}
+    return type(instrument).model_validate({**old, **keys, "calibration": calibration})
+
+
+def with_tension(state, wrench):
+    """The same state with the tensions nearest to the pretension that exert a wrench."""
+    even = np.full((len(wrench), ROBOT.m), PRETENSION)
+    W = cables_at(ROBOT, state.position, state.rotation, even).structure
+    missing = wrench - W @ even[0]
+    return replace(state, tension=even + np.einsum("nmk,nk->nm", np.linalg.pinv(W), missing))
+
+
+@dataclass(frozen=True)
+class Following:
+    """A platform that follows its command exactly, on cables of no weight that pull as they must."""
+
+    trajectory: object
+    body: Inertia = BODY
+
+    @property
+    def duration(self):
+        return self.trajectory.duration
+
+    def at(self, times):
+        state = ExactMotion(ROBOT, self.body, self.trajectory).at(times)
+        return with_tension(state, state.wrench)
+
+
+@dataclass(frozen=True)
+class Touched:
+    """The same motion with a hand on the platform, which the cables feel: a push with 40 N for two seconds, .5 m beside the origin."""
+
+    response: object
+
+    @property
+    def duration(self):
+        return self.response.duration
+
+    def at(self, times):
+        state = self.response.at(times)
+        push = np.where((times > 5) & (times < 7), 40.0, 0.0)
+        wrench = np.zeros((len(times), 6))
+        wrench[:, 1], wrench[:, 5] = push, 0.5 * push
+        W = cables_at(ROBOT, state.position, state.rotation, state.tension).structure
+        return replace(state, tension=state.tension - np.einsum("nmk,nk->nm", np.linalg.pinv(W), wrench))
+
+
+@dataclass
+class Recorder:
+    """One motion; by default that of CoGiRo's own platform on elastic cables without weight."""
+
+    trajectory: object = None
+    body: Inertia = BODY
+    following: bool = False
+    drawn: dict = field(default_factory=dict)
+    """The errors of the last recording: run -> instrument -> errors."""
+
+    @cached_property
+    def command(self):
+        return ExactMotion(ROBOT, BODY, self.trajectory or feasible_multisine(ROBOT, DURATION))
+
+    @cached_property
+    def response(self):
+        if self.following:
+            return Following(self.command.trajectory, self.body)
+        return CablePlatform(ROBOT, self.body).move(self.command.trajectory)
+
+    def __call__(self, seed, *, instruments=None, stated=None, runs=("run",), touched=False, **keys):
+        """An experiment with errors drawn from ``instruments``; ``stated`` is what the file says of them, if not what they are."""
+        instruments = instruments or PAPER
+        rng = np.random.default_rng(seed)
+        self.drawn = draw_errors(instruments, ROBOT.m, list(runs), rng)
+        response = Touched(self.response) if touched else self.response
+        recorded = []
+        for name in runs:
+            streams, sync = record(response, instruments, self.drawn[name], ROBOT, self.command, rng)
+            recorded.append(Run(name, streams, sync))
+        keys = {"uncertainty": EXACT, **keys}
+        return Experiment("draw", ROBOT, stated or instruments, tuple(recorded), **keys)
+
+
+RECORDER = Recorder()
+
+
+@cache
+def sound(seed):
+    """A recording with the sensors of the paper."""
+    return RECORDER(seed)
+
+
+@cache
+def studied(seed):
+    """Its study."""
+    return study(sound(seed))
+
+
+def moving(axes, duration=DURATION, scale=1.0):
+    """A recorder of a motion along some of x, y, z, roll, pitch, yaw."""
+    trajectory = multisine(list(CENTER), list(REACH * np.array(axes) * scale), duration, 6)
+    return Recorder(trajectory, following=True)
+
+
+def at_rest(poses, instruments=None, seed=0, name="poses"):
+    """A static run: the instruments at poses x, y, z [m], roll, pitch, yaw [rad]; without systematic errors."""
+    from steelyard.instruments.equations import means, predict
+    from steelyard.simulation.sensors import _noisy
+
+    instruments = instruments or PAPER
+    poses = np.asarray(poses, dtype=float)
+    rng = np.random.default_rng(seed)
+    state = _still(poses)
+    streams = {}
+    for key, instrument in instruments.items():
+        readings = predict(instrument, ROBOT, state, means(instrument, ROBOT.m))
+        noise = {q.name: q.noise or 0.0 for q in instrument.quantities(ROBOT.m)}
+        values = {k: _noisy(v, noise[k], rng) for k, v in readings.items()}
+        streams[key] = Stream(np.arange(len(poses), dtype=float), values, key)
+    return Run(name, streams, static=True)
+
+
+def _still(poses):
+    from steelyard.dynamics import platform_wrench
+    from steelyard.motion.state import State, motion_of_poses
+
+    motion = motion_of_poses(poses, np.zeros_like(poses), np.zeros_like(poses), ROBOT.gravity)
+    wrench = platform_wrench(BODY.parameters, motion["specific_force"], motion["omega"], motion["alpha"])
+    return with_tension(State(**motion, tension=None, wrench=wrench, gravity=ROBOT.gravity), wrench)
+
+
+def with_stream(experiment, name, change):
+    """The experiment with other readings of one instrument."""
+    runs = []
+    for run in experiment.runs:
+        stream = run.streams[name]
+        runs.append(
+            replace(run, streams={**run.streams, name: replace(stream, values={**stream.values, **change(stream.values)})})
+        )
+    return replace(experiment, runs=tuple(runs))
+
+
+def without(experiment, instrument, quantity=None):
+    """The experiment without an instrument, or without one quantity of it."""
+
+    def less(streams):
+        if quantity is None:
+            return {name: stream for name, stream in streams.items() if name != instrument}
+        stream = streams[instrument]
+        values = {name: value for name, value in stream.values.items() if name != quantity}
+        return {**streams, instrument: replace(stream, values=values)}
+
+    return replace(experiment, runs=tuple(replace(r, streams=less(r.streams)) for r in experiment.runs))
