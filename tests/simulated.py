@@ -4,10 +4,14 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.classical import study
 from steelyard.inertia import Inertia
+from steelyard.instruments.equations import means, predict
+from steelyard.motion.state import State, motion_of_poses
 from steelyard.motion.trajectory import multisine
 from steelyard.robot.file import read_robot
 from steelyard.robot.kinematics import cables_at
@@ -131,28 +135,25 @@ def moving(axes, duration=DURATION, scale=1.0):
     return Recorder(trajectory, following=True)
 
 
-def at_rest(poses, instruments=None, seed=0, name="poses"):
-    """A static run: the instruments at poses x, y, z [m], roll, pitch, yaw [rad]; without systematic errors."""
-    from steelyard.instruments.equations import means, predict
-    from steelyard.simulation.sensors import _noisy
-
-    instruments = instruments or PAPER
+def at_rest(poses, drawn=None, *, instruments=PAPER, seed=0, name="poses"):
+    """A static run at poses x, y, z [m], roll, pitch, yaw [rad]; with the errors drawn for a run in motion, or with none."""
     poses = np.asarray(poses, dtype=float)
     rng = np.random.default_rng(seed)
     state = _still(poses)
     streams = {}
     for key, instrument in instruments.items():
-        readings = predict(instrument, ROBOT, state, means(instrument, ROBOT.m))
-        noise = {q.name: q.noise or 0.0 for q in instrument.quantities(ROBOT.m)}
-        values = {k: _noisy(v, noise[k], rng) for k, v in readings.items()}
+        errors = means(instrument, ROBOT.m) if drawn is None else drawn[key].calibration
+        values = dict(predict(instrument, ROBOT, state, errors))
+        for quantity in instrument.quantities(ROBOT.m):
+            true, sigma = values[quantity.name], quantity.noise or 0.0
+            noise = rng.normal(0.0, sigma, (len(poses), quantity.size))
+            rotated = quantity.rotation
+            values[quantity.name] = true @ Rotation.from_rotvec(noise).as_matrix() if rotated else true + noise
         streams[key] = Stream(np.arange(len(poses), dtype=float), values, key)
     return Run(name, streams, static=True)
 
 
 def _still(poses):
-    from steelyard.dynamics import platform_wrench
-    from steelyard.motion.state import State, motion_of_poses
-
     motion = motion_of_poses(poses, np.zeros_like(poses), np.zeros_like(poses), ROBOT.gravity)
     wrench = platform_wrench(BODY.parameters, motion["specific_force"], motion["omega"], motion["alpha"])
     return with_tension(State(**motion, tension=None, wrench=wrench, gravity=ROBOT.gravity), wrench)
@@ -164,7 +165,9 @@ def with_stream(experiment, name, change):
     for run in experiment.runs:
         stream = run.streams[name]
         runs.append(
-            replace(run, streams={**run.streams, name: replace(stream, values={**stream.values, **change(stream.values)})})
+            replace(
+                run, streams={**run.streams, name: replace(stream, values={**stream.values, **change(stream.values)})}
+            )
         )
     return replace(experiment, runs=tuple(runs))
 

@@ -14,7 +14,6 @@ from steelyard.identification.balance import (
     by_geometry,
     by_lag,
     by_motion_errors,
-    force_sigma,
     freedom,
     motion_errors,
     motion_noise,
@@ -204,7 +203,9 @@ def test_noise_in_the_regressor_biases_least_squares_and_not_the_others(rng):
     sampling = {key: errors.std(axis=0) / np.sqrt(len(errors)) for key, errors in found.items()}
     # Unit columns with independent noise are attenuated by the share of the noise in their square.
     expected = -body * noise**2 / (1 + noise**2)
-    np.testing.assert_allclose(means["plain"], expected, atol=5 * sampling["plain"].max() + 0.05 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        means["plain"], expected, atol=5 * sampling["plain"].max() + 0.05 * np.abs(expected).max()
+    )
     assert np.all(np.abs(means["plain"]) > 5 * sampling["plain"])
     for key in ("corrected", "instruments"):
         assert np.all(np.abs(means[key]) < 5 * sampling[key])
@@ -318,7 +319,9 @@ def white(A, block, rng):
 
 def coloured(A, block, rng):
     """Noise along the columns that stays the same within a block."""
-    return white(A, block, rng) + np.einsum("nrk,nk->nr", A, 0.3 * rng.normal(size=(block.max() + 1, A.shape[2]))[block])
+    return white(A, block, rng) + np.einsum(
+        "nrk,nk->nr", A, 0.3 * rng.normal(size=(block.max() + 1, A.shape[2]))[block]
+    )
 
 
 def different(A, block, rng):
@@ -436,7 +439,9 @@ def shifted(experiment, name, quantity, change):
 def late(experiment, name, delay):
     run = experiment.runs[0]
     stream = run.streams[name]
-    return replace(experiment, runs=(replace(run, streams={**run.streams, name: replace(stream, time=stream.time - delay)}),))
+    return replace(
+        experiment, runs=(replace(run, streams={**run.streams, name: replace(stream, time=stream.time - delay)}),)
+    )
 
 
 def angles(vector):
@@ -451,9 +456,7 @@ def turn(vector):
 ANOTHER = {
     ("imu", "gyro_bias"): lambda e, d: shifted(e, "imu", "angular_velocity", lambda v: v - d),
     ("imu", "accelerometer_bias"): lambda e, d: shifted(e, "imu", "specific_force", lambda v: v - d),
-    ("imu", "position"): lambda e, d: described(
-        e, "imu", position=tuple(np.array(e.instruments["imu"].position) + d)
-    ),
+    ("imu", "position"): lambda e, d: described(e, "imu", position=tuple(np.array(e.instruments["imu"].position) + d)),
     ("imu", "misalignment"): lambda e, d: described(e, "imu", rpy_deg=angles(d)),
     ("imu", "reference"): lambda e, d: shifted(e, "imu", "orientation", lambda v: turn(d) @ v),
     ("tracker", "target"): lambda e, d: described(
@@ -579,7 +582,11 @@ def firm_draws():
     # What is left of noise is held against what noise does, so that both must be small against the motion.
     quiet = {"angular_velocity": 1e-9, "specific_force": 1e-9, "orientation": 1e-9}
     suites = {
-        "forces": {**{k: firm(k) for k in FIRM}, "imu": firm("imu", noise=quiet), "tracker": firm("tracker", noise=1e-9)},
+        "forces": {
+            **{k: firm(k) for k in FIRM},
+            "imu": firm("imu", noise=quiet),
+            "tracker": firm("tracker", noise=1e-9),
+        },
         "motion": {**{k: firm(k) for k in FIRM}, "cables": firm("cables", noise=1e-9)},
     }
     found = {}
@@ -746,4 +753,3 @@ def test_gains_are_not_biased_by_the_noise_that_they_multiply(with_gains, rng):
     sampling = corrected.std(axis=0) / np.sqrt(len(corrected))
     assert np.linalg.norm(corrected.mean(axis=0)) < 0.3 * np.linalg.norm(plain.mean(axis=0))
     assert np.any(np.abs(plain.mean(axis=0)) > 10 * sampling)
-

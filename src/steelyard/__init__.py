@@ -2,7 +2,7 @@
 
     >>> import steelyard
     >>> experiment = steelyard.read_experiment("experiment.yaml")
-    >>> steelyard.identify(experiment).estimates["two-step"].value
+    >>> steelyard.identify(experiment).estimates["consistent"].value
 
 The names below are the public face; they load when they are first used, so that the command line answers at once.
 """
@@ -23,9 +23,18 @@ if TYPE_CHECKING:
     from steelyard.experiment.model import Stream as Stream
     from steelyard.experiment.read import read_experiment as read_experiment
     from steelyard.experiment.write import write_experiment as write_experiment
+    from steelyard.identification.bound import cramer_rao as cramer_rao
+    from steelyard.identification.comparison import compare as compare
+    from steelyard.identification.comparison import payload as payload
+    from steelyard.identification.consistent import Consistent as Consistent
+    from steelyard.identification.consistent_body import nearest_body as nearest_body
     from steelyard.identification.estimate import Estimate as Estimate
+    from steelyard.identification.estimate_file import read_estimates as read_estimates
     from steelyard.identification.identify import Identification as Identification
     from steelyard.identification.identify import identify as identify
+    from steelyard.identification.instrumental_variables import InstrumentalVariables as InstrumentalVariables
+    from steelyard.identification.least_squares import LeastSquares as LeastSquares
+    from steelyard.identification.prediction import predict_held_out as predict_held_out
     from steelyard.identification.two_step import TwoStep as TwoStep
     from steelyard.inertia import Inertia as Inertia
     from steelyard.robot.file import read_robot as read_robot
@@ -36,11 +45,20 @@ if TYPE_CHECKING:
     from steelyard.simulation.trajectories import trajectories as trajectories
 
 _WHERE = {
+    "Consistent": "identification.consistent",
     "Estimate": "identification.estimate",
     "Experiment": "experiment.model",
     "Identification": "identification.identify",
     "Inertia": "inertia",
     "InfeasibleError": "errors",
+    "InstrumentalVariables": "identification.instrumental_variables",
+    "LeastSquares": "identification.least_squares",
+    "compare": "identification.comparison",
+    "cramer_rao": "identification.bound",
+    "nearest_body": "identification.consistent_body",
+    "payload": "identification.comparison",
+    "predict_held_out": "identification.prediction",
+    "read_estimates": "identification.estimate_file",
     "InputError": "errors",
     "Robot": "robot.model",
     "Run": "experiment.model",

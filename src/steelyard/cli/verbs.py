@@ -219,12 +219,8 @@ def run_demo(out: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
             )
         say("identifying", quiet=quiet)
         moves = identify(recorded["paper"].experiment, [TwoStep()], tell)
-        pooled = identify(recorded["paper"].experiment, [TwoStep(combine="pooled")], tell)
-        best = identify(recorded["multisine"].experiment, (), tell)
-    beside = {
-        "two-step, eight moves, median": moves.estimates["two-step"],
-        "two-step, eight moves, pooled": pooled.estimates["two-step"],
-    }
+        best = identify(recorded["multisine"].experiment, [method() for method in AVAILABLE.values()], tell)
+    beside = {"two-step, the paper's eight moves": moves.estimates["two-step"]}
     truth = recorded["multisine"].body
     title = "CoGiRo with the sensors of the paper, simulated: its eight moves, and 20 s on six axes"
     summary = summarise(best, truth, beside, title, ", six axes")

@@ -35,6 +35,8 @@ _FEWEST_BLOCKS = 8
 _ITS_OWN = 1e-3
 """Least part of a column that no estimated unknown could stand in for; less says nothing about this number alone."""
 _MOST_OUTLIERS = 0.05
+_BIASED = 2.0
+"""A bias of so many 1-sigma is no longer small, so that a correction of first order need not be enough."""
 _FACTOR_OF_MASS = 4.0
 """A mass so many times more or less than the nominal one is a matter of units rather than of load."""
 
@@ -313,7 +315,7 @@ def _of_bias(study: Study) -> Iterator[str]:
     told = study.told
     rest = np.diag(study.body_covariance) - bias**2
     worst = float(np.max(np.abs(bias) / np.sqrt(np.maximum(rest, 1e-300)), where=told & (rest > 0), initial=0.0))
-    if worst > 1:
+    if worst > _BIASED:
         yield (
             f"noise in the motion biases least squares by {worst:.1f} sigma before correction; use better motion data or the method "
             "instrumental-variables"

@@ -279,13 +279,13 @@ def _balanced(
         if turn == 0:
             # The columns of the motion's errors need a body to begin with.
             start = _start(total, size)
-            solution = solve(total, prior, _acting(total, estimated), start, correct=False)
+            solution = solve(total, prior, estimated, start, correct=False)
             parameters = solution.value[:TEN]
             continue
-        acting = _acting(total, estimated)
-        solution = solve(total, prior, acting, plausible(parameters, size), correct=instruments is None)
+        # Errors that do not act here are unknowns too: kinematics has tied others to them.
+        solution = solve(total, prior, estimated, plausible(parameters, size), correct=instruments is None)
         parameters = solution.value[:TEN]
-        step = np.where(acting, solution.value, 0.0)[TEN:]
+        step = np.where(estimated, solution.value, 0.0)[TEN:]
         systematic = replace(systematic, values=systematic.values + step)
         if not stated:
             sigma = {
@@ -339,13 +339,6 @@ def _start(total: Sums, size: float) -> Array:
     """Plausible sizes before anything is known: the mass of a body that hangs still."""
     mass = max(abs(float(total.plain_right[0] / max(total.normal[0, 0], 1e-300))), 1e-9)
     return np.array([mass, *[mass * size] * 3, *[mass * size**2] * 6])
-
-
-def _acting(total: Sums, estimated: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which of the errors to be estimated act on the balance at all; the others stay as they are."""
-    acts = np.diag(total.normal) > 0
-    acts[:TEN] = True
-    return estimated & acts
 
 
 def sum_up(sums: Sequence[Sums]) -> Sums:
@@ -484,9 +477,7 @@ def _extended(part: Study, experiment: Experiment, held_out: frozenset[str]) -> 
         pull=np.where(own, known.pull, 0.0),
         covariance=part.solution.covariance,
     )
-    solution = solve(
-        total, prior, _acting(total, own & part.solution.estimated), plausible(part.parameters, size), correct=True
-    )
+    solution = solve(total, prior, own & part.solution.estimated, plausible(part.parameters, size), correct=True)
     scored = together(blocks)
     result = replace(
         part,

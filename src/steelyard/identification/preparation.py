@@ -174,7 +174,28 @@ def _static(task: RunReader) -> Samples:
         alpha_noise=0.0,
         spacing=0.0,
         position_sigma=0.0,
+        noise=_stated_noise(task),
     )
+
+
+def _stated_noise(task: RunReader) -> dict[str, float]:
+    """1-sigma of the motion of single poses at rest as their instruments state it; poses that differ by noise alone tell nothing."""
+
+    def stated(source: Source | None) -> float:
+        if source is None:
+            return 0.0
+        quantities = task.experiment.instruments[source[0]].quantities(task.robot.m)
+        return next(q.noise or 0.0 for q in quantities if q.name == source[1])
+
+    sources = task.sources
+    rotation = stated(sources.rotation)
+    # A small turn moves gravity across itself, which are two axes of three.
+    turned = float(np.linalg.norm(task.gravity)) * rotation * float(np.sqrt(2 / 3))
+    return {
+        "specific_force": turned if sources.rotation else stated(sources.specific_force),
+        "position": stated(sources.position),
+        "rotation": rotation,
+    }
 
 
 def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:

@@ -29,8 +29,10 @@ def show(summary: Summary, *, each_run: bool = True) -> None:
 
 
 def _parts(table: Table) -> Iterator[Table]:
-    for start in range(0, len(table.columns), _COLUMNS_AT_ONCE):
-        yield Table(table.title, table.columns[start : start + _COLUMNS_AT_ONCE])
+    # As many as fit, and about as many in each.
+    count = -(-len(table.columns) // -(-len(table.columns) // _COLUMNS_AT_ONCE)) if table.columns else 1
+    for start in range(0, len(table.columns), count):
+        yield Table(table.title, table.columns[start : start + count])
 
 
 def _drawn(table: Table) -> RichTable:
