@@ -129,9 +129,9 @@ def studied(seed):
     return study(sound(seed))
 
 
-def moving(axes, duration=DURATION, scale=1.0):
+def moving(axes, duration=DURATION, scale=1.0, harmonics=6):
     """A recorder of a motion along some of x, y, z, roll, pitch, yaw."""
-    trajectory = multisine(list(CENTER), list(REACH * np.array(axes) * scale), duration, 6)
+    trajectory = multisine(list(CENTER), list(REACH * np.array(axes) * scale), duration, harmonics)
     return Recorder(trajectory, following=True)
 
 

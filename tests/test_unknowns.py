@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.unknowns import LAG, ROBOT, Systematic, as_tree, gather
+from steelyard.identification.unknowns import DRAG, LAG, ROBOT, Systematic, as_tree, gather
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension, Wrench
 from steelyard.robot.model import Robot
 
@@ -99,7 +99,12 @@ def test_a_default_is_that_of_the_contract(everything, owner, key):
 def test_there_are_no_other_errors_than_those_of_the_contract(everything):
     found = {(u.owner, u.key) for u in everything.entries}
     delays = {(name, "delay") for name in KINDS}
-    assert found == {*TABLE, *delays, ("cables", LAG), *((ROBOT, key) for key in ("anchor", "attachment", "gravity"))}
+    assert found == {
+        *TABLE,
+        *delays,
+        ("cables", LAG),
+        *((ROBOT, key) for key in ("anchor", "attachment", "gravity", DRAG)),
+    }
 
 
 def test_the_forces_of_every_motion_lag_by_nothing():

@@ -18,7 +18,7 @@ from steelyard.arrays import Array
 from steelyard.identification.classical import Study
 from steelyard.identification.diagnosis import diagnose
 from steelyard.identification.regression import TEN
-from steelyard.identification.unknowns import LAG, ROBOT
+from steelyard.identification.unknowns import DRAG, LAG, ROBOT
 from steelyard.inertia import body_jacobian
 
 FAMILY = 1e-3
@@ -174,6 +174,7 @@ def _proposal(owner: str, key: str) -> str:
             "anchor": "measure this anchor again, or state a larger 'uncertainty: {anchor: …}'",
             "attachment": "measure this attachment again, or state a larger 'uncertainty: {attachment: …}'",
             "gravity": "check the sign, size and direction of 'gravity' in the robot file",
+            DRAG: "check 'linear_density' of the cables in the robot file",
         }[key]
     where = f"'instruments: {{{owner}: {{calibration: {{{key}: …}}}}}}'"
     return {

@@ -21,6 +21,7 @@ from steelyard.identification.sources import choose_sources
 from steelyard.identification.unknowns import ROBOT, Systematic, clock_of
 from steelyard.instruments import Quantity
 from steelyard.instruments.equations import sensitivity
+from steelyard.robot.cable_inertia import dragging
 from steelyard.robot.geometry import WrenchByGeometry, wrench_by_geometry
 
 _MOST_DRAWS = 4
@@ -235,6 +236,28 @@ def by_geometry(experiment: Experiment, samples: Samples) -> WrenchByGeometry | 
     if samples.tension is None or samples.position is None or samples.rotation is None:
         return None
     return wrench_by_geometry(experiment.robot, samples.position, samples.rotation, samples.tension)
+
+
+def by_drag(experiment: Experiment, samples: Samples, gravity: Array) -> Array | None:
+    """Derivative of the wrench by how far the inertia of the cables is felt, shape (n, 6); None where they have none."""
+    robot = experiment.robot
+    if (
+        samples.static
+        or samples.position is None
+        or samples.rotation is None
+        or not robot.m
+        or not robot.cable.linear_density
+    ):
+        return None
+    return dragging(
+        robot,
+        position=samples.position,
+        rotation=samples.rotation,
+        specific_force=samples.specific_force,
+        omega=samples.omega,
+        alpha=samples.alpha,
+        gravity=gravity,
+    )
 
 
 def by_lag(samples: Samples) -> Array:

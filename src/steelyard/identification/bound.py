@@ -24,11 +24,12 @@ from steelyard.identification.classical import Study
 from steelyard.identification.kinematic_fit import Arc, motion_rows, reference_clocks
 from steelyard.identification.preparation import Samples
 from steelyard.identification.regression import TEN
-from steelyard.identification.unknowns import ROBOT, Systematic, Unknowns, clock_of
+from steelyard.identification.unknowns import DRAG, ROBOT, Systematic, Unknowns, clock_of
 from steelyard.inertia import BODY_PARAMETERS, body_jacobian
 from steelyard.instruments.equations import sensitivity
 from steelyard.motion.state import state_of_pose
 from steelyard.robot import cable
+from steelyard.robot.cable_inertia import dragging_wrench
 from steelyard.robot.kinematics import structure_columns
 from steelyard.robot.model import Robot
 
@@ -167,8 +168,9 @@ def _all_rows(
 
 
 @lru_cache(maxsize=16)
-def _unbalanced(robot: Robot) -> Batched:
-    """Wrench of the cables less what moves the body, with all its derivatives."""
+def _unbalanced(heavy: Robot) -> Batched:
+    """Wrench of the cables less what moves the body, with all its derivatives; sag is of no account for these."""
+    robot = heavy.with_straight_cables()
     pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
     gravity, parameters, tension = ca.SX.sym("gravity", 3), ca.SX.sym("parameters", TEN), ca.SX.sym("tension", robot.m)
     anchors, attachments = ca.SX.sym("anchors", 3, robot.m), ca.SX.sym("attachments", 3, robot.m)
@@ -178,8 +180,13 @@ def _unbalanced(robot: Robot) -> Batched:
         spec = cable.spec(robot, i)._replace(anchor=anchors[:, i])
         shape = cable.by_tension(spec, state.position + state.rotation @ attachments[:, i], tension[i])
         wrench += structure_columns(state.rotation, attachments[:, i], shape.direction) * tension[i]
+    drag = ca.SX.sym("drag")
+    wrench += drag * dragging_wrench(
+        heavy, state.position, state.rotation, state.specific_force, state.omega, state.alpha, gravity
+    )
     present = [ca.DM(robot.anchors).T, ca.DM(robot.attachments).T]
     by = {
+        "by_drag": drag,
         "by_pose": pose,
         "by_rate": rate,
         "by_acceleration": acceleration,
@@ -191,7 +198,7 @@ def _unbalanced(robot: Robot) -> Batched:
             else {}
         ),
     }
-    outputs = [ca.densify(ca.jacobian(wrench, symbol)) for symbol in by.values()]
+    outputs = [ca.densify(ca.substitute(ca.jacobian(wrench, symbol), drag, 0.5)) for symbol in by.values()]
     if robot.m:
         outputs = ca.substitute(outputs, [anchors, attachments], present)
     inputs = {"pose": pose, "rate": rate, "acceleration": acceleration, "gravity": gravity, "parameters": parameters}
@@ -228,7 +235,7 @@ def force_rows(
     local = basis(arc.knots, times)
     pose, rate, acceleration, jerk = motion_at(local, arc.coefficients)
     tension = {} if felt.tension is None else {"tension": felt.tension}
-    found = _unbalanced(robot)(
+    found = _unbalanced(experiment.robot)(
         pose=pose, rate=rate, acceleration=acceleration, gravity=systematic.gravity, parameters=parameters, **tension
     )
     quantities = tuple(q.name for q in instrument.quantities(experiment.robot.m))
@@ -253,6 +260,7 @@ def force_rows(
     by_delay = -sum(np.einsum("nki,ni->nk", j, r) for j, r in zip(by, (rate, acceleration, jerk), strict=True))
     columns[:, :, TEN + clock.start] += by_delay
     columns[:, :, TEN + origin.start] -= by_delay
+    columns[:, :, TEN + unknowns.places[ROBOT, DRAG, None].start] = found["by_drag"]
     for key in ("gravity", *(("anchor", "attachment") if robot.m else ())):
         place = unknowns.places[ROBOT, key, None]
         columns[:, :, TEN + place.start : TEN + place.stop] += found[f"by_{key}"]

@@ -18,6 +18,7 @@ from steelyard.dynamics import platform_regressor, platform_wrench
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.balance import (
     balance,
+    by_drag,
     by_geometry,
     by_lag,
     by_motion_errors,
@@ -48,10 +49,10 @@ from steelyard.identification.regression import (
     together,
 )
 from steelyard.identification.sources import choose_sources
-from steelyard.identification.unknowns import LAG, ROBOT, Systematic, Unknowns, gather
+from steelyard.identification.unknowns import DRAG, LAG, ROBOT, Systematic, Unknowns, gather
 from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian
 
-_PART = 60.0
+_PART = 40.0
 """Length of recording that tells the systematic errors of the motion instruments [s]; constants need no more."""
 _ROUNDS = 10
 _FEW_ROUNDS = 4
@@ -360,6 +361,9 @@ def _derivatives(
     force = experiment.force_instrument(run)
     if force is not None and not run.static:
         found[:, :, unknowns.place(force, LAG, run.name)] = by_lag(samples)[:, :, None]
+    drag = by_drag(experiment, samples, systematic.gravity)
+    if drag is not None:
+        found[:, :, unknowns.places[ROBOT, DRAG, None]] = drag[:, :, None]
     geometry = by_geometry(experiment, samples)
     if geometry is not None:
         for key, part in (("anchor", geometry.anchor), ("attachment", geometry.attachment)):

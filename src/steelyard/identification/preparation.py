@@ -21,6 +21,7 @@ from steelyard.identification.smoothing import Samples1D, choose_spacing, pieces
 from steelyard.identification.sources import Acceleration, Source, Sources, choose_sources
 from steelyard.identification.unknowns import Systematic
 from steelyard.motion.state import specific_force_of
+from steelyard.robot.cable_inertia import dragging
 
 _FEWEST_SAMPLES = 10
 _WIDEST_SPACING = 0.5
@@ -37,7 +38,7 @@ _FASTEST = 0.02
 """Knot spacing that follows all that a platform on cables does [s]: 25 Hz."""
 _MARGIN = 1.0
 """Of a stream beside the window of its run [s]: clocks may still be moved."""
-_JUDGED = 60.0
+_JUDGED = 30.0
 """Length of the part on which the knot spacing is chosen [s]."""
 
 
@@ -216,6 +217,10 @@ def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
             "record longer, or widen 'window'"
         )
     joined: dict[str, Any] = {key: np.concatenate([p[key] for p in parts]) for key in parts[0]}
+    if task.systematic and task.robot.m and task.robot.cable.linear_density:
+        joined["wrench"] = joined["wrench"] + task.systematic.drag * dragging(
+            task.robot, gravity=task.gravity, **{name: joined[name] for name in _DRAGGING}
+        )
     noises, counts = [noise for _, noise in filter(None, states)], [len(p["time"]) for p in parts]
     noise = {key: float(np.sqrt(np.average([n[key] ** 2 for n in noises], weights=counts))) for key in noises[0]}
     alpha_noise = noise["alpha"]
@@ -240,6 +245,7 @@ def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
     )
 
 
+_DRAGGING = ("position", "rotation", "specific_force", "omega", "alpha")
 _PER_KNOT = 4
 """Samples between two knots that hold all that the filter has let through."""
 

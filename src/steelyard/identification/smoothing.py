@@ -71,22 +71,23 @@ def fit(samples: Samples1D, start: float, end: float, spacing: float, *, robust:
         spacing: Of the knots [s].
         robust: Whether to leave out numbers that stand far from the others of their channel.
     """
-    if not robust or len(samples.time) <= _NEIGHBOURS:
-        return _fit(samples, start, end, spacing)
+    inside = (samples.time >= start) & (samples.time <= end)
+    time, values = samples.time[inside], samples.values[inside]
+    if not robust or len(time) <= _NEIGHBOURS:
+        return _fit(time, values, start, end, spacing)[0]
     # A number that stands far is replaced by what the others say of it: a spike in one channel leaves the others as they are. Spikes
     # are seen against their neighbours first, since they would ring through the spline.
-    expected = _among_neighbours(samples.values)
-    far = _far(samples.values, expected)
+    expected: Array | None = _among_neighbours(values)
     fitted = None
     for _ in range(_ROUNDS):
-        again = _fit(Samples1D(samples.time, np.where(far, expected, samples.values)), start, end, spacing)
+        assert expected is not None
+        far = _far(values, expected)
+        if fitted is not None and not far.any():
+            break
+        again, expected = _fit(time, np.where(far, expected, values) if far.any() else values, start, end, spacing)
         if again is None:
             break
-        fitted, before = again, far
-        expected = fitted.at(samples.time)
-        far = _far(samples.values, expected)
-        if (far == before).all() and not far.any():
-            break
+        fitted = again
     return fitted
 
 
@@ -99,11 +100,11 @@ _MOST_LEFT_OUT = 0.05
 
 def _among_neighbours(values: Array) -> Array:
     """Median of the two samples before and the two after each, shape (n, k)."""
-    n = len(values)
-    places = np.arange(n)[:, None] + np.array([-2, -1, 1, 2])
     # At the ends those of the other side stand in.
-    places = np.where(places < 0, -places + 2, np.where(places >= n, 2 * (n - 1) - places - 2, places))
-    return np.asarray(np.median(values[places], axis=1))
+    around = np.concatenate([values[[4, 3]], values, values[[-4, -5]]])
+    four = [around[:-4], around[1:-3], around[3:-1], around[4:]]
+    lowest, highest = np.minimum.reduce(four), np.maximum.reduce(four)
+    return np.asarray((sum(four) - lowest - highest) / 2)
 
 
 def _far(values: Array, expected: Array) -> NDArray[np.bool_]:
@@ -116,26 +117,26 @@ def _far(values: Array, expected: Array) -> NDArray[np.bool_]:
     return np.asarray(far & (far.mean(axis=0) <= _MOST_LEFT_OUT))
 
 
-def _fit(samples: Samples1D, start: float, end: float, spacing: float) -> Smoothed | None:
-    inside = (samples.time >= start) & (samples.time <= end)
-    time, values = samples.time[inside], samples.values[inside]
+def _fit(time: Array, values: Array, start: float, end: float, spacing: float) -> tuple[Smoothed | None, Array | None]:
+    """The spline, and its values at the samples."""
     t = knots(start, end, spacing)
     freedom = len(t) - DEGREE - 1
     if len(time) <= freedom:
-        return None
+        return None, None
     columns = values.shape[1]
     probes = np.random.default_rng(0).standard_normal((len(time), _PROBES))
     # About its mean: large constants (a clock's epoch, a load) would cost digits.
     center = values.mean(axis=0)
     spline = _least_squares(time, np.hstack([values - center, probes]), t)
     if spline is None:
-        return None
-    residual = values - center - spline(time)[:, :columns]
+        return None, None
+    predicted = spline(time)[:, :columns] + center
+    residual = values - predicted
     if not np.isfinite(residual).all():
-        return None  # some knots have no samples near
+        return None, None  # some knots have no samples near
     spline = BSpline(spline.t, spline.c + np.concatenate([center, np.zeros(_PROBES)]), DEGREE)
     sigma = float(np.sqrt(np.sum(residual**2) / (columns * (len(time) - freedom))))
-    return Smoothed(spline, columns, sigma)
+    return Smoothed(spline, columns, sigma), predicted
 
 
 def _least_squares(time: Array, values: Array, t: Array) -> BSpline | None:

@@ -21,6 +21,10 @@ ROBOT = "robot"
 """Owner of the errors of the robot file."""
 LAG = "lag"
 """Key of how far the forces lag behind the motion instruments, those of their own clock too."""
+DRAG = "cable_inertia"
+"""Key of how far the platform feels the inertia of its cables: 1 as theory has it, 0 where they follow without any."""
+_DRAGGED = 0.5
+"""Its mean and its 1-sigma: cables that swing, creep over rollers or are simulated without inertia feel less than theory says."""
 _AXES = "xyz"
 _PER_CABLE = frozenset({"offset", "gain"})
 _OFFSET_SHARE = 0.01
@@ -134,6 +138,11 @@ class Systematic:
         return float(self.values[self.unknowns.place(clock, "delay", run)][0])
 
     @property
+    def drag(self) -> float:
+        """How far the platform feels the inertia of its cables."""
+        return float(self.values[self.unknowns.places[ROBOT, DRAG, None]][0])
+
+    @property
     def gravity(self) -> Array:
         """World frame [m/s^2], shape (3,)."""
         return self.values[self.unknowns.places[ROBOT, "gravity", None]]
@@ -180,6 +189,9 @@ def gather(experiment: Experiment) -> Unknowns:
         ("gravity", "m/s^2", robot.gravity),
     ):
         entries.append(Unknown(ROBOT, key, None, unit, np.array(value), np.full(value.size, uncertainty.get(key, 0.0))))
+    drags = robot.m > 0 and bool(robot.cable.linear_density)
+    share = np.full(1, _DRAGGED if drags else 0.0)
+    entries.append(Unknown(ROBOT, DRAG, None, "1", share, share))
     return Unknowns(tuple(entries), robot.m)
 
 
