@@ -117,14 +117,9 @@ def test_tracker_and_attitude_stand_in_where_there_is_no_command():
     assert estimate.details["instruments"]["run"] == {"rotation": "imu", "position": "tracker"}
 
 
-@pytest.mark.parametrize("missing", [("command", "tracker"), ("tracker",)])
-def test_without_independent_kinematics_nothing_is_told(missing):
-    experiment = sound(0)
-    for name in missing:
-        experiment = without(experiment, name)
-    if missing == ("command", "tracker"):
-        # Without any position there are no cables to speak of; another instrument may tell it, but not twice.
-        experiment = without(sound(0), "tracker")
+def test_without_independent_kinematics_nothing_is_told():
+    # Where the command already says where the platform is, it is no longer independent.
+    experiment = without(sound(0), "tracker")
     assert independent_sources(experiment, experiment.runs[0]) is None
     estimate = METHOD(experiment)
     assert np.isnan(estimate.value).all()

@@ -461,8 +461,8 @@ def test_ideal_data_show_no_errors(recorder):
     own = moving(unknowns)
     error = np.abs(fit.systematic.values - unknowns.mean)[own]
     assert fit.converged
-    # None is a tenth of what it might have been; what is told well is found to a millionth.
-    assert np.all(error < 0.1 * unknowns.deviation[own])
+    # None leaves its prior; what is told well is found to a millionth.
+    assert np.all(error < 0.5 * unknowns.deviation[own])
     for key, most in (("gyro_bias", 1e-6), ("accelerometer_bias", 1e-3), ("reference", 1e-4)):
         assert np.abs(fit.systematic.values[unknowns.places["imu", key, None]]).max() < most
     assert abs(fit.systematic.values[unknowns.places["tracker", "delay", "run"]][0]) < 1e-5

@@ -6,7 +6,9 @@ instruments themselves, with systematic errors at the values known beforehand.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -204,10 +206,19 @@ def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
     everything = [*sources.used(), *((sources.force, quantity) for quantity in run.streams[sources.force].values)]
     raw = {source: _samples(task, source) for source in everything}
     first = plan is None
-    plan = plan or _planned(task, raw, thin=thin)
-    states = [
-        SmoothPart(task, raw, a, b, plan.spacing, robust=thin, compare=first).state(times) for a, b, times in plan.parts
-    ]
+    plan = _planned(task, raw, thin=thin) if plan is None else plan
+    spacing = plan.spacing
+
+    def state(part: tuple[float, float, Array]) -> tuple[dict[str, Array], dict[str, float]] | None:
+        start, end, times = part
+        return SmoothPart(task, raw, start, end, spacing, robust=thin, compare=first).state(times)
+
+    if len(plan.parts) > 1:
+        # What is done on long arrays leaves other threads alone.
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            states = list(pool.map(state, plan.parts))
+    else:
+        states = [state(part) for part in plan.parts]
     plan = replace(plan, parts=tuple(p for p, state in zip(plan.parts, states, strict=True) if state is not None))
     parts = [state for state, _ in filter(None, states)]
     found = sum(len(p["time"]) for p in parts)

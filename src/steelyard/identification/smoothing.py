@@ -102,9 +102,11 @@ def _among_neighbours(values: Array) -> Array:
     """Median of the two samples before and the two after each, shape (n, k)."""
     # At the ends those of the other side stand in.
     around = np.concatenate([values[[4, 3]], values, values[[-4, -5]]])
-    four = [around[:-4], around[1:-3], around[3:-1], around[4:]]
-    lowest, highest = np.minimum.reduce(four), np.maximum.reduce(four)
-    return np.asarray((sum(four) - lowest - highest) / 2)
+    before, after = (around[:-4], around[1:-3]), (around[3:-1], around[4:])
+    lower, higher = np.minimum(*before), np.maximum(*before)
+    low, high = np.minimum(*after), np.maximum(*after)
+    # Of two sorted pairs the middle two are the larger of the smaller ones and the smaller of the larger ones.
+    return np.asarray((np.maximum(lower, low) + np.minimum(higher, high)) / 2)
 
 
 def _far(values: Array, expected: Array) -> NDArray[np.bool_]:
