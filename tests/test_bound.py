@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
-from simulated import BODY, CENTER, EXACT, IDEAL, PAPER, REACH, RECORDER, ROBOT, at_rest, changed, studied
+from simulated import BODY, CENTER, EXACT, IDEAL, REACH, RECORDER, ROBOT, at_rest, changed, studied
 
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.bound import Forces, attainable, cramer_rao
@@ -19,7 +19,7 @@ from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian
 from steelyard.instruments import Imu, Position, Tension
 from steelyard.motion.trajectory import multisine
 
-DIFFERENCES = 1e-3  # relative: central differences, and a Fisher matrix of a condition of many orders
+DIFFERENCES = 1e-4  # relative: central differences, and a Fisher matrix of a condition of many orders
 LENGTH, SPACING = 4.0, 0.5  # [s]
 POINTS = replace(ROBOT, name="points", pulley_radius=np.zeros(8))  # cables leave from points: directions in one line
 NOISE = {"angular_velocity": 0.002, "specific_force": 0.03, "orientation": 0.003}
@@ -277,9 +277,9 @@ def test_more_and_better_readings_tell_more():
         assert np.all(less.standard_deviation > everything.standard_deviation * (1 + 1e-9))
     exact = Problem(instruments(exact=True)).bound()
     assert np.all(exact.standard_deviation < everything.standard_deviation)
-    # Without priors, half of the noise is half of the uncertainty.
+    # Without priors, half of the noise is half of the uncertainty, but for the length of the quaternion.
     finer = Problem(instruments(exact=True)).bound(finer=2.0)
-    np.testing.assert_allclose(finer.standard_deviation, exact.standard_deviation / 2, rtol=1e-4)
+    np.testing.assert_allclose(finer.standard_deviation, exact.standard_deviation / 2, rtol=2e-3)
 
 
 # Recorded experiments
@@ -311,20 +311,22 @@ def test_poses_at_rest_add_to_it():
     assert ratio[3] < 0.98
 
 
-def test_several_runs_tell_more_than_one():
-    one, two = (attainable(study(RECORDER(2, runs=runs))) for runs in (("a",), ("a", "b")))
-    ratio = two.standard_deviation / one.standard_deviation
-    # No more than twice the information in what noise limits, and less where priors do; the filters differ a little.
-    assert np.all((ratio < 0.95) & (ratio > 0.63)), ratio
-
-
-def test_held_out_runs_tell_nothing():
+@pytest.fixture(scope="module")
+def runs():
+    """Bounds of one run, of two, and of two of which the forces of the second are held out."""
     experiment = RECORDER(2, runs=("a", "b"))
-    held, alone = (
-        attainable(study(experiment, held_out=frozenset({"b"}))),
-        attainable(study(replace(experiment, runs=experiment.runs[:1]))),
-    )
-    ratio = held.standard_deviation / alone.standard_deviation
+    one = replace(experiment, runs=experiment.runs[:1])
+    studies = study(one), study(experiment), study(experiment, held_out=frozenset({"b"}))
+    return [attainable(found).standard_deviation for found in studies]
+
+
+def test_several_runs_tell_more_than_one(runs):
+    one, two, _ = runs
+    # No more than twice the information in what noise limits, and less where priors do; the filters differ a little.
+    assert np.all((two / one < 0.95) & (two / one > 0.63)), two / one
+
+
+def test_held_out_runs_tell_nothing(runs):
+    one, _, held = runs
     # Its motion still says something about the instruments; its forces do not.
-    assert np.all((ratio < 1.1) & (ratio > 0.85)), ratio
-    assert PAPER["cables"].noise == 5.0
+    assert np.all((held / one < 1.1) & (held / one > 0.85)), held / one

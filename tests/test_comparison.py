@@ -16,9 +16,10 @@ from scipy.special import gammaln, log_ndtr, logsumexp
 
 from steelyard.cli import main
 from steelyard.errors import InputError
-from steelyard.identification.comparison import SIGNIFICANT, agreement, compare, payload
+from steelyard.identification.comparison import SIGNIFICANT, agreement, compare
 from steelyard.identification.estimate import FORMAT, Estimate, judge
 from steelyard.identification.estimate_file import NamedEstimate, read_estimate_file, read_estimates
+from steelyard.identification.payload import payload
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.report.comparison import comparison_statements, payload_statements
 

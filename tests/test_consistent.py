@@ -10,8 +10,8 @@ from simulated import BODY, PAPER, RECORDER, TRUTH, changed, moving, sound, stud
 from steelyard.errors import InputError
 from steelyard.identification.classical import study
 from steelyard.identification.consistent import Consistent
-from steelyard.identification.consistent_body import Box, Ellipsoid
 from steelyard.identification.least_squares import LeastSquares
+from steelyard.identification.mass_region import Box, Ellipsoid
 from steelyard.inertia import Inertia, body_jacobian
 
 AGREEMENT = 1e-6  # of the two solvers, in sigmas per (1 + distance)

@@ -7,7 +7,9 @@ from scipy.optimize import minimize
 from steelyard.errors import InputError, SteelyardError
 from steelyard.identification import consistent_body
 from steelyard.identification.body_newton import newton, smat, svec
-from steelyard.identification.consistent_body import BodyProblem, Box, Ellipsoid, covariance, nearest_body, solve
+from steelyard.identification.consistent_body import BodyProblem, covariance, solve
+from steelyard.identification.mass_region import Box, Ellipsoid
+from steelyard.identification.nearest_body import nearest_body
 from steelyard.inertia import Inertia
 
 AGREEMENT = 1e-6  # the named tolerance of the module: sigmas per (1 + distance)

@@ -25,15 +25,15 @@ if TYPE_CHECKING:
     from steelyard.experiment.write import write_experiment as write_experiment
     from steelyard.identification.bound import cramer_rao as cramer_rao
     from steelyard.identification.comparison import compare as compare
-    from steelyard.identification.comparison import payload as payload
     from steelyard.identification.consistent import Consistent as Consistent
-    from steelyard.identification.consistent_body import nearest_body as nearest_body
     from steelyard.identification.estimate import Estimate as Estimate
     from steelyard.identification.estimate_file import read_estimates as read_estimates
     from steelyard.identification.identify import Identification as Identification
     from steelyard.identification.identify import identify as identify
     from steelyard.identification.instrumental_variables import InstrumentalVariables as InstrumentalVariables
     from steelyard.identification.least_squares import LeastSquares as LeastSquares
+    from steelyard.identification.nearest_body import nearest_body as nearest_body
+    from steelyard.identification.payload import payload as payload
     from steelyard.identification.prediction import predict_held_out as predict_held_out
     from steelyard.identification.two_step import TwoStep as TwoStep
     from steelyard.inertia import Inertia as Inertia
@@ -55,8 +55,8 @@ _WHERE = {
     "LeastSquares": "identification.least_squares",
     "compare": "identification.comparison",
     "cramer_rao": "identification.bound",
-    "nearest_body": "identification.consistent_body",
-    "payload": "identification.comparison",
+    "nearest_body": "identification.nearest_body",
+    "payload": "identification.payload",
     "predict_held_out": "identification.prediction",
     "read_estimates": "identification.estimate_file",
     "InputError": "errors",

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.identification.comparison import compare, payload
+from steelyard.identification.comparison import compare
 from steelyard.identification.estimate_file import read_estimates
+from steelyard.identification.payload import payload
 from steelyard.output import to_json
 from steelyard.report.comparison import show_comparison, show_payload
 

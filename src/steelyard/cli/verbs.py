@@ -16,8 +16,8 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.consistent import Consistent
-from steelyard.identification.consistent_body import Box, Ellipsoid
 from steelyard.identification.identify import AVAILABLE, Identification, Method, identify, method_named
+from steelyard.identification.mass_region import Box, Ellipsoid
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import Inertia
 from steelyard.output import check_target, results_folder, to_json, write_json

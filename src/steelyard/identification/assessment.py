@@ -28,6 +28,8 @@ _MATTERS = 1.0
 _TWICE = 4.0
 """A variance beyond this factor of what is stated or explained is not just a noise stated roughly."""
 _MUCH_LESS = 0.1
+_BY_CHANCE = 1e-5
+"""Probability below which a residual is not what it is by chance."""
 _INFORMED = 0.98
 """Part of its prior variance that an error must have lost to say anything about its prior."""
 _MOST_NAMED = 3
@@ -222,14 +224,17 @@ def _of_motion(study: Study) -> Iterator[str]:
 
 def _of_forces(study: Study) -> Iterator[str]:
     total, solution = study.total, study.solution
-    if 6 * total.freedom < 2 * solution.spent:
+    freedom = max(1.0, 6 * total.freedom - solution.spent)
+    # Few equations scatter widely without anything being wrong.
+    large, small = (chance(solution.ratio * freedom, freedom) < _BY_CHANCE for chance in (chi2.sf, chi2.cdf))
+    if not study.stated and 6 * total.freedom < 2 * solution.spent:
         yield f"too short: {6 * total.freedom:.0f} independent equations for {solution.spent:.0f} unknowns; record longer"
-    if study.stated and solution.ratio > _TWICE:
+    if study.stated and solution.ratio > _TWICE and large:
         yield (
             f"forces and motion do not balance: the residual is {np.sqrt(solution.ratio):.1f} times what the stated noise explains; check the "
             "order and the unit of the force sensors, the geometry of the robot, and whether anything touched the platform"
         )
-    elif study.stated and solution.ratio < _MUCH_LESS:
+    elif study.stated and solution.ratio < _MUCH_LESS and small:
         yield (
             f"forces and motion balance better than the stated noise allows ({np.sqrt(max(solution.ratio, 0.0)):.2g} of it); check the unit of "
             "the forces and 'noise'"

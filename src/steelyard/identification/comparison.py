@@ -1,9 +1,9 @@
-"""Estimates side by side: whether they agree within their uncertainty, and what was added between two of them."""
+"""Estimates side by side: whether they agree within their uncertainty."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Literal
 
@@ -11,9 +11,9 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.identification.estimate import BEST_FIRST, Estimate, judge, plain
+from steelyard.identification.estimate import BEST_FIRST, plain
 from steelyard.identification.estimate_file import NamedEstimate
-from steelyard.inertia import BODY_PARAMETERS, symmetric
+from steelyard.inertia import BODY_PARAMETERS
 
 Basis = Literal["independent", "nested", "bound"]
 """Where the covariance of a difference comes from.
@@ -30,9 +30,8 @@ _NO_DIRECTION = 1e-12
 """Variance of a combination of parameters, in units of their sigmas, below which it is rounding."""
 _NESTED = 1e-6
 """The same for a difference of covariances, which are approximations themselves."""
-_SAME = 1e-9
+SAME = 1e-9
 """Part by which two exact numbers may differ."""
-_STEP = 1e-200
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,34 +137,15 @@ class Comparison:
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
         return {
-            "estimates": [_named(each) for each in self.estimates],
+            "estimates": [described(each) for each in self.estimates],
             "pairs": [pair.to_dict() for pair in self.pairs],
             "whole": None if self.whole is None else {"estimates": list(self.whole_of), **self.whole.to_dict()},
             "notes": list(self.notes),
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Payload:
-    """What was added to the body between two estimates."""
-
-    before: NamedEstimate
-    after: NamedEstimate
-    estimate: Estimate
-    """Of the payload, in the platform frame; NaN where it cannot be told, with the reason in its verdict."""
-    possible: bool | None
-    """Whether a body that can exist lies within :data:`SIGNIFICANT` sigmas; None: not known."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values; the payload in the shape of an estimate of the contract."""
-        return {
-            "before": _named(self.before),
-            "after": _named(self.after),
-            "payload": {**self.estimate.to_dict(), "possible": self.possible},
-        }
-
-
-def _named(each: NamedEstimate) -> dict[str, Any]:
+def described(each: NamedEstimate) -> dict[str, Any]:
+    """Plain values of one of the estimates that are put side by side."""
     estimate = each.estimate.to_dict()
     values = {key: estimate[key] for key in ("mass", "center_of_gravity", "inertia", "standard_deviation")}
     names = {"name": each.name, "experiment": each.experiment, "method": each.estimate.method, "file": each.source}
@@ -227,7 +207,7 @@ def agreement(values: Sequence[Array], covariances: Sequence[Array], *, differen
     names = tuple(name for name, told in zip(BODY_PARAMETERS, known, strict=True) if told)
     largest = np.tile(np.max(np.abs([x[known] for x in values]), axis=0), k - 1)
     exact = np.diag(sigma) == 0
-    differ = exact & (np.abs(d) > _SAME * largest)
+    differ = exact & (np.abs(d) > SAME * largest)
     contradicted = tuple(dict.fromkeys(np.array(names * (k - 1))[differ].tolist()))
     chi_square, freedom, dropped = _chi_square(d[~exact], sigma[np.ix_(~exact, ~exact)])
     if contradicted:
@@ -282,7 +262,7 @@ def _of_difference(first: NamedEstimate, second: NamedEstimate) -> tuple[Array, 
     """Covariance of a difference; see :data:`Basis`."""
     a, b = first.estimate, second.estimate
     total = a.covariance + b.covariance
-    if not _same_source(first, second):
+    if not same_source(first, second):
         return total, "independent"
     if a.method == b.method or not {a.method, b.method} <= set(BEST_FIRST):
         return total, "bound"
@@ -296,7 +276,8 @@ def _of_difference(first: NamedEstimate, second: NamedEstimate) -> tuple[Array, 
     return nested, "nested"
 
 
-def _same_source(first: NamedEstimate, second: NamedEstimate) -> bool:
+def same_source(first: NamedEstimate, second: NamedEstimate) -> bool:
+    """Whether two estimates stand on the same recordings."""
     return bool(first.source) and first.source == second.source
 
 
@@ -318,19 +299,19 @@ def _notes(estimates: Sequence[NamedEstimate], pairs: Sequence[Pair], whole: Agr
     """What the numbers rest on."""
     notes = []
     if any(pair.basis == "independent" for pair in pairs):
-        notes.append(_INDEPENDENT_NOTE)
-    for basis, text in (("nested", _NESTED_NOTE), ("bound", _BOUND_NOTE)):
+        notes.append(INDEPENDENT_NOTE)
+    for basis, text in (("nested", _NESTED_NOTE), ("bound", BOUND_NOTE)):
         which = [f"{pair.first} and {pair.second}" for pair in pairs if pair.basis == basis]
         if which:
             notes.append(f"{'; '.join(which)}: {text}")
-    notes += _doubts(estimates)
+    notes += doubts(estimates)
     judged = [*(p.agreement for p in pairs), *([whole] if whole else [])]
     if any(each.dropped for each in judged):
         notes.append(_SINGULAR_NOTE)
     return notes
 
 
-_INDEPENDENT_NOTE = (
+INDEPENDENT_NOTE = (
     "estimates of different recordings are taken as independent: errors that they share (force gain, robot file, places of the "
     "sensors) cancel in part, so that sigmas which contain them are too large here; errors that the sigmas do not contain are missing"
 )
@@ -338,18 +319,18 @@ _NESTED_NOTE = (
     "the same recordings; the uncertainty of the difference is the worse method's covariance less the better's, which holds "
     "if the better one makes the best of the data"
 )
-_BOUND_NOTE = (
+BOUND_NOTE = (
     "the same recordings, so they err alike in part; the uncertainty of the difference is that of independent estimates, an upper bound, "
     "and differences in sigmas may be larger than shown"
 )
 
 
-def _doubts(estimates: Sequence[NamedEstimate]) -> list[str]:
+def doubts(estimates: Sequence[NamedEstimate]) -> list[str]:
     """What about single estimates makes a comparison less sure."""
     about: dict[str, list[str]] = {}
     for a, b in combinations(estimates, 2):
         names = f"{a.name} and {b.name}"
-        if a.experiment and a.experiment == b.experiment and a.source and b.source and not _same_source(a, b):
+        if a.experiment and a.experiment == b.experiment and a.source and b.source and not same_source(a, b):
             about.setdefault(_ONE_NAME_NOTE.format(a.experiment), []).append(names)
         shared = [
             name
@@ -376,110 +357,3 @@ _SINGULAR_NOTE = (
     "combinations of parameters to which the estimates give no uncertainty are left out of a chi-square; where their covariance comes from "
     "few pieces of data, the rest of it is too small as well and the chi-square too large"
 )
-
-
-def payload(before: NamedEstimate, after: NamedEstimate) -> Payload:
-    """The body that was added between two estimates.
-
-    Mass, first moment and inertia about the platform origin of bodies that are fixed to each other add up; their difference is
-    turned back to centre of gravity and inertia about it. The covariance is that of independent estimates, to first order.
-
-    Args:
-        before: Without the payload.
-        after: With it.
-    """
-    a, b = before.estimate, after.estimate
-    value, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
-    reasons, notes = [], [_BOUND_NOTE if _same_source(before, after) else _INDEPENDENT_NOTE, *_doubts((before, after))]
-    mass, variance = float(b.value[0] - a.value[0]), float(a.covariance[0, 0] + b.covariance[0, 0])
-    nothing = _no_mass(mass, variance, largest=max(abs(a.value[0]), abs(b.value[0])))
-    physical: tuple[str, ...] = ()
-    if nothing is not None:
-        value[0], covariance[0, 0] = mass, variance
-        reasons.append(nothing)
-    else:
-        if np.isfinite(mass):
-            value, covariance = _difference_body(a, b)
-        physical = judge(value).reasons
-    if mass < 0 and nothing is None:
-        reasons.append("mass was taken off, not added; name the estimates in the other order to see what")
-    possible = _possible(value, covariance) if not reasons else None
-    if possible:
-        notes += [f"{text}, but within {SIGNIFICANT:g} sigmas there is a body that can exist" for text in physical]
-    else:
-        reasons += physical
-    untold = [name for name, v in zip(BODY_PARAMETERS, value, strict=True) if np.isnan(v)]
-    if untold and len(untold) < 10 and not reasons:
-        notes.append(f"not told, since one of the estimates lacks what it takes: {', '.join(untold)}")
-    for array in (value, covariance):
-        array.setflags(write=False)
-    verdict = replace(judge(value), accepted=not reasons, reasons=tuple(reasons))
-    return Payload(before, after, Estimate("difference", value, covariance, verdict, notes=tuple(notes)), possible)
-
-
-def _no_mass(mass: float, variance: float, *, largest: float) -> str | None:
-    """Why nothing but its mass can be said about a payload of this mass [kg]; None: it is told from nothing, or not known."""
-    if np.isnan(mass):
-        return None
-    if np.isnan(variance):
-        found = "its uncertainty is not known"
-    elif abs(mass) < SIGNIFICANT * np.sqrt(variance) or abs(mass) <= _SAME * largest:
-        found = f"less than {SIGNIFICANT:g} sigmas"
-    else:
-        return None
-    return f"the mass differs by {mass:.3g} kg, {found}: where such a payload sits and how it resists turning cannot be told"
-
-
-def _difference_body(a: Estimate, b: Estimate) -> tuple[Array, Array]:
-    """Body parameters of what b is more than a, with exact derivatives.
-
-    The masses differ.
-
-    Returns:
-        Body parameters, shape (10,), and their covariance, shape (10, 10); NaN where they need what is not known.
-    """
-
-    def body(x: Any) -> Any:
-        linear = _linear(x[10:]) - _linear(x[:10])
-        mass, c = linear[0], linear[1:4] / linear[0]
-        return np.concatenate([[mass], c, linear[4:] - _moments(mass, c)])
-
-    both = np.concatenate([a.value, b.value])
-    spread = np.zeros((20, 20))
-    spread[:10, :10], spread[10:, 10:] = a.covariance, b.covariance
-    value = body(both)
-    jacobian = np.column_stack([body(both + 1j * _STEP * e).imag / _STEP for e in np.eye(20)])
-    told = np.isfinite(value)
-    value[~told] = np.nan
-    jacobian[~told] = 0.0
-    needed = jacobian != 0
-    known = told & ~needed[:, np.isnan(np.diag(spread))].any(axis=1)
-    covariance = jacobian @ np.nan_to_num(spread) @ jacobian.T
-    return value, np.where(np.outer(known, known), covariance, np.nan)
-
-
-def _linear(body: Any) -> Any:
-    """The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS` of ten body parameters."""
-    mass, c = body[0], body[1:4]
-    return np.concatenate([[mass], mass * c, body[4:] + _moments(mass, c)])
-
-
-def _moments(mass: Any, c: Any) -> Any:
-    """Moments xx, yy, zz, yz, xz, xy of a point mass, each from the coordinates it needs: others may be unknown."""
-    x, y, z = c
-    return mass * np.array([y * y + z * z, x * x + z * z, x * x + y * y, -y * z, -x * z, -x * y])
-
-
-def _possible(value: Array, covariance: Array) -> bool | None:
-    """Whether the least second moment of the mass about its centre, tr(J) / 2 - J, may be positive.
-
-    For a positive mass that is what a body needs to exist [Wensing2018]_; to first order about the direction of the least.
-    """
-    if not np.isfinite(value).all() or not np.isfinite(np.diag(covariance)).all():
-        return None
-    J = symmetric(value[4:])
-    moments, directions = np.linalg.eigh(np.trace(J) / 2 * np.eye(3) - J)
-    v = directions[:, 0]
-    slope = np.array([np.trace(E) / 2 - v @ E @ v for E in (symmetric(e) for e in np.eye(6))])
-    sigma = float(np.sqrt(max(0.0, slope @ covariance[4:, 4:] @ slope)))
-    return bool(moments[0] > 0 or moments[0] > -SIGNIFICANT * sigma)

@@ -14,9 +14,10 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.identification.classical import NoBalanceError, Progress, Study, plausible, study
-from steelyard.identification.consistent_body import BodyProblem, Box, ConsistentBody, Ellipsoid, covariance, solve
+from steelyard.identification.consistent_body import BodyProblem, ConsistentBody, covariance, solve
 from steelyard.identification.estimate import Estimate, nothing_told
 from steelyard.identification.least_squares import finished
+from steelyard.identification.mass_region import Box, Ellipsoid
 from steelyard.identification.regression import TEN, Blocks, Sums
 from steelyard.identification.regression import solve as solve_linear
 from steelyard.inertia import Inertia, body_jacobian
@@ -24,6 +25,8 @@ from steelyard.inertia import Inertia, body_jacobian
 _FOLDS = 5
 _WEIGHTS = np.concatenate([[0.0], np.geomspace(0.01, 1000.0, 16)])
 """Candidate weights of the pull towards the nominal body, in the unit of the objective."""
+_NOTHING = 0.01
+"""A chi-square that is not worth a word."""
 _TOO_MUCH = 1e-3
 """Probability below which what the constraints cost is no chance."""
 
@@ -115,7 +118,7 @@ def _finished(found: Study, problem: BodyProblem, body: ConsistentBody, name: st
     }
     notes: list[str] = []
     further: list[str] = []
-    if body.binding:
+    if body.binding and body.misfit > _NOTHING:
         freedom = max(1, len(body.binding))
         chance = float(chi2.sf(body.misfit, freedom))
         words = f"{'; '.join(str(each) for each in body.binding)}; that costs a chi-square of {body.misfit:.1f}"

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, readonly
 from steelyard.errors import InputError, SteelyardError
 from steelyard.identification.body_newton import DIRECTIONS, NewtonSolution, WhitenedProblem, newton, smat, svec
+from steelyard.identification.mass_region import Region
 from steelyard.inertia import Inertia, six, symmetric
 
 _WHOLE = 1e-13
@@ -23,66 +23,6 @@ _POLISH = 12
 """Newton steps, at most, on the prior within the semidefinite programme."""
 _AGREEMENT = 1e-6
 """Of the two solutions, in sigmas per (1 + distance of the solution in sigmas)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Box:
-    """A box along the platform axes, in which all mass lies."""
-
-    lower: Array
-    """Corner in the platform frame [m], shape (3,)."""
-    upper: Array
-    """Corner in the platform frame [m], shape (3,)."""
-    name: str = "box"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "lower", readonly(self.lower, (3,), "lower"))
-        object.__setattr__(self, "upper", readonly(self.upper, (3,), "upper"))
-        if not (self.lower < self.upper).all():
-            raise ValueError(f"{self.name}: expected lower < upper, found {self.lower.tolist()}, {self.upper.tolist()}")
-
-    @property
-    def conditions(self) -> dict[str, Array]:
-        """Name -> Q of (x - lower)(upper - x) >= 0 as [r; 1]^T Q [r; 1], shape (4, 4) each."""
-        found = {}
-        for i, (low, high) in enumerate(zip(self.lower, self.upper, strict=True)):
-            Q = np.zeros((4, 4))
-            Q[i, i], Q[i, 3], Q[3, i], Q[3, 3] = -1.0, (low + high) / 2, (low + high) / 2, -low * high
-            found[f"{self.name}, {'xyz'[i]}"] = Q
-        return found
-
-
-@dataclass(frozen=True, eq=False)
-class Ellipsoid:
-    """An ellipsoid in which all mass lies."""
-
-    center: Array
-    """In the platform frame [m], shape (3,)."""
-    semi_axes: Array
-    """Half of its diameters [m], shape (3,)."""
-    R_platform_ellipsoid: Array | None = None
-    """Columns are its axes in the platform frame, shape (3, 3); None: along the platform axes."""
-    name: str = "ellipsoid"
-
-    def __post_init__(self) -> None:
-        R = np.eye(3) if self.R_platform_ellipsoid is None else self.R_platform_ellipsoid
-        object.__setattr__(self, "center", readonly(self.center, (3,), "center"))
-        object.__setattr__(self, "semi_axes", readonly(self.semi_axes, (3,), "semi_axes"))
-        object.__setattr__(self, "R_platform_ellipsoid", readonly(R, (3, 3), "R_platform_ellipsoid"))
-        if not (self.semi_axes > 0).all():
-            raise ValueError(f"{self.name}: expected positive semi-axes, found {self.semi_axes.tolist()}")
-        if not np.allclose(R @ np.transpose(R), np.eye(3), atol=1e-9):
-            raise ValueError(f"{self.name}: expected a rotation, found {np.asarray(R).tolist()}")
-
-    @property
-    def conditions(self) -> dict[str, Array]:
-        """Name -> Q of 1 - (r - c)^T E (r - c) >= 0 as [r; 1]^T Q [r; 1], shape (4, 4)."""
-        R, c = np.asarray(self.R_platform_ellipsoid), self.center[:, None]
-        E = R @ np.diag(self.semi_axes**-2) @ R.T
-        return {self.name: np.block([[-E, E @ c], [c.T @ E, 1 - c.T @ E @ c]])}
-
-
-Region = Box | Ellipsoid
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +62,7 @@ class BodyProblem:
         if (np.abs(matrix - matrix.T) > 1e-9 * outer).any() or (np.diag(matrix) < 0).any():
             raise ValueError("information: expected a symmetric positive semidefinite matrix, found another")
         matrix = readonly((matrix + matrix.T) / 2, (10, 10), "information")
-        if np.linalg.eigvalsh(_over(matrix, outer))[0] < -1e-8:
+        if np.linalg.eigvalsh(over(matrix, outer))[0] < -1e-8:
             raise ValueError(
                 "information: expected a symmetric positive semidefinite matrix, found a negative eigenvalue"
             )
@@ -158,7 +98,7 @@ class BodyProblem:
         """F with F^T F = information; rows of directions that nothing tells are zero, shape (10, 10)."""
         scale = np.sqrt(np.diag(self.information))
         # In units in which the diagonal is one, so that rounding of the mass does not drown the products of inertia.
-        values, vectors = np.linalg.eigh(_over(self.information, np.outer(scale, scale)))
+        values, vectors = np.linalg.eigh(over(self.information, np.outer(scale, scale)))
         root: Array = np.sqrt(np.where(values > _WHOLE * values[-1], values, 0.0))[:, None] * vectors.T * scale
         return root
 
@@ -270,75 +210,6 @@ def solve(problem: BodyProblem) -> ConsistentBody:
         status="boundary" if binding else "inside",
         iterations=(first_iterations, second.iterations),
         disagreement=disagreement,
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class NearestBody:
-    """An estimate that no body has, and the nearest that one has."""
-
-    solution: ConsistentBody
-    distance: float
-    """From the value to the body; its unit is :attr:`unit`."""
-    unit: Literal["sigma", "reference"]
-    """Standard deviations of the value, or the Frobenius norm of the difference of pseudo-inertias in coordinates in which
-    that of the reference is the identity: 1 is as much as the reference has in one direction."""
-    excess: float
-    """By how much the largest principal moment of the value exceeds the sum of the others; negative: it does not
-    [kg m^2]."""
-    axis: Array
-    """The principal axis of that moment, platform axes, shape (3,)."""
-
-    def __str__(self) -> str:
-        x, y, z = self.axis
-        return (
-            f"the moment about the principal axis ({x:.3f}, {y:.3f}, {z:.3f}) is {abs(self.excess):.4g} kg m^2 "
-            f"{'more' if self.excess > 0 else 'less'} than the sum of the others; the nearest body is {self.distance:.3g} "
-            f"{'sigma' if self.unit == 'sigma' else 'of the reference'} away"
-        )
-
-
-def nearest_body(
-    value: Inertia,
-    reference: Inertia | None = None,
-    *,
-    covariance: ArrayLike | None = None,
-    regions: Sequence[Region] = (),
-) -> NearestBody:
-    """The body that can exist nearest to a value.
-
-    Args:
-        value: Any; where a body has it, it stays as it is.
-        reference: Sets the scale; None: a ball of the value's mass, centre of gravity and mean second moment.
-        covariance: Of the value's ten linear parameters, regular, shape (10, 10); None: nearest in the whitened Frobenius
-            norm.
-        regions: Where the mass lies.
-
-    Raises:
-        InputError: The covariance is not positive definite, or no body has its mass in all the regions.
-    """
-    moments, axes = np.linalg.eigh(value.inertia)
-    if reference is None:
-        second = float(np.abs(moments.sum() / 2 - moments).mean())
-        reference = Inertia(abs(value.mass), value.center_of_gravity, 2 * second * np.eye(3))
-    problem = BodyProblem(value.parameters, np.zeros((10, 10)), reference, regions=regions)
-    if covariance is None:
-        information = problem.to_whitened.T @ problem.to_whitened
-    else:
-        C = readonly(covariance, (10, 10), "covariance")
-        scale = np.sqrt(np.abs(np.diag(C)))
-        try:
-            root = np.linalg.inv(np.linalg.cholesky(_over(C, np.outer(scale, scale)))) / scale
-        except np.linalg.LinAlgError as error:
-            raise InputError("covariance: expected a positive definite matrix, found another") from error
-        information = root.T @ root
-    solution = solve(replace(problem, information=information))
-    return NearestBody(
-        solution=solution,
-        distance=float(np.sqrt(solution.misfit)),
-        unit="reference" if covariance is None else "sigma",
-        excess=-value.triangle_margin,
-        axis=readonly(axes[:, 2], (3,), "axis"),
     )
 
 
@@ -519,7 +390,7 @@ def _pseudo_inertia(phi: Array) -> Array:
     return np.block([[np.trace(J) / 2 * np.eye(3) - J, h], [h.T, phi[:1, None]]])
 
 
-def _over(matrix: Array, scale: Array) -> Array:
+def over(matrix: Array, scale: Array) -> Array:
     """Quotient that is zero where the scale is."""
     return np.divide(matrix, scale, out=np.zeros_like(matrix), where=scale > 0)
 

@@ -10,8 +10,9 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from steelyard.arrays import Array
-from steelyard.identification.comparison import SIGNIFICANT, Agreement, Comparison, Pair, Payload
+from steelyard.identification.comparison import SIGNIFICANT, Agreement, Comparison, Pair
 from steelyard.identification.estimate_file import NamedEstimate
+from steelyard.identification.payload import Payload
 from steelyard.report.summary import LABELS, number
 
 _PIPED_WIDTH = 160
