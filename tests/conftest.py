@@ -1,7 +1,11 @@
 """What several test files need: where recordings are, and experiments that were simulated once."""
 
 import json
+import os
 from pathlib import Path
+
+# Many small matrices: threads of their own cost more than they do, the more so beside other work. Before NumPy is loaded.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest

@@ -24,7 +24,9 @@ EXACT = {"anchor": 0.0, "attachment": 0.0, "gravity": 0.0}
 ROBOT = read_robot("cogiro").with_straight_cables()
 BODY = ROBOT.platform
 TRUTH = BODY.body_parameters
-PAPER = paper_sensors(ROBOT).instruments
+_PAPER = paper_sensors(ROBOT).instruments
+# A third of the tracker's samples: as much is known of the acceleration by the IMU, and quicker.
+PAPER = {**_PAPER, "tracker": _PAPER["tracker"].model_copy(update={"rate": 80.0})}
 IDEAL = ideal_sensors(ROBOT).instruments
 CENTER, REACH = np.array([0, 0, 2, 0, 0, 0.0]), np.array([0.5, 0.5, 0.4, 0.35, 0.3, 0.5])
 PRETENSION = 600.0  # [N]
@@ -127,6 +129,18 @@ def sound(seed):
 def studied(seed):
     """Its study."""
     return study(sound(seed))
+
+
+@cache
+def pair():
+    """A recording of two runs, a and b."""
+    return RECORDER(7, runs=("a", "b"))
+
+
+@cache
+def pair_studied():
+    """Its study."""
+    return study(pair())
 
 
 def moving(axes, duration=DURATION, scale=1.0, harmonics=6):

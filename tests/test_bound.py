@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
-from simulated import BODY, CENTER, EXACT, IDEAL, REACH, RECORDER, ROBOT, at_rest, changed, studied
+from simulated import BODY, CENTER, EXACT, IDEAL, REACH, RECORDER, ROBOT, at_rest, changed, pair, pair_studied, studied
 
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.bound import Forces, attainable, cramer_rao
@@ -314,9 +314,8 @@ def test_poses_at_rest_add_to_it():
 @pytest.fixture(scope="module")
 def runs():
     """Bounds of one run, of two, and of two of which the forces of the second are held out."""
-    experiment = RECORDER(2, runs=("a", "b"))
-    one = replace(experiment, runs=experiment.runs[:1])
-    studies = study(one), study(experiment), study(experiment, held_out=frozenset({"b"}))
+    one = replace(pair(), runs=pair().runs[:1])
+    studies = study(one), pair_studied(), study(pair(), held_out=frozenset({"b"}))
     return [attainable(found).standard_deviation for found in studies]
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated import BODY, RECORDER, TRUTH, Recorder, with_stream
+from simulated import BODY, RECORDER, TRUTH, Recorder, pair, with_stream
 
 from steelyard.cli import main
 from steelyard.errors import InputError
@@ -22,7 +22,7 @@ HELD = frozenset({"b"})
 
 @pytest.fixture(scope="module")
 def experiment():
-    return RECORDER(7, runs=("a", "b"))
+    return pair()
 
 
 @pytest.fixture(scope="module")

@@ -64,10 +64,10 @@ class Consistent:
             )
         if found.parameters[0] <= 0 or not np.isfinite(found.parameters).all():
             return finished(found, self.name)
-        weight = _weight(found, self.regions, nominal) if self.towards_nominal and nominal is not None else 0.0
+        weight = _weight(found, self.regions, nominal) if self.towards_nominal and nominal is not None else None
         spread = found.solution.covariance[:TEN, :TEN]
-        problem = body_problem(found.parameters, spread, found.size, self.regions, nominal, weight)
-        return _finished(found, problem, solve(problem), self.name)
+        problem = body_problem(found.parameters, spread, found.size, self.regions, nominal, weight or 0.0)
+        return _finished(found, problem, solve(problem), weight, self.name)
 
 
 def body_problem(
@@ -103,7 +103,7 @@ def body_problem(
     )
 
 
-def _finished(found: Study, problem: BodyProblem, body: ConsistentBody, name: str) -> Estimate:
+def _finished(found: Study, problem: BodyProblem, body: ConsistentBody, weight: float | None, name: str) -> Estimate:
     J = body_jacobian(body.parameters)
     spread = found.solution.covariance[:TEN, :TEN]
     if problem.prior_weight:
@@ -125,10 +125,12 @@ def _finished(found: Study, problem: BodyProblem, body: ConsistentBody, name: st
         (further if chance < _TOO_MUCH and not problem.prior_weight else notes).append(
             f"the estimate of least squares is no body, and the nearest one is on the edge of what can exist: {words}"
         )
-    if problem.nominal is not None or problem.prior_weight:
-        details["pull_towards_nominal"] = {"weight": problem.prior_weight, "divergence": body.prior}
+    if weight is not None:
+        details["pull_towards_nominal"] = {"weight": weight, "divergence": body.prior}
         notes.append(
-            f"pulled towards the nominal body with weight {problem.prior_weight:.3g}, which predicts what is left out best"
+            f"pulled towards the nominal body with weight {weight:.3g}, which predicts what is left out best"
+            if weight
+            else "not pulled towards the nominal body: what is left out is predicted best without"
         )
     return finished(
         found,

@@ -69,7 +69,7 @@ class InstrumentalVariables:
         )
         verb = "is" if probability < _BIASED else "is not"
         note = (
-            f"least squares on the same data {verb} biased beyond chance (Durbin-Wu-Hausman chi-square {chi:.1f} on {freedom}, "
+            f"plain least squares on the same data, without correction, {verb} biased beyond chance (Durbin-Wu-Hausman chi-square {chi:.1f} on {freedom}, "
             f"p = {probability:.2g}), by at most {difference[found.told].max(initial=0.0):.2f} sigma"
         )
         return finished(
