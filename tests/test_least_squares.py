@@ -25,7 +25,7 @@ from simulated import (
 
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
-from steelyard.identification import classical
+from steelyard.identification import long_recording
 from steelyard.identification.classical import study
 from steelyard.identification.least_squares import LeastSquares
 from steelyard.identification.two_step import TwoStep
@@ -339,8 +339,8 @@ def test_the_whole_of_a_long_recording_is_nearly_as_good_as_one_pass(monkeypatch
     experiment = recorder(6)
     once = study(experiment)
     assert once.part is None
-    monkeypatch.setattr(classical, "_PART", 12.0)
-    monkeypatch.setattr(classical, "_ROWS", 100)
+    monkeypatch.setattr(long_recording, "_PART", 12.0)
+    monkeypatch.setattr(long_recording, "_ROWS", 100)
     long = study(experiment)
     assert long.part is not None
     part, whole, single = METHOD.of(long.part), METHOD.of(long), METHOD.of(once)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from simulated import BODY, CENTER, IDEAL, PAPER, ROBOT, at_rest, changed, moving, sound
 
 from steelyard.dynamics import platform_regressor, platform_wrench
-from steelyard.identification import classical
+from steelyard.identification import study
 from steelyard.identification.balance import (
     balance,
     by_geometry,
@@ -740,7 +740,7 @@ def test_gains_are_not_biased_by_the_noise_that_they_multiply(with_gains, rng):
     # Gains in their own scale; the mean of them is that of the mass, which a prior holds.
     precision = np.diag(np.concatenate([np.zeros(TEN), np.full(8, 0.05**-2)]))
     prior = Prior(np.zeros(k), precision, np.zeros(k), np.zeros((k, k)))
-    scale = classical.plausible(BODY.parameters, ROBOT.size)
+    scale = study.plausible(BODY.parameters, ROBOT.size)
     errors = {True: [], False: []}
     for _ in range(300):
         noise = 20.0 * rng.normal(size=tension.shape)

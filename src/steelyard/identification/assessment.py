@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from steelyard.arrays import Array
-from steelyard.identification.classical import Study
 from steelyard.identification.diagnosis import diagnose
 from steelyard.identification.regression import TEN
+from steelyard.identification.study import Study
 from steelyard.identification.unknowns import DRAG, LAG, ROBOT
 from steelyard.inertia import body_jacobian
 

@@ -20,10 +20,10 @@ from steelyard.batch import Batched
 from steelyard.dynamics import newton_euler
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.arc import Rows, accumulate, basis, motion_at, spread
-from steelyard.identification.classical import Study
 from steelyard.identification.kinematic_fit import Arc, motion_rows, reference_clocks
 from steelyard.identification.preparation import Samples
 from steelyard.identification.regression import TEN
+from steelyard.identification.study import Study
 from steelyard.identification.unknowns import DRAG, ROBOT, Systematic, Unknowns, clock_of
 from steelyard.inertia import BODY_PARAMETERS, body_jacobian
 from steelyard.instruments.equations import sensitivity

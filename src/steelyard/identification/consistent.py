@@ -13,13 +13,14 @@ from scipy.stats import chi2
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
-from steelyard.identification.classical import NoBalanceError, Progress, Study, plausible, study
+from steelyard.identification.classical import NoBalanceError, study
 from steelyard.identification.consistent_body import BodyProblem, ConsistentBody, covariance, solve
 from steelyard.identification.estimate import Estimate, nothing_told
 from steelyard.identification.least_squares import finished
 from steelyard.identification.mass_region import Box, Ellipsoid
 from steelyard.identification.regression import TEN, Blocks, Sums
 from steelyard.identification.regression import solve as solve_linear
+from steelyard.identification.study import Progress, Study, plausible
 from steelyard.inertia import Inertia, body_jacobian
 
 _FOLDS = 5

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import platform_regressor
-from steelyard.identification.classical import Study
 from steelyard.identification.preparation import Samples, prepare
+from steelyard.identification.study import Study
 
 _MOST_SAMPLES = 400
 _OFFSET = 0.01

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.inertia import BODY_PARAMETERS, Inertia, symmetric
+from steelyard.robot.model import Robot
 
 FORMAT = "steelyard-estimate/1"
 METHODS = ("two-step", "least-squares", "instrumental-variables", "consistent", "maximum-likelihood", "recursive")
@@ -120,6 +121,15 @@ def plain(value: Any) -> Any:
 
 _UNTOLD = 0.5
 """A parameter whose 1-sigma exceeds this part of its plausible size is not told by the data."""
+
+
+_BODY_ON_SENSOR = 0.3
+"""Plausible radius of a body on a wrench sensor [m]; a platform on cables shows its own."""
+
+
+def plausible_radius(robot: Robot) -> float:
+    """Plausible radius of the body on a robot [m]."""
+    return robot.size if robot.m else _BODY_ON_SENSOR
 
 
 def plausible_sizes(mass: float, size: float) -> Array:

@@ -15,12 +15,13 @@ from scipy.stats import chi2
 
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.classical import NoBalanceError, Progress, Study, plausible, study
+from steelyard.identification.classical import NoBalanceError, study
 from steelyard.identification.estimate import Estimate, nothing_told
 from steelyard.identification.least_squares import finished
 from steelyard.identification.preparation import Samples, prepare
 from steelyard.identification.regression import TEN, Solution, solve
 from steelyard.identification.sources import Sources, choose_sources
+from steelyard.identification.study import Progress, Study, plausible
 from steelyard.identification.unknowns import Systematic
 from steelyard.instruments import Attitude, Command, Imu, Pose, Position
 

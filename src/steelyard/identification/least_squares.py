@@ -11,9 +11,10 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.identification.assessment import directed_tests, label_mask, priors_share, reasons
-from steelyard.identification.classical import NoBalanceError, Progress, Study, study
+from steelyard.identification.classical import NoBalanceError, study
 from steelyard.identification.estimate import Estimate, judge, nothing_told
 from steelyard.identification.regression import TEN
+from steelyard.identification.study import Progress, Study
 from steelyard.identification.unknowns import as_tree
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 

@@ -12,8 +12,9 @@ from steelyard.dynamics import platform_wrench
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.identification.balance import balance, freedom
-from steelyard.identification.classical import NoBalanceError, Progress, study
+from steelyard.identification.classical import NoBalanceError, study
 from steelyard.identification.estimate import plain
+from steelyard.identification.study import Progress
 
 AXES = ("force x", "force y", "force z", "torque x", "torque y", "torque z")
 

@@ -20,7 +20,7 @@ from steelyard.dynamics import platform_regressor
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.identification.body_fit import BodyFit, finish, from_two_steps, median, merge
-from steelyard.identification.estimate import Estimate
+from steelyard.identification.estimate import Estimate, plausible_radius
 from steelyard.identification.linear import LinearFit, block_sums, covariance_of, solve
 from steelyard.identification.preparation import Samples, prepare
 from steelyard.identification.sources import Acceleration, choose_sources
@@ -35,8 +35,6 @@ _ROWS = 20_000
 """Samples whose regressor is held at once."""
 _LEAST_FORCE = 1e-6
 """Below it there is no force to speak of [N]."""
-_BODY_SIZE_ON_SENSOR = 0.3
-"""Plausible radius of a body on a wrench sensor [m]; a platform on cables shows its own."""
 
 Combine = Literal["median", "pooled"]
 
@@ -63,7 +61,7 @@ class TwoStep:
             if progress:
                 progress(f"two-step: {run.name}", i / len(experiment.runs))
             runs.append(prepare(experiment, run, acceleration=self.acceleration, straight=True))
-        estimate = estimate_two_step(runs, _size(experiment), self.combine)
+        estimate = estimate_two_step(runs, plausible_radius(experiment.robot), self.combine)
         estimate = replace(estimate, notes=(*estimate.notes, *_not_in_sigma(experiment, self.acceleration)))
         details = dict(estimate.details)
         offset = details.pop("offset", None)
@@ -121,10 +119,6 @@ def _not_in_sigma(experiment: Experiment, acceleration: Acceleration | None) -> 
     if experiment.known:
         notes.append(f"it does not use what is known beforehand ({', '.join(experiment.known)})")
     return notes
-
-
-def _size(experiment: Experiment) -> float:
-    return experiment.robot.size if experiment.robot.m else _BODY_SIZE_ON_SENSOR
 
 
 def estimate_two_step(runs: Sequence[Samples], size: float, combine: Combine = "median") -> Estimate:
