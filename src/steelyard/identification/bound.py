@@ -28,9 +28,8 @@ from steelyard.identification.unknowns import DRAG, ROBOT, Systematic, Unknowns,
 from steelyard.inertia import BODY_PARAMETERS, body_jacobian
 from steelyard.instruments.equations import sensitivity
 from steelyard.motion.state import state_of_pose
-from steelyard.robot import cable
 from steelyard.robot.cable_inertia import dragging_wrench
-from steelyard.robot.kinematics import structure_columns
+from steelyard.robot.geometry import cable_wrench
 from steelyard.robot.model import Robot
 
 
@@ -176,10 +175,7 @@ def _unbalanced(heavy: Robot) -> Batched:
     anchors, attachments = ca.SX.sym("anchors", 3, robot.m), ca.SX.sym("attachments", 3, robot.m)
     state = state_of_pose(pose, rate, acceleration, gravity)
     wrench = -newton_euler(parameters, state.specific_force, state.omega, state.alpha)
-    for i in range(robot.m):
-        spec = cable.spec(robot, i)._replace(anchor=anchors[:, i])
-        shape = cable.by_tension(spec, state.position + state.rotation @ attachments[:, i], tension[i])
-        wrench += structure_columns(state.rotation, attachments[:, i], shape.direction) * tension[i]
+    wrench += cable_wrench(robot, state.position, state.rotation, tension, anchors, attachments)
     drag = ca.SX.sym("drag")
     wrench += drag * dragging_wrench(
         heavy, state.position, state.rotation, state.specific_force, state.omega, state.alpha, gravity

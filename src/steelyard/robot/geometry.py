@@ -9,7 +9,7 @@ import casadi as ca
 
 from steelyard import rotations
 from steelyard.arrays import Array
-from steelyard.batch import Batched
+from steelyard.batch import Batched, Symbol
 from steelyard.robot import cable
 from steelyard.robot.kinematics import structure_columns
 from steelyard.robot.model import Robot
@@ -27,18 +27,34 @@ class WrenchByGeometry:
     """By the position of the platform in the world, then by a rotation vector on the right of its rotation, shape (n, 6, 6)."""
 
 
+def cable_wrench(
+    robot: Robot, position: Symbol, rotation: Symbol, tension: Symbol, anchors: Symbol, attachments: Symbol
+) -> Symbol:
+    """Wrench of the cables on the platform about its origin, in P [N], [N m], for any geometry, shape (6,).
+
+    Args:
+        robot: Everything about the cables but where they are fixed.
+        position: Of the platform origin, world frame [m], shape (3,).
+        rotation: R_world_platform, shape (3, 3).
+        tension: At the platform [N], shape (m,).
+        anchors: World frame [m], shape (3, m).
+        attachments: Platform frame [m], shape (3, m).
+    """
+    wrench = ca.SX.zeros(6)
+    for i in range(robot.m):
+        spec = cable.spec(robot, i)._replace(anchor=anchors[:, i])
+        shape = cable.by_tension(spec, position + rotation @ attachments[:, i], tension[i])
+        wrench += structure_columns(rotation, attachments[:, i], shape.direction) * tension[i]
+    return wrench
+
+
 @lru_cache(maxsize=32)
 def _batched(robot: Robot) -> Batched:
     position, rotation = ca.SX.sym("position", 3), ca.SX.sym("rotation", 3, 3)
     tension = ca.SX.sym("tension", robot.m)
     anchors, attachments = ca.SX.sym("anchors", 3, robot.m), ca.SX.sym("attachments", 3, robot.m)
     moved, turn = ca.SX.sym("moved", 3), ca.SX.sym("turn", 3)
-    turned = rotation @ rotations.exp(turn)
-    wrench = ca.SX.zeros(6)
-    for i in range(robot.m):
-        spec = cable.spec(robot, i)._replace(anchor=anchors[:, i])
-        shape = cable.by_tension(spec, position + moved + turned @ attachments[:, i], tension[i])
-        wrench += structure_columns(turned, attachments[:, i], shape.direction) * tension[i]
+    wrench = cable_wrench(robot, position + moved, rotation @ rotations.exp(turn), tension, anchors, attachments)
     derivatives = [
         ca.densify(ca.jacobian(wrench, ca.vec(by))) for by in (anchors, attachments, ca.vertcat(moved, turn))
     ]
