@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 from pathlib import Path
 
 # Many small matrices: threads of their own cost more than they do, the more so beside other work. Before NumPy is loaded.
@@ -10,6 +11,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import pytest
 
+from steelyard.cli import main
 from steelyard.inertia import Inertia
 
 ROOT = Path(__file__).parents[1]
@@ -36,3 +38,18 @@ def examples():
 @pytest.fixture
 def rng():
     return np.random.default_rng(20170821)
+
+
+@pytest.fixture
+def run(monkeypatch, capfd):
+    """Run the command line in this process: exit status, stdout, stderr."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["steelyard", *map(str, arguments)])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as end:
+            main()
+        out, err = capfd.readouterr()
+        return end.value.code, out, err
+
+    return run

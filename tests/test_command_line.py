@@ -12,29 +12,14 @@ import numpy as np
 import pytest
 from recordings import save, table, write_small
 
-from steelyard.cli import main, verbs
+from steelyard.cli import verbs
 from steelyard.experiment.read import read_experiment
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.robot.file import bundled_names, read_robot
 
-VERBS = ("demo", "robots", "simulate", "identify")
+VERBS = ("demo", "robots", "simulate", "identify", "compare")
 PROCESS = [sys.executable, "-m", "steelyard"]
 QUICK = ["--duration", "2"]
-
-
-@pytest.fixture
-def run(monkeypatch, capfd):
-    """Run the command line in this process: exit status, stdout, stderr."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["steelyard", *map(str, arguments)])
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as end:
-            main()
-        out, err = capfd.readouterr()
-        return end.value.code, out, err
-
-    return run
 
 
 @pytest.fixture

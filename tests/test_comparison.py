@@ -14,7 +14,6 @@ import pytest
 from scipy import stats
 from scipy.special import gammaln, log_ndtr, logsumexp
 
-from steelyard.cli import main
 from steelyard.errors import InputError
 from steelyard.identification.comparison import SIGNIFICANT, agreement, compare
 from steelyard.identification.estimate import FORMAT, Estimate, judge
@@ -539,21 +538,6 @@ def test_names_are_short_and_differ(tmp_path):
 
 
 # The verb
-
-
-@pytest.fixture
-def run(monkeypatch, capfd):
-    """Run the command line in this process: exit status, stdout, stderr."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["steelyard", *map(str, arguments)])
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as end:
-            main()
-        out, err = capfd.readouterr()
-        return end.value.code, out, err
-
-    return run
 
 
 @pytest.fixture

@@ -1,14 +1,12 @@
 """Forces of runs that were held out, by the library and from the command line."""
 
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from simulated import BODY, RECORDER, TRUTH, Recorder, pair, with_stream
 
-from steelyard.cli import main
 from steelyard.errors import InputError
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.classical import study
@@ -114,21 +112,6 @@ def written(experiment, tmp_path):
     folder.mkdir()
     write_experiment(experiment, folder)
     return folder / "experiment.yaml"
-
-
-@pytest.fixture
-def run(monkeypatch, capfd):
-    """Run the command line in this process: exit status, stdout, stderr."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["steelyard", *map(str, arguments)])
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as end:
-            main()
-        out, err = capfd.readouterr()
-        return end.value.code, out, err
-
-    return run
 
 
 def test_holdout_from_the_command_line(run, written, prediction, tmp_path):
