@@ -26,6 +26,7 @@ from simulated import (
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification import long_recording
+from steelyard.identification.balance import force_sigma, least_sigma
 from steelyard.identification.classical import study
 from steelyard.identification.least_squares import LeastSquares
 from steelyard.identification.two_step import TwoStep
@@ -383,3 +384,17 @@ def test_another_body_than_the_nominal_one_is_found():
     estimate = METHOD(recorder(0))
     assert chi_square(estimate, body.body_parameters) < LIMIT
     assert estimate.verdict.accepted, estimate.verdict.reasons
+
+
+def test_stated_noise_is_used_as_stated_however_small_and_unstated_noise_has_a_floor():
+    quiet = changed(PAPER["cables"], noise=0.01)
+    experiment = replace(sound(0), instruments={**PAPER, "cables": quiet})
+    run, samples = experiment.runs[0], studied(0).samples[0]
+    sigma, stated = force_sigma(experiment, run, samples)
+    assert stated
+    np.testing.assert_array_equal(sigma, np.full(8, 0.01))
+    silent = type(quiet).model_validate({k: v for k, v in quiet.model_dump(exclude_unset=True).items() if k != "noise"})
+    experiment = replace(experiment, instruments={**PAPER, "cables": silent})
+    sigma, stated = force_sigma(experiment, run, replace(samples, noise={"tension": 1e-9}))
+    assert not stated
+    np.testing.assert_array_equal(sigma, least_sigma(experiment, run))

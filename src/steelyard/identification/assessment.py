@@ -7,7 +7,7 @@ noise does: a score test [Rao1948]_, two-sided, corrected for the number of test
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -189,14 +189,20 @@ def _proposal(owner: str, key: str) -> str:
     }.get(key, f"check how {owner} is described and mounted, or state a larger {where}")
 
 
-def reasons(study: Study) -> list[str]:
-    """Why not to rely on an estimate, in words and numbers; none for a sound recording."""
+def reasons(study: Study, tests: Sequence[Finding] | None = None) -> list[str]:
+    """Why not to rely on an estimate, in words and numbers; none for a sound recording.
+
+    Args:
+        study: What the estimate stands on.
+        tests: Its :func:`directed_tests`, where they have been made already.
+    """
+    tests = directed_tests(study) if tests is None else tests
     contradictions = [*_of_motion(study), *_of_forces(study)]
     return [
         *contradictions,
         *(diagnose(study) if contradictions else ()),
         *_of_runs(study),
-        *_of_description(study, 1 if contradictions else _MOST_NAMED),
+        *_of_description(tests, 1 if contradictions else _MOST_NAMED),
         *_of_nominal(study),
         *_of_bias(study),
     ]
@@ -294,8 +300,7 @@ def _of_runs(study: Study) -> Iterator[str]:
         )
 
 
-def _of_description(study: Study, most: int) -> Iterator[str]:
-    tests = directed_tests(study)
+def _of_description(tests: Sequence[Finding], most: int) -> Iterator[str]:
     limit = float(norm.isf(FAMILY / max(1, len(tests)) / 2))
     found = [test for test in tests if abs(test.z) > limit and test.shift > _MATTERS]
     for test in found[:most]:

@@ -47,23 +47,15 @@ class Balance:
     places: NDArray[np.intp]
     """Where these errors stand in the vector of all systematic errors, shape (e,)."""
 
-    def __len__(self) -> int:
-        return len(self.samples)
-
-    @property
-    def target(self) -> Array:
-        """Wrench of what carries the platform, shape (n, 6)."""
-        return self.samples.wrench
-
 
 def force_sigma(experiment: Experiment, run: Run, samples: Samples) -> tuple[Array, bool]:
     """1-sigma of single force readings, shape (r,), and whether it was stated."""
     quantities = _force_quantities(experiment, run)
     least = least_sigma(experiment, run)
-    guess = [np.full(q.size, samples.noise.get(q.name, np.inf) if q.noise is None else q.noise) for q in quantities]
-    sigma = np.concatenate(guess)
-    sigma = np.where(np.isfinite(sigma), sigma, _NOISE_AT_REST * least)
-    return np.maximum(sigma, least), all(q.noise is not None for q in quantities)
+    if all(q.noise for q in quantities):
+        return np.concatenate([np.full(q.size, q.noise) for q in quantities]), True
+    seen = np.concatenate([np.full(q.size, samples.noise.get(q.name, np.nan)) for q in quantities])
+    return np.maximum(np.where(np.isfinite(seen), seen, _NOISE_AT_REST * least), least), False
 
 
 def least_sigma(experiment: Experiment, run: Run) -> Array:

@@ -73,7 +73,7 @@ def finished(
         method=method,
         value=value,
         covariance=np.where(np.outer(told, told), covariance, np.nan),
-        verdict=judge(value, reasons=[*further, *reasons(found)], by_prior=[bool(p) for p in label_mask(found)]),
+        verdict=judge(value, reasons=[*further, *reasons(found, tests)], by_prior=[bool(p) for p in label_mask(found)]),
         calibration=as_tree(found.experiment, unknowns, found.systematic.values, deviations),
         residuals=_residuals(found),
         details={

@@ -8,7 +8,7 @@ normal matrix answers all questions: which of them to estimate, what the others 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -329,13 +329,7 @@ def enlarged(solution: Solution, blocks: Blocks, told: NDArray[np.bool_], freedo
         found["runs"] = factor * few if factor > 1 else 1.0
     name, factor = max(found.items(), key=lambda item: item[1])
     covariance = solution.covariance + max(0.0, factor - 1) * solution.noise_part
-    return Solution(
-        **{
-            **{f: getattr(solution, f) for f in solution.__dataclass_fields__},
-            "covariance": covariance,
-            "inflation": {name: factor} if factor > 1 else {},
-        }
-    )
+    return replace(solution, covariance=covariance, inflation={name: factor} if factor > 1 else {})
 
 
 def _scatter(moved: Array, spent: float) -> float:

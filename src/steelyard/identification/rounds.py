@@ -167,8 +167,7 @@ def typical_square(residual: Array) -> float:
 
 def _start(total: Sums, size: float) -> Array:
     """Plausible sizes before anything is known: the mass of a body that hangs still."""
-    mass = max(abs(float(total.plain_right[0] / max(total.normal[0, 0], 1e-300))), 1e-9)
-    return np.array([mass, *[mass * size] * 3, *[mass * size**2] * 6])
+    return plausible(total.plain_right[:1] / max(total.normal[0, 0], 1e-300), size)
 
 
 def _derivatives(
