@@ -186,3 +186,8 @@ def test_the_covariance_is_that_of_the_estimate_it_stands_at():
     J = body_jacobian(Inertia.from_body_parameters(Consistent().of(found).value).parameters)
     expected = J @ found.solution.covariance[:10, :10] @ J.T
     np.testing.assert_allclose(Consistent().of(found).covariance, expected, rtol=1e-9)
+
+
+def test_a_region_far_from_the_body_is_refused_in_one_sentence():
+    with pytest.raises(InputError, match="regions: expected"):
+        Consistent(regions=[Box(np.full(3, 10.0), np.full(3, 11.0))]).of(studied(0))

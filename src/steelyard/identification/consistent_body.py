@@ -183,21 +183,34 @@ def solve(problem: BodyProblem) -> ConsistentBody:
         Newton's solution, which lies strictly inside.
 
     Raises:
-        InputError: No body has its mass in all the regions.
-        SteelyardError: The two differ: an error in one of them.
+        InputError: No body has its mass in all the regions, or the regions are nowhere near what the data show.
+        SteelyardError: The two differ, or one of them fails: an error.
     """
     whitened = problem.whitened
     z = problem.to_whitened @ problem.estimate
     if problem.prior_weight == 0 and _is_inside(whitened, z):
         body = Inertia.from_parameters(problem.estimate)
         return ConsistentBody(problem.estimate, body, 0.0, 0.0, (), "unchanged", (0, 0), 0.0)
-    first, first_iterations = _semidefinite(whitened)
-    second = newton(whitened)
+    try:
+        # Numbers that end in nothing are caught below.
+        with np.errstate(all="ignore"):
+            first, first_iterations = _semidefinite(whitened)
+            second = newton(whitened)
+    except np.linalg.LinAlgError as error:
+        if problem.regions:
+            raise InputError(
+                "regions: expected some near the body that the data show, found none of that mass anywhere near; correct their places in the "
+                "platform frame [m]"
+            ) from error
+        raise SteelyardError(
+            "the nearest body that can exist: expected a solution, found none; please report the estimate with its information matrix"
+        ) from error
     disagreement = _distance(whitened, first, second.z)
     if not disagreement <= _AGREEMENT:
         raise SteelyardError(
             f"the nearest body that can exist: expected two methods within {_AGREEMENT:g} sigma of each other, found "
-            f"{disagreement:.2g}; please report the estimate with its information matrix"
+            f"{disagreement:.2g}; {'check whether the regions are where the mass is, or' if problem.regions else 'please'} report the "
+            "estimate with its information matrix"
         )
     parameters = readonly(problem.from_whitened @ second.z, (10,), "parameters")
     binding = _binding(problem, whitened, second)
