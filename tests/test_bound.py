@@ -11,8 +11,8 @@ from simulated import BODY, CENTER, EXACT, IDEAL, REACH, RECORDER, ROBOT, at_res
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.bound import Forces, attainable, cramer_rao
 from steelyard.identification.classical import study
-from steelyard.identification.kinematic_fit import Arc, Reading
 from steelyard.identification.least_squares import LeastSquares
+from steelyard.identification.motion_rows import Arc, Reading
 from steelyard.identification.smoothing import DEGREE, knots
 from steelyard.identification.unknowns import Systematic, gather
 from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian

@@ -7,9 +7,9 @@ coefficients is banded; systematic errors, which act on all of it, border it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,9 @@ POSE = 7
 WIDTH = POSE * (DEGREE + 1)
 """Coefficients that a pose depends on at one instant."""
 
+Label = tuple[str, str] | None
+"""What rows are readings of: instrument and quantity; None: of nothing."""
+
 
 @dataclass(frozen=True, eq=False)
 class Basis:
@@ -33,7 +36,7 @@ class Basis:
     first: NDArray[np.intp]
     """First of them, shape (n,)."""
     values: Array
-    """Of the functions and their derivatives, order on axis 0, shape (4, n, 6)."""
+    """Of the functions and their derivatives, order on axis 0, shape (4, n, 6); of poses at rest (4, n, 1)."""
 
 
 def basis(knots: Array, times: Array) -> Basis:
@@ -62,18 +65,33 @@ def basis(knots: Array, times: Array) -> Basis:
     return Basis(first.astype(np.intp), values)
 
 
+def at_rest(poses: NDArray[np.intp]) -> Basis:
+    """Basis of samples of poses at rest, each of which stands alone.
+
+    Args:
+        poses: Number of the pose of each sample, shape (n,).
+    """
+    values = np.zeros((4, len(poses), 1))
+    values[0] = 1.0
+    return Basis(np.asarray(poses, dtype=np.intp), values)
+
+
 @dataclass(frozen=True, eq=False)
 class Rows:
     """Linearised readings of n samples, whitened, k numbers each."""
 
     first: NDArray[np.intp]
-    """First coefficient function that each depends on, ascending, shape (n,)."""
+    """First coefficient function that each depends on, shape (n,)."""
     residual: Array
     """Shape (n, k)."""
     by_motion: Array
-    """Derivative by the coefficients, shape (n, k, 42)."""
+    """Derivative by the coefficients of the functions at that instant, shape (n, k, 42), or (n, k, 7) where each sample has a pose of its own."""
     by_errors: Array
-    """Derivative by the border parameters, shape (n, k, b)."""
+    """Derivative by border parameters, shape (n, k, c)."""
+    columns: NDArray[np.intp] | None = None
+    """Which of the border parameters these are, shape (c,); None: all."""
+    label: Label = None
+    """What they are readings of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +108,31 @@ class NormalEquations:
     """Minus half the gradient of the cost by the coefficients, shape (N,)."""
     border_gradient: Array
     """The same by the border parameters, shape (b,)."""
+    spent: Mapping[Label, float] = field(default_factory=dict)
+    """Label of rows -> degrees of freedom that the motion took of them, where its covariance was given."""
+
+    @cached_property
+    def factor(self) -> Array:
+        """Cholesky factor of the motion's matrix, lower banded form.
+
+        Raises:
+            numpy.linalg.LinAlgError: The motion is not determined.
+        """
+        return np.asarray(cholesky_banded(self.band, lower=True, check_finite=False))
+
+    def solve(self, right: Array) -> Array:
+        """Solve with the motion's matrix."""
+        return np.asarray(cho_solve_banded((self.factor, True), right, check_finite=False))
+
+    @cached_property
+    def followed(self) -> Array:
+        """How the motion follows the border parameters, with the opposite sign, shape (N, b)."""
+        return self.solve(self.side)
+
+    @cached_property
+    def settled(self) -> Array:
+        """Step of the motion with the border held, shape (N,)."""
+        return self.solve(self.motion_gradient)
 
     def reduced(self) -> tuple[Array, Array]:
         """Matrix and right-hand side of the border with the motion eliminated (Schur complement), shapes (b, b) and (b,).
@@ -97,47 +140,179 @@ class NormalEquations:
         Raises:
             numpy.linalg.LinAlgError: The motion is not determined.
         """
-        factor = cholesky_banded(self.band, lower=True)
-        solved = cho_solve_banded((factor, True), np.column_stack([self.side, self.motion_gradient]))
         return (
-            self.corner - self.side.T @ solved[:, :-1],
-            self.border_gradient - self.side.T @ solved[:, -1],
+            self.corner - self.side.T @ self.followed,
+            self.border_gradient - self.side.T @ self.settled,
         )
 
     def motion_step(self, border: Array) -> Array:
         """Step of the coefficients that goes with a step of the border, shape (N,)."""
-        factor = cholesky_banded(self.band, lower=True)
-        return np.asarray(cho_solve_banded((factor, True), self.motion_gradient - self.side @ border))
+        return np.asarray(self.settled - self.followed @ border)
+
+    @property
+    def log_determinant(self) -> float:
+        """Of the motion's matrix."""
+        return float(2 * np.sum(np.log(self.factor[0])))
+
+    def damped(self, factor: float) -> NormalEquations:
+        """The same with a larger diagonal, for shorter steps [Marquardt1963]_."""
+        band, corner = self.band.copy(), self.corner.copy()
+        band[0] *= 1 + factor
+        corner[np.diag_indices_from(corner)] *= 1 + factor
+        return replace(self, band=band, corner=corner)
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Inverse of the motion's matrix as far as its own band reaches, lower banded form, shape (42, N).
+
+        Formed by recursion over blocks of the factor [Takahashi1973]_: linear in the length.
+        """
+        return _selected_inverse(self.factor)
+
+    def covariances(self) -> Array:
+        """Covariance of the coefficients that one instant depends on, the border held, shape (f - 5, 42, 42) or (f, 7, 7)."""
+        width, size = self.inverse.shape
+        windows = np.empty(((size - width) // POSE + 1, width, width))
+        for column in range(width):
+            own = self.inverse[: width - column, column : size - width + column + 1 : POSE].T
+            windows[:, column:, column] = own
+            windows[:, column, column:] = own
+        return windows
+
+    def stiffened(self, bands: Iterable[Array], coefficients: Array) -> NormalEquations:
+        """The same with a quadratic cost of the coefficients themselves.
+
+        Args:
+            bands: Its matrices, lower banded form, shape (42, N) each; their sum counts.
+            coefficients: Present ones, shape (f, 7).
+        """
+        total = np.sum(list(bands), axis=0)
+        pull = banded_product(total, coefficients.ravel())
+        return replace(self, band=self.band + total, motion_gradient=self.motion_gradient - pull)
 
 
-_ROW, _COLUMN = np.tril_indices(WIDTH)
+def banded_product(band: Array, vector: Array) -> Array:
+    """Product of a symmetric matrix in lower banded form with a vector."""
+    product = band[0] * vector
+    for d in range(1, len(band)):
+        product[d:] += band[d, :-d] * vector[:-d]
+        product[:-d] += band[d, :-d] * vector[d:]
+    return np.asarray(product)
 
 
-def accumulate(functions: int, border: int, rows: Iterator[Rows]) -> NormalEquations:
+def banded_trace(one: Array, other: Array) -> float:
+    """Trace of the product of two symmetric matrices in lower banded form, of the second as far as the first reaches."""
+    return float(2 * np.vdot(one, other) - np.vdot(one[0], other[0]))
+
+
+def _selected_inverse(factor: Array) -> Array:
+    """Parts of the inverse of a banded matrix within its own band, from its Cholesky factor, lower banded form."""
+    width, size = factor.shape
+    block = max(width - POSE, POSE)
+    count = -(-size // block)
+    padded = np.zeros((width, (count + 1) * block))
+    padded[:, :size] = factor
+    padded[0, size:] = 1.0
+    diagonal, below = np.zeros((count, block, block)), np.zeros((count, block, block))
+    columns = np.arange(count) * block
+    for d in range(width):
+        for j in range(block):
+            value, row = padded[d, columns + j], j + d
+            if row < block:
+                diagonal[:, row, j] = value
+            elif row < 2 * block:
+                below[:, row - block, j] = value
+    inverse = np.linalg.inv(diagonal)
+    own, step = inverse.transpose(0, 2, 1) @ inverse, below @ inverse
+    across = np.zeros((count, block, block))
+    for i in range(count - 2, -1, -1):
+        across[i] = -own[i + 1] @ step[i]
+        own[i] -= step[i].T @ across[i]
+    found = np.zeros_like(padded)
+    for d in range(width):
+        for j in range(block):
+            row = j + d
+            if row < block:
+                found[d, columns + j] = own[:, row, j]
+            elif row < 2 * block:
+                found[d, columns + j] = across[:, row - block, j]
+    # What lies below the matrix is nothing.
+    result = found[:, :size]
+    for d in range(1, width):
+        result[d, size - d :] = 0.0
+    return result
+
+
+_AT_ONCE = 2048
+"""Instants whose products are held at once."""
+
+
+def accumulate(
+    functions: int, border: int, rows: Iterable[Rows], *, width: int = WIDTH, covariance: Array | None = None
+) -> NormalEquations:
     """Normal equations of linearised readings.
 
     Args:
-        functions: Spline functions of the arc.
+        functions: Of the motion.
         border: Number of border parameters.
         rows: All there are.
+        width: Coefficients that one instant depends on.
+        covariance: Of the motion, as :attr:`NormalEquations.covariance` has it, to see how much freedom it takes of the rows; None: not
+            asked for.
     """
     size = functions * POSE
-    band, side = np.zeros((WIDTH, size)), np.zeros((size, border))
-    corner, by_motion, by_border = np.zeros((border, border)), np.zeros(size), np.zeros(border)
+    band, side = np.zeros((width, size)), np.zeros((functions, POSE, border))
+    corner, by_motion, by_border = np.zeros((border, border)), np.zeros((functions, POSE)), np.zeros(border)
+    spent: dict[Label, float] = {}
     for part in rows:
-        edges = np.flatnonzero(np.diff(part.first, prepend=-1, append=-1))
-        for start, end in pairwise(edges):
-            A = part.by_motion[start:end].reshape(-1, WIDTH)
-            E = part.by_errors[start:end].reshape(-1, border)
-            r = part.residual[start:end].ravel()
-            place = int(part.first[start]) * POSE
-            local = slice(place, place + WIDTH)
-            band[_ROW - _COLUMN, place + _COLUMN] += (A.T @ A)[_ROW, _COLUMN]
-            side[local] += A.T @ E
-            corner += E.T @ E
-            by_motion[local] -= A.T @ r
-            by_border -= E.T @ r
-    return NormalEquations(band, side, corner, by_motion, by_border)
+        columns = np.arange(border) if part.columns is None else part.columns
+        together = np.concatenate([part.by_motion, part.by_errors, part.residual[:, :, None]], axis=2)
+        if len(part.first) and np.any(np.diff(part.first) < 0):
+            order = np.argsort(part.first, kind="stable")
+            together, first = together[order], part.first[order]
+        else:
+            first = part.first
+        for start in range(0, functions, _AT_ONCE):
+            span = slice(*np.searchsorted(first, [start, start + _AT_ONCE]))
+            if span.start == span.stop:
+                continue
+            origin, last = int(first[span.start]), int(first[span.stop - 1])
+            products = _products(together[span], first[span] - origin, last - origin + 1)
+            _scatter(band, products, origin, width)
+            for function in range(width // POSE):
+                own = slice(function * POSE, (function + 1) * POSE)
+                target = slice(origin + function, last + function + 1)
+                side[target, :, columns] += products[:, own, width:-1]
+                by_motion[target] -= products[:, own, -1]
+            total = products[:, width:, width:].sum(axis=0)
+            corner[np.ix_(columns, columns)] += total[:-1, :-1]
+            by_border[columns] -= total[:-1, -1]
+            if covariance is not None:
+                taken = np.vdot(products[:, :width, :width], covariance[origin : last + 1])
+                spent[part.label] = spent.get(part.label, 0.0) + float(taken)
+    return NormalEquations(band, side.reshape(size, border), corner, by_motion.ravel(), by_border, spent)
+
+
+def _products(rows: Array, instant: NDArray[np.intp], count: int) -> Array:
+    """Rows with themselves, summed over the samples of every instant, shape (count, c, c)."""
+    edges = np.searchsorted(instant, np.arange(count + 1))
+    k, c = rows.shape[1:]
+    flat = rows.reshape(-1, c)
+    products = np.zeros((count, c, c))
+    for i in np.flatnonzero(np.diff(edges)):
+        own = flat[edges[i] * k : edges[i + 1] * k]
+        np.matmul(own.T, own, out=products[i])
+    return products
+
+
+def _scatter(band: Array, products: Array, origin: int, width: int) -> None:
+    """Add products of consecutive instants to a banded matrix."""
+    count = len(products)
+    for column in range(width):
+        function, place = divmod(column, POSE)
+        start = (origin + function) * POSE + place
+        own = band[:, start : start + (count - 1) * POSE + 1 : POSE]
+        own[: width - column] += products[:, column:width, column].T
 
 
 def spread(basis: Basis, *by_order: Array) -> Array:
@@ -148,13 +323,13 @@ def spread(basis: Basis, *by_order: Array) -> Array:
         *by_order: Shape (n, k, 7) each, the first by the pose.
 
     Returns:
-        Shape (n, k, 42).
+        Shape (n, k, 42); (n, k, 7) of poses at rest.
     """
     n, k, _ = by_order[0].shape
-    total = np.zeros((n, k, DEGREE + 1, POSE))
+    total = np.zeros((n, k, basis.values.shape[2], POSE))
     for order, jacobian in enumerate(by_order):
         total += basis.values[order][:, None, :, None] * jacobian[:, :, None, :]
-    return total.reshape(n, k, WIDTH)
+    return total.reshape(n, k, -1)
 
 
 def motion_at(basis: Basis, coefficients: Array) -> tuple[Array, Array, Array, Array]:
@@ -164,6 +339,6 @@ def motion_at(basis: Basis, coefficients: Array) -> tuple[Array, Array, Array, A
         basis: At n times.
         coefficients: Of the spline, shape (f, 7).
     """
-    local = coefficients[basis.first[:, None] + np.arange(DEGREE + 1)]
+    local = coefficients[basis.first[:, None] + np.arange(basis.values.shape[2])]
     pose, rate, acceleration, jerk = np.einsum("oni,nid->ond", basis.values, local)
     return pose, rate, acceleration, jerk

@@ -20,7 +20,7 @@ from steelyard.batch import Batched
 from steelyard.dynamics import newton_euler
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.arc import Rows, accumulate, basis, motion_at, spread
-from steelyard.identification.kinematic_fit import Arc, motion_rows, reference_clocks
+from steelyard.identification.motion_rows import Arc, Tally, motion_rows, reference_clocks
 from steelyard.identification.preparation import Samples
 from steelyard.identification.regression import TEN
 from steelyard.identification.study import Study
@@ -158,11 +158,8 @@ def _all_rows(
     active: NDArray[np.bool_],
     parameters: Array,
 ) -> Iterator[Rows]:
-    for rows in motion_rows(experiment, arc, systematic, active, {}, {}):
-        n, k, _ = rows.by_errors.shape
-        yield Rows(
-            rows.first, rows.residual, rows.by_motion, np.concatenate([np.zeros((n, k, TEN)), rows.by_errors], axis=2)
-        )
+    column_of = np.where(active, TEN + np.cumsum(active) - 1, -1)
+    yield from motion_rows(experiment, arc, systematic, column_of, {}, Tally())
     yield force_rows(experiment, run, arc, felt, systematic, active, parameters)
 
 

@@ -55,8 +55,13 @@ class Consistent:
         except NoBalanceError as error:
             return nothing_told(self.name, str(error))
 
-    def of(self, found: Study) -> Estimate:
-        """Estimate from a study that is there already; raises as a call does."""
+    def of(self, found: Study, name: str = name) -> Estimate:
+        """Estimate from a study that is there already; raises as a call does.
+
+        Args:
+            found: The study.
+            name: Of the method that it is the estimate of.
+        """
         nominal = found.experiment.robot.platform
         if self.towards_nominal and nominal is None:
             raise InputError(
@@ -64,11 +69,11 @@ class Consistent:
                 "to the robot file"
             )
         if found.parameters[0] <= 0 or not np.isfinite(found.parameters).all():
-            return finished(found, self.name)
+            return finished(found, name)
         weight = _weight(found, self.regions, nominal) if self.towards_nominal and nominal is not None else None
         spread = found.solution.covariance[:TEN, :TEN]
         problem = body_problem(found.parameters, spread, found.size, self.regions, nominal, weight or 0.0)
-        return _finished(found, problem, solve(problem), weight, self.name)
+        return _finished(found, problem, solve(problem), weight, name)
 
 
 def body_problem(
@@ -124,7 +129,7 @@ def _finished(found: Study, problem: BodyProblem, body: ConsistentBody, weight: 
         chance = float(chi2.sf(body.misfit, freedom))
         words = f"{'; '.join(str(each) for each in body.binding)}; that costs a chi-square of {body.misfit:.1f}"
         (further if chance < _TOO_MUCH and not problem.prior_weight else notes).append(
-            f"the estimate of least squares is no body, and the nearest one is on the edge of what can exist: {words}"
+            f"what the data say alone is no body, and the nearest one is on the edge of what can exist: {words}"
         )
     if weight is not None:
         details["pull_towards_nominal"] = {"weight": weight, "divergence": body.prior}

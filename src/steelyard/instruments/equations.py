@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import casadi as ca
@@ -153,12 +153,17 @@ def _linearised(instrument: Instrument, quantity: str, robot: Robot) -> Batched:
     gravity = ca.SX.sym("gravity", 3)
     terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
     errors = ca.vertcat(*terms.values()) if terms else ca.SX.sym("none", 1)
-    predicted = instrument.predict(state_of_pose(pose, rate, acceleration, gravity), terms, robot)[quantity]
+    tension = ca.SX.sym("tension", robot.m)
+    state = replace(state_of_pose(pose, rate, acceleration, gravity), tension=tension)
+    predicted = ca.SX(instrument.predict(state, terms, robot)[quantity])
     measured = _symbol_like("measured", predicted)
     residual = rotations.log(predicted.T @ measured) if predicted.shape == (3, 3) else measured - predicted
     return Batched(
         "linearised",
-        {"pose": pose, "rate": rate, "acceleration": acceleration, "gravity": gravity, "errors": errors, "measured": measured},
+        {
+            "pose": pose, "rate": rate, "acceleration": acceleration, "gravity": gravity, "errors": errors, "measured": measured,
+            **({"tension": tension} if robot.m and ca.depends_on(predicted, tension) else {}),
+        },
         {
             "residual": residual,
             **{
@@ -180,19 +185,21 @@ def linearised(
     motion: tuple[Array, Array, Array],
     errors: Array,
     gravity: Array,
+    tension: Array | None = None,
 ) -> dict[str, Array]:
     """Measurement equation of one quantity about a motion: what is measured beyond what is predicted, and its derivatives.
 
     Of a rotation the difference is the rotation vector on the right of the predicted one.
 
     Args:
-        instrument: A kind that looks at the motion alone.
+        instrument: A kind that looks at the motion.
         quantity: One of its quantities, of k numbers.
         robot: Its cables.
         measured: Readings, shape (n, k) or (n, 3, 3).
         motion: Position [m] over quaternion, its first and second time derivative, shape (n, 7) each.
         errors: Systematic errors in the order of :meth:`Instrument.terms`, shape (e,).
         gravity: World frame [m/s^2], shape (3,).
+        tension: Of the cables at the platform [N], shape (n, m), for instruments that look at them too; taken as known.
 
     Returns:
         ``residual``, shape (n, k), and its derivatives ``by_pose``, ``by_rate``, ``by_acceleration``, shape (n, k, 7),
@@ -200,8 +207,9 @@ def linearised(
     """
     pose, rate, acceleration = motion
     return _linearised(instrument, quantity, robot)(
-        pose=pose, rate=rate, acceleration=acceleration, errors=errors, gravity=gravity, measured=measured
-    )
+        pose=pose, rate=rate, acceleration=acceleration, errors=errors, gravity=gravity, measured=measured,
+        **({} if tension is None else {"tension": tension}),
+    )  # fmt: skip
 
 
 @lru_cache(maxsize=64)

@@ -1,0 +1,349 @@
+"""Everything at once: motion, body and every systematic error, from the raw readings at their own times.
+
+Gauss-Newton on a banded matrix with a border, damped where it does not descend [Marquardt1963]_. Noise levels that are not stated, and
+how smooth the motion is, are those under which what is left of the readings is as large as it should be, counted without the
+freedom that motion and constants have taken: the restricted likelihood's maximum [Patterson1971]_.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment
+from steelyard.identification.arc import POSE, Label, NormalEquations, Rows, accumulate, banded_trace
+from steelyard.identification.force_rows import BALANCE, Forces, force_rows
+from steelyard.identification.motion_rows import PARTS, Arc, Tally, motion_rows
+from steelyard.identification.regression import TEN
+from steelyard.identification.sources import Source
+from steelyard.identification.unknowns import Systematic, Unknowns
+
+_TURNS = 40
+_MOST_REJECTED = 8
+_BORDER, _ALL = 0.005, 0.5
+"""Promised decrease of the cost, a chi-square, at which constants and everything have arrived."""
+_BEGUN = 5.0
+"""The same of the motion where forces are not looked at: a beginning for the rest."""
+_SAME = 1e-6
+"""Relative increase of the cost that is none."""
+_LEVEL = 0.02
+"""Largest relative change of a noise level at which it has settled."""
+_LARGER = 1.3
+"""Readings that scatter by so much more than their stated noise do not count as if they were as stated."""
+_HELD = 0.25
+"""Information on a direction in units of plausible sizes below which it is not told."""
+_LOOSER = 30.0
+"""By how much more the motion is let do than it does on average: where it rings, its roughness sits in narrow bands, far above the mean,
+and a prior that is too stiff there takes from the acceleration what the forces feel. It widens what passes by 30^(1/6), less than twofold."""
+_SEARCHED = 12
+_LEAST_ROUGH = 1e-12
+_LEAST_FREEDOM = 0.02
+"""Part of the readings that is left to tell their noise, at least."""
+_SMOOTH = 0.3
+"""Largest logarithm of the ratio at which the smoothness has settled: estimates follow it with a sixth of that and less."""
+_MOST_CHANGE = 4.0
+"""Of the logarithm of a variance in one turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Present values of everything."""
+
+    arcs: tuple[Arc, ...]
+    systematic: Systematic
+    parameters: Array | None
+    """The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,); None: forces are not looked at."""
+    factors: Mapping[Source, float] = field(default_factory=dict)
+    """Quantity -> noise in units of what its readings say."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is to be fitted."""
+
+    experiment: Experiment
+    unknowns: Unknowns
+    felt: tuple[Forces | None, ...]
+    """Of each arc; None: its forces are not looked at."""
+    active: NDArray[np.bool_]
+    """Systematic errors that are estimated, shape (u,)."""
+    stated: frozenset[Source]
+    """Quantities whose noise is stated."""
+    sizes: Array
+    """Plausible sizes of the ten linear parameters, shape (10,)."""
+    least: Mapping[Source, float] = field(default_factory=dict)
+    """Quantity -> least 1-sigma that its noise may be estimated at."""
+    known: Callable[[Array], tuple[Array, Array]] | None = None
+    """Parameters -> precision and pull of what is known about the body beforehand, shapes (10, 10) and (10,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where it ended."""
+
+    state: State
+    equations: tuple[NormalEquations, ...]
+    """Of each arc, about the state."""
+    tally: Tally
+    ratios: Mapping[Source, float]
+    """Variance of the residuals over what they count as, freedom taken off."""
+    converged: bool
+    turns: int
+    covariance: Array
+    """Of the border: the ten, where forces are looked at, and then the active errors."""
+
+
+def linearise(
+    task: Task, state: State, column_of: NDArray[np.intp], border: int, covariances: Sequence[Array | None]
+) -> tuple[tuple[NormalEquations, ...], Tally]:
+    """Normal equations of every arc about a state, over columns of the border that may be more than are estimated."""
+    tally = Tally()
+
+    def rows(arc: Arc, felt: Forces | None) -> Iterator[Rows]:
+        yield from motion_rows(task.experiment, arc, state.systematic, column_of, state.factors, tally)
+        if felt is not None and state.parameters is not None:
+            yield force_rows(
+                task.experiment, arc, felt, state.systematic, column_of, state.parameters, state.factors, tally
+            )
+
+    return tuple(
+        accumulate(len(arc.coefficients), border, rows(arc, felt), width=arc.width, covariance=covariance)
+        for arc, felt, covariance in zip(state.arcs, task.felt, covariances, strict=True)
+    ), tally
+
+
+def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fraction: None) -> Fit:
+    """Fit.
+
+    Args:
+        task: What to fit.
+        state: Where to begin.
+        tell: Is told the fraction that is done, roughly.
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined.
+    """
+    ten = TEN if state.parameters is not None else 0
+    border = ten + int(task.active.sum())
+    column_of = np.where(task.active, ten + np.cumsum(task.active) - 1, -1)
+    covariances: list[Array | None] = [None] * len(state.arcs)
+    accepted: tuple[State, tuple[NormalEquations, ...], float] | None = None
+    damping, rejected, converged = 0.0, 0, False
+    ratios: dict[Source, float] = {}
+    many = sum(arc.coefficients.size for arc in state.arcs)
+    turn = 0
+    for turn in range(_TURNS):
+        readings, tally = linearise(task, state, column_of, border, covariances)
+        cost = tally.cost + _prior_cost(task, state)
+        if accepted is not None and not cost < accepted[2] * (1 + _SAME):
+            rejected += 1
+            if rejected > _MOST_REJECTED:
+                break
+            damping = max(4 * damping, 1e-3)
+            state = _step(task, accepted[0], accepted[1], damping).state
+            continue
+        damping, rejected = damping / 8 if damping > 1e-4 else 0.0, 0
+        equations = smooth(state, readings)
+        step = _step(task, state, equations, damping)
+        near, settled = step.decrement < many, True
+        if near:
+            # Noise and smoothness, once the residual is no longer that of a wrong motion.
+            if any(arc.smoothness for arc in state.arcs):
+                level, settled = smoothed(state, readings)
+                if not settled:
+                    state = replace(
+                        state,
+                        arcs=tuple(a if a.smoothness is None else replace(a, smoothness=level) for a in state.arcs),
+                    )
+                    equations = smooth(state, readings)
+                    step = _step(task, state, equations, damping)
+            factors = state.factors
+            if all(c is not None for c in covariances):
+                ratios = _ratios(readings, tally)
+                factors = _unstated(task, state, ratios)
+                settled = settled and not _changed(state.factors, factors)
+                if settled and step.border < _BORDER and step.decrement < (_ALL if ten else _BEGUN):
+                    # Only a motion that is as free as it wants to be can say that a noise is not as stated.
+                    factors = _larger(task, state, ratios)
+                    settled = converged = not _changed(state.factors, factors)
+            else:
+                settled = False
+            if converged:
+                break
+            covariances = [each.covariances() for each in equations]
+            step = replace(step, state=replace(step.state, factors=factors))
+        # A cost in other units is no measure of the step.
+        accepted = (state, equations, cost) if settled else None
+        state = step.state
+        tell(min(0.95, turn / 8))
+    return Fit(state, equations, tally, ratios, converged, turn + 1, step.covariance)
+
+
+def smooth(state: State, readings: Sequence[NormalEquations]) -> tuple[NormalEquations, ...]:
+    """Normal equations of every arc with what is known of its smoothness."""
+    return tuple(arc.smooth(each) for arc, each in zip(state.arcs, readings, strict=True))
+
+
+def _ratios(equations: Sequence[NormalEquations], tally: Tally) -> dict[Source, float]:
+    """Of every quantity, variance of the residual over what it counts as now."""
+    spent: dict[Label, float] = {}
+    for each in equations:
+        for label, freedom in each.spent.items():
+            spent[label] = spent.get(label, 0.0) + freedom
+    counts: dict[str, float] = {}
+    for (name, _), count in tally.count.items():
+        counts[name] = counts.get(name, 0.0) + count
+    ratios: dict[Source, float] = {}
+    for (name, quantity), square in tally.square.items():
+        count = tally.count[name, quantity]
+        # Quantities of a force instrument share the freedom that its balance has lost.
+        taken = spent.get((name, quantity), spent.get((name, BALANCE), 0.0) * count / max(counts[name], 1.0))
+        ratios[name, quantity] = square / max(count - taken, _LEAST_FREEDOM * count, 1.0)
+    return ratios
+
+
+def smoothed(state: State, equations: Sequence[NormalEquations]) -> tuple[dict[str, float], bool]:
+    """Smoothness under which the motion is as rough as its freedom lets it be, and whether it was so already.
+
+    The readings stay as they are linearised; only the motion follows. This is the maximum of the marginal likelihood over the
+    intensities, with motion integrated out [MacKay1992]_.
+
+    Args:
+        state: With arcs of one smoothness.
+        equations: Of their readings.
+    """
+    moving = [(arc, each) for arc, each in zip(state.arcs, equations, strict=True) if arc.smoothness is not None]
+    level = {k: v / _LOOSER for k, v in (moving[0][0].smoothness or {}).items()}
+    start = dict(level)
+    last: dict[str, tuple[float, float]] = {}
+    for _ in range(_SEARCHED):
+        rough, taken = dict.fromkeys(level, 0.0), dict.fromkeys(level, 0.0)
+        for arc, each in moving:
+            present = replace(arc, smoothness=level)
+            whole = present.smooth(each)
+            rested = replace(present, coefficients=arc.coefficients + whole.settled.reshape(-1, POSE))
+            for part, value in rested.roughness.items():
+                rough[part] += value
+                columns = PARTS[part].stop - PARTS[part].start
+                taken[part] += (
+                    columns * (len(arc.coefficients) - 3) - banded_trace(arc.jerks[part], whole.inverse) / level[part]
+                )
+        off = {
+            part: float(np.log(max(rough[part], _LEAST_ROUGH) / max(taken[part], 0.1) / level[part])) for part in level
+        }
+        if all(abs(each) < _SMOOTH for each in off.values()):
+            break
+        for part, each in off.items():
+            at = float(np.log(level[part]))
+            slope = -1.0
+            if part in last and abs(at - last[part][0]) > 1e-3:
+                slope = float(np.clip((each - last[part][1]) / (at - last[part][0]), -1.5, -0.15))
+            last[part] = at, each
+            level[part] = float(np.exp(at + np.clip(-each / slope, -_MOST_CHANGE, _MOST_CHANGE)))
+    return {k: v * _LOOSER for k, v in level.items()}, all(
+        abs(np.log(level[part] / start[part])) < _SMOOTH for part in level
+    )
+
+
+def _unstated(task: Task, state: State, ratios: Mapping[Source, float]) -> dict[Source, float]:
+    """Levels of noise that is not stated."""
+    factors, first = dict(state.factors), _first_sigmas(task, state)
+    for source, ratio in ratios.items():
+        if source not in task.stated:
+            change = float(np.sqrt(np.clip(ratio, np.exp(-_MOST_CHANGE), np.exp(_MOST_CHANGE))))
+            factors[source] = max(
+                factors.get(source, 1.0) * change, task.least.get(source, 0.0) / first.get(source, np.inf)
+            )
+    return factors
+
+
+def _first_sigmas(task: Task, state: State) -> dict[Source, float]:
+    """1-sigma that factors multiply."""
+    found = {reading.source: reading.sigma for arc in state.arcs for reading in arc.readings}
+    for felt in task.felt:
+        if felt is not None:
+            ends = np.cumsum([0, *(v.shape[1] for v in felt.readings.values())])
+            found |= {(felt.name, q): float(felt.sigma[i]) for q, i in zip(felt.readings, ends, strict=False)}
+    return found
+
+
+def _larger(task: Task, state: State, ratios: Mapping[Source, float]) -> dict[Source, float]:
+    """Levels of stated noise that is visibly larger than stated."""
+    factors = dict(state.factors)
+    for source in task.stated & ratios.keys():
+        level = factors.get(source, 1.0) * float(np.sqrt(ratios[source]))
+        factors[source] = level if level > _LARGER else 1.0
+    return factors
+
+
+def _changed(old: Mapping[Source, float], new: Mapping[Source, float]) -> bool:
+    return any(abs(np.log(level / old.get(source, 1.0))) > _LEVEL for source, level in new.items())
+
+
+def _prior_cost(task: Task, state: State) -> float:
+    off = (state.systematic.values - task.unknowns.mean)[task.active] / task.unknowns.deviation[task.active]
+    return float(off @ off)
+
+
+def border_system(task: Task, state: State, reduced: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Matrix and right-hand side of the border with the priors, in units of plausible sizes and prior 1-sigma."""
+    matrix, gradient = reduced[0].copy(), reduced[1].copy()
+    ten = TEN if state.parameters is not None else 0
+    deviation = task.unknowns.deviation[task.active]
+    scale = np.concatenate([task.sizes[:ten], deviation])
+    if ten and task.known is not None and state.parameters is not None:
+        precision, pull = task.known(state.parameters)
+        matrix[:ten, :ten] += precision
+        gradient[:ten] += pull - precision @ state.parameters
+    matrix = matrix * np.outer(scale, scale)
+    matrix[ten:, ten:] += np.eye(len(deviation))
+    right = scale * gradient
+    right[ten:] += (task.unknowns.mean - state.systematic.values)[task.active] / deviation
+    return matrix, right
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    state: State
+    """One step further."""
+    decrement: float
+    """By how much the cost should fall."""
+    border: float
+    """The part of it that the border brings."""
+    covariance: Array
+    """Of the border."""
+
+
+def _step(task: Task, state: State, equations: Sequence[NormalEquations], damping: float) -> _Step:
+    used = [each.damped(damping) if damping else each for each in equations]
+    reduced = [each.reduced() for each in used]
+    matrix, right = border_system(
+        task, state, (np.sum([m for m, _ in reduced], axis=0), np.sum([g for _, g in reduced], axis=0))
+    )
+    ten = TEN if state.parameters is not None else 0
+    scale = np.concatenate([task.sizes[:ten], task.unknowns.deviation[task.active]])
+    told, axes = np.linalg.eigh((matrix + matrix.T) / 2)
+    keep = told > _HELD
+    inverse = (axes[:, keep] / told[keep]) @ axes[:, keep].T
+    step = scale * (inverse @ right)
+    values = state.systematic.values.copy()
+    values[task.active] += step[ten:]
+    arcs = tuple(
+        replace(arc, coefficients=arc.coefficients + each.motion_step(step).reshape(-1, POSE))
+        for arc, each in zip(state.arcs, used, strict=True)
+    )
+    return _Step(
+        State(
+            arcs,
+            replace(state.systematic, values=values),
+            None if state.parameters is None else state.parameters + step[:ten],
+            state.factors,
+        ),
+        float(right @ inverse @ right) + sum(float(each.motion_gradient @ each.settled) for each in used),
+        float(right @ inverse @ right),
+        scale[:, None] * inverse * scale,
+    )

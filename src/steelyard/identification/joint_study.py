@@ -1,0 +1,412 @@
+"""From an experiment to everything at once, and to the value that estimate and verdict are drawn from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment
+from steelyard.identification.arc import Label, NormalEquations, Rows, accumulate
+from steelyard.identification.classical import NoBalanceError
+from steelyard.identification.estimate import plausible_radius
+from steelyard.identification.force_rows import Balance, Forces, balance_of, force_rows, sample_weight
+from steelyard.identification.joint_fit import Fit, State, Task, fit
+from steelyard.identification.kinematic_fit import KinematicFit, told_about
+from steelyard.identification.motion_rows import Arc, Tally, motion_rows
+from steelyard.identification.outliers import look
+from steelyard.identification.preparation import Samples, prepare
+from steelyard.identification.recorded_arcs import Recorded, recorded
+from steelyard.identification.regression import TEN, Blocks, Prior, Sums, enlarged, solve, together
+from steelyard.identification.rounds import prior_of
+from steelyard.identification.sources import Source
+from steelyard.identification.study import Progress, Study, plausible, sum_up
+from steelyard.identification.unknowns import Systematic, Unknowns, gather
+
+_ROUNDS = 4
+"""Rounds in which readings that stand out are left out."""
+_BODY_ROUNDS = 4
+_BLOCK = 1.0
+"""Least length of the stretches that are held against each other [s]."""
+_BLOCK_SPACINGS = 5.0
+_MOST_BLOCKS = 60
+_STUCK_FAR = 5
+"""Motion readings in a row that stand far from the motion: the instrument has lost it."""
+_LEFT_UNREAD = 2
+"""Readings beside these that go with them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """An experiment, fitted as a whole."""
+
+    study: Study
+    fit: Fit
+    felt: tuple[Forces, ...]
+    contacts: Mapping[str, tuple[tuple[float, float], ...]]
+    """Run -> stretches in which something touched the platform [s]."""
+    spikes: Mapping[str, int]
+    """Run -> force readings that stood alone."""
+    covariances: tuple[Array, ...] = field(default_factory=tuple)
+    """Of the coefficients of each arc, the border held."""
+    followed: tuple[Array, ...] = field(default_factory=tuple)
+    """How they follow the border (the ten and all systematic errors), with the opposite sign."""
+
+
+def joint_study(experiment: Experiment, progress: Progress = None, start: Systematic | None = None) -> Joint:
+    """Fit an experiment as a whole.
+
+    Args:
+        experiment: With at least one run.
+        progress: Is told what is being done and the fraction that is done.
+        start: Values of the systematic errors to begin with; None: as known beforehand.
+
+    Raises:
+        InputError: A run lacks what the method needs.
+        NoBalanceError: The numbers end in nothing.
+    """
+    try:
+        # Numbers that end in nothing are looked at in the end, once.
+        with np.errstate(all="ignore"):
+            found = _joint(experiment, progress or (lambda what, fraction: None), start)
+            sound = bool(np.isfinite(found.study.body_covariance).all())
+    except np.linalg.LinAlgError:
+        sound = False
+    if not sound:
+        raise NoBalanceError(
+            "forces and motion cannot be fitted at all; check the force columns, their units and signs, and the geometry of the robot"
+        )
+    return found
+
+
+def _joint(experiment: Experiment, tell: Callable[[str, float], None], start: Systematic | None) -> Joint:
+    unknowns = gather(experiment)
+    begin = start or Systematic(unknowns, unknowns.mean)
+    samples: list[Samples] = []
+    for i, run in enumerate(experiment.runs):
+        tell(f"maximum-likelihood: reading {run.name}", 0.2 * i / len(experiment.runs))
+        samples.append(prepare(experiment, run, thin=True, systematic=begin))
+    records = [recorded(experiment, run, each, begin) for run, each in zip(experiment.runs, samples, strict=True)]
+    arcs = tuple(arc for each in records for arc in each.arcs)
+    felt = tuple(forces for each in records for forces in each.felt)
+    if not arcs:
+        raise NoBalanceError("; ".join(note for each in records for note in each.notes))
+    size = plausible_radius(experiment.robot)
+    task = Task(
+        experiment,
+        unknowns,
+        (None,) * len(arcs),
+        told_about(experiment, unknowns, arcs),
+        _stated(experiment),
+        plausible(np.ones(TEN), size),
+        least={source: value for each in records for source, value in each.least.items()},
+    )
+    tell("maximum-likelihood: motion", 0.25)
+    motion = fit(task, State(arcs, begin, None), lambda part: tell("maximum-likelihood: motion", 0.25 + 0.25 * part))
+    state, lost = _without_lost(experiment, motion.state)
+    if lost:
+        motion = fit(task, state)
+        state = motion.state
+    tell("maximum-likelihood: motion and forces", 0.5)
+    parameters = _first_body(experiment, state, felt)
+    if not parameters[0] or not np.isfinite(parameters).all():
+        raise np.linalg.LinAlgError
+    task = replace(task, active=unknowns.deviation > 0, sizes=plausible(parameters, size))
+    state = replace(state, parameters=parameters)
+    contacts: dict[str, list[tuple[float, float]]] = {}
+    spikes: dict[str, int] = {}
+    for turn in range(_ROUNDS):
+        known = _Known(experiment, unknowns, size)
+        task = replace(task, felt=felt, known=known if experiment.known else None)
+        found = fit(task, state, lambda part: tell("maximum-likelihood: motion and forces", 0.5 + 0.3 * part))
+        state = found.state
+        if turn == _ROUNDS - 1:
+            break
+        looked = [
+            look(
+                balance_of(experiment, arc, forces, state.systematic, _ten(state), state.factors),
+                forces,
+                forces.sigmas(state.factors),
+            )
+            for arc, forces in zip(state.arcs, felt, strict=True)
+        ]
+        if not any(each.changed for each in looked):
+            break
+        for arc, each in zip(state.arcs, looked, strict=True):
+            contacts.setdefault(arc.run, []).extend(each.contacts)
+            spikes[arc.run] = spikes.get(arc.run, 0) + len(each.spikes)
+        felt = tuple(each.felt for each in looked)
+    tell("maximum-likelihood: how well it is known", 0.85)
+    notes = [note for each in records for note in each.notes] + lost
+    return _concluded(experiment, task, found, motion, samples, records, felt, contacts, spikes, notes)
+
+
+def _ten(state: State) -> Array:
+    assert state.parameters is not None
+    return state.parameters
+
+
+def _stated(experiment: Experiment) -> frozenset[Source]:
+    return frozenset(
+        (name, quantity.name)
+        for name, instrument in experiment.instruments.items()
+        for quantity in instrument.quantities(experiment.robot.m)
+        if quantity.noise
+    )
+
+
+class _Known:
+    """What is known about the body beforehand, about present parameters."""
+
+    def __init__(self, experiment: Experiment, unknowns: Unknowns, size: float) -> None:
+        self._experiment, self._unknowns, self._size = experiment, unknowns, size
+
+    def __call__(self, parameters: Array) -> tuple[Array, Array]:
+        """Precision and pull, shapes (10, 10) and (10,)."""
+        prior = _prior(self._experiment, self._unknowns, self._unknowns.mean, parameters, self._size)
+        return prior.precision[:TEN, :TEN], prior.pull[:TEN]
+
+
+def _prior(experiment: Experiment, unknowns: Unknowns, values: Array, parameters: Array, size: float) -> Prior:
+    alone = KinematicFit(Systematic(unknowns, unknowns.mean), np.diag(unknowns.deviation**2), {}, True)
+    return prior_of(experiment, unknowns, Systematic(unknowns, values), alone, parameters, size)
+
+
+def _first_body(experiment: Experiment, state: State, felt: Sequence[Forces]) -> Array:
+    """The ten linear parameters that balance forces and a given motion, samples that stand far counting less."""
+    nowhere = np.full(len(state.systematic.unknowns), -1)
+    parameters = np.zeros(TEN)
+    for _ in range(_BODY_ROUNDS):
+        normal, right = np.zeros((TEN, TEN)), np.zeros(TEN)
+        for arc, forces in zip(state.arcs, felt, strict=True):
+            rows = force_rows(experiment, arc, forces, state.systematic, nowhere, parameters, state.factors, Tally())
+            A = rows.by_errors.reshape(-1, TEN)
+            normal += A.T @ A
+            right += A.T @ (A @ parameters - rows.residual.ravel())
+        scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        solution, *_ = np.linalg.lstsq(normal * np.outer(scale, scale), scale * right, rcond=1e-9)
+        parameters = scale * solution
+    return np.asarray(parameters)
+
+
+def _without_lost(experiment: Experiment, state: State) -> tuple[State, list[str]]:
+    """Without readings that stand far from the motion many times in a row: a tracker that holds its last value, a frozen channel."""
+    nowhere = np.full(len(state.systematic.unknowns), -1)
+    arcs, notes = [], []
+    for arc in state.arcs:
+        readings = {reading.source: [reading] for reading in arc.readings}
+        masks: dict[Label, list[Array]] = {}
+        if not arc.static:
+            for rows in motion_rows(experiment, arc, state.systematic, nowhere, state.factors, Tally()):
+                if rows.label in readings:
+                    # Huber's weights have been taken into the residual: one that stands far has length above its limit.
+                    masks.setdefault(rows.label, []).append(np.any(np.abs(rows.residual) > _FAR, axis=1))
+        kept = []
+        for reading in arc.readings:
+            far = np.concatenate(masks.get(reading.source, [np.zeros(len(reading.time), dtype=bool)]))
+            lost = _runs_of(far)
+            if not lost.any() or lost.mean() > 0.5:
+                kept.append(reading)
+                continue
+            time = reading.time[lost]
+            notes.append(
+                f"run '{arc.run}': {reading.source[1].replace('_', ' ')} of {reading.source[0]} has lost the motion between {time[0]:.2f} and "
+                f"{time[-1]:.2f} s ({lost.sum()} samples): left out"
+            )
+            tension = None if reading.tension is None else reading.tension[~lost]
+            kept.append(replace(reading, time=reading.time[~lost], values=reading.values[~lost], tension=tension))
+        arcs.append(replace(arc, readings=tuple(kept)))
+    return replace(state, arcs=tuple(arcs)), notes
+
+
+_FAR = 4.5
+"""Root of a whitened residual under Huber's weight that is far beyond what noise may reach."""
+
+
+def _runs_of(far: Array) -> Array:
+    """Where many in a row are far, and those beside them."""
+    found = np.zeros(len(far), dtype=bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], far, [False]]).astype(int)))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        if last - first >= _STUCK_FAR:
+            found[max(0, first - _LEFT_UNREAD) : last + _LEFT_UNREAD] = True
+    return found
+
+
+def _concluded(
+    experiment: Experiment,
+    task: Task,
+    found: Fit,
+    motion: Fit,
+    samples: Sequence[Samples],
+    records: Sequence[Recorded],
+    felt: tuple[Forces, ...],
+    contacts: Mapping[str, Sequence[tuple[float, float]]],
+    spikes: Mapping[str, int],
+    notes: Sequence[str],
+) -> Joint:
+    """Normal equations over every systematic error, estimated or not, and all that follows from them."""
+    state, unknowns = found.state, task.unknowns
+    parameters = _ten(state)
+    border = TEN + len(unknowns)
+    column_of = TEN + np.arange(len(unknowns))
+    sums: dict[str, Sums] = {}
+    blocks: list[Blocks] = []
+    covariances, followed = [], []
+    names = [run.name for run in experiment.runs]
+    for arc, forces in zip(state.arcs, felt, strict=True):
+        rows = list(_rows(experiment, arc, forces, state, column_of))
+        equations = arc.smooth(accumulate(len(arc.coefficients), border, rows, width=arc.width))
+        normal, gradient = equations.reduced()
+        own = _sums(normal, gradient, parameters, float(np.sum(~forces.left_out.all(axis=1))))
+        sums[arc.run] = own if arc.run not in sums else sums[arc.run] + own
+        blocks.append(_blocks(arc, rows, equations, parameters, names.index(arc.run)))
+        covariances.append(equations.inverse)
+        followed.append(equations.followed)
+    total = sum_up(list(sums.values()))
+    prior = _prior(experiment, unknowns, state.systematic.values, parameters, plausible_radius(experiment.robot))
+    estimated = np.concatenate([np.ones(TEN, dtype=bool), task.active])
+    solution = solve(total, prior, estimated, plausible(parameters, plausible_radius(experiment.robot)), correct=False)
+    force_labels = {(f.name, q) for f in felt for q in f.readings}
+    ratio, freedom = _force_ratio(found, force_labels, task)
+    solution = replace(solution, ratio=ratio, spent=0.0)
+    balances = [
+        balance_of(experiment, arc, forces, state.systematic, parameters, state.factors)
+        for arc, forces in zip(state.arcs, felt, strict=True)
+    ]
+    by_run = {run.name: _of_run(run.name, state.arcs, balances, felt) for run in experiment.runs}
+    kinematic = {label: float(np.sqrt(value)) for label, value in found.ratios.items() if label not in force_labels}
+    fitted = tuple(
+        _samples(each, by_run[each.run], records[i]) if by_run[each.run] else each for i, each in enumerate(samples)
+    )
+    scored = together(blocks)
+    result = Study(
+        experiment=experiment,
+        systematic=state.systematic,
+        kinematics=KinematicFit(
+            state.systematic,
+            np.diag(unknowns.deviation**2),
+            kinematic,  # type: ignore[arg-type]
+            motion.converged,
+            state.arcs,
+        ),
+        samples=fitted,
+        sigma={arc.run: forces.sigma for arc, forces in zip(state.arcs, felt, strict=True)},
+        stated=force_labels <= task.stated,
+        sums=sums,
+        prior=prior,
+        solution=solution,
+        blocks=scored,
+        parameters=solution.value[:TEN],
+        weights={name: np.concatenate([_weights(b, f) for b, f in each]) for name, each in by_run.items() if each},
+        residuals={
+            name: np.concatenate([np.einsum("nij,nj->ni", b.whitener, b.left_over) for b, _ in each])
+            for name, each in by_run.items()
+            if each
+        },
+        settled=found.converged,
+        notes=tuple(dict.fromkeys([note for s in samples for note in s.notes if "gap" not in note] + list(notes))),
+    )
+    result = replace(result, solution=enlarged(solution, scored, result.told, max(total.freedom, 1.0)))
+    return Joint(
+        result,
+        found,
+        felt,
+        {name: tuple(each) for name, each in contacts.items() if each},
+        {name: n for name, n in spikes.items() if n},
+        tuple(covariances),
+        tuple(followed),
+    )
+
+
+def _rows(experiment: Experiment, arc: Arc, forces: Forces, state: State, column_of: Array) -> Iterator[Rows]:
+    tally = Tally()
+    yield from motion_rows(experiment, arc, state.systematic, column_of, state.factors, tally)
+    yield force_rows(experiment, arc, forces, state.systematic, column_of, _ten(state), state.factors, tally)
+
+
+def _sums(normal: Array, gradient: Array, parameters: Array, freedom: float) -> Sums:
+    """About the present values: the ten absolute, the errors by how far they are off."""
+    at = np.concatenate([parameters, np.zeros(len(gradient) - TEN)])
+    right = gradient + normal @ at
+    square = float(at @ normal @ at + 2 * at @ gradient)
+    return Sums(normal, normal, normal, right, right, square, np.zeros((TEN, TEN)), np.zeros(len(gradient)), freedom)
+
+
+def _blocks(arc: Arc, rows: Sequence[Rows], equations: NormalEquations, parameters: Array, run: int) -> Blocks:
+    """Stretches of an arc, each with what it says about the border once the motion has followed."""
+    instants = len(arc.coefficients) if arc.static else len(arc.coefficients) - arc.width // 7 + 1
+    length = float(arc.knots[-1] - arc.knots[0])
+    spacing = length / max(instants, 1)
+    if arc.static:
+        count = min(instants, _MOST_BLOCKS)
+    else:
+        count = int(np.clip(length / max(_BLOCK, _BLOCK_SPACINGS * spacing), 1, _MOST_BLOCKS))
+    number = np.arange(instants) * count // instants
+    border = equations.side.shape[1]
+    crossed, right = np.zeros((count, border, border)), np.zeros((count, border))
+    for part in rows:
+        if part.label is None:
+            continue
+        columns = np.arange(border) if part.columns is None else part.columns
+        order = np.argsort(part.first, kind="stable")
+        edges = np.searchsorted(part.first[order], np.arange(instants + 1))
+        for i in np.flatnonzero(np.diff(edges)):
+            own = order[edges[i] : edges[i + 1]]
+            motion = part.by_motion[own].reshape(-1, arc.width)
+            E = -motion @ equations.followed[i * 7 : i * 7 + arc.width]
+            E[:, columns] += part.by_errors[own].reshape(-1, len(columns))
+            crossed[number[i]] += E.T @ E
+            right[number[i]] -= E.T @ part.residual[own].ravel()
+    at = np.concatenate([parameters, np.zeros(border - TEN)])
+    return Blocks(crossed, right + crossed @ at, np.full(count, run, dtype=np.intp))
+
+
+def _force_ratio(found: Fit, labels: set[Source], task: Task) -> tuple[float, float]:
+    """Variance of what is left of the forces over what their noise explains, and the freedom it is told with."""
+    square = freedom = 0.0
+    for label in labels:
+        count = found.tally.count.get(label, 0.0)
+        level = found.state.factors.get(label, 1.0) if label in task.stated else 1.0
+        square += found.ratios.get(label, 1.0) * level**2 * count
+        freedom += count
+    return square / max(freedom, 1.0), freedom
+
+
+def _of_run(
+    name: str, arcs: Sequence[Arc], balances: Sequence[Balance], felt: Sequence[Forces]
+) -> list[tuple[Balance, Forces]]:
+    return [(b, f) for arc, b, f in zip(arcs, balances, felt, strict=True) if arc.run == name]
+
+
+def _weights(at: Balance, felt: Forces) -> Array:
+    """Weight of every sample; those that have been left out and named are none that stand out."""
+    weight = sample_weight(np.einsum("nij,nj->ni", at.whitener, at.left_over))
+    return np.where(felt.left_out.any(axis=1), 1.0, weight)
+
+
+def _samples(prepared: Samples, own: Sequence[tuple[Balance, Forces]], record: Recorded) -> Samples:
+    """Samples at the times of the force readings, with the fitted motion and the forces as they were read."""
+
+    def joined(of: Callable[[Balance], Array | None]) -> Array | None:
+        parts = [of(at) for at, _ in own]
+        return None if any(p is None for p in parts) else np.concatenate([p for p in parts if p is not None])
+
+    motion = {
+        key: joined(lambda at, key=key: at.motion[key])
+        for key in ("omega", "alpha", "specific_force", "position", "rotation")
+    }  # type: ignore[misc]
+    structure = joined(lambda at: at.structure)
+    spacing = record.arcs[0].knots[6] - record.arcs[0].knots[5] if not prepared.static else 0.0
+    return replace(
+        prepared,
+        time=joined(lambda at: at.time),
+        wrench=joined(lambda at: at.wrench),
+        tension=None if structure is None else joined(lambda at: at.carried),
+        structure=structure,
+        spacing=float(spacing),
+        share=1.0,
+        **motion,
+    )

@@ -1,0 +1,71 @@
+"""Everything at once, in continuous time: motion, body and every systematic error from the raw readings of all instruments.
+
+No resampling, no filter, no derivative of noise: the pose is a spline in time that all readings look at, each at its own time by its own
+clock. Forces enter through the structure matrix, with the internal tension free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+from steelyard.experiment.model import Experiment
+from steelyard.identification.classical import NoBalanceError
+from steelyard.identification.consistent import Consistent
+from steelyard.identification.estimate import Estimate, nothing_told
+from steelyard.identification.joint_study import Joint, joint_study
+from steelyard.identification.mass_region import Box, Ellipsoid
+from steelyard.identification.study import Progress
+
+
+@dataclass(frozen=True)
+class MaximumLikelihood:
+    """The joint estimator, over bodies that can exist."""
+
+    regions: Sequence[Box | Ellipsoid] = ()
+    """Where the mass lies: in all of them."""
+    towards_nominal: bool = False
+    """Whether to pull towards the nominal body, as far as that predicts the runs left out better."""
+
+    name: ClassVar[str] = "maximum-likelihood"
+
+    def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
+        """Estimate.
+
+        Raises:
+            InputError: A run lacks what the method needs, no body has its mass in the regions, or there is no nominal body to pull
+                towards.
+        """
+        try:
+            return self.of(joint_study(experiment, progress))
+        except NoBalanceError as error:
+            return nothing_told(self.name, str(error))
+
+    def of(self, joint: Joint) -> Estimate:
+        """Estimate from a fit that is there already; raises as a call does."""
+        estimate = Consistent(self.regions, self.towards_nominal).of(joint.study, self.name)
+        return replace(
+            estimate, details={**estimate.details, **_details(joint)}, notes=(*estimate.notes, *_notes(joint))
+        )
+
+
+def _details(joint: Joint) -> dict[str, Any]:
+    fit = joint.fit
+    motion = {
+        arc.run: {"knot_spacing": float(arc.knots[6] - arc.knots[5]), "smoothness": dict(arc.smoothness or {})}
+        for arc in fit.state.arcs
+        if not arc.static
+    }
+    noise: dict[str, dict[str, float]] = {}
+    return {"motion": motion, "turns": fit.turns, "converged": fit.converged, **({"noise": noise} if noise else {})}
+
+
+def _notes(joint: Joint) -> list[str]:
+    notes = []
+    for run, contacts in joint.contacts.items():
+        when = ", ".join(f"{start:.2f} to {end:.2f} s" for start, end in contacts)
+        notes.append(f"run '{run}': something else than the body pulled or pushed from {when}: left out")
+    for run, count in joint.spikes.items():
+        notes.append(f"run '{run}': {count} force readings stand alone against all others: left out")
+    return notes

@@ -1,0 +1,404 @@
+"""From the streams of a run to arcs: where they begin and end, what was read along them, and a motion to begin with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment, Run, is_motion
+from steelyard.identification.balance import force_sigma
+from steelyard.identification.evidence import Channelled, best_spacing
+from steelyard.identification.force_rows import Forces
+from steelyard.identification.motion_rows import PARTS, Arc, Reading, jerk_matrices
+from steelyard.identification.preparation import Samples
+from steelyard.identification.smoothing import DEGREE, Samples1D, fit, knots
+from steelyard.identification.unknowns import Systematic, clock_of
+from steelyard.instruments import Command, Length
+
+_LEAST_NOISE = 1e-4
+"""Of a quantity that scatters by nothing but rounding, as a part of how much it varies: no sensor resolves more."""
+_MARGIN = 0.1
+"""Of the knots beyond the first and the last reading [s]: clocks may still be moved."""
+_GAP = 0.5
+"""Longest stretch in which nothing tells the rotation, or nothing the translation, that a motion is carried over [s]."""
+_SHORTEST = 1.0
+"""Least length of an arc [s]."""
+_FINEST, _FINEST_ON_SENSOR, _WIDEST = 0.02, 0.005, 0.45
+"""Spacing of the knots [s]: platforms on cables move below 25 Hz."""
+_JUDGED = 20.0
+"""Length of the stretch on which the spacing is chosen [s]."""
+_STUCK = 10
+"""Least number of equal readings in a row, in one channel while others change, that are taken for a stuck sensor."""
+_COMMANDED = 0.01
+"""1-sigma of how far a platform is from its command, where that stands in for a measured place [m]."""
+_COMMANDED_RATE = 5.0
+"""Readings of a command a second that count as independent [Hz]."""
+ORDER = {"position": 0, "orientation": 0, "length": 0, "angular_velocity": 1, "specific_force": 2}
+"""Derivative of the motion that a quantity reads."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What one run gives."""
+
+    arcs: tuple[Arc, ...]
+    felt: tuple[Forces, ...]
+    """Of each arc."""
+    least: dict[tuple[str, str], float]
+    """Quantity -> least 1-sigma that its noise may be estimated at."""
+    notes: tuple[str, ...]
+
+
+def scatter(time: Array, values: Array, start: float, end: float, spacing: float) -> float | None:
+    """1-sigma of samples about their own spline; None where they do not determine one."""
+    flat = values.reshape(len(values), -1)
+    fitted = fit(Samples1D(time, flat), start, end, spacing, robust=True) if len(time) else None
+    if fitted is None:
+        return None
+    # Nine elements of a rotation matrix scatter by sqrt(6 / 9) of the rotation vector.
+    scale = np.sqrt(1.5) if values.ndim == 3 else 1.0
+    return max(fitted.sigma * scale, least_noise(values))
+
+
+def least_noise(values: Array) -> float:
+    """Least 1-sigma of a quantity, from how much it varies."""
+    flat = values.reshape(len(values), -1)
+    return float(_LEAST_NOISE * np.nanstd(flat, axis=0).max() + 1e-9 * np.nanmax(np.abs(flat)) + 1e-12)
+
+
+def readings_between(
+    experiment: Experiment, run: Run, systematic: Systematic, start: float, end: float, spacing: float
+) -> Iterator[Reading]:
+    """Complete samples of the motion instruments of a run over an interval of common time [s]."""
+    for name, stream in run.streams.items():
+        instrument = experiment.instruments[name]
+        if not is_motion(instrument):
+            continue
+        time = experiment.common_time(run, name, 0.0)
+        common = time - systematic.delay(clock_of(experiment, name), run.name)
+        for quantity in instrument.quantities(experiment.robot.m):
+            if quantity.name not in stream.values:
+                continue
+            values = stream.values[quantity.name]
+            use = np.isfinite(values.reshape(len(values), -1)).all(axis=1) & (common >= start) & (common <= end)
+            sigma = quantity.noise or scatter(common[use], values[use], start, end, spacing)
+            if sigma is not None and use.any():
+                yield Reading((name, quantity.name), time[use], values[use], sigma)
+
+
+def started(time: Array, pose: Array, grid: Array, start: float, end: float, spacing: float) -> Array | None:
+    """Coefficients of a spline through poses; None where they do not determine one.
+
+    Args:
+        time: [s], shape (n,).
+        pose: Position and quaternion without jumps of sign, shape (n, 7).
+        grid: Knots [s].
+        start: Of the knots [s].
+        end: Of the knots [s].
+        spacing: Of the knots [s].
+    """
+    if len(time) <= 1:
+        return None
+    # Samples do not reach the ends, and may be few: the nearest pose stands in there.
+    fine = np.linspace(start, end, 3 * (len(grid) - DEGREE))
+    filled = np.column_stack([np.interp(fine, time, column) for column in pose.T])
+    fitted = fit(Samples1D(fine, filled), start, end, spacing)
+    return None if fitted is None else np.asarray(fitted.spline.c[:, :7])
+
+
+def poses_of(samples: Samples) -> Array:
+    """Position and quaternion that samples show, the latter without jumps of sign, shape (n, 7)."""
+    n = len(samples)
+    position = np.zeros((n, 3)) if samples.position is None else samples.position
+    rotation = _tilt(samples) if samples.rotation is None else Rotation.from_matrix(samples.rotation)
+    quaternion = rotation.as_quat(scalar_first=True)
+    flips = np.where(np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0, -1.0, 1.0)
+    return np.hstack([position, quaternion * np.concatenate([[1.0], np.cumprod(flips)])[:, None]])
+
+
+def _tilt(samples: Samples) -> Rotation:
+    """Attitude of a body of which only its own feelings are known: gravity says where up is, the gyro how it has turned."""
+    up = np.array([0.0, 0.0, 1.0])
+    turned = [Rotation.identity()]
+    if not samples.static:
+        for omega, step in zip(samples.omega[:-1], np.diff(samples.time), strict=True):
+            turned.append(turned[-1] * Rotation.from_rotvec(omega * step))
+    else:
+        turned *= len(samples)
+    found = []
+    for rotation, felt in zip(turned, samples.specific_force, strict=True):
+        feels = rotation.apply(felt)
+        axis = np.cross(feels, up)
+        angle = np.arctan2(np.linalg.norm(axis), feels @ up)
+        found.append(Rotation.from_rotvec(axis / max(float(np.linalg.norm(axis)), 1e-12) * angle) * rotation)
+    return Rotation.concatenate(found)
+
+
+def recorded(experiment: Experiment, run: Run, samples: Samples, systematic: Systematic) -> Recorded:
+    """Arcs of one run.
+
+    Args:
+        experiment: With robot and instruments.
+        run: One of its runs.
+        samples: Of it, to begin with.
+        systematic: Values of the systematic errors, to begin with.
+    """
+    return _poses(experiment, run, samples) if run.static else _moving(experiment, run, samples, systematic)
+
+
+def _poses(experiment: Experiment, run: Run, samples: Samples) -> Recorded:
+    numbers, pose = samples.time, poses_of(samples)
+    readings = []
+    for name, stream in run.streams.items():
+        instrument = experiment.instruments[name]
+        if not is_motion(instrument):
+            continue
+        for quantity in instrument.quantities(experiment.robot.m):
+            values = stream.values.get(quantity.name)
+            # Many poses that differ by more than noise do not tell it.
+            sigma = quantity.noise or (_AT_REST.get(quantity.name) if values is not None else None)
+            if values is None or sigma is None:
+                continue
+            use = np.isfinite(values.reshape(len(values), -1)).all(axis=1) & np.isin(stream.time, numbers)
+            readings.append(Reading((name, quantity.name), stream.time[use], values[use], sigma))
+    arc = Arc(run.name, numbers, tuple(readings), pose, static=True)
+    felt = _felt(experiment, run, samples, -np.inf, np.inf)
+    keep = np.isin(felt.time, numbers)
+    felt = replace(
+        felt,
+        time=felt.time[keep],
+        readings={k: v[keep] for k, v in felt.readings.items()},
+        left_out=felt.left_out[keep],
+    )
+    return Recorded((arc,), (felt,), {}, ())
+
+
+_AT_REST = {"position": 1e-3, "orientation": 3e-3, "specific_force": 0.03, "angular_velocity": 3e-3, "length": 1e-3}
+"""First guess of a noise that is not stated, of poses at rest [m], [rad], [m/s^2], [rad/s]."""
+
+
+def _moving(experiment: Experiment, run: Run, samples: Samples, systematic: Systematic) -> Recorded:
+    notes: list[str] = []
+    run, stuck = _without_stuck(experiment, run)
+    notes += stuck
+    streams = list(_streams(experiment, run, systematic, samples))
+    if not streams:
+        return Recorded((), (), {}, tuple(notes))
+    force = experiment.force_instrument(run)
+    assert force is not None
+    forces = experiment.common_time(run, force, systematic.delay(clock_of(experiment, force), run.name))
+    stretches, gaps = _stretches(run, streams, forces)
+    notes += gaps
+    spacing = _spacing(experiment, streams, stretches)
+    pose = poses_of(samples)
+    least: dict[tuple[str, str], float] = {}
+    arcs, felt = [], []
+    for start, end in stretches:
+        first, last = start - _MARGIN, end + _MARGIN
+        grid = knots(first, last, spacing)
+        coefficients = started(samples.time, pose, grid, first, last, spacing)
+        readings = []
+        for stream in streams:
+            use = (stream.common >= start - _MARGIN / 2) & (stream.common <= end + _MARGIN / 2)
+            if not use.any():
+                continue
+            sigma = stream.sigma or scatter(stream.common[use], stream.values[use], start, end, spacing)
+            least[stream.source] = min(least.get(stream.source, np.inf), least_noise(stream.values[use]))
+            tension = None
+            if stream.needs_tension and samples.tension is not None:
+                tension = np.column_stack([np.interp(stream.common[use], samples.time, c) for c in samples.tension.T])
+            if sigma is not None:
+                readings.append(Reading(stream.source, stream.time[use], stream.values[use], sigma, tension))
+        own = _felt(experiment, run, samples, start, end)
+        if coefficients is None or not readings or not len(own.time):
+            continue
+        arcs.append(Arc(run.name, grid, tuple(readings), coefficients, jerks=jerk_matrices(grid)))
+        felt.append(own)
+    if not arcs:
+        notes.append(f"run '{run.name}': nothing that forces and motion tell together")
+    return Recorded(tuple(_smooth(arcs, spacing)), tuple(felt), least, tuple(notes))
+
+
+def _smooth(arcs: Sequence[Arc], spacing: float) -> Iterator[Arc]:
+    """Arcs with a first guess of how smooth they are: as rough as they begin with, spread over all they could do."""
+    if not arcs:
+        return
+    length = sum(float(arc.knots[-1] - arc.knots[0]) for arc in arcs)
+    rough = {part: sum(arc.roughness[part] for arc in arcs) / length * spacing + 1e-9 for part in PARTS}
+    for arc in arcs:
+        yield replace(arc, smoothness=rough)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stream:
+    """One quantity of one instrument over a run."""
+
+    source: tuple[str, str]
+    time: Array
+    """By its clock, moved to the common event [s]."""
+    common: Array
+    """Common time [s]."""
+    values: Array
+    sigma: float | None
+    needs_tension: bool = False
+
+
+def _streams(experiment: Experiment, run: Run, systematic: Systematic, samples: Samples) -> Iterator[_Stream]:
+    """What is read of the motion; a command stands in for a place that nothing measures."""
+    placed = any(
+        q in stream.values
+        for n, stream in run.streams.items()
+        for q in ("position", "length")
+        if is_motion(experiment.instruments[n]) or isinstance(experiment.instruments[n], Length)
+    )
+    for name, stream in run.streams.items():
+        instrument = experiment.instruments[name]
+        stands_in = (
+            isinstance(instrument, Command) and not instrument.is_measurement and not placed and experiment.robot.m > 0
+        )
+        looks_at_cables = isinstance(instrument, Length) and samples.tension is not None
+        if not (is_motion(instrument) or stands_in or looks_at_cables):
+            continue
+        time = experiment.common_time(run, name, 0.0)
+        common = time - systematic.delay(clock_of(experiment, name), run.name)
+        for quantity in instrument.quantities(experiment.robot.m):
+            values = stream.values.get(quantity.name)
+            if values is None or (stands_in and quantity.name != "position"):
+                continue
+            flat = np.isfinite(values.reshape(len(values), -1))
+            use = flat.all(axis=1) if values.ndim == 3 else flat.any(axis=1)
+            if run.window is not None:
+                use &= (common >= run.window[0] - 1.0) & (common <= run.window[1] + 1.0)
+            sigma = quantity.noise or None
+            if stands_in:
+                # It is wrong for a while where it is wrong: as much is known as few independent readings tell.
+                step = float(np.median(np.diff(common))) if len(common) > 1 else 1.0
+                sigma = _COMMANDED * max(1.0, 1 / (_COMMANDED_RATE * max(step, 1e-6))) ** 0.5
+            yield _Stream((name, quantity.name), time[use], common[use], values[use], sigma, looks_at_cables)
+
+
+def _stretches(run: Run, streams: Sequence[_Stream], forces: Array) -> tuple[list[tuple[float, float]], list[str]]:
+    """Stretches of common time [s] in which rotation and translation are told all along, and notes of what is not."""
+    start, end = float(forces[0]), float(forces[-1])
+    if run.window is not None:
+        start, end = max(start, run.window[0]), min(end, run.window[1])
+    notes = []
+    groups = [
+        [s for s in streams if s.source[1] in {"angular_velocity", "orientation", "length"}],
+        [s for s in streams if s.source[1] in {"position", "specific_force", "length"}],
+    ]
+    parts = [(start, end)]
+    for group in groups:
+        if not group:
+            continue
+        times = np.unique(np.concatenate([s.common for s in group]))
+        step = min(float(np.median(np.diff(s.common))) for s in group if len(s.common) > 1)
+        own = _unbroken(times, max(_GAP, 5 * step))
+        parts = [(max(a, c), min(b, d)) for a, b in parts for c, d in own if min(b, d) > max(a, c)]
+    for stream in streams:
+        for a, b in _holes(stream.common, start, end):
+            notes.append(
+                f"run '{run.name}': {stream.source[0]} has no {stream.source[1].replace('_', ' ')} from {a:.2f} to {b:.2f} s"
+            )
+    return [(a, b) for a, b in parts if b - a >= _SHORTEST], notes
+
+
+def _unbroken(times: Array, gap: float) -> list[tuple[float, float]]:
+    breaks = np.flatnonzero(np.diff(times) > gap)
+    edges = [times[0], *(t for i in breaks for t in (times[i], times[i + 1])), times[-1]]
+    return [(float(a), float(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _holes(times: Array, start: float, end: float) -> list[tuple[float, float]]:
+    inside = times[(times >= start) & (times <= end)]
+    if len(inside) < 2:
+        return []
+    steps = np.diff(inside)
+    return [
+        (float(inside[i]), float(inside[i + 1])) for i in np.flatnonzero(steps > max(_GAP, 5 * float(np.median(steps))))
+    ]
+
+
+def _spacing(experiment: Experiment, streams: Sequence[_Stream], stretches: Sequence[tuple[float, float]]) -> float:
+    """Spacing of the knots: as fine as the readings ask for, and somewhat finer."""
+    if not stretches:
+        return _WIDEST
+    start, end = max(stretches, key=lambda part: part[1] - part[0])
+    end = min(end, start + _JUDGED)
+    channelled = []
+    for stream in streams:
+        values, sigma = stream.values, stream.sigma
+        if values.ndim == 3:
+            values = Rotation.from_matrix(values).as_quat(scalar_first=True)
+            flips = np.where(np.sum(values[1:] * values[:-1], axis=1) < 0, -1.0, 1.0)
+            values = values * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
+            # A quaternion turns half as fast as the rotation vector.
+            sigma = sigma / 2 if sigma else None
+        complete = np.isfinite(values).all(axis=1)
+        channelled.append(Channelled(stream.common[complete], values[complete], ORDER[stream.source[1]], sigma))
+    finest = _FINEST if experiment.robot.m else _FINEST_ON_SENSOR
+    widest = max(finest, min(_WIDEST, (end - start) / 8))
+    candidates = np.geomspace(finest, widest, 1 + int(np.ceil(2 * np.log2(widest / finest))))
+    best = best_spacing(channelled, [float(c) for c in candidates], start, end)
+    return max(finest, best / np.sqrt(2))
+
+
+def _felt(experiment: Experiment, run: Run, samples: Samples, start: float, end: float) -> Forces:
+    """Force readings within an interval of common time [s]; a cable without a reading is left out of its sample."""
+    name = experiment.force_instrument(run)
+    assert name is not None
+    time = experiment.common_time(run, name, 0.0)
+    common = experiment.common_time(run, name)
+    values = run.streams[name].values
+    inside = (common >= start) & (common <= end) & np.any([np.isfinite(v).any(axis=1) for v in values.values()], axis=0)
+    stacked = np.hstack(list(values.values()))[inside]
+    missing = ~np.isfinite(stacked)
+    filled = np.where(missing, np.nanmedian(stacked, axis=0) if len(stacked) else 0.0, stacked)
+    ends = np.cumsum([v.shape[1] for v in values.values()])[:-1]
+    return Forces(
+        name=name,
+        time=time[inside],
+        readings=dict(zip(values, np.split(filled, ends, axis=1), strict=True)),
+        sigma=force_sigma(experiment, run, samples)[0],
+        left_out=missing,
+    )
+
+
+def _without_stuck(experiment: Experiment, run: Run) -> tuple[Run, list[str]]:
+    """The run without readings that stay the same in one channel while the others of the instrument change."""
+    streams, notes = dict(run.streams), []
+    for name, stream in run.streams.items():
+        values = dict(stream.values)
+        for quantity, each in stream.values.items():
+            if each.ndim != 2 or each.shape[1] < 2 or len(each) < 2 * _STUCK:
+                continue
+            mask = _stuck(each)
+            for channel in np.flatnonzero(mask.any(axis=0)):
+                own = np.flatnonzero(mask[:, channel])
+                time = experiment.common_time(run, name)[own]
+                notes.append(
+                    f"run '{run.name}': {quantity.replace('_', ' ')} {channel + 1} of {name} is stuck between {time[0]:.2f} and {time[-1]:.2f} s: left out"
+                )
+            values[quantity] = np.where(mask, np.nan, each)
+        streams[name] = replace(stream, values=values)
+    return replace(run, streams=streams), notes
+
+
+def _stuck(values: Array) -> NDArray[np.bool_]:
+    """Readings that repeat the one before them for long, while those of the other channels do not, shape (n, k)."""
+    same = np.zeros(values.shape, dtype=bool)
+    same[1:] = values[1:] == values[:-1]
+    mask = np.zeros_like(same)
+    for channel in range(values.shape[1]):
+        others = np.delete(same, channel, axis=1)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], same[:, channel], [False]]).astype(int)))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            # Some that repeat now and then are the steps of a coarse converter.
+            if last - first >= _STUCK - 1 and others[first:last].mean() < 0.2:
+                mask[first:last, channel] = True
+    return mask if mask.mean() < 0.5 else np.zeros_like(mask)
