@@ -18,6 +18,7 @@ from steelyard.experiment.write import write_experiment
 from steelyard.identification.consistent import Consistent
 from steelyard.identification.identify import AVAILABLE, Identification, Method, identify, method_named
 from steelyard.identification.mass_region import Box, Ellipsoid
+from steelyard.identification.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import Inertia
 from steelyard.output import check_target, results_folder, to_json, write_json
@@ -118,8 +119,13 @@ def run_identification(
     quiet: bool,
 ) -> None:
     """Identify an experiment; ends the process with the status of the verdict."""
-    consistent = Consistent(regions=_regions(box, ellipsoid), towards_nominal=towards_nominal)
-    chosen = _methods(methods, TwoStep(acceleration=acceleration, combine=combine), consistent)  # type: ignore[arg-type]
+    mass = {"regions": _regions(box, ellipsoid), "towards_nominal": towards_nominal}
+    chosen = _methods(
+        methods,
+        TwoStep(acceleration=acceleration, combine=combine),  # type: ignore[arg-type]
+        Consistent(**mass),  # type: ignore[arg-type]
+        MaximumLikelihood(**mass),  # type: ignore[arg-type]
+    )
     if out is not None:
         check_target(out, force=force)
     recorded = _selected(read_experiment(experiment), runs)
@@ -137,11 +143,17 @@ def run_identification(
         sys.exit(NOT_ACCEPTED)
 
 
-def _methods(names: Sequence[str], two_step: TwoStep, consistent: Consistent) -> list[Method]:
+def _methods(
+    names: Sequence[str], two_step: TwoStep, consistent: Consistent, maximum_likelihood: MaximumLikelihood
+) -> list[Method]:
     """Estimators with the options that they take."""
     if not names:
-        return [two_step, consistent]
-    with_options: dict[str, Method] = {"two-step": two_step, "consistent": consistent}
+        return [two_step, maximum_likelihood]
+    with_options: dict[str, Method] = {
+        "two-step": two_step,
+        "consistent": consistent,
+        "maximum-likelihood": maximum_likelihood,
+    }
     for name in names:
         if name != "all":
             method_named(name)

@@ -13,9 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.sparse import csr_array, diags_array
 
 from steelyard.arrays import Array
 from steelyard.identification.smoothing import DEGREE
@@ -42,27 +40,35 @@ class Basis:
 def basis(knots: Array, times: Array) -> Basis:
     """B-splines and their first three derivatives at times within the knots.
 
+    Cox and de Boor's recursion over all times at once; a derivative is made of differences of functions of one degree less [DeBoor1978]_.
+
     Args:
         knots: Of a quintic spline [s].
         times: [s], shape (n,).
     """
     n, functions = len(times), len(knots) - DEGREE - 1
-    first = np.clip(np.searchsorted(knots, times, side="right") - 1, DEGREE, functions - 1) - DEGREE
-    columns = first[:, None] + np.arange(DEGREE + 1)
+    interval = np.clip(np.searchsorted(knots, times, side="right") - 1, DEGREE, functions - 1)
+    # What lies around each time: knot j of the interval's neighbours is own[j + DEGREE].
+    own = knots[interval[:, None] + np.arange(-DEGREE, DEGREE + 2)].T
+    powers = [np.ones((1, n))]
+    for degree in range(1, DEGREE + 1):
+        lower = powers[-1]
+        left = own[DEGREE - degree + 1 : DEGREE + 1]
+        share = lower / (own[DEGREE + 1 : DEGREE + degree + 1] - left)
+        raised = np.zeros((degree + 1, n))
+        raised[1:] = (times - left) * share
+        raised[:-1] += (own[DEGREE + 1 : DEGREE + degree + 1] - times) * share
+        powers.append(raised)
     values = np.empty((4, n, DEGREE + 1))
-    # The derivative of a spline has the differences of its coefficients as its own, on knots of one degree less.
-    differences = diags_array(np.ones(functions), format="csr")
     for order in range(4):
-        degree = DEGREE - order
-        inner = knots[order : len(knots) - order]
-        design = csr_array(BSpline.design_matrix(times, inner, degree)) @ differences
-        values[order] = np.asarray(design[np.arange(n)[:, None], columns].todense()).reshape(n, -1)
-        count = len(inner) - degree - 1
-        if degree:
-            scale = degree / (inner[degree + 1 : degree + count] - inner[1:count])
-            step = diags_array([-scale, scale], offsets=[0, 1], shape=(count - 1, count), format="csr")
-            differences = step @ differences
-    return Basis(first.astype(np.intp), values)
+        found = powers[DEGREE - order]
+        for degree in range(DEGREE - order + 1, DEGREE + 1):
+            slope = degree * found / (own[DEGREE + 1 : DEGREE + degree + 1] - own[DEGREE - degree + 1 : DEGREE + 1])
+            found = np.zeros((degree + 1, n))
+            found[1:] = slope
+            found[:-1] -= slope
+        values[order] = found.T
+    return Basis((interval - DEGREE).astype(np.intp), values)
 
 
 def at_rest(poses: NDArray[np.intp]) -> Basis:
@@ -108,8 +114,8 @@ class NormalEquations:
     """Minus half the gradient of the cost by the coefficients, shape (N,)."""
     border_gradient: Array
     """The same by the border parameters, shape (b,)."""
-    spent: Mapping[Label, float] = field(default_factory=dict)
-    """Label of rows -> degrees of freedom that the motion took of them, where its covariance was given."""
+    parts: Mapping[Label, Array] = field(default_factory=dict)
+    """Label of rows -> what they have added to the band."""
 
     @cached_property
     def factor(self) -> Array:
@@ -169,15 +175,9 @@ class NormalEquations:
         """
         return _selected_inverse(self.factor)
 
-    def covariances(self) -> Array:
-        """Covariance of the coefficients that one instant depends on, the border held, shape (f - 5, 42, 42) or (f, 7, 7)."""
-        width, size = self.inverse.shape
-        windows = np.empty(((size - width) // POSE + 1, width, width))
-        for column in range(width):
-            own = self.inverse[: width - column, column : size - width + column + 1 : POSE].T
-            windows[:, column:, column] = own
-            windows[:, column, column:] = own
-        return windows
+    def spent(self) -> dict[Label, float]:
+        """Label of rows -> degrees of freedom that the motion takes of them."""
+        return {label: banded_trace(part, self.inverse) for label, part in self.parts.items()}
 
     def stiffened(self, bands: Iterable[Array], coefficients: Array) -> NormalEquations:
         """The same with a quadratic cost of the coefficients themselves.
@@ -247,9 +247,7 @@ _AT_ONCE = 2048
 """Instants whose products are held at once."""
 
 
-def accumulate(
-    functions: int, border: int, rows: Iterable[Rows], *, width: int = WIDTH, covariance: Array | None = None
-) -> NormalEquations:
+def accumulate(functions: int, border: int, rows: Iterable[Rows], *, width: int = WIDTH) -> NormalEquations:
     """Normal equations of linearised readings.
 
     Args:
@@ -257,14 +255,13 @@ def accumulate(
         border: Number of border parameters.
         rows: All there are.
         width: Coefficients that one instant depends on.
-        covariance: Of the motion, as :attr:`NormalEquations.covariance` has it, to see how much freedom it takes of the rows; None: not
-            asked for.
     """
     size = functions * POSE
-    band, side = np.zeros((width, size)), np.zeros((functions, POSE, border))
+    parts: dict[Label, Array] = {}
+    side = np.zeros((functions, POSE, border))
     corner, by_motion, by_border = np.zeros((border, border)), np.zeros((functions, POSE)), np.zeros(border)
-    spent: dict[Label, float] = {}
     for part in rows:
+        band = parts.setdefault(part.label, np.zeros((width, size)))
         columns = np.arange(border) if part.columns is None else part.columns
         together = np.concatenate([part.by_motion, part.by_errors, part.residual[:, :, None]], axis=2)
         if len(part.first) and np.any(np.diff(part.first) < 0):
@@ -287,10 +284,8 @@ def accumulate(
             total = products[:, width:, width:].sum(axis=0)
             corner[np.ix_(columns, columns)] += total[:-1, :-1]
             by_border[columns] -= total[:-1, -1]
-            if covariance is not None:
-                taken = np.vdot(products[:, :width, :width], covariance[origin : last + 1])
-                spent[part.label] = spent.get(part.label, 0.0) + float(taken)
-    return NormalEquations(band, side.reshape(size, border), corner, by_motion.ravel(), by_border, spent)
+    band = np.sum(list(parts.values()), axis=0) if parts else np.zeros((width, size))
+    return NormalEquations(band, side.reshape(size, border), corner, by_motion.ravel(), by_border, parts)
 
 
 def _products(rows: Array, instant: NDArray[np.intp], count: int) -> Array:
@@ -328,6 +323,8 @@ def spread(basis: Basis, *by_order: Array) -> Array:
     n, k, _ = by_order[0].shape
     total = np.zeros((n, k, basis.values.shape[2], POSE))
     for order, jacobian in enumerate(by_order):
+        if not jacobian.any():
+            continue
         total += basis.values[order][:, None, :, None] * jacobian[:, :, None, :]
     return total.reshape(n, k, -1)
 

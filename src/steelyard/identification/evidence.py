@@ -71,8 +71,8 @@ def evidence(stream: Channelled, grid: Array) -> float:
         misfit = max(square - float(np.sum(fitted * right)), 1e-18 * square + 1e-300)
         volume = 2 * k * float(np.sum(np.log(factor[0])) - np.sum(np.log(prior_factor[0])))
         if stream.sigma is None:
-            return 0.5 * (n * k * float(np.log(misfit / (n * k))) + volume)
-        return 0.5 * (misfit / variance + n * k * float(np.log(variance)) + volume)
+            return float(0.5 * (n * k * float(np.log(misfit / (n * k))) + volume))
+        return float(0.5 * (misfit / variance + n * k * float(np.log(variance)) + volume))
 
     if stream.sigma is None:
         first -= np.log(span**2 * 1e-6)

@@ -26,7 +26,7 @@ from steelyard.identification.regression import TEN
 from steelyard.identification.sources import Source
 from steelyard.identification.unknowns import DRAG, LAG, ROBOT, Systematic
 from steelyard.instruments.equations import sensitivity, solve_for
-from steelyard.motion.state import state_of_pose
+from steelyard.motion.state import State, state_of_pose
 from steelyard.robot.cable_inertia import dragging_wrench
 from steelyard.robot.geometry import cable_wrench
 from steelyard.robot.kinematics import cables_at
@@ -109,11 +109,12 @@ def _moved(heavy: Robot) -> Batched:
     )
 
 
-def _dragged(robot: Robot, state: object, gravity: object) -> object:
+def _dragged(robot: Robot, state: State, gravity: Symbol) -> Symbol:
     if not robot.m or not robot.cable.linear_density:
         return ca.SX.zeros(6)
-    motion = (getattr(state, key) for key in ("position", "rotation", "specific_force", "omega", "alpha"))
-    return dragging_wrench(robot, *motion, gravity)
+    return dragging_wrench(
+        robot, state.position, state.rotation, state.specific_force, state.omega, state.alpha, gravity
+    )
 
 
 class _Geometry(NamedTuple):
@@ -163,7 +164,7 @@ def _derivatives(heavy: Robot) -> Batched:
     wrench = -newton_euler(parameters, state.specific_force, state.omega, state.alpha)
     wrench += cable_wrench(robot, state.position, state.rotation, tension, *fixed)
     wrench += drag * _dragged(heavy, state, gravity)
-    by = {
+    by: dict[str, Symbol] = {
         "by_drag": drag,
         "by_pose": pose,
         "by_rate": rate,
@@ -172,7 +173,7 @@ def _derivatives(heavy: Robot) -> Batched:
         "by_parameters": parameters,
         **({"by_anchor": ca.vec(fixed.anchors), "by_attachment": ca.vec(fixed.attachments)} if robot.m else {}),
     }
-    outputs = {key: ca.densify(ca.jacobian(wrench, symbol)) for key, symbol in by.items()}
+    outputs: dict[str, Symbol] = {key: ca.densify(ca.jacobian(wrench, symbol)) for key, symbol in by.items()}
     inputs = {
         "pose": pose,
         "rate": rate,

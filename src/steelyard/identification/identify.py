@@ -14,6 +14,7 @@ from steelyard.identification.consistent import Consistent
 from steelyard.identification.estimate import BEST_FIRST, FORMAT, Estimate, named, nothing_told
 from steelyard.identification.instrumental_variables import InstrumentalVariables
 from steelyard.identification.least_squares import LeastSquares
+from steelyard.identification.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.prediction import Prediction, predict_held_out
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import Inertia
@@ -25,6 +26,7 @@ AVAILABLE: dict[str, Callable[[], Method]] = {
     "least-squares": LeastSquares,
     "instrumental-variables": InstrumentalVariables,
     "consistent": Consistent,
+    "maximum-likelihood": MaximumLikelihood,
 }
 """Methods of this version by name, with their default settings."""
 
@@ -77,7 +79,7 @@ def identify(
     Raises:
         InputError: A run lacks what a method needs, or there is no run of a name.
     """
-    chosen = list(methods) or [TwoStep(), Consistent()]
+    chosen = list(methods) or [TwoStep(), MaximumLikelihood()]
     names = [run.name for run in experiment.runs]
     for name in holdout:
         if name not in names:

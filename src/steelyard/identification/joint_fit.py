@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
-from steelyard.identification.arc import POSE, Label, NormalEquations, Rows, accumulate, banded_trace
+from steelyard.identification.arc import POSE, Label, NormalEquations, Rows, accumulate
 from steelyard.identification.force_rows import BALANCE, Forces, force_rows
-from steelyard.identification.motion_rows import PARTS, Arc, Tally, motion_rows
+from steelyard.identification.motion_rows import Arc, Tally, motion_rows
 from steelyard.identification.regression import TEN
+from steelyard.identification.smoothness import smoothness
 from steelyard.identification.sources import Source
 from steelyard.identification.unknowns import Systematic, Unknowns
 
@@ -28,6 +29,8 @@ _BORDER, _ALL = 0.005, 0.5
 """Promised decrease of the cost, a chi-square, at which constants and everything have arrived."""
 _BEGUN = 5.0
 """The same of the motion where forces are not looked at: a beginning for the rest."""
+_NEARLY = 2e-3
+"""Part of the cost that a step may still promise where a noise is looked at."""
 _SAME = 1e-6
 """Relative increase of the cost that is none."""
 _LEVEL = 0.02
@@ -36,15 +39,8 @@ _LARGER = 1.3
 """Readings that scatter by so much more than their stated noise do not count as if they were as stated."""
 _HELD = 0.25
 """Information on a direction in units of plausible sizes below which it is not told."""
-_LOOSER = 30.0
-"""By how much more the motion is let do than it does on average: where it rings, its roughness sits in narrow bands, far above the mean,
-and a prior that is too stiff there takes from the acceleration what the forces feel. It widens what passes by 30^(1/6), less than twofold."""
-_SEARCHED = 12
-_LEAST_ROUGH = 1e-12
 _LEAST_FREEDOM = 0.02
 """Part of the readings that is left to tell their noise, at least."""
-_SMOOTH = 0.3
-"""Largest logarithm of the ratio at which the smoothness has settled: estimates follow it with a sixth of that and less."""
 _MOST_CHANGE = 4.0
 """Of the logarithm of a variance in one turn."""
 
@@ -98,7 +94,7 @@ class Fit:
 
 
 def linearise(
-    task: Task, state: State, column_of: NDArray[np.intp], border: int, covariances: Sequence[Array | None]
+    task: Task, state: State, column_of: NDArray[np.intp], border: int
 ) -> tuple[tuple[NormalEquations, ...], Tally]:
     """Normal equations of every arc about a state, over columns of the border that may be more than are estimated."""
     tally = Tally()
@@ -111,8 +107,8 @@ def linearise(
             )
 
     return tuple(
-        accumulate(len(arc.coefficients), border, rows(arc, felt), width=arc.width, covariance=covariance)
-        for arc, felt, covariance in zip(state.arcs, task.felt, covariances, strict=True)
+        accumulate(len(arc.coefficients), border, rows(arc, felt), width=arc.width)
+        for arc, felt in zip(state.arcs, task.felt, strict=True)
     ), tally
 
 
@@ -130,14 +126,13 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
     ten = TEN if state.parameters is not None else 0
     border = ten + int(task.active.sum())
     column_of = np.where(task.active, ten + np.cumsum(task.active) - 1, -1)
-    covariances: list[Array | None] = [None] * len(state.arcs)
     accepted: tuple[State, tuple[NormalEquations, ...], float] | None = None
-    damping, rejected, converged = 0.0, 0, False
+    damping, rejected, converged, searched = 0.0, 0, False, False
     ratios: dict[Source, float] = {}
     many = sum(arc.coefficients.size for arc in state.arcs)
     turn = 0
     for turn in range(_TURNS):
-        readings, tally = linearise(task, state, column_of, border, covariances)
+        readings, tally = linearise(task, state, column_of, border)
         cost = tally.cost + _prior_cost(task, state)
         if accepted is not None and not cost < accepted[2] * (1 + _SAME):
             rejected += 1
@@ -153,7 +148,8 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
         if near:
             # Noise and smoothness, once the residual is no longer that of a wrong motion.
             if any(arc.smoothness for arc in state.arcs):
-                level, settled = smoothed(state, readings)
+                level, settled = smoothness(state.arcs, readings, anew=not searched)
+                searched = True
                 if not settled:
                     state = replace(
                         state,
@@ -161,20 +157,17 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
                     )
                     equations = smooth(state, readings)
                     step = _step(task, state, equations, damping)
-            factors = state.factors
-            if all(c is not None for c in covariances):
-                ratios = _ratios(readings, tally)
-                factors = _unstated(task, state, ratios)
-                settled = settled and not _changed(state.factors, factors)
-                if settled and step.border < _BORDER and step.decrement < (_ALL if ten else _BEGUN):
-                    # Only a motion that is as free as it wants to be can say that a noise is not as stated.
-                    factors = _larger(task, state, ratios)
-                    settled = converged = not _changed(state.factors, factors)
-            else:
-                settled = False
+            ratios = _ratios(equations, tally)
+            factors = _unstated(task, state, ratios)
+            settled = settled and not _changed(state.factors, factors)
+            arrived = step.border < _BORDER and step.decrement < (_ALL if ten else _BEGUN)
+            if settled and (arrived or step.decrement < _NEARLY * cost):
+                # Only a motion that is as free as it wants to be can say that a noise is not as stated.
+                factors = _larger(task, state, ratios)
+                settled = not _changed(state.factors, factors)
+                converged = settled and arrived
             if converged:
                 break
-            covariances = [each.covariances() for each in equations]
             step = replace(step, state=replace(step.state, factors=factors))
         # A cost in other units is no measure of the step.
         accepted = (state, equations, cost) if settled else None
@@ -192,7 +185,7 @@ def _ratios(equations: Sequence[NormalEquations], tally: Tally) -> dict[Source, 
     """Of every quantity, variance of the residual over what it counts as now."""
     spent: dict[Label, float] = {}
     for each in equations:
-        for label, freedom in each.spent.items():
+        for label, freedom in each.spent().items():
             spent[label] = spent.get(label, 0.0) + freedom
     counts: dict[str, float] = {}
     for (name, _), count in tally.count.items():
@@ -204,49 +197,6 @@ def _ratios(equations: Sequence[NormalEquations], tally: Tally) -> dict[Source, 
         taken = spent.get((name, quantity), spent.get((name, BALANCE), 0.0) * count / max(counts[name], 1.0))
         ratios[name, quantity] = square / max(count - taken, _LEAST_FREEDOM * count, 1.0)
     return ratios
-
-
-def smoothed(state: State, equations: Sequence[NormalEquations]) -> tuple[dict[str, float], bool]:
-    """Smoothness under which the motion is as rough as its freedom lets it be, and whether it was so already.
-
-    The readings stay as they are linearised; only the motion follows. This is the maximum of the marginal likelihood over the
-    intensities, with motion integrated out [MacKay1992]_.
-
-    Args:
-        state: With arcs of one smoothness.
-        equations: Of their readings.
-    """
-    moving = [(arc, each) for arc, each in zip(state.arcs, equations, strict=True) if arc.smoothness is not None]
-    level = {k: v / _LOOSER for k, v in (moving[0][0].smoothness or {}).items()}
-    start = dict(level)
-    last: dict[str, tuple[float, float]] = {}
-    for _ in range(_SEARCHED):
-        rough, taken = dict.fromkeys(level, 0.0), dict.fromkeys(level, 0.0)
-        for arc, each in moving:
-            present = replace(arc, smoothness=level)
-            whole = present.smooth(each)
-            rested = replace(present, coefficients=arc.coefficients + whole.settled.reshape(-1, POSE))
-            for part, value in rested.roughness.items():
-                rough[part] += value
-                columns = PARTS[part].stop - PARTS[part].start
-                taken[part] += (
-                    columns * (len(arc.coefficients) - 3) - banded_trace(arc.jerks[part], whole.inverse) / level[part]
-                )
-        off = {
-            part: float(np.log(max(rough[part], _LEAST_ROUGH) / max(taken[part], 0.1) / level[part])) for part in level
-        }
-        if all(abs(each) < _SMOOTH for each in off.values()):
-            break
-        for part, each in off.items():
-            at = float(np.log(level[part]))
-            slope = -1.0
-            if part in last and abs(at - last[part][0]) > 1e-3:
-                slope = float(np.clip((each - last[part][1]) / (at - last[part][0]), -1.5, -0.15))
-            last[part] = at, each
-            level[part] = float(np.exp(at + np.clip(-each / slope, -_MOST_CHANGE, _MOST_CHANGE)))
-    return {k: v * _LOOSER for k, v in level.items()}, all(
-        abs(np.log(level[part] / start[part])) < _SMOOTH for part in level
-    )
 
 
 def _unstated(task: Task, state: State, ratios: Mapping[Source, float]) -> dict[Source, float]:

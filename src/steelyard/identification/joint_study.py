@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
@@ -21,13 +22,14 @@ from steelyard.identification.preparation import Samples, prepare
 from steelyard.identification.recorded_arcs import Recorded, recorded
 from steelyard.identification.regression import TEN, Blocks, Prior, Sums, enlarged, solve, together
 from steelyard.identification.rounds import prior_of
+from steelyard.identification.smoothing import DEGREE
 from steelyard.identification.sources import Source
 from steelyard.identification.study import Progress, Study, plausible, sum_up
 from steelyard.identification.unknowns import Systematic, Unknowns, gather
 
 _ROUNDS = 4
 """Rounds in which readings that stand out are left out."""
-_BODY_ROUNDS = 4
+_BODY_ROUNDS = 3
 _BLOCK = 1.0
 """Least length of the stretches that are held against each other [s]."""
 _BLOCK_SPACINGS = 5.0
@@ -105,7 +107,9 @@ def _joint(experiment: Experiment, tell: Callable[[str, float], None], start: Sy
     )
     tell("maximum-likelihood: motion", 0.25)
     motion = fit(task, State(arcs, begin, None), lambda part: tell("maximum-likelihood: motion", 0.25 + 0.25 * part))
-    state, lost = _without_lost(experiment, motion.state)
+    state, lost = motion.state, list[str]()
+    if any(far >= _STUCK_FAR for far in motion.tally.far.values()):
+        state, lost = _without_lost(experiment, state)
     if lost:
         motion = fit(task, state)
         state = motion.state
@@ -197,7 +201,7 @@ def _without_lost(experiment: Experiment, state: State) -> tuple[State, list[str
     arcs, notes = [], []
     for arc in state.arcs:
         readings = {reading.source: [reading] for reading in arc.readings}
-        masks: dict[Label, list[Array]] = {}
+        masks: dict[Label, list[NDArray[np.bool_]]] = {}
         if not arc.static:
             for rows in motion_rows(experiment, arc, state.systematic, nowhere, state.factors, Tally()):
                 if rows.label in readings:
@@ -225,7 +229,7 @@ _FAR = 4.5
 """Root of a whitened residual under Huber's weight that is far beyond what noise may reach."""
 
 
-def _runs_of(far: Array) -> Array:
+def _runs_of(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Where many in a row are far, and those beside them."""
     found = np.zeros(len(far), dtype=bool)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], far, [False]]).astype(int)))
@@ -251,7 +255,7 @@ def _concluded(
     state, unknowns = found.state, task.unknowns
     parameters = _ten(state)
     border = TEN + len(unknowns)
-    column_of = TEN + np.arange(len(unknowns))
+    column_of = TEN + np.arange(len(unknowns), dtype=np.intp)
     sums: dict[str, Sums] = {}
     blocks: list[Blocks] = []
     covariances, followed = [], []
@@ -270,8 +274,7 @@ def _concluded(
     estimated = np.concatenate([np.ones(TEN, dtype=bool), task.active])
     solution = solve(total, prior, estimated, plausible(parameters, plausible_radius(experiment.robot)), correct=False)
     force_labels = {(f.name, q) for f in felt for q in f.readings}
-    ratio, freedom = _force_ratio(found, force_labels, task)
-    solution = replace(solution, ratio=ratio, spent=0.0)
+    solution = replace(solution, ratio=_force_ratio(found, force_labels, frozenset()), spent=0.0)
     balances = [
         balance_of(experiment, arc, forces, state.systematic, parameters, state.factors)
         for arc, forces in zip(state.arcs, felt, strict=True)
@@ -288,7 +291,7 @@ def _concluded(
         kinematics=KinematicFit(
             state.systematic,
             np.diag(unknowns.deviation**2),
-            kinematic,  # type: ignore[arg-type]
+            kinematic,
             motion.converged,
             state.arcs,
         ),
@@ -309,7 +312,9 @@ def _concluded(
         settled=found.converged,
         notes=tuple(dict.fromkeys([note for s in samples for note in s.notes if "gap" not in note] + list(notes))),
     )
-    result = replace(result, solution=enlarged(solution, scored, result.told, max(total.freedom, 1.0)))
+    solution = enlarged(solution, scored, result.told, max(total.freedom, 1.0))
+    # What the verdict asks is how the forces compare with what was stated of them.
+    result = replace(result, solution=replace(solution, ratio=_force_ratio(found, force_labels, task.stated)))
     return Joint(
         result,
         found,
@@ -321,7 +326,9 @@ def _concluded(
     )
 
 
-def _rows(experiment: Experiment, arc: Arc, forces: Forces, state: State, column_of: Array) -> Iterator[Rows]:
+def _rows(
+    experiment: Experiment, arc: Arc, forces: Forces, state: State, column_of: NDArray[np.intp]
+) -> Iterator[Rows]:
     tally = Tally()
     yield from motion_rows(experiment, arc, state.systematic, column_of, state.factors, tally)
     yield force_rows(experiment, arc, forces, state.systematic, column_of, _ten(state), state.factors, tally)
@@ -364,15 +371,15 @@ def _blocks(arc: Arc, rows: Sequence[Rows], equations: NormalEquations, paramete
     return Blocks(crossed, right + crossed @ at, np.full(count, run, dtype=np.intp))
 
 
-def _force_ratio(found: Fit, labels: set[Source], task: Task) -> tuple[float, float]:
-    """Variance of what is left of the forces over what their noise explains, and the freedom it is told with."""
+def _force_ratio(found: Fit, labels: set[Source], stated: frozenset[Source]) -> float:
+    """Variance of what is left of the forces over what their noise explains, that of some quantities as it was stated."""
     square = freedom = 0.0
     for label in labels:
         count = found.tally.count.get(label, 0.0)
-        level = found.state.factors.get(label, 1.0) if label in task.stated else 1.0
+        level = found.state.factors.get(label, 1.0) if label in stated else 1.0
         square += found.ratios.get(label, 1.0) * level**2 * count
         freedom += count
-    return square / max(freedom, 1.0), freedom
+    return square / max(freedom, 1.0)
 
 
 def _of_run(
@@ -390,23 +397,22 @@ def _weights(at: Balance, felt: Forces) -> Array:
 def _samples(prepared: Samples, own: Sequence[tuple[Balance, Forces]], record: Recorded) -> Samples:
     """Samples at the times of the force readings, with the fitted motion and the forces as they were read."""
 
-    def joined(of: Callable[[Balance], Array | None]) -> Array | None:
-        parts = [of(at) for at, _ in own]
-        return None if any(p is None for p in parts) else np.concatenate([p for p in parts if p is not None])
+    def joined(parts: Iterable[Array]) -> Array:
+        return np.concatenate(list(parts))
 
-    motion = {
-        key: joined(lambda at, key=key: at.motion[key])
-        for key in ("omega", "alpha", "specific_force", "position", "rotation")
-    }  # type: ignore[misc]
-    structure = joined(lambda at: at.structure)
-    spacing = record.arcs[0].knots[6] - record.arcs[0].knots[5] if not prepared.static else 0.0
+    structures = [at.structure for at, _ in own if at.structure is not None]
+    grid = record.arcs[0].knots
     return replace(
         prepared,
-        time=joined(lambda at: at.time),
-        wrench=joined(lambda at: at.wrench),
-        tension=None if structure is None else joined(lambda at: at.carried),
-        structure=structure,
-        spacing=float(spacing),
+        time=joined(at.time for at, _ in own),
+        wrench=joined(at.wrench for at, _ in own),
+        tension=joined(at.carried for at, _ in own) if structures else None,
+        structure=joined(structures) if structures else None,
+        spacing=0.0 if prepared.static else float(grid[DEGREE + 1] - grid[DEGREE]),
         share=1.0,
-        **motion,
+        omega=joined(at.motion["omega"] for at, _ in own),
+        alpha=joined(at.motion["alpha"] for at, _ in own),
+        specific_force=joined(at.motion["specific_force"] for at, _ in own),
+        position=joined(at.motion["position"] for at, _ in own),
+        rotation=joined(at.motion["rotation"] for at, _ in own),
     )

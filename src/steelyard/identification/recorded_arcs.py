@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run, is_motion
-from steelyard.identification.balance import force_sigma
+from steelyard.identification.balance import force_sigma, least_sigma
 from steelyard.identification.evidence import Channelled, best_spacing
 from steelyard.identification.force_rows import Forces
 from steelyard.identification.motion_rows import PARTS, Arc, Reading, jerk_matrices
@@ -38,6 +38,11 @@ _COMMANDED = 0.01
 """1-sigma of how far a platform is from its command, where that stands in for a measured place [m]."""
 _COMMANDED_RATE = 5.0
 """Readings of a command a second that count as independent [Hz]."""
+_PER_KNOT = 2.0
+"""Samples between two knots, at least: a motion that its instruments do not resolve cannot be told from their readings, and the forces,
+which would tell it instead, could then say nothing about the body."""
+_ROTATION = frozenset({"angular_velocity", "orientation", "length"})
+_TRANSLATION = frozenset({"position", "specific_force", "length"})
 ORDER = {"position": 0, "orientation": 0, "length": 0, "angular_velocity": 1, "specific_force": 2}
 """Derivative of the motion that a quantity reads."""
 
@@ -196,7 +201,10 @@ def _moving(experiment: Experiment, run: Run, samples: Samples, systematic: Syst
     notes += gaps
     spacing = _spacing(experiment, streams, stretches)
     pose = poses_of(samples)
-    least: dict[tuple[str, str], float] = {}
+    least = {
+        (force, q): float(each)
+        for q, each in zip(run.streams[force].values, _least_forces(experiment, run), strict=True)
+    }
     arcs, felt = [], []
     for start, end in stretches:
         first, last = start - _MARGIN, end + _MARGIN
@@ -289,8 +297,8 @@ def _stretches(run: Run, streams: Sequence[_Stream], forces: Array) -> tuple[lis
         start, end = max(start, run.window[0]), min(end, run.window[1])
     notes = []
     groups = [
-        [s for s in streams if s.source[1] in {"angular_velocity", "orientation", "length"}],
-        [s for s in streams if s.source[1] in {"position", "specific_force", "length"}],
+        [s for s in streams if s.source[1] in _ROTATION],
+        [s for s in streams if s.source[1] in _TRANSLATION],
     ]
     parts = [(start, end)]
     for group in groups:
@@ -341,11 +349,28 @@ def _spacing(experiment: Experiment, streams: Sequence[_Stream], stretches: Sequ
             sigma = sigma / 2 if sigma else None
         complete = np.isfinite(values).all(axis=1)
         channelled.append(Channelled(stream.common[complete], values[complete], ORDER[stream.source[1]], sigma))
-    finest = _FINEST if experiment.robot.m else _FINEST_ON_SENSOR
+    finest = max(_FINEST if experiment.robot.m else _FINEST_ON_SENSOR, _PER_KNOT * _slowest(streams))
     widest = max(finest, min(_WIDEST, (end - start) / 8))
     candidates = np.geomspace(finest, widest, 1 + int(np.ceil(2 * np.log2(widest / finest))))
     best = best_spacing(channelled, [float(c) for c in candidates], start, end)
-    return max(finest, best / np.sqrt(2))
+    return float(max(finest, best / np.sqrt(2)))
+
+
+def _slowest(streams: Sequence[_Stream]) -> float:
+    """Time between samples of the fastest instrument that tells the rotation, or the translation, whichever is slower [s]."""
+    steps = []
+    for quantities in (_ROTATION, _TRANSLATION):
+        own = [float(np.median(np.diff(s.common))) for s in streams if s.source[1] in quantities and len(s.common) > 1]
+        steps += [min(own)] if own else []
+    return max(steps, default=0.0)
+
+
+def _least_forces(experiment: Experiment, run: Run) -> list[float]:
+    """Least 1-sigma of every quantity of the force instrument."""
+    name = experiment.force_instrument(run)
+    assert name is not None
+    sizes = [v.shape[1] for v in run.streams[name].values.values()]
+    return [float(part[0]) for part in np.split(least_sigma(experiment, run), np.cumsum(sizes)[:-1])]
 
 
 def _felt(experiment: Experiment, run: Run, samples: Samples, start: float, end: float) -> Forces:

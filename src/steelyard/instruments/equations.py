@@ -148,7 +148,8 @@ def _symbol_like(name: str, expression: Symbol) -> Symbol:
 
 
 @lru_cache(maxsize=128)
-def _linearised(instrument: Instrument, quantity: str, robot: Robot) -> Batched:
+def _linearised(instrument: Instrument, quantity: str, robot: Robot) -> tuple[Batched, dict[str, tuple[int, int]]]:
+    """Residual and those derivatives that are not zero, and the shapes of those that are."""
     pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
     gravity = ca.SX.sym("gravity", 3)
     terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
@@ -158,23 +159,21 @@ def _linearised(instrument: Instrument, quantity: str, robot: Robot) -> Batched:
     predicted = ca.SX(instrument.predict(state, terms, robot)[quantity])
     measured = _symbol_like("measured", predicted)
     residual = rotations.log(predicted.T @ measured) if predicted.shape == (3, 3) else measured - predicted
-    return Batched(
-        "linearised",
-        {
-            "pose": pose, "rate": rate, "acceleration": acceleration, "gravity": gravity, "errors": errors, "measured": measured,
-            **({"tension": tension} if robot.m and ca.depends_on(predicted, tension) else {}),
-        },
-        {
-            "residual": residual,
-            **{
-                name: ca.densify(ca.jacobian(residual, symbol))
-                for name, symbol in (
-                    ("by_pose", pose), ("by_rate", rate), ("by_acceleration", acceleration),
-                    ("by_errors", errors), ("by_gravity", gravity),
-                )
-            },
-        },
-    )  # fmt: skip
+    derivatives = {
+        name: ca.jacobian(residual, symbol)
+        for name, symbol in (
+            ("by_pose", pose), ("by_rate", rate), ("by_acceleration", acceleration), ("by_errors", errors), ("by_gravity", gravity),
+        )
+    }  # fmt: skip
+    inputs = {
+        "pose": pose, "rate": rate, "acceleration": acceleration, "gravity": gravity, "errors": errors, "measured": measured,
+        **({"tension": tension} if robot.m and ca.depends_on(predicted, tension) else {}),
+    }  # fmt: skip
+    there = {name: ca.densify(each) for name, each in derivatives.items() if each.nnz()}
+    return (
+        Batched("linearised", inputs, {"residual": residual, **there}),
+        {name: each.shape for name, each in derivatives.items() if not each.nnz()},
+    )
 
 
 def linearised(
@@ -206,10 +205,13 @@ def linearised(
         ``by_errors``, shape (n, k, e), ``by_gravity``, shape (n, k, 3).
     """
     pose, rate, acceleration = motion
-    return _linearised(instrument, quantity, robot)(
+    batched, zero = _linearised(instrument, quantity, robot)
+    found = batched(
         pose=pose, rate=rate, acceleration=acceleration, errors=errors, gravity=gravity, measured=measured,
         **({} if tension is None else {"tension": tension}),
     )  # fmt: skip
+    n = len(found["residual"])
+    return {**found, **{name: np.broadcast_to(0.0, (n, *shape)) for name, shape in zero.items()}}
 
 
 @lru_cache(maxsize=64)
