@@ -14,19 +14,20 @@ from steelyard.identification.classical import study
 from steelyard.identification.consistent import Consistent
 from steelyard.identification.instrumental_variables import InstrumentalVariables
 from steelyard.identification.least_squares import LeastSquares
+from steelyard.identification.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import BODY_PARAMETERS
 
 FIRST_SEED = 100_000
 """Apart from the seeds of every test."""
-METHODS = ("two-step", "least-squares", "instrumental-variables", "consistent")
+METHODS = ("two-step", "least-squares", "instrumental-variables", "consistent", "maximum-likelihood")
 UNITS = np.array([1, 1e3, 1e3, 1e3, 1, 1, 1, 1, 1, 1])
 
 _recorder: Recorder | None = None
 
 
 def draw(seed: int) -> tuple[dict[str, tuple[Array, Array, bool, bool | None]], Array]:
-    """Error, 1-sigma, verdict and physical of every method for one experiment, and the attainable 1-sigma."""
+    """Error, covariance, verdict and physical of every method for one experiment, and the attainable 1-sigma."""
     global _recorder
     _recorder = _recorder or Recorder()
     experiment = _recorder(seed)
@@ -37,11 +38,12 @@ def draw(seed: int) -> tuple[dict[str, tuple[Array, Array, bool, bool | None]], 
         LeastSquares().of(found),
         InstrumentalVariables()(experiment),
         Consistent().of(found),
+        MaximumLikelihood()(experiment),
     ]
     bound = attainable(found)
     assert bound is not None
     return {
-        e.method: (e.value - truth, e.standard_deviation, e.verdict.accepted, e.physical) for e in estimates
+        e.method: (e.value - truth, e.covariance, e.verdict.accepted, e.physical) for e in estimates
     }, bound.standard_deviation
 
 
@@ -54,7 +56,9 @@ def main(count: int, processes: int) -> None:
     row("attainable 1-sigma [kg], [mm], [kg m^2]", bounds * UNITS, None)
     for method in METHODS:
         errors = np.array([d[method][0] for d, _ in drawn])
-        z = errors / np.array([d[method][1] for d, _ in drawn])
+        covariances = np.array([d[method][1] for d, _ in drawn])
+        z = errors / np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+        chi = [error @ np.linalg.solve(covariance, error) for error, covariance in zip(errors, covariances, strict=True)]
         rmse = np.sqrt(np.mean(errors**2, axis=0))
         row(f"{method}: rmse", rmse * UNITS, None)
         row("  rmse over attainable", rmse / bounds, float(np.sqrt(np.mean((rmse / bounds) ** 2))))
@@ -64,6 +68,16 @@ def main(count: int, processes: int) -> None:
             "  95 % intervals cover [%]",
             100 * np.mean(np.abs(z) < 1.96, axis=0),
             float(100 * np.mean(np.abs(z) < 1.96)),
+        )
+        print(f"  chi-square of the ten per degree of freedom {np.mean(chi) / 10:.3f}, largest {np.max(chi):.1f}")
+        groups = {"centre of gravity": slice(1, 4), "moments": slice(4, 7), "inertia": slice(4, 10)}
+        two_step = np.array([d["two-step"][0] for d, _ in drawn])
+        print(
+            "  rmse over that of two-step: "
+            + ", ".join(
+                f"{name} {np.sqrt(np.mean(errors[:, own] ** 2) / np.mean(two_step[:, own] ** 2)):.3f}"
+                for name, own in groups.items()
+            )
         )
         accepted = sum(d[method][2] for d, _ in drawn)
         print(f"  accepted {accepted} of {count}, a body {sum(bool(d[method][3]) for d, _ in drawn)} of {count}")

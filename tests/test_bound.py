@@ -8,9 +8,11 @@ from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 from simulated import BODY, CENTER, EXACT, IDEAL, REACH, RECORDER, ROBOT, at_rest, changed, pair, pair_studied, studied
 
+from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.bound import Forces, attainable, cramer_rao
+from steelyard.identification.bound import attainable, cramer_rao
 from steelyard.identification.classical import study
+from steelyard.identification.force_rows import Forces
 from steelyard.identification.least_squares import LeastSquares
 from steelyard.identification.motion_rows import Arc, Reading
 from steelyard.identification.smoothing import DEGREE, knots
@@ -83,7 +85,13 @@ class Problem:
             "tracker": np.arange(0.02, LENGTH - 0.05, 0.05),
             "cables": np.arange(0.015, LENGTH - 0.05, 0.08),
         }
-        self.tension = 600 + 150 * rng.normal(size=(len(self.times["cables"]), 8))
+        # Tensions that balance, with an internal part that says nothing.
+        p, R, omega, alpha, acceleration = self.motion(self.coefficients, self.times["cables"])
+        s = np.einsum("nji,nj->ni", R, acceleration - ROBOT.gravity)
+        W = self.structure(p, R, POINTS.anchors, POINTS.attachments)
+        inner = 600 + 150 * rng.normal(size=(len(p), 8))
+        missing = platform_wrench(BODY.parameters, s, omega, alpha) - np.einsum("nkm,nm->nk", W, inner)
+        self.tension = inner + np.einsum("nmk,nk->nm", np.linalg.pinv(W), missing)
         streams = {
             "cables": Stream(self.times["cables"], {"tension": self.tension}, "cables"),
             "imu": Stream(self.times["imu"], {key: np.zeros((len(self.times["imu"]), 3)) for key in NOISE}, "imu"),
@@ -212,7 +220,14 @@ class Problem:
                 assert len(values) == n
                 readings.append(Reading((name, quantity), self.times[name], values, sigma / finer))
         arc = Arc("run", self.knots, tuple(readings), self.coefficients)
-        forces = Forces(self.times["cables"], self.tension, np.full(8, 5.0 / finer))
+        n = len(self.tension)
+        forces = Forces(
+            "cables",
+            self.times["cables"],
+            {"tension": self.tension},
+            np.full(8, 5.0 / finer),
+            np.zeros((n, 8), dtype=bool),
+        )
         return cramer_rao(
             self.experiment, self.systematic, {"run": (arc,)}, {"run": (forces,)}, BODY.parameters, known=known
         )

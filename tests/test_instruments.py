@@ -535,9 +535,7 @@ def test_what_is_measured_beyond_what_a_motion_tells_and_its_derivatives(kind, q
     for name, value in expected.items():
         # Of no error at all there is one column, which is nothing.
         assert found[name].shape == value.shape
-        np.testing.assert_allclose(
-            found[name], value, atol=DIFFERENCED * max(1, np.abs(value).max()), err_msg=name
-        )
+        np.testing.assert_allclose(found[name], value, atol=DIFFERENCED * max(1, np.abs(value).max()), err_msg=name)
 
 
 @pytest.mark.parametrize(("kind", "quantity"), LOOKED_AT)
