@@ -22,6 +22,7 @@ from steelyard.identification.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import Inertia
 from steelyard.output import check_target, results_folder, to_json, write_json
+from steelyard.report.motion_table import FILE_NAME, write_motion
 from steelyard.report.summary import Summary, as_markdown, summarise
 from steelyard.report.terminal import show
 from steelyard.robot.file import bundled_names, bundled_text, read_robot, robot_file
@@ -194,6 +195,8 @@ def _selected(experiment: Experiment, names: Sequence[str]) -> Experiment:
 def _write_identification(identification: Identification, summary: Summary, folder: Path) -> None:
     write_json(identification.to_dict(), folder / "estimate.json")
     (folder / "report.md").write_text(as_markdown(summary), encoding="utf-8")
+    if identification.motion:
+        write_motion(identification.motion, folder / FILE_NAME)
 
 
 _LARGEST_TRUTH = 1 << 24  # bytes

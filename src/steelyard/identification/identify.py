@@ -12,7 +12,9 @@ from steelyard.identification.bound import Bound, attainable
 from steelyard.identification.classical import NoBalanceError, study
 from steelyard.identification.consistent import Consistent
 from steelyard.identification.estimate import BEST_FIRST, FORMAT, Estimate, named, nothing_told
+from steelyard.identification.fitted_motion import FittedMotion
 from steelyard.identification.instrumental_variables import InstrumentalVariables
+from steelyard.identification.joint_study import joint_study
 from steelyard.identification.least_squares import LeastSquares
 from steelyard.identification.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.prediction import Prediction, predict_held_out
@@ -42,6 +44,8 @@ class Identification:
     """Of runs that were held out."""
     bound: Bound | None = None
     """What could be known at best; None where it was not asked for or cannot be had."""
+    motion: tuple[FittedMotion, ...] = ()
+    """Of each stretch of the runs, as maximum likelihood has fitted it."""
 
     @property
     def result(self) -> str:
@@ -86,7 +90,7 @@ def identify(
             raise InputError(f"--holdout: expected one of {', '.join(names)}, found '{name}'; choose one of these")
     predictions = predict_held_out(experiment, frozenset(holdout), progress) if holdout else ()
     used = replace(experiment, runs=tuple(run for run in experiment.runs if run.name not in holdout))
-    estimates, shared = [], None
+    estimates, shared, joint = [], None, None
     for method in chosen:
         if isinstance(method, LeastSquares | Consistent):
             # Both stand on the same normal equations.
@@ -95,11 +99,22 @@ def identify(
                 estimates.append(method.of(shared))
             except NoBalanceError as error:
                 estimates.append(nothing_told(method.name, str(error)))
+        elif isinstance(method, MaximumLikelihood):
+            try:
+                joint = joint_study(used, progress)
+                estimates.append(method.of(joint))
+            except NoBalanceError as error:
+                estimates.append(nothing_told(method.name, str(error)))
         else:
             estimates.append(method(used, progress))
-    bound = attainable(shared) if shared else None
+    bound = joint.bound if joint else attainable(shared) if shared else None
     return Identification(
-        experiment.name, experiment.robot.platform, {e.method: e for e in estimates}, predictions, bound
+        experiment.name,
+        experiment.robot.platform,
+        {e.method: e for e in estimates},
+        predictions,
+        bound,
+        joint.motion if joint else (),
     )
 
 

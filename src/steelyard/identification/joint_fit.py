@@ -91,6 +91,10 @@ class Fit:
     turns: int
     covariance: Array
     """Of the border: the ten, where forces are looked at, and then the active errors."""
+    stated: frozenset[Source]
+    """Quantities whose noise is stated."""
+    first_sigmas: Mapping[Source, float]
+    """1-sigma of every quantity that factors multiply."""
 
 
 def linearise(
@@ -173,7 +177,9 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
         accepted = (state, equations, cost) if settled else None
         state = step.state
         tell(min(0.95, turn / 8))
-    return Fit(state, equations, tally, ratios, converged, turn + 1, step.covariance)
+    return Fit(
+        state, equations, tally, ratios, converged, turn + 1, step.covariance, task.stated, _first_sigmas(task, state)
+    )
 
 
 def smooth(state: State, readings: Sequence[NormalEquations]) -> tuple[NormalEquations, ...]:

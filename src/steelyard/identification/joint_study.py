@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.identification.arc import Label, NormalEquations, Rows, accumulate
+from steelyard.identification.bound import Bound
 from steelyard.identification.classical import NoBalanceError
 from steelyard.identification.estimate import plausible_radius
+from steelyard.identification.fitted_motion import FittedMotion, fitted_motion
 from steelyard.identification.force_rows import Balance, Forces, balance_of, force_rows, sample_weight
 from steelyard.identification.joint_fit import Fit, State, Task, fit
 from steelyard.identification.kinematic_fit import KinematicFit, told_about
-from steelyard.identification.motion_rows import Arc, Tally, motion_rows
+from steelyard.identification.motion_rows import Arc, Tally, motion_rows, reference_clocks, time_of
 from steelyard.identification.outliers import look
 from steelyard.identification.preparation import Samples, prepare
 from steelyard.identification.recorded_arcs import Recorded, recorded
@@ -26,6 +28,7 @@ from steelyard.identification.smoothing import DEGREE
 from steelyard.identification.sources import Source
 from steelyard.identification.study import Progress, Study, plausible, sum_up
 from steelyard.identification.unknowns import Systematic, Unknowns, gather
+from steelyard.inertia import body_jacobian
 
 _ROUNDS = 4
 """Rounds in which readings that stand out are left out."""
@@ -51,10 +54,10 @@ class Joint:
     """Run -> stretches in which something touched the platform [s]."""
     spikes: Mapping[str, int]
     """Run -> force readings that stood alone."""
-    covariances: tuple[Array, ...] = field(default_factory=tuple)
-    """Of the coefficients of each arc, the border held."""
-    followed: tuple[Array, ...] = field(default_factory=tuple)
-    """How they follow the border (the ten and all systematic errors), with the opposite sign."""
+    bound: Bound
+    """What can be known at best, if all noise is as it was taken."""
+    motion: tuple[FittedMotion, ...]
+    """Of each stretch of the runs in motion."""
 
 
 def joint_study(experiment: Experiment, progress: Progress = None, start: Systematic | None = None) -> Joint:
@@ -258,7 +261,7 @@ def _concluded(
     column_of = TEN + np.arange(len(unknowns), dtype=np.intp)
     sums: dict[str, Sums] = {}
     blocks: list[Blocks] = []
-    covariances, followed = [], []
+    solved: list[tuple[Arc, Array, Array]] = []
     names = [run.name for run in experiment.runs]
     for arc, forces in zip(state.arcs, felt, strict=True):
         rows = list(_rows(experiment, arc, forces, state, column_of))
@@ -267,8 +270,8 @@ def _concluded(
         own = _sums(normal, gradient, parameters, float(np.sum(~forces.left_out.all(axis=1))))
         sums[arc.run] = own if arc.run not in sums else sums[arc.run] + own
         blocks.append(_blocks(arc, rows, equations, parameters, names.index(arc.run)))
-        covariances.append(equations.inverse)
-        followed.append(equations.followed)
+        if not arc.static:
+            solved.append((arc, equations.inverse, equations.followed))
     total = sum_up(list(sums.values()))
     prior = _prior(experiment, unknowns, state.systematic.values, parameters, plausible_radius(experiment.robot))
     estimated = np.concatenate([np.ones(TEN, dtype=bool), task.active])
@@ -312,18 +315,33 @@ def _concluded(
         settled=found.converged,
         notes=tuple(dict.fromkeys([note for s in samples for note in s.notes if "gap" not in note] + list(notes))),
     )
+    J = body_jacobian(solution.value[:TEN])
+    bound = Bound(np.asarray(J @ solution.covariance[:TEN, :TEN] @ J.T), solution.covariance[TEN:, TEN:])
     solution = enlarged(solution, scored, result.told, max(total.freedom, 1.0))
     # What the verdict asks is how the forces compare with what was stated of them.
     result = replace(result, solution=replace(solution, ratio=_force_ratio(found, force_labels, task.stated)))
+    border_covariance = np.where(np.outer(estimated, estimated), solution.covariance, 0.0)
     return Joint(
         result,
         found,
         felt,
         {name: tuple(each) for name, each in contacts.items() if each},
         {name: n for name, n in spikes.items() if n},
-        tuple(covariances),
-        tuple(followed),
+        bound,
+        tuple(
+            _on_common_time(experiment, arc, state.systematic, fitted_motion(arc, inverse, followed, border_covariance))
+            for arc, inverse, followed in solved
+        ),
     )
+
+
+def _on_common_time(experiment: Experiment, arc: Arc, systematic: Systematic, motion: FittedMotion) -> FittedMotion:
+    """The motion is told in the time of one of its own clocks; what others want is that of the forces."""
+    unknowns = systematic.unknowns
+    name = experiment.force_instrument(next(run for run in experiment.runs if run.name == arc.run))
+    assert name is not None
+    _, _, origin = time_of(experiment, arc, systematic, reference_clocks(experiment, unknowns, arc), name, motion.time)
+    return replace(motion, time=motion.time - float((systematic.values[origin] - unknowns.mean[origin])[0]))
 
 
 def _rows(

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+import numpy as np
+
 from steelyard.experiment.model import Experiment
 from steelyard.identification.classical import NoBalanceError
 from steelyard.identification.consistent import Consistent
@@ -17,6 +19,7 @@ from steelyard.identification.estimate import Estimate, nothing_told
 from steelyard.identification.joint_study import Joint, joint_study
 from steelyard.identification.mass_region import Box, Ellipsoid
 from steelyard.identification.study import Progress
+from steelyard.inertia import BODY_PARAMETERS
 
 
 @dataclass(frozen=True)
@@ -57,8 +60,35 @@ def _details(joint: Joint) -> dict[str, Any]:
         for arc in fit.state.arcs
         if not arc.static
     }
-    noise: dict[str, dict[str, float]] = {}
-    return {"motion": motion, "turns": fit.turns, "converged": fit.converged, **({"noise": noise} if noise else {})}
+    first = fit.first_sigmas
+    noise: dict[str, dict[str, Any]] = {}
+    for (name, quantity), count in fit.tally.count.items():
+        factor = fit.state.factors.get((name, quantity), 1.0)
+        noise.setdefault(name, {})[quantity] = {
+            "stated": first[name, quantity] if (name, quantity) in fit.stated else None,
+            "used": first[name, quantity] * factor,
+            "found": first[name, quantity] * factor * float(np.sqrt(fit.ratios[name, quantity])),
+            "numbers": count,
+            "far": fit.tally.far.get((name, quantity), 0),
+        }
+    return {
+        "motion": motion,
+        "noise": noise,
+        "solver": {"converged": fit.converged, "steps": fit.turns},
+        "left_out": {
+            "contacts": {run: [list(each) for each in contacts] for run, contacts in joint.contacts.items()},
+            "single_readings": dict(joint.spikes),
+        },
+        "over_attainable": {
+            name: float(ours / best)
+            for name, ours, best in zip(
+                BODY_PARAMETERS,
+                np.sqrt(np.diag(joint.study.body_covariance)),
+                joint.bound.standard_deviation,
+                strict=True,
+            )
+        },
+    }
 
 
 def _notes(joint: Joint) -> list[str]:
