@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from steelyard.identification.arc import POSE, WIDTH, Rows, accumulate, basis, motion_at, spread
+from steelyard.identification.arc import (
+    POSE,
+    WIDTH,
+    Rows,
+    accumulate,
+    at_rest,
+    banded_product,
+    banded_trace,
+    basis,
+    motion_at,
+    spread,
+)
 from steelyard.identification.smoothing import DEGREE, knots
 
 START, END, SPACING = 0.3, 2.9, 0.2  # [s]
@@ -188,3 +199,251 @@ def test_a_reading_of_the_pose_alone_needs_no_other_derivative(rng):
     local, by_pose = basis(EVEN, times), rng.normal(size=(5, 2, POSE))
     nothing = np.zeros_like(by_pose)
     np.testing.assert_array_equal(spread(local, by_pose), spread(local, by_pose, nothing, nothing))
+
+
+# What the motion's matrix says by itself
+
+
+FACTORED = 1e-8  # relative to the largest: rounding in a matrix of a condition of some thousands
+LENGTHS = [6, 9, 10, 24]  # one instant, a part of a block of the recursion, whole blocks, several
+GYRO, TRACKER = ("imu", "angular_velocity"), ("tracker", "position")
+
+
+def motion_rows_of(rng, functions, width, n, k, label=None, border=BORDER):
+    """Readings at random instants, every one of which has some."""
+    instants = functions - width // POSE + 1
+    first = np.sort(np.concatenate([np.arange(instants), rng.integers(0, instants, n)]))
+    n = len(first)
+    return Rows(
+        first,
+        rng.normal(size=(n, k)),
+        rng.normal(size=(n, k, width)),
+        rng.normal(size=(n, k, border)),
+        label=label,
+    )
+
+
+def dense_motion(part, functions):
+    """Jacobian by all coefficients, row by row."""
+    n, k, width = part.by_motion.shape
+    full = np.zeros((n, k, functions * POSE))
+    for sample, first in enumerate(part.first):
+        full[sample, :, first * POSE : first * POSE + width] = part.by_motion[sample]
+    return full.reshape(n * k, -1)
+
+
+def in_band(matrix, width):
+    """Lower banded form of a symmetric matrix."""
+    band = np.zeros((width, len(matrix)))
+    for d in range(min(width, len(matrix))):
+        band[d, : len(matrix) - d] = np.diag(matrix, -d)
+    return band
+
+
+def some_bands(rng, size, width, count=2):
+    """Symmetric positive definite matrices that reach no further than their band, densely."""
+    found = []
+    for _ in range(count):
+        full = rng.normal(size=(size, size))
+        found.append(np.tril(np.triu(full + full.T, 1 - width), width - 1) + 4 * width * np.eye(size))
+    return found
+
+
+def some_costs(rng, functions, width, count=2):
+    """Such matrices between coefficients that some instant depends on."""
+    return [blocks_that_meet(functions, width) * each for each in some_bands(rng, functions * POSE, width, count)]
+
+
+@pytest.fixture(params=[(WIDTH, f) for f in LENGTHS] + [(POSE, 1), (POSE, 8)], ids=lambda p: f"width {p[0]} of {p[1]}")
+def problem(request, rng):
+    """Three kinds of rows of a spline, or of poses at rest; two of them of one instrument."""
+    width, functions = request.param
+    rows = [
+        motion_rows_of(rng, functions, width, 40 * functions, 3, GYRO),
+        motion_rows_of(rng, functions, width, 10 * functions, 2, TRACKER),
+        motion_rows_of(rng, functions, width, 5 * functions, 3, GYRO),
+        motion_rows_of(rng, functions, width, 0, 7),
+    ]
+    A = np.vstack([dense_motion(part, functions) for part in rows])
+    return rows, accumulate(functions, BORDER, iter(rows), width=width), A, width, functions
+
+
+def blocks_that_meet(functions, width):
+    """Which pairs of coefficients some instant depends on, densely."""
+    function = np.arange(functions * POSE) // POSE
+    return np.abs(function[:, None] - function) < width // POSE
+
+
+def test_the_inverse_is_the_dense_one_where_an_instant_depends_on_both(problem):
+    _, equations, A, width, functions = problem
+    dense = np.linalg.inv(A.T @ A)
+    expected = in_band(np.where(blocks_that_meet(functions, width), dense, 0.0), width)
+    told = in_band(blocks_that_meet(functions, width).astype(float), width)
+    assert equations.inverse.shape == (width, functions * POSE)
+    # Nothing stands beyond the end of the matrix.
+    assert not equations.inverse[in_band(np.ones_like(dense), width) == 0].any()
+    np.testing.assert_allclose(equations.inverse * told, expected, atol=FACTORED * np.abs(dense).max())
+
+
+def test_the_inverse_is_as_good_where_the_motion_is_stiff(problem, rng):
+    # A prior that is many orders stiffer than the readings, as that of a smooth motion is.
+    _, equations, A, width, functions = problem
+    extra = 1e4 * some_costs(rng, functions, width, 1)[0]
+    stiff = equations.stiffened([in_band(extra, width)], np.zeros((functions, POSE)))
+    dense = np.linalg.inv(A.T @ A + extra)
+    told = blocks_that_meet(functions, width)
+    found = stiff.inverse * in_band(told.astype(float), width)
+    np.testing.assert_allclose(found, in_band(dense * told, width), atol=FACTORED * np.abs(dense).max())
+
+
+def test_the_determinant_is_the_dense_one(problem):
+    _, equations, A, *_ = problem
+    assert equations.log_determinant == pytest.approx(np.linalg.slogdet(A.T @ A)[1], rel=ROUNDING)
+
+
+def freedom(rows, A, functions, extra=0.0):
+    """Label -> trace of its part of the hat matrix."""
+    hat = np.diag(A @ np.linalg.inv(A.T @ A + extra) @ A.T)
+    found, start = {}, 0
+    for part in rows:
+        end = start + part.residual.size
+        found[part.label] = found.get(part.label, 0.0) + hat[start:end].sum()
+        start = end
+    return found
+
+
+def test_freedom_that_the_motion_takes_is_the_trace_of_the_hat_matrix(problem):
+    rows, equations, A, _, functions = problem
+    spent, expected = equations.spent(), freedom(rows, A, functions)
+    assert set(spent) == {GYRO, TRACKER, None}
+    assert spent == pytest.approx(expected, rel=FACTORED)
+    # Where nothing else holds the motion, it takes one of each coefficient.
+    assert sum(spent.values()) == pytest.approx(functions * POSE, rel=FACTORED)
+
+
+def test_a_stiff_motion_takes_less_freedom(problem, rng):
+    rows, equations, A, width, functions = problem
+    (extra,) = some_costs(rng, functions, width, 1)
+    stiff = equations.stiffened([in_band(extra, width)], np.zeros((functions, POSE)))
+    assert stiff.spent() == pytest.approx(freedom(rows, A, functions, extra), rel=FACTORED)
+    assert sum(stiff.spent().values()) < functions * POSE
+
+
+def test_a_cost_of_the_coefficients_counts_as_readings_of_them(problem, rng):
+    rows, equations, A, width, functions = problem
+    extra = some_costs(rng, functions, width)
+    coefficients = rng.normal(size=(functions, POSE))
+    stiff = equations.stiffened((in_band(each, width) for each in extra), coefficients)
+    root = np.linalg.cholesky(sum(extra)).T
+    E = np.vstack([part.by_errors.reshape(-1, BORDER) for part in rows])
+    r = np.concatenate([part.residual.ravel() for part in rows])
+    J = np.block([[A, E], [root, np.zeros((len(root), BORDER))]])
+    expected = np.linalg.lstsq(J, -np.concatenate([r, root @ coefficients.ravel()]), rcond=None)[0]
+    matrix, gradient = stiff.reduced()
+    border = np.linalg.solve(matrix, gradient)
+    np.testing.assert_allclose(border, expected[-BORDER:], rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(stiff.motion_step(border), expected[:-BORDER], rtol=1e-8, atol=1e-8)
+    # What it is made of stays.
+    np.testing.assert_array_equal(equations.band, accumulate(functions, BORDER, iter(rows), width=width).band)
+
+
+def test_a_damped_step_is_that_of_a_larger_diagonal(problem):
+    rows, equations, A, _, _ = problem
+    factor = 0.7
+    E = np.vstack([part.by_errors.reshape(-1, BORDER) for part in rows])
+    J, r = np.hstack([A, E]), np.concatenate([part.residual.ravel() for part in rows])
+    normal = J.T @ J
+    expected = np.linalg.solve(normal + factor * np.diag(np.diag(normal)), -J.T @ r)
+    _ = equations.factor, equations.settled, equations.inverse  # what is kept of the undamped ones must not be used
+    damped = equations.damped(factor)
+    matrix, gradient = damped.reduced()
+    border = np.linalg.solve(matrix, gradient)
+    np.testing.assert_allclose(border, expected[-BORDER:], rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(damped.motion_step(border), expected[:-BORDER], rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize(("size", "width"), [(1, 1), (5, 1), (7, 7), (20, 7), (90, WIDTH)])
+def test_a_banded_product_is_the_dense_one(rng, size, width):
+    (dense,) = some_bands(rng, size, width, 1)
+    vector = rng.normal(size=size)
+    band, before = in_band(dense, width), vector.copy()
+    np.testing.assert_allclose(banded_product(band, vector), dense @ vector, rtol=ROUNDING)
+    np.testing.assert_array_equal(vector, before)
+
+
+@pytest.mark.parametrize(("size", "width"), [(1, 1), (5, 1), (7, 7), (20, 7), (90, WIDTH)])
+def test_a_banded_trace_is_that_of_the_dense_product(rng, size, width):
+    one, other = some_bands(rng, size, width)
+    full = rng.normal(size=(size, size))
+    full += full.T
+    found = banded_trace(in_band(one, width), in_band(other, width))
+    assert found == pytest.approx(np.trace(one @ other), rel=ROUNDING)
+    # The second may reach further than it is told.
+    found = banded_trace(in_band(one, width), in_band(full, width))
+    assert found == pytest.approx(np.trace(one @ full), rel=ROUNDING, abs=ROUNDING * np.abs(one).max())
+
+
+def test_a_pose_at_rest_is_its_own_coefficients(rng):
+    poses = np.array([2, 0, 1, 2, 2])
+    coefficients = rng.normal(size=(3, POSE))
+    pose, *others = motion_at(at_rest(poses), coefficients)
+    np.testing.assert_array_equal(pose, coefficients[poses])
+    for nothing in others:
+        np.testing.assert_array_equal(nothing, 0.0)
+    by_pose, by_rate = rng.normal(size=(2, 5, 3, POSE))
+    np.testing.assert_array_equal(spread(at_rest(poses), by_pose, by_rate, by_rate), by_pose)
+
+
+def test_rows_of_some_border_parameters_say_nothing_about_the_others(parts, rng):
+    columns = [np.array([3, 0]), np.array([2]), np.arange(BORDER), np.zeros(0, dtype=int)]
+    some = [
+        Rows(p.first, p.residual, p.by_motion, p.by_errors[:, :, : len(c)], c)
+        for p, c in zip(parts, columns, strict=True)
+    ]
+    filled = []
+    for part, own in zip(some, columns, strict=True):
+        by_errors = np.zeros((*part.residual.shape, BORDER))
+        by_errors[:, :, own] = part.by_errors
+        filled.append(Rows(part.first, part.residual, part.by_motion, by_errors))
+    J, r = dense_rows(filled)
+    expected = np.linalg.lstsq(J, -r, rcond=None)[0]
+    equations = accumulate(FUNCTIONS, BORDER, iter(some))
+    border = np.linalg.solve(*equations.reduced())
+    np.testing.assert_allclose(border, expected[-BORDER:], rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(equations.motion_step(border), expected[:-BORDER], rtol=1e-8, atol=1e-8)
+
+
+def test_samples_of_a_part_of_the_border_may_come_in_any_order(parts, rng):
+    order, columns = rng.permutation(60), np.array([3, 1])
+    part = parts[0]
+    sorted_, mixed = (
+        Rows(part.first[o], part.residual[o], part.by_motion[o], part.by_errors[o][:, :, columns], columns, GYRO)
+        for o in (np.arange(60), order)
+    )
+    one, other = (accumulate(FUNCTIONS, BORDER, iter([p])) for p in (sorted_, mixed))
+    for key in ("band", "side", "corner", "motion_gradient", "border_gradient"):
+        np.testing.assert_allclose(getattr(one, key), getattr(other, key), atol=ROUNDING * 100)
+    assert set(other.parts) == {GYRO}
+
+
+def test_a_long_motion_is_summed_up_as_a_short_one(rng):
+    # Products are held of some instants at once; samples on both sides of the cut must all count.
+    functions = 2100
+    rows = motion_rows_of(rng, functions, POSE, 0, 2, border=1)
+    equations = accumulate(functions, 1, [rows], width=POSE)
+    J = rows.by_motion
+    np.testing.assert_allclose(
+        equations.band[0].reshape(-1, POSE), np.einsum("nki,nki->ni", J, J), rtol=ROUNDING, atol=ROUNDING
+    )
+    np.testing.assert_allclose(
+        equations.side[:, 0].reshape(-1, POSE), np.einsum("nki,nk->ni", J, rows.by_errors[:, :, 0]), atol=ROUNDING
+    )
+    assert equations.corner[0, 0] == pytest.approx(np.sum(rows.by_errors**2), rel=ROUNDING)
+
+
+def test_the_labels_together_make_the_band(problem):
+    rows, equations, A, width, functions = problem
+    for label in {part.label for part in rows}:
+        own = np.vstack([dense_motion(part, functions) for part in rows if part.label == label])
+        np.testing.assert_allclose(equations.parts[label], in_band(own.T @ own, width), atol=ROUNDING * len(A))
+    np.testing.assert_allclose(equations.band, in_band(A.T @ A, width), atol=ROUNDING * len(A))

@@ -23,6 +23,8 @@ POSE = 7
 WIDTH = POSE * (DEGREE + 1)
 """Coefficients that a pose depends on at one instant."""
 
+_ROUNDING = 1e-11
+"""Part of its diagonal by which a matrix that rounding has made indefinite is held."""
 Label = tuple[str, str] | None
 """What rows are readings of: instrument and quantity; None: of nothing."""
 
@@ -124,7 +126,13 @@ class NormalEquations:
         Raises:
             numpy.linalg.LinAlgError: The motion is not determined.
         """
-        return np.asarray(cholesky_banded(self.band, lower=True, check_finite=False))
+        try:
+            return np.asarray(cholesky_banded(self.band, lower=True, check_finite=False))
+        except np.linalg.LinAlgError:
+            # A place that only accelerations tell is known many orders worse than its third derivative is held.
+            held = self.band.copy()
+            held[0] *= 1 + _ROUNDING
+            return np.asarray(cholesky_banded(held, lower=True, check_finite=False))
 
     def solve(self, right: Array) -> Array:
         """Solve with the motion's matrix."""

@@ -53,10 +53,10 @@ class Forces:
     left_out: NDArray[np.bool_]
     """Readings that stand alone against all others, shape (n, r)."""
 
-    def sigmas(self, factors: Mapping[Source, float]) -> Array:
+    def sigmas(self, arc: Arc, factors: Mapping[Source, float]) -> Array:
         """1-sigma of every reading, shape (n, r)."""
         factor = np.concatenate(
-            [np.full(v.shape[1], factors.get((self.name, q), 1.0)) for q, v in self.readings.items()]
+            [np.full(v.shape[1], factors.get(arc.label(self.name, q), 1.0)) for q, v in self.readings.items()]
         )
         return np.asarray(self.sigma * factor * np.where(self.left_out, _LEFT_OUT, 1.0))
 
@@ -244,7 +244,7 @@ def balance_of(
         solved if structure is None else structure @ solved, (len(times), 6, felt.left_out.shape[1])
     )
     left_over = wrench - moving
-    white = by_reading * felt.sigmas(factors)[:, None, :]
+    white = by_reading * felt.sigmas(arc, factors)[:, None, :]
     # Rows are scaled first: forces and torques have different units and sizes.
     scale = np.sqrt(np.sum(white**2, axis=2))
     scaled = white / scale[:, :, None]
@@ -253,7 +253,7 @@ def balance_of(
     residual = np.einsum("nij,nj->ni", whitener, left_over)
     correction = np.einsum("njr,nj->nr", whitener @ white, residual)
     fitted = carried - np.einsum(
-        "nkr,nr->nk", np.broadcast_to(solved, (len(times), *solved.shape[1:])), correction * felt.sigmas(factors)
+        "nkr,nr->nk", np.broadcast_to(solved, (len(times), *solved.shape[1:])), correction * felt.sigmas(arc, factors)
     )
     return Balance(times, found, fitted, wrench, structure, left_over, by_reading, whitener, correction)
 
@@ -329,10 +329,12 @@ def force_rows(
     by_errors, columns = border.collected()
     residual = np.einsum("nij,nj->ni", at.whitener, at.left_over)
     weight = arc.holds(at.time) * sample_weight(residual)
-    tally_forces(tally, felt, at, weight)
+    tally_forces(tally, arc, felt, at, weight)
     root = np.sqrt(weight)
     L = at.whitener * root[:, None, None]
-    return Rows(local.first, root[:, None] * residual, L @ spread(local, *by), L @ by_errors, columns, (name, BALANCE))
+    return Rows(
+        local.first, root[:, None] * residual, L @ spread(local, *by), L @ by_errors, columns, arc.label(name, BALANCE)
+    )
 
 
 def sample_weight(residual: Array) -> Array:
@@ -341,7 +343,7 @@ def sample_weight(residual: Array) -> Array:
     return np.asarray(np.minimum(1.0, limit(6) / np.maximum(size, 1e-300)))
 
 
-def tally_forces(tally: Tally, felt: Forces, at: Balance, weight: Array) -> None:
+def tally_forces(tally: Tally, arc: Arc, felt: Forces, at: Balance, weight: Array) -> None:
     """Count the corrections of the readings, quantity by quantity."""
     near = weight >= 1
     column, readings = 0, at.correction.shape[1]
@@ -353,7 +355,7 @@ def tally_forces(tally: Tally, felt: Forces, at: Balance, weight: Array) -> None
         # Six equations for all readings together.
         missing = np.sum(felt.left_out, axis=1)
         count = float(np.sum(np.maximum(6 - missing, 0)[near])) * values.shape[1] / readings
-        label = (felt.name, quantity)
+        label = arc.label(felt.name, quantity)
         tally.square[label] = tally.square.get(label, 0.0) + square
         tally.count[label] = tally.count.get(label, 0.0) + count
         tally.far[label] = tally.far.get(label, 0) + int(np.sum(~near)) + int(np.sum(~used))

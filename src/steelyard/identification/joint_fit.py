@@ -17,15 +17,15 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.identification.arc import POSE, Label, NormalEquations, Rows, accumulate
 from steelyard.identification.force_rows import BALANCE, Forces, force_rows
-from steelyard.identification.motion_rows import Arc, Tally, motion_rows
+from steelyard.identification.motion_rows import AT_REST, Arc, Tally, motion_rows
 from steelyard.identification.regression import TEN
 from steelyard.identification.smoothness import smoothness
 from steelyard.identification.sources import Source
 from steelyard.identification.unknowns import Systematic, Unknowns
 
-_TURNS = 40
+_TURNS, _TURNS_BEGINNING = 30, 12
 _MOST_REJECTED = 8
-_BORDER, _ALL = 0.005, 0.5
+_BORDER, _ALL = 0.02, 0.5
 """Promised decrease of the cost, a chi-square, at which constants and everything have arrived."""
 _BEGUN = 5.0
 """The same of the motion where forces are not looked at: a beginning for the rest."""
@@ -33,7 +33,7 @@ _NEARLY = 2e-3
 """Part of the cost that a step may still promise where a noise is looked at."""
 _SAME = 1e-6
 """Relative increase of the cost that is none."""
-_LEVEL = 0.02
+_LEVEL = 0.04
 """Largest relative change of a noise level at which it has settled."""
 _LARGER = 1.3
 """Readings that scatter by so much more than their stated noise do not count as if they were as stated."""
@@ -135,7 +135,7 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
     ratios: dict[Source, float] = {}
     many = sum(arc.coefficients.size for arc in state.arcs)
     turn = 0
-    for turn in range(_TURNS):
+    for turn in range(_TURNS if ten else _TURNS_BEGINNING):
         readings, tally = linearise(task, state, column_of, border)
         cost = tally.cost + _prior_cost(task, state)
         if accepted is not None and not cost < accepted[2] * (1 + _SAME):
@@ -151,7 +151,8 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
         near, settled = step.decrement < many, True
         if near:
             # Noise and smoothness, once the residual is no longer that of a wrong motion.
-            if any(arc.smoothness for arc in state.arcs):
+            arrived = step.border < _BORDER and step.decrement < (_ALL if ten else _BEGUN)
+            if any(arc.smoothness for arc in state.arcs) and (arrived or not searched):
                 level, settled = smoothness(state.arcs, readings, anew=not searched)
                 searched = True
                 if not settled:
@@ -193,14 +194,16 @@ def _ratios(equations: Sequence[NormalEquations], tally: Tally) -> dict[Source, 
     for each in equations:
         for label, freedom in each.spent().items():
             spent[label] = spent.get(label, 0.0) + freedom
-    counts: dict[str, float] = {}
-    for (name, _), count in tally.count.items():
-        counts[name] = counts.get(name, 0.0) + count
+    counts: dict[tuple[str, bool], float] = {}
+    for (name, quantity), count in tally.count.items():
+        counts[name, quantity.endswith(AT_REST)] = counts.get((name, quantity.endswith(AT_REST)), 0.0) + count
     ratios: dict[Source, float] = {}
     for (name, quantity), square in tally.square.items():
         count = tally.count[name, quantity]
         # Quantities of a force instrument share the freedom that its balance has lost.
-        taken = spent.get((name, quantity), spent.get((name, BALANCE), 0.0) * count / max(counts[name], 1.0))
+        balance = spent.get((name, BALANCE + AT_REST if quantity.endswith(AT_REST) else BALANCE), 0.0)
+        whole = max(counts[name, quantity.endswith(AT_REST)], 1.0)
+        taken = spent.get((name, quantity), balance * count / whole)
         ratios[name, quantity] = square / max(count - taken, _LEAST_FREEDOM * count, 1.0)
     return ratios
 
@@ -219,11 +222,11 @@ def _unstated(task: Task, state: State, ratios: Mapping[Source, float]) -> dict[
 
 def _first_sigmas(task: Task, state: State) -> dict[Source, float]:
     """1-sigma that factors multiply."""
-    found = {reading.source: reading.sigma for arc in state.arcs for reading in arc.readings}
-    for felt in task.felt:
+    found = {arc.label(*reading.source): reading.sigma for arc in state.arcs for reading in arc.readings}
+    for arc, felt in zip(state.arcs, task.felt, strict=True):
         if felt is not None:
             ends = np.cumsum([0, *(v.shape[1] for v in felt.readings.values())])
-            found |= {(felt.name, q): float(felt.sigma[i]) for q, i in zip(felt.readings, ends, strict=False)}
+            found |= {arc.label(felt.name, q): float(felt.sigma[i]) for q, i in zip(felt.readings, ends, strict=False)}
     return found
 
 

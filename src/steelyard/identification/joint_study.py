@@ -13,12 +13,13 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.arc import Label, NormalEquations, Rows, accumulate
 from steelyard.identification.bound import Bound
 from steelyard.identification.classical import NoBalanceError
+from steelyard.identification.coherence import coherence
 from steelyard.identification.estimate import plausible_radius
 from steelyard.identification.fitted_motion import FittedMotion, fitted_motion
 from steelyard.identification.force_rows import Balance, Forces, balance_of, force_rows, sample_weight
 from steelyard.identification.joint_fit import Fit, State, Task, fit
 from steelyard.identification.kinematic_fit import KinematicFit, told_about
-from steelyard.identification.motion_rows import Arc, Tally, motion_rows, reference_clocks, time_of
+from steelyard.identification.motion_rows import AT_REST, Arc, Tally, motion_rows, reference_clocks, time_of
 from steelyard.identification.outliers import look
 from steelyard.identification.preparation import Samples, prepare
 from steelyard.identification.recorded_arcs import Recorded, recorded
@@ -27,9 +28,12 @@ from steelyard.identification.rounds import prior_of
 from steelyard.identification.smoothing import DEGREE
 from steelyard.identification.sources import Source
 from steelyard.identification.study import Progress, Study, plausible, sum_up
-from steelyard.identification.unknowns import Systematic, Unknowns, gather
+from steelyard.identification.unknowns import Systematic, Unknowns, clock_of, gather
 from steelyard.inertia import body_jacobian
 
+_COHERENT = 0.3
+"""Correlation of what is left of forces and accelerometer that is a motion which the knots do not follow."""
+_MUCH_FINER = 0.7
 _ROUNDS = 4
 """Rounds in which readings that stand out are left out."""
 _BODY_ROUNDS = 3
@@ -94,6 +98,62 @@ def _joint(experiment: Experiment, tell: Callable[[str, float], None], start: Sy
         tell(f"maximum-likelihood: reading {run.name}", 0.2 * i / len(experiment.runs))
         samples.append(prepare(experiment, run, thin=True, systematic=begin))
     records = [recorded(experiment, run, each, begin) for run, each in zip(experiment.runs, samples, strict=True)]
+    fitted = _fitted(experiment, begin, records, tell)
+    if finer := _finer(experiment, records, fitted):
+        tell("maximum-likelihood: following a vibration", 0.4)
+        begin = fitted.fit.state.systematic
+        records = [
+            recorded(experiment, run, each, begin, finer.get(run.name))
+            for run, each in zip(experiment.runs, samples, strict=True)
+        ]
+        fitted = _fitted(experiment, begin, records, tell)
+    tell("maximum-likelihood: how well it is known", 0.85)
+    return _concluded(experiment, fitted, samples, records)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """A fit and what was left out of it."""
+
+    task: Task
+    fit: Fit
+    motion: Fit
+    """Without forces."""
+    felt: tuple[Forces, ...]
+    contacts: Mapping[str, Sequence[tuple[float, float]]]
+    spikes: Mapping[str, int]
+    lost: Sequence[str]
+    """Notes of instruments that have lost the motion."""
+
+    @property
+    def balances(self) -> tuple[Balance, ...]:
+        """Of every arc."""
+        state = self.fit.state
+        return tuple(
+            balance_of(self.task.experiment, arc, forces, state.systematic, _ten(state), state.factors)
+            for arc, forces in zip(state.arcs, self.felt, strict=True)
+        )
+
+
+def _finer(experiment: Experiment, records: Sequence[Recorded], fitted: _Fitted) -> dict[str, float]:
+    """Run -> spacing of knots that follows what forces and accelerometer both feel beyond the motion [s]."""
+    finest = {arc.run: each.finest for each in records for arc in each.arcs}
+    state = fitted.fit.state
+    found = {}
+    for arc, at in zip(state.arcs, fitted.balances, strict=True):
+        spacing = np.inf if arc.static else float(arc.knots[DEGREE + 1] - arc.knots[DEGREE])
+        if finest[arc.run] < _MUCH_FINER * spacing and (
+            coherence(experiment, arc, at, state.systematic, float(_ten(state)[0])) > _COHERENT
+        ):
+            found[arc.run] = finest[arc.run]
+    return found
+
+
+def _fitted(
+    experiment: Experiment, begin: Systematic, records: Sequence[Recorded], tell: Callable[[str, float], None]
+) -> _Fitted:
+    """Motion first, then motion and forces, leaving out what stands alone."""
+    unknowns = begin.unknowns
     arcs = tuple(arc for each in records for arc in each.arcs)
     felt = tuple(forces for each in records for forces in each.felt)
     if not arcs:
@@ -106,7 +166,12 @@ def _joint(experiment: Experiment, tell: Callable[[str, float], None], start: Sy
         told_about(experiment, unknowns, arcs),
         _stated(experiment),
         plausible(np.ones(TEN), size),
-        least={source: value for each in records for source, value in each.least.items()},
+        least={
+            (name, quantity + rest): value
+            for each in records
+            for (name, quantity), value in each.least.items()
+            for rest in ("", AT_REST)
+        },
     )
     tell("maximum-likelihood: motion", 0.25)
     motion = fit(task, State(arcs, begin, None), lambda part: tell("maximum-likelihood: motion", 0.25 + 0.25 * part))
@@ -120,24 +185,29 @@ def _joint(experiment: Experiment, tell: Callable[[str, float], None], start: Sy
     parameters = _first_body(experiment, state, felt)
     if not parameters[0] or not np.isfinite(parameters).all():
         raise np.linalg.LinAlgError
-    task = replace(task, active=unknowns.deviation > 0, sizes=plausible(parameters, size))
-    state = replace(state, parameters=parameters)
+    task = replace(
+        task,
+        active=unknowns.deviation > 0,
+        sizes=plausible(parameters, size),
+        known=_Known(experiment, unknowns, size) if experiment.known else None,
+    )
+    state = replace(
+        state,
+        parameters=parameters,
+        arcs=tuple(_by_force_clock(experiment, arc, state.systematic) for arc in state.arcs),
+    )
     contacts: dict[str, list[tuple[float, float]]] = {}
     spikes: dict[str, int] = {}
     for turn in range(_ROUNDS):
-        known = _Known(experiment, unknowns, size)
-        task = replace(task, felt=felt, known=known if experiment.known else None)
+        task = replace(task, felt=felt)
         found = fit(task, state, lambda part: tell("maximum-likelihood: motion and forces", 0.5 + 0.3 * part))
         state = found.state
+        fitted = _Fitted(task, found, motion, felt, contacts, spikes, lost)
         if turn == _ROUNDS - 1:
             break
         looked = [
-            look(
-                balance_of(experiment, arc, forces, state.systematic, _ten(state), state.factors),
-                forces,
-                forces.sigmas(state.factors),
-            )
-            for arc, forces in zip(state.arcs, felt, strict=True)
+            look(at, forces, forces.sigmas(arc, state.factors))
+            for arc, at, forces in zip(state.arcs, fitted.balances, felt, strict=True)
         ]
         if not any(each.changed for each in looked):
             break
@@ -145,9 +215,7 @@ def _joint(experiment: Experiment, tell: Callable[[str, float], None], start: Sy
             contacts.setdefault(arc.run, []).extend(each.contacts)
             spikes[arc.run] = spikes.get(arc.run, 0) + len(each.spikes)
         felt = tuple(each.felt for each in looked)
-    tell("maximum-likelihood: how well it is known", 0.85)
-    notes = [note for each in records for note in each.notes] + lost
-    return _concluded(experiment, task, found, motion, samples, records, felt, contacts, spikes, notes)
+    return fitted
 
 
 def _ten(state: State) -> Array:
@@ -157,7 +225,8 @@ def _ten(state: State) -> Array:
 
 def _stated(experiment: Experiment) -> frozenset[Source]:
     return frozenset(
-        (name, quantity.name)
+        (name, quantity.name + rest)
+        for rest in ("", AT_REST)
         for name, instrument in experiment.instruments.items()
         for quantity in instrument.quantities(experiment.robot.m)
         if quantity.noise
@@ -243,18 +312,11 @@ def _runs_of(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _concluded(
-    experiment: Experiment,
-    task: Task,
-    found: Fit,
-    motion: Fit,
-    samples: Sequence[Samples],
-    records: Sequence[Recorded],
-    felt: tuple[Forces, ...],
-    contacts: Mapping[str, Sequence[tuple[float, float]]],
-    spikes: Mapping[str, int],
-    notes: Sequence[str],
+    experiment: Experiment, fitted: _Fitted, samples: Sequence[Samples], records: Sequence[Recorded]
 ) -> Joint:
     """Normal equations over every systematic error, estimated or not, and all that follows from them."""
+    task, found, motion, felt = fitted.task, fitted.fit, fitted.motion, fitted.felt
+    notes = [*(note for each in records for note in each.notes), *fitted.lost]
     state, unknowns = found.state, task.unknowns
     parameters = _ten(state)
     border = TEN + len(unknowns)
@@ -276,15 +338,12 @@ def _concluded(
     prior = _prior(experiment, unknowns, state.systematic.values, parameters, plausible_radius(experiment.robot))
     estimated = np.concatenate([np.ones(TEN, dtype=bool), task.active])
     solution = solve(total, prior, estimated, plausible(parameters, plausible_radius(experiment.robot)), correct=False)
-    force_labels = {(f.name, q) for f in felt for q in f.readings}
+    force_labels = {arc.label(f.name, q) for arc, f in zip(state.arcs, felt, strict=True) for q in f.readings}
     solution = replace(solution, ratio=_force_ratio(found, force_labels, frozenset()), spent=0.0)
-    balances = [
-        balance_of(experiment, arc, forces, state.systematic, parameters, state.factors)
-        for arc, forces in zip(state.arcs, felt, strict=True)
-    ]
+    balances = fitted.balances
     by_run = {run.name: _of_run(run.name, state.arcs, balances, felt) for run in experiment.runs}
     kinematic = {label: float(np.sqrt(value)) for label, value in found.ratios.items() if label not in force_labels}
-    fitted = tuple(
+    used = tuple(
         _samples(each, by_run[each.run], records[i]) if by_run[each.run] else each for i, each in enumerate(samples)
     )
     scored = together(blocks)
@@ -295,10 +354,10 @@ def _concluded(
             state.systematic,
             np.diag(unknowns.deviation**2),
             kinematic,
-            motion.converged,
+            found.converged or motion.converged,
             state.arcs,
         ),
-        samples=fitted,
+        samples=used,
         sigma={arc.run: forces.sigma for arc, forces in zip(state.arcs, felt, strict=True)},
         stated=force_labels <= task.stated,
         sums=sums,
@@ -325,23 +384,36 @@ def _concluded(
         result,
         found,
         felt,
-        {name: tuple(each) for name, each in contacts.items() if each},
-        {name: n for name, n in spikes.items() if n},
+        {name: tuple(each) for name, each in fitted.contacts.items() if each},
+        {name: n for name, n in fitted.spikes.items() if n},
         bound,
         tuple(
-            _on_common_time(experiment, arc, state.systematic, fitted_motion(arc, inverse, followed, border_covariance))
+            _on_common_time(state.systematic, arc, fitted_motion(arc, inverse, followed, border_covariance))
             for arc, inverse, followed in solved
         ),
     )
 
 
-def _on_common_time(experiment: Experiment, arc: Arc, systematic: Systematic, motion: FittedMotion) -> FittedMotion:
-    """The motion is told in the time of one of its own clocks; what others want is that of the forces."""
+def _by_force_clock(experiment: Experiment, arc: Arc, systematic: Systematic) -> Arc:
+    """The same motion, told in the time of the forces."""
+    if arc.static:
+        return arc
     unknowns = systematic.unknowns
     name = experiment.force_instrument(next(run for run in experiment.runs if run.name == arc.run))
     assert name is not None
-    _, _, origin = time_of(experiment, arc, systematic, reference_clocks(experiment, unknowns, arc), name, motion.time)
-    return replace(motion, time=motion.time - float((systematic.values[origin] - unknowns.mean[origin])[0]))
+    nothing = np.zeros(1)
+    (there,), *_ = time_of(experiment, arc, systematic, reference_clocks(experiment, unknowns, arc), name, nothing)
+    told = replace(arc, reference=clock_of(experiment, name))
+    (here,), *_ = time_of(experiment, told, systematic, {}, name, nothing)
+    return replace(told, knots=arc.knots + (here - there))
+
+
+def _on_common_time(systematic: Systematic, arc: Arc, motion: FittedMotion) -> FittedMotion:
+    """Motion in common time: the clock that tells it may have a delay of its own."""
+    assert arc.reference is not None
+    unknowns = systematic.unknowns
+    own = unknowns.place(arc.reference, "delay", arc.run)
+    return replace(motion, time=motion.time - float((systematic.values[own] - unknowns.mean[own])[0]))
 
 
 def _rows(

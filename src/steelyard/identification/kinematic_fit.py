@@ -104,7 +104,8 @@ def told_about(experiment: Experiment, unknowns: Unknowns, arcs: Sequence[Arc]) 
             name = reading.source[0]
             for term in experiment.instruments[name].terms(unknowns.m):
                 active[unknowns.place(name, term.key, arc.run)] = True
-            active[unknowns.place(clock_of(experiment, name), "delay", arc.run)] = True
+            if not arc.static:
+                active[unknowns.place(clock_of(experiment, name), "delay", arc.run)] = True
     active[unknowns.places[ROBOT, "gravity", None]] = True
     return active & (unknowns.deviation > 0)
 

@@ -36,6 +36,8 @@ from steelyard.instruments.equations import linearised
 
 PARTS = {"position": slice(0, 3), "rotation": slice(3, POSE)}
 """Parts of a pose that have a smoothness of their own."""
+AT_REST = " at rest"
+"""What the name of a quantity ends with where poses at rest are meant."""
 _UNIT = 0.01
 """How loosely the length of the quaternion is held near one; nothing depends on it."""
 _PLACE, _SPEED = 100.0, 10.0
@@ -72,9 +74,17 @@ class Arc:
     """Of the pose, shape (f, 7)."""
     smoothness: Mapping[str, float] | None = None
     """Part of the pose (see :data:`PARTS`) -> intensity of the white noise in its third derivative [m^2/s^5], [1/s^5]; None: no prior."""
+    looser: Mapping[str, float] = field(default_factory=dict)
+    """Part of the pose -> by how much that intensity exceeds the likeliest; 1 where nothing is said, see :mod:`.smoothness`."""
     static: bool = False
+    reference: str | None = None
+    """Clock in whose time the motion is told; None: one of those that recorded it, see :func:`reference_clocks`."""
     jerks: Mapping[str, Array] = field(default_factory=dict)
     """Part of the pose -> :func:`jerk_matrices` of its knots, where it has a smoothness."""
+
+    def label(self, name: str, quantity: str) -> Source:
+        """Under which the noise of a quantity is kept: at rest instruments are quieter than in motion."""
+        return (name, quantity + AT_REST) if self.static else (name, quantity)
 
     @property
     def width(self) -> int:
@@ -222,7 +232,7 @@ def time_of(
     """
     unknowns = systematic.unknowns
     own = clock_of(experiment, name)
-    reference = references.get(own, next(iter(references.values()), own))
+    reference = arc.reference or references.get(own, next(iter(references.values()), own))
     clock, origin = (unknowns.place(each, "delay", arc.run) for each in (own, reference))
     delay = systematic.values[clock] - systematic.values[origin] + unknowns.mean[origin]
     return time - delay[0], clock, origin
@@ -263,6 +273,34 @@ class Border:
         return total, unique
 
 
+def looked_at(
+    experiment: Experiment,
+    arc: Arc,
+    reading: Reading,
+    part: slice,
+    systematic: Systematic,
+    references: Mapping[str, str],
+) -> tuple[Array, Basis, tuple[Array, Array, Array, Array], Mapping[str, Array]]:
+    """Readings against the motion: their times within the arc [s], the spline there, the motion, and the linearised difference.
+
+    See :func:`steelyard.instruments.equations.linearised` for the last.
+    """
+    name, quantity = reading.source
+    instrument = experiment.instruments[name]
+    times = reading.time[part]
+    if not arc.static:
+        times, *_ = time_of(experiment, arc, systematic, references, name, times)
+    local = arc.basis(times)
+    motion = motion_at(local, arc.coefficients)
+    errors = list(systematic.of(name, instrument, arc.run).values())
+    linear = linearised(
+        instrument, quantity, experiment.robot, reading.values[part], motion[:3],
+        np.concatenate(errors) if errors else np.zeros(1), systematic.gravity,
+        None if reading.tension is None else reading.tension[part],
+    )  # fmt: skip
+    return times, local, motion, linear
+
+
 def _of_reading(
     experiment: Experiment,
     arc: Arc,
@@ -275,21 +313,12 @@ def _of_reading(
     tally: Tally,
 ) -> Rows:
     unknowns = systematic.unknowns
-    name, quantity = reading.source
+    name, _ = reading.source
     instrument = experiment.instruments[name]
-    times = reading.time[part]
-    if not arc.static:
-        times, clock, origin = time_of(experiment, arc, systematic, references, name, times)
-    local = arc.basis(times)
-    motion = motion_at(local, arc.coefficients)
-    errors = list(systematic.of(name, instrument, arc.run).values())
-    linear = linearised(
-        instrument, quantity, experiment.robot, reading.values[part], motion[:3],
-        np.concatenate(errors) if errors else np.zeros(1), systematic.gravity,
-        None if reading.tension is None else reading.tension[part],
-    )  # fmt: skip
+    times, local, motion, linear = looked_at(experiment, arc, reading, part, systematic, references)
     by = (linear["by_pose"], linear["by_rate"], linear["by_acceleration"])
-    sigma = reading.sigma * factors.get(reading.source, 1.0)
+    label = arc.label(*reading.source)
+    sigma = reading.sigma * factors.get(label, 1.0)
     # A channel without a number is no sample of it.
     there = np.isfinite(linear["residual"])
     residual = np.where(there, linear["residual"], 0.0) / sigma
@@ -299,7 +328,9 @@ def _of_reading(
     for term in instrument.terms(unknowns.m):
         border.put(unknowns.place(name, term.key, arc.run), linear["by_errors"][:, :, column : column + term.size])
         column += term.size
-    if not arc.static and clock != origin:
+    own = clock_of(experiment, name)
+    if not arc.static and (reference := references.get(own, own)) != own:
+        clock, origin = (unknowns.place(each, "delay", arc.run) for each in (own, reference))
         # A later clock looks at an earlier instant of the motion.
         by_delay = -sum(np.einsum("nki,ni->nk", j, rate) for j, rate in zip(by, motion[1:], strict=True))[:, :, None]
         border.put(clock, by_delay)
@@ -311,11 +342,11 @@ def _of_reading(
     if reading.values.ndim == 3:
         size = np.sqrt(np.sum(residual**2, axis=1, keepdims=True))
         weight = inside[:, :1] * robust_weight(size, k)
-        tally.add(reading.source, size, weight, k)
+        tally.add(label, size, weight, k)
     else:
         # A spike in one channel leaves the others as they are.
         weight = inside * robust_weight(np.abs(residual), 1)
-        tally.add(reading.source, np.abs(residual), weight, 1)
+        tally.add(label, np.abs(residual), weight, 1)
     root = np.sqrt(weight)
     scale = (np.broadcast_to(root, residual.shape) / sigma)[:, :, None]
     return Rows(
@@ -324,7 +355,7 @@ def _of_reading(
         spread(local, *(j * scale for j in by)),
         by_errors * scale,
         columns,
-        reading.source,
+        label,
     )
 
 
@@ -333,6 +364,11 @@ def reference_clocks(experiment: Experiment, unknowns: Unknowns, arc: Arc) -> di
 
     Motion and all clocks moved together read the same. Without a reference the knots, which stay, would seem to tell the time.
     """
+    if arc.static:
+        return {}
+    if arc.reference is not None:
+        # Where forces feel all of the motion, they tell its time.
+        return {clock_of(experiment, reading.source[0]): arc.reference for reading in arc.readings}
     rotating, moving = dict[str, None](), dict[str, str]()
     for name, quantity in (reading.source for reading in arc.readings):
         clock = clock_of(experiment, name)

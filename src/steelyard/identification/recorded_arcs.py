@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from steelyard.identification.force_rows import Forces
 from steelyard.identification.motion_rows import PARTS, Arc, Reading, jerk_matrices
 from steelyard.identification.preparation import Samples
 from steelyard.identification.smoothing import DEGREE, Samples1D, fit, knots
+from steelyard.identification.smoothness import LOOSER
 from steelyard.identification.unknowns import Systematic, clock_of
 from steelyard.instruments import Command, Length
 
@@ -32,6 +33,8 @@ _FINEST, _FINEST_ON_SENSOR, _WIDEST = 0.02, 0.005, 0.45
 """Spacing of the knots [s]: platforms on cables move below 25 Hz."""
 _JUDGED = 20.0
 """Length of the stretch on which the spacing is chosen [s]."""
+_LEAST_JERK = 1e-2
+"""Mean square of a third derivative to begin with, at least [m^2/s^6], [1/s^6]: where nothing tells the place, it begins as if at rest."""
 _STUCK = 10
 """Least number of equal readings in a row, in one channel while others change, that are taken for a stuck sensor."""
 _COMMANDED = 0.01
@@ -41,6 +44,8 @@ _COMMANDED_RATE = 5.0
 _PER_KNOT = 2.0
 """Samples between two knots, at least: a motion that its instruments do not resolve cannot be told from their readings, and the forces,
 which would tell it instead, could then say nothing about the body."""
+_PER_VIBRATION = 3.0
+"""The same of the accelerometer where it is to follow a vibration."""
 _ROTATION = frozenset({"angular_velocity", "orientation", "length"})
 _TRANSLATION = frozenset({"position", "specific_force", "length"})
 ORDER = {"position": 0, "orientation": 0, "length": 0, "angular_velocity": 1, "specific_force": 2}
@@ -57,6 +62,8 @@ class Recorded:
     least: dict[tuple[str, str], float]
     """Quantity -> least 1-sigma that its noise may be estimated at."""
     notes: tuple[str, ...]
+    finest: float = np.inf
+    """Spacing of the knots that its instruments could still resolve [s]; infinite where it is that fine already."""
 
 
 def scatter(time: Array, values: Array, start: float, end: float, spacing: float) -> float | None:
@@ -144,7 +151,9 @@ def _tilt(samples: Samples) -> Rotation:
     return Rotation.concatenate(found)
 
 
-def recorded(experiment: Experiment, run: Run, samples: Samples, systematic: Systematic) -> Recorded:
+def recorded(
+    experiment: Experiment, run: Run, samples: Samples, systematic: Systematic, spacing: float | None = None
+) -> Recorded:
     """Arcs of one run.
 
     Args:
@@ -152,8 +161,9 @@ def recorded(experiment: Experiment, run: Run, samples: Samples, systematic: Sys
         run: One of its runs.
         samples: Of it, to begin with.
         systematic: Values of the systematic errors, to begin with.
+        spacing: Of the knots [s]; None: as the readings ask for.
     """
-    return _poses(experiment, run, samples) if run.static else _moving(experiment, run, samples, systematic)
+    return _poses(experiment, run, samples) if run.static else _moving(experiment, run, samples, systematic, spacing)
 
 
 def _poses(experiment: Experiment, run: Run, samples: Samples) -> Recorded:
@@ -180,14 +190,20 @@ def _poses(experiment: Experiment, run: Run, samples: Samples) -> Recorded:
         readings={k: v[keep] for k, v in felt.readings.items()},
         left_out=felt.left_out[keep],
     )
-    return Recorded((arc,), (felt,), {}, ())
+    least = {reading.source: _AT_REST[reading.source[1]] / _BEST_AT_REST for reading in readings}
+    names = zip(run.streams[felt.name].values, _least_forces(experiment, run), strict=True)
+    return Recorded((arc,), (felt,), {**least, **{(felt.name, q): each for q, each in names}}, ())
 
 
 _AT_REST = {"position": 1e-3, "orientation": 3e-3, "specific_force": 0.03, "angular_velocity": 3e-3, "length": 1e-3}
 """First guess of a noise that is not stated, of poses at rest [m], [rad], [m/s^2], [rad/s]."""
+_BEST_AT_REST = 10.0
+"""By how much it may be better than that: two instruments at rest cannot tell which of them is the better one."""
 
 
-def _moving(experiment: Experiment, run: Run, samples: Samples, systematic: Systematic) -> Recorded:
+def _moving(
+    experiment: Experiment, run: Run, samples: Samples, systematic: Systematic, spacing: float | None
+) -> Recorded:
     notes: list[str] = []
     run, stuck = _without_stuck(experiment, run)
     notes += stuck
@@ -199,7 +215,9 @@ def _moving(experiment: Experiment, run: Run, samples: Samples, systematic: Syst
     forces = experiment.common_time(run, force, systematic.delay(clock_of(experiment, force), run.name))
     stretches, gaps = _stretches(run, streams, forces)
     notes += gaps
-    spacing = _spacing(experiment, streams, stretches)
+    finest = np.inf
+    if spacing is None:
+        spacing, finest = _spacing(experiment, streams, stretches)
     pose = poses_of(samples)
     least = {
         (force, q): float(each)
@@ -215,7 +233,10 @@ def _moving(experiment: Experiment, run: Run, samples: Samples, systematic: Syst
             use = (stream.common >= start - _MARGIN / 2) & (stream.common <= end + _MARGIN / 2)
             if not use.any():
                 continue
-            sigma = stream.sigma or scatter(stream.common[use], stream.values[use], start, end, spacing)
+            width = max(
+                spacing, _PER_KNOT * float(np.median(np.diff(stream.common[use]))) if use.sum() > 1 else spacing
+            )
+            sigma = stream.sigma or scatter(stream.common[use], stream.values[use], start, end, width)
             least[stream.source] = min(least.get(stream.source, np.inf), least_noise(stream.values[use]))
             tension = None
             if stream.needs_tension and samples.tension is not None:
@@ -229,17 +250,21 @@ def _moving(experiment: Experiment, run: Run, samples: Samples, systematic: Syst
         felt.append(own)
     if not arcs:
         notes.append(f"run '{run.name}': nothing that forces and motion tell together")
-    return Recorded(tuple(_smooth(arcs, spacing)), tuple(felt), least, tuple(notes))
+    return Recorded(tuple(_smooth(arcs, spacing, _steps(streams))), tuple(felt), least, tuple(notes), finest)
 
 
-def _smooth(arcs: Sequence[Arc], spacing: float) -> Iterator[Arc]:
-    """Arcs with a first guess of how smooth they are: as rough as they begin with, spread over all they could do."""
+def _smooth(arcs: Sequence[Arc], spacing: float, steps: Mapping[str, float]) -> Iterator[Arc]:
+    """Arcs with a first guess of how smooth they are: as rough as they begin with, spread over all they could do.
+
+    A part that its instruments do not resolve is no looser than it seems: nothing but forces would hold it, and these are to tell the body.
+    """
     if not arcs:
         return
     length = sum(float(arc.knots[-1] - arc.knots[0]) for arc in arcs)
-    rough = {part: sum(arc.roughness[part] for arc in arcs) / length * spacing + 1e-9 for part in PARTS}
+    rough = {part: max(sum(arc.roughness[part] for arc in arcs) / length, _LEAST_JERK) * spacing for part in PARTS}
+    looser = {part: LOOSER if spacing >= _PER_KNOT * step else 1.0 for part, step in steps.items()}
     for arc in arcs:
-        yield replace(arc, smoothness=rough)
+        yield replace(arc, smoothness=rough, looser=looser)
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,10 +357,12 @@ def _holes(times: Array, start: float, end: float) -> list[tuple[float, float]]:
     ]
 
 
-def _spacing(experiment: Experiment, streams: Sequence[_Stream], stretches: Sequence[tuple[float, float]]) -> float:
-    """Spacing of the knots: as fine as the readings ask for, and somewhat finer."""
+def _spacing(
+    experiment: Experiment, streams: Sequence[_Stream], stretches: Sequence[tuple[float, float]]
+) -> tuple[float, float]:
+    """Spacing of the knots: as fine as the readings ask for, and somewhat finer; and what they could resolve, see :class:`Recorded`."""
     if not stretches:
-        return _WIDEST
+        return _WIDEST, np.inf
     start, end = max(stretches, key=lambda part: part[1] - part[0])
     end = min(end, start + _JUDGED)
     channelled = []
@@ -349,20 +376,26 @@ def _spacing(experiment: Experiment, streams: Sequence[_Stream], stretches: Sequ
             sigma = sigma / 2 if sigma else None
         complete = np.isfinite(values).all(axis=1)
         channelled.append(Channelled(stream.common[complete], values[complete], ORDER[stream.source[1]], sigma))
-    finest = max(_FINEST if experiment.robot.m else _FINEST_ON_SENSOR, _PER_KNOT * _slowest(streams))
+    limit = _FINEST if experiment.robot.m else _FINEST_ON_SENSOR
+    finest = max(limit, _PER_KNOT * max(_steps(streams).values()))
     widest = max(finest, min(_WIDEST, (end - start) / 8))
     candidates = np.geomspace(finest, widest, 1 + int(np.ceil(2 * np.log2(widest / finest))))
     best = best_spacing(channelled, [float(c) for c in candidates], start, end)
-    return float(max(finest, best / np.sqrt(2)))
+    felt = [
+        float(np.median(np.diff(s.common))) for s in streams if s.source[1] == "specific_force" and len(s.common) > 1
+    ]
+    # Where the readings would have it finer than they resolve, it is no use to go on.
+    resolved = max(limit, _PER_VIBRATION * min(felt)) if felt and best > finest else np.inf
+    return float(max(finest, best / np.sqrt(2))), resolved
 
 
-def _slowest(streams: Sequence[_Stream]) -> float:
-    """Time between samples of the fastest instrument that tells the rotation, or the translation, whichever is slower [s]."""
-    steps = []
-    for quantities in (_ROTATION, _TRANSLATION):
+def _steps(streams: Sequence[_Stream]) -> dict[str, float]:
+    """Part of the pose -> time between samples of the fastest instrument that tells it [s]."""
+    steps = {}
+    for part, quantities in (("rotation", _ROTATION), ("position", _TRANSLATION)):
         own = [float(np.median(np.diff(s.common))) for s in streams if s.source[1] in quantities and len(s.common) > 1]
-        steps += [min(own)] if own else []
-    return max(steps, default=0.0)
+        steps[part] = min(own, default=0.0)
+    return steps
 
 
 def _least_forces(experiment: Experiment, run: Run) -> list[float]:

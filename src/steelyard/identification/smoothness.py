@@ -15,7 +15,7 @@ from steelyard.identification.arc import POSE, NormalEquations, banded_trace
 from steelyard.identification.motion_rows import PARTS, Arc
 
 LOOSER = 30.0
-"""By how much more the motion is let do than it does on average: where it rings, its roughness sits in narrow bands, far above the mean,
+"""By how much more a motion that its instruments resolve is let do than it does on average: where it rings, its roughness sits in narrow bands, far above the mean,
 and a prior that is too stiff there takes from the acceleration what the forces feel. It widens what passes by 30^(1/6), less than twofold."""
 _SETTLED = 0.3
 """Largest logarithm of the ratio at which the intensity has settled: what passes follows it with a sixth of that."""
@@ -26,7 +26,9 @@ _SLOPES = -1.5, -0.15
 """Of the logarithm of the ratio by that of the intensity, as far as a secant is believed."""
 _STIFFER = 1e-3
 """Second beginning of a search, as a part of the first: there may be two answers, one of them a motion that follows the noise."""
-_LEAST = 1e-12
+_LEAST = {"position": 1e-4, "rotation": 1e-5}
+"""Intensity that no motion is stiffer than [m^2/s^5], [1/s^5]: within a second its acceleration may always change by a centimetre per
+second squared. Where nothing seems to move, the readings would else ask for none at all."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class _Found:
 def smoothness(
     arcs: Sequence[Arc], equations: Sequence[NormalEquations], *, anew: bool = False
 ) -> tuple[dict[str, float], bool]:
-    """Intensities that the readings ask for, :data:`LOOSER` times the likeliest, and whether the arcs had them already.
+    """Intensities that the readings ask for, as much above the likeliest as the arcs want it, and whether they had them already.
 
     Args:
         arcs: With present motion; those with a smoothness share it.
@@ -47,13 +49,14 @@ def smoothness(
         anew: Whether to search from a stiffer motion too, and take what is likelier.
     """
     moving = [(arc, each) for arc, each in zip(arcs, equations, strict=True) if arc.smoothness is not None]
-    present = {part: value / LOOSER for part, value in (moving[0][0].smoothness or {}).items()}
+    looser = {part: moving[0][0].looser.get(part, 1.0) for part in PARTS}
+    present = {part: value / looser[part] for part, value in (moving[0][0].smoothness or {}).items()}
     found = _search(moving, present)
     if anew:
-        stiffer = _search(moving, {part: value * _STIFFER for part, value in present.items()})
+        stiffer = _search(moving, {part: max(value * _STIFFER, _LEAST[part]) for part, value in present.items()})
         found = max(found, stiffer, key=lambda each: each.evidence)
     return (
-        {part: value * LOOSER for part, value in found.level.items()},
+        {part: value * looser[part] for part, value in found.level.items()},
         all(abs(np.log(found.level[part] / present[part])) < _SETTLED for part in present),
     )
 
@@ -81,7 +84,9 @@ def _search(moving: Sequence[tuple[Arc, NormalEquations]], start: Mapping[str, f
                 rough[part] += value
                 used[part] += rank - banded_trace(arc.jerks[part], inverse) / level[part]
                 evidence -= 0.5 * rank * float(np.log(level[part]))
-        off = {part: float(np.log(max(rough[part], _LEAST) / max(used[part], 0.1) / level[part])) for part in level}
+        off = {
+            part: float(np.log(max(rough[part] / max(used[part], 0.1), _LEAST[part]) / level[part])) for part in level
+        }
         if all(abs(each) < _SETTLED for each in off.values()):
             break
         for part, ratio in off.items():
@@ -89,5 +94,5 @@ def _search(moving: Sequence[tuple[Arc, NormalEquations]], start: Mapping[str, f
             if part in last and abs(at - last[part][0]) > 1e-3:
                 slope = float(np.clip((ratio - last[part][1]) / (at - last[part][0]), *_SLOPES))
             last[part] = at, ratio
-            level[part] = float(np.exp(at + np.clip(-ratio / slope, -_LONGEST_STEP, _LONGEST_STEP)))
+            level[part] = max(float(np.exp(at + np.clip(-ratio / slope, -_LONGEST_STEP, _LONGEST_STEP))), _LEAST[part])
     return _Found(level, evidence)

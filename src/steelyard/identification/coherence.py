@@ -1,0 +1,59 @@
+"""Whether forces and accelerometer feel a vibration that the fitted motion does not follow.
+
+Instruments of their own have nothing in common but the motion: where what is left of one goes with what is left of the other, it is no
+noise but motion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment
+from steelyard.identification.force_rows import Balance
+from steelyard.identification.motion_rows import Arc, Reading, looked_at, reference_clocks
+from steelyard.identification.unknowns import Systematic
+from steelyard.instruments import Imu
+
+_LAG = 0.05
+"""Largest lag between the two [s]."""
+_BY_CHANCE = 6.0
+"""Correlation that chance reaches at any lag, times the root of the number of samples."""
+
+
+def coherence(experiment: Experiment, arc: Arc, at: Balance, systematic: Systematic, mass: float) -> float:
+    """Largest correlation between what is left of the accelerometers and of the forces; 0 where chance explains it.
+
+    Args:
+        experiment: With its instruments.
+        arc: With its motion.
+        at: The balance of its forces.
+        systematic: Values of the systematic errors.
+        mass: Of the body [kg].
+    """
+    if arc.static or mass <= 0 or len(at.time) < 2:
+        return 0.0
+    found = 0.0
+    felt = at.left_over[:, :3] / mass
+    for reading in arc.readings:
+        instrument = experiment.instruments[reading.source[0]]
+        if reading.source[1] == "specific_force" and isinstance(instrument, Imu) and len(reading.time) > 1:
+            turn = Rotation.from_euler("ZYX", np.radians(instrument.rpy_deg)[::-1])
+            found = max(found, _largest(experiment, arc, reading, turn, at.time, felt, systematic))
+    return found
+
+
+def _largest(
+    experiment: Experiment, arc: Arc, reading: Reading, turn: Rotation, time: Array, felt: Array, systematic: Systematic
+) -> float:
+    references = reference_clocks(experiment, systematic.unknowns, arc)
+    times, *_, linear = looked_at(experiment, arc, reading, slice(None), systematic, references)
+    left = turn.apply(np.nan_to_num(linear["residual"]))
+    step = float(np.median(np.diff(times)))
+    largest = 0.0
+    for lag in np.arange(-_LAG, _LAG, max(step / 2, 1e-3)):
+        moved = np.column_stack([np.interp(time + lag, times, column) for column in left.T])
+        norm = float(np.sqrt(np.sum(moved**2) * np.sum(felt**2)))
+        largest = max(largest, abs(float(np.sum(moved * felt))) / max(norm, 1e-300))
+    return largest if largest > _BY_CHANCE / np.sqrt(min(len(times), len(time))) else 0.0
