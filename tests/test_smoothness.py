@@ -71,7 +71,9 @@ def arc_of(read, sigma, *, attitude=None, turning=1e-3, parts=("position",)):
     design = BSpline.design_matrix(TIMES, GRID, DEGREE).toarray()
     quaternion = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
     coefficients = np.linalg.lstsq(design, np.hstack([read, quaternion]), rcond=1e-6)[0]
-    arc = Arc("run", GRID, readings, coefficients, jerks={part: jerk_matrices(GRID)[part] for part in parts})
+    looser = dict.fromkeys(parts, LOOSER)
+    jerks = {part: jerk_matrices(GRID)[part] for part in parts}
+    arc = Arc("run", GRID, readings, coefficients, looser=looser, jerks=jerks)
     return replace(arc, smoothness={part: value / LENGTH * SPACING for part, value in arc.roughness.items()})
 
 
@@ -82,7 +84,7 @@ def read(arc):
 
 
 def found_for(*arcs):
-    """Intensities without what they are multiplied by in the end, by turns of smoothness and motion."""
+    """Likeliest intensities, without what they are multiplied by in the end, by turns of smoothness and motion."""
     for turn in range(10):
         equations = [read(arc) for arc in arcs]
         level, settled = smoothness(arcs, equations, anew=turn == 0)
@@ -211,12 +213,17 @@ def test_it_says_whether_the_arcs_were_as_smooth_already():
         assert settled == had
 
 
-def test_the_motion_is_let_do_more_than_it_does_on_average():
+@pytest.mark.parametrize(("looser", "factor"), [({}, 1.0), ({"position": 30.0}, 30.0), ({"rotation": 7.0}, 1.0)])
+def test_a_motion_is_let_do_as_much_more_as_its_arc_wants(looser, factor):
     sigma = 1e-2
     values = recording(0.1, sigma, 6)
-    arc = arc_of(values, sigma)
+    arc = replace(arc_of(values, sigma), looser=looser)
     level, _ = smoothness([arc], [read(arc)])
-    assert np.log(level["position"]) == pytest.approx(likeliest(sigma, values)[0] + np.log(LOOSER), abs=SETTLED)
+    assert np.log(level["position"]) == pytest.approx(likeliest(sigma, values)[0] + np.log(factor), abs=SETTLED)
+    # With that, and the motion that goes with it, it has settled.
+    again, settled = smoothness([replace(arc, smoothness=level)], [read(arc)])
+    assert settled
+    assert np.log(again["position"]) == pytest.approx(np.log(level["position"]), abs=SETTLED)
 
 
 def test_inputs_stay_as_they_are():

@@ -6,6 +6,8 @@ noise but motion.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -22,8 +24,19 @@ _BY_CHANCE = 6.0
 """Correlation that chance reaches at any lag, times the root of the number of samples."""
 
 
-def coherence(experiment: Experiment, arc: Arc, at: Balance, systematic: Systematic, mass: float) -> float:
-    """Largest correlation between what is left of the accelerometers and of the forces; 0 where chance explains it.
+@dataclass(frozen=True)
+class Coherence:
+    """What is left of an accelerometer against what is left of the forces."""
+
+    correlation: float
+    """The largest at any lag; 0 where chance explains it."""
+    lag: float
+    """By how much the accelerometer is later than its clock is thought to be [s]."""
+    instrument: str
+
+
+def coherence(experiment: Experiment, arc: Arc, at: Balance, systematic: Systematic, mass: float) -> Coherence:
+    """The accelerometer that goes best with the forces.
 
     Args:
         experiment: With its instruments.
@@ -33,27 +46,31 @@ def coherence(experiment: Experiment, arc: Arc, at: Balance, systematic: Systema
         mass: Of the body [kg].
     """
     if arc.static or mass <= 0 or len(at.time) < 2:
-        return 0.0
-    found = 0.0
+        return Coherence(0.0, 0.0, "")
+    found = Coherence(0.0, 0.0, "")
     felt = at.left_over[:, :3] / mass
     for reading in arc.readings:
         instrument = experiment.instruments[reading.source[0]]
         if reading.source[1] == "specific_force" and isinstance(instrument, Imu) and len(reading.time) > 1:
             turn = Rotation.from_euler("ZYX", np.radians(instrument.rpy_deg)[::-1])
-            found = max(found, _largest(experiment, arc, reading, turn, at.time, felt, systematic))
+            own = _largest(experiment, arc, reading, turn, at.time, felt, systematic)
+            found = max(found, own, key=lambda each: each.correlation)
     return found
 
 
 def _largest(
     experiment: Experiment, arc: Arc, reading: Reading, turn: Rotation, time: Array, felt: Array, systematic: Systematic
-) -> float:
+) -> Coherence:
     references = reference_clocks(experiment, systematic.unknowns, arc)
     times, *_, linear = looked_at(experiment, arc, reading, slice(None), systematic, references)
     left = turn.apply(np.nan_to_num(linear["residual"]))
     step = float(np.median(np.diff(times)))
-    largest = 0.0
+    largest, best = 0.0, 0.0
     for lag in np.arange(-_LAG, _LAG, max(step / 2, 1e-3)):
         moved = np.column_stack([np.interp(time + lag, times, column) for column in left.T])
         norm = float(np.sqrt(np.sum(moved**2) * np.sum(felt**2)))
-        largest = max(largest, abs(float(np.sum(moved * felt))) / max(norm, 1e-300))
-    return largest if largest > _BY_CHANCE / np.sqrt(min(len(times), len(time))) else 0.0
+        correlation = float(np.sum(moved * felt)) / max(norm, 1e-300)
+        if correlation > largest:
+            largest, best = correlation, float(lag)
+    chance = _BY_CHANCE / np.sqrt(min(len(times), len(time)))
+    return Coherence(largest if largest > chance else 0.0, best, reading.source[0])

@@ -20,6 +20,8 @@ from steelyard.identification.smoothing import DEGREE, knots
 
 _WIDE = 10.0
 """Prior 1-sigma of what the prior of the derivative leaves open, in units of how far the readings vary."""
+_UNSTATED = 1e-3
+"""Noise that is not stated, to begin with, in the same units."""
 _CLOSE = 2.0
 """Evidence, a log likelihood, by which a coarser spline may be worse and still do."""
 _RANGE = 1e-9, 1e9
@@ -47,21 +49,23 @@ def evidence(stream: Channelled, grid: Array) -> float:
         grid: Knots of a quintic spline [s].
     """
     n, k = stream.values.shape
-    values = stream.values - stream.values.mean(axis=0)
-    span = max(float(np.abs(values).max()), 1e-12)
+    centred = stream.values - stream.values.mean(axis=0)
+    # In units of how far they vary, so that nothing depends on theirs.
+    span = max(float(np.abs(centred).max()), 1e-300)
+    values, sigma = centred / span, None if stream.sigma is None else stream.sigma / span
     design = csr_array(BSpline.design_matrix(np.clip(stream.time, grid[0], grid[-1]), grid, DEGREE))
     gram, right = _band(design.T @ design), np.asarray(design.T @ values)
     square = float(np.sum(values**2))
     smooth = _integral(grid, 3 - stream.order)
-    flat = _integral(grid, 0) / ((_WIDE * span) ** 2 * (grid[-1] - grid[0]))
+    flat = _integral(grid, 0) / (_WIDE**2 * (grid[-1] - grid[0]))
     # A first guess: derivatives as the range and the spacing have it.
     spacing = (grid[-1] - grid[0]) / max(len(grid) - 2 * DEGREE - 1, 1)
-    first = np.log(span**2 / spacing ** (2 * (3 - stream.order) - 1) * 1e-3)
+    first = np.log(1e-3 / spacing ** (2 * (3 - stream.order) - 1))
 
     def minus(log_intensity: float) -> float:
         # With noise unstated, the intensity is in units of its variance.
-        variance = 1.0 if stream.sigma is None else stream.sigma**2
-        prior = smooth / np.exp(log_intensity) * variance + flat * variance
+        variance = 1.0 if sigma is None else sigma**2
+        prior = smooth / np.exp(log_intensity) * variance + flat * (_UNSTATED**2 if sigma is None else variance)
         try:
             prior_factor = cholesky_banded(prior, lower=True, check_finite=False)
             factor = cholesky_banded(gram + prior, lower=True, check_finite=False)
@@ -70,15 +74,15 @@ def evidence(stream: Channelled, grid: Array) -> float:
         fitted = cho_solve_banded((factor, True), right, check_finite=False)
         misfit = max(square - float(np.sum(fitted * right)), 1e-18 * square + 1e-300)
         volume = 2 * k * float(np.sum(np.log(factor[0])) - np.sum(np.log(prior_factor[0])))
-        if stream.sigma is None:
+        if sigma is None:
             return float(0.5 * (n * k * float(np.log(misfit / (n * k))) + volume))
         return float(0.5 * (misfit / variance + n * k * float(np.log(variance)) + volume))
 
-    if stream.sigma is None:
-        first -= np.log(span**2 * 1e-6)
+    if sigma is None:
+        first -= 2 * np.log(_UNSTATED)
     bounds = (first + np.log(_RANGE[0]), first + np.log(_RANGE[1]))
     found = minimize_scalar(minus, bounds=bounds, method="bounded", options={"xatol": 0.3, "maxiter": 20})
-    return -float(found.fun)
+    return -float(found.fun) - n * k * float(np.log(span))
 
 
 def best_spacing(streams: Sequence[Channelled], candidates: Sequence[float], start: float, end: float) -> float:
@@ -97,15 +101,8 @@ def best_spacing(streams: Sequence[Channelled], candidates: Sequence[float], sta
             inside.append(Channelled(stream.time[use], stream.values[use], stream.order, stream.sigma))
     if not inside:
         return candidates[0]
-    found: list[float] = []
-    # From the widest down, until finer ones are worse twice.
-    for spacing in reversed(candidates):
-        grid = knots(start, end, spacing)
-        found.append(sum(evidence(each, grid) for each in inside))
-        if len(found) > 2 and found[-1] < found[-2] + _CLOSE / 2 and found[-2] < found[-3] + _CLOSE / 2:
-            break
-    enough = max(found) - _CLOSE
-    return list(reversed(candidates))[next(i for i, each in enumerate(found) if each >= enough)]
+    found = [sum(evidence(each, knots(start, end, spacing)) for each in inside) for spacing in candidates]
+    return max(spacing for spacing, each in zip(candidates, found, strict=True) if each >= max(found) - _CLOSE)
 
 
 def _integral(grid: Array, order: int) -> Array:

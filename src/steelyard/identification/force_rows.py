@@ -15,6 +15,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
@@ -34,8 +35,8 @@ from steelyard.robot.model import Robot
 
 BALANCE = "balance"
 """What the rows are of, beside the quantities of the instrument."""
-_LEFT_OUT = 1e3
-"""Factor on the 1-sigma of a reading that is left out: the balance goes on without it."""
+_LEFT_OUT = 1e2
+"""1-sigma of a reading that is left out, in units of the largest reading: the balance goes on without it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,10 @@ class Forces:
         factor = np.concatenate(
             [np.full(v.shape[1], factors.get(arc.label(self.name, q), 1.0)) for q, v in self.readings.items()]
         )
-        return np.asarray(self.sigma * factor * np.where(self.left_out, _LEFT_OUT, 1.0))
+        largest = np.concatenate([np.abs(v).max(axis=0, initial=0.0) for v in self.readings.values()])
+        # So wide that no reading of it matters, however good the sensor was.
+        without = _LEFT_OUT * np.maximum(self.sigma * factor, largest)
+        return np.where(self.left_out, without, self.sigma * factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +349,10 @@ def sample_weight(residual: Array) -> Array:
 
 def tally_forces(tally: Tally, arc: Arc, felt: Forces, at: Balance, weight: Array) -> None:
     """Count the corrections of the readings, quantity by quantity."""
-    near = weight >= 1
+    size = np.sqrt(np.einsum("nr,nr->n", at.correction, at.correction))
+    used_at_all = weight > 0
+    usual = float(np.median(size[used_at_all])) / np.sqrt(chi2.ppf(0.5, 6)) if used_at_all.any() else 1.0
+    near = used_at_all & (size <= limit(6) * max(1.0, usual))
     column, readings = 0, at.correction.shape[1]
     for quantity, values in felt.readings.items():
         own = slice(column, column + values.shape[1])
@@ -358,6 +365,12 @@ def tally_forces(tally: Tally, arc: Arc, felt: Forces, at: Balance, weight: Arra
         label = arc.label(felt.name, quantity)
         tally.square[label] = tally.square.get(label, 0.0) + square
         tally.count[label] = tally.count.get(label, 0.0) + count
+        whole, numbers = tally.held.get(label, (0.0, 0.0))
+        everything = np.sum((at.correction[:, own] * used) ** 2, axis=1) @ weight**2
+        share = values.shape[1] / readings
+        tally.held[label] = (
+            whole + float(everything),
+            numbers + float(np.sum(np.maximum(6 - missing, 0)[weight > 0])) * share,
+        )
         tally.far[label] = tally.far.get(label, 0) + int(np.sum(~near)) + int(np.sum(~used))
-    size = np.einsum("nr,nr->n", at.correction, at.correction)
-    tally.cost += float(np.sum(size * weight * (2 - weight)))
+    tally.cost += float(np.sum(size**2 * weight * (2 - weight)))

@@ -162,7 +162,7 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
                     )
                     equations = smooth(state, readings)
                     step = _step(task, state, equations, damping)
-            ratios = _ratios(equations, tally)
+            ratios = _ratios(equations, tally, task.stated)
             factors = _unstated(task, state, ratios)
             settled = settled and not _changed(state.factors, factors)
             arrived = step.border < _BORDER and step.decrement < (_ALL if ten else _BEGUN)
@@ -178,6 +178,7 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
         accepted = (state, equations, cost) if settled else None
         state = step.state
         tell(min(0.95, turn / 8))
+    ratios = ratios or _ratios(equations, tally, task.stated)
     return Fit(
         state, equations, tally, ratios, converged, turn + 1, step.covariance, task.stated, _first_sigmas(task, state)
     )
@@ -188,8 +189,11 @@ def smooth(state: State, readings: Sequence[NormalEquations]) -> tuple[NormalEqu
     return tuple(arc.smooth(each) for arc, each in zip(state.arcs, readings, strict=True))
 
 
-def _ratios(equations: Sequence[NormalEquations], tally: Tally) -> dict[Source, float]:
-    """Of every quantity, variance of the residual over what it counts as now."""
+def _ratios(equations: Sequence[NormalEquations], tally: Tally, stated: frozenset[Source]) -> dict[Source, float]:
+    """Of every quantity, variance of the residual over what it counts as now.
+
+    A stated noise is looked at without what stands far, which is not its doing; one that is not stated has what tails it has.
+    """
     spent: dict[Label, float] = {}
     for each in equations:
         for label, freedom in each.spent().items():
@@ -200,6 +204,8 @@ def _ratios(equations: Sequence[NormalEquations], tally: Tally) -> dict[Source, 
     ratios: dict[Source, float] = {}
     for (name, quantity), square in tally.square.items():
         count = tally.count[name, quantity]
+        if (name, quantity) not in stated:
+            square, count = tally.held[name, quantity]
         # Quantities of a force instrument share the freedom that its balance has lost.
         balance = spent.get((name, BALANCE + AT_REST if quantity.endswith(AT_REST) else BALANCE), 0.0)
         whole = max(counts[name, quantity.endswith(AT_REST)], 1.0)

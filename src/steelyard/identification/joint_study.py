@@ -22,7 +22,7 @@ from steelyard.identification.kinematic_fit import KinematicFit, told_about
 from steelyard.identification.motion_rows import AT_REST, Arc, Tally, motion_rows, reference_clocks, time_of
 from steelyard.identification.outliers import look
 from steelyard.identification.preparation import Samples, prepare
-from steelyard.identification.recorded_arcs import Recorded, recorded
+from steelyard.identification.recorded_arcs import Recorded, recorded, resampled
 from steelyard.identification.regression import TEN, Blocks, Prior, Sums, enlarged, solve, together
 from steelyard.identification.rounds import prior_of
 from steelyard.identification.smoothing import DEGREE
@@ -31,6 +31,8 @@ from steelyard.identification.study import Progress, Study, plausible, sum_up
 from steelyard.identification.unknowns import Systematic, Unknowns, clock_of, gather
 from steelyard.inertia import body_jacobian
 
+_FAR_OFF = 10.0
+"""Prior 1-sigma beyond which an error, in a fit that did not arrive, is no beginning for another."""
 _COHERENT = 0.3
 """Correlation of what is left of forces and accelerometer that is a motion which the knots do not follow."""
 _MUCH_FINER = 0.7
@@ -101,12 +103,11 @@ def _joint(experiment: Experiment, tell: Callable[[str, float], None], start: Sy
     fitted = _fitted(experiment, begin, records, tell)
     if finer := _finer(experiment, records, fitted):
         tell("maximum-likelihood: following a vibration", 0.4)
-        begin = fitted.fit.state.systematic
         records = [
-            recorded(experiment, run, each, begin, finer.get(run.name))
-            for run, each in zip(experiment.runs, samples, strict=True)
+            recorded(experiment, run, each, begin, finer[run.name].spacing) if run.name in finer else record
+            for run, each, record in zip(experiment.runs, samples, records, strict=True)
         ]
-        fitted = _fitted(experiment, begin, records, tell)
+        fitted = _fitted(experiment, begin, records, tell, (fitted, finer))
     tell("maximum-likelihood: how well it is known", 0.85)
     return _concluded(experiment, fitted, samples, records)
 
@@ -135,24 +136,39 @@ class _Fitted:
         )
 
 
-def _finer(experiment: Experiment, records: Sequence[Recorded], fitted: _Fitted) -> dict[str, float]:
-    """Run -> spacing of knots that follows what forces and accelerometer both feel beyond the motion [s]."""
+@dataclass(frozen=True)
+class _Finer:
+    """How a run is to be followed more closely."""
+
+    spacing: float
+    """Of the knots [s]."""
+    clock: str
+    lag: float
+    """By how much that clock is later than thought [s]."""
+
+
+def _finer(experiment: Experiment, records: Sequence[Recorded], fitted: _Fitted) -> dict[str, _Finer]:
+    """Runs in which forces and accelerometer both feel what the knots do not follow."""
     finest = {arc.run: each.finest for each in records for arc in each.arcs}
     state = fitted.fit.state
     found = {}
     for arc, at in zip(state.arcs, fitted.balances, strict=True):
-        spacing = np.inf if arc.static else float(arc.knots[DEGREE + 1] - arc.knots[DEGREE])
-        if finest[arc.run] < _MUCH_FINER * spacing and (
-            coherence(experiment, arc, at, state.systematic, float(_ten(state)[0])) > _COHERENT
-        ):
-            found[arc.run] = finest[arc.run]
+        spacing = 0.0 if arc.static else float(arc.knots[DEGREE + 1] - arc.knots[DEGREE])
+        if finest[arc.run] < _MUCH_FINER * spacing:
+            own = coherence(experiment, arc, at, state.systematic, float(_ten(state)[0]))
+            if own.correlation > _COHERENT:
+                found[arc.run] = _Finer(finest[arc.run], clock_of(experiment, own.instrument), own.lag)
     return found
 
 
 def _fitted(
-    experiment: Experiment, begin: Systematic, records: Sequence[Recorded], tell: Callable[[str, float], None]
+    experiment: Experiment,
+    begin: Systematic,
+    records: Sequence[Recorded],
+    tell: Callable[[str, float], None],
+    before: tuple[_Fitted, Mapping[str, _Finer]] | None = None,
 ) -> _Fitted:
-    """Motion first, then motion and forces, leaving out what stands alone."""
+    """Motion first (or as it was before, on other knots), then motion and forces, leaving out what stands alone."""
     unknowns = begin.unknowns
     arcs = tuple(arc for each in records for arc in each.arcs)
     felt = tuple(forces for each in records for forces in each.felt)
@@ -173,16 +189,11 @@ def _fitted(
             for rest in ("", AT_REST)
         },
     )
-    tell("maximum-likelihood: motion", 0.25)
-    motion = fit(task, State(arcs, begin, None), lambda part: tell("maximum-likelihood: motion", 0.25 + 0.25 * part))
-    state, lost = motion.state, list[str]()
-    if any(far >= _STUCK_FAR for far in motion.tally.far.values()):
-        state, lost = _without_lost(experiment, state)
-    if lost:
-        motion = fit(task, state)
-        state = motion.state
+    motion, state, lost = (
+        _begun(experiment, task, State(arcs, begin, None), tell) if before is None else _again(*before, arcs)
+    )
     tell("maximum-likelihood: motion and forces", 0.5)
-    parameters = _first_body(experiment, state, felt)
+    parameters = _first_body(experiment, state, felt) if state.parameters is None else state.parameters
     if not parameters[0] or not np.isfinite(parameters).all():
         raise np.linalg.LinAlgError
     task = replace(
@@ -196,6 +207,12 @@ def _fitted(
         parameters=parameters,
         arcs=tuple(_by_force_clock(experiment, arc, state.systematic) for arc in state.arcs),
     )
+    if before is not None:
+        # The vibration first, by these clocks: before it is there, nothing holds them.
+        held = task.active.copy()
+        for run, each in before[1].items():
+            held[unknowns.place(each.clock, "delay", run)] = False
+        state = fit(replace(task, felt=felt, active=held), state).state
     contacts: dict[str, list[tuple[float, float]]] = {}
     spikes: dict[str, int] = {}
     for turn in range(_ROUNDS):
@@ -216,6 +233,44 @@ def _fitted(
             spikes[arc.run] = spikes.get(arc.run, 0) + len(each.spikes)
         felt = tuple(each.felt for each in looked)
     return fitted
+
+
+def _begun(
+    experiment: Experiment, task: Task, state: State, tell: Callable[[str, float], None]
+) -> tuple[Fit, State, Sequence[str]]:
+    """Motion alone; where its instruments do not agree on one, the errors are begun with as known beforehand."""
+    tell("maximum-likelihood: motion", 0.25)
+    motion = fit(task, state, lambda part: tell("maximum-likelihood: motion", 0.25 + 0.25 * part))
+    found, lost = motion.state, list[str]()
+    if any(far >= _STUCK_FAR for far in motion.tally.far.values()):
+        found, lost = _without_lost(experiment, found)
+    if lost:
+        motion = fit(task, found)
+        found = motion.state
+    off = np.abs(found.systematic.values - task.unknowns.mean)[task.active]
+    if not motion.converged and not np.all(off < _FAR_OFF * task.unknowns.deviation[task.active]):
+        found = replace(
+            state, arcs=tuple(replace(a, readings=b.readings) for a, b in zip(state.arcs, found.arcs, strict=True))
+        )
+    return motion, found, lost
+
+
+def _again(before: _Fitted, finer: Mapping[str, _Finer], arcs: Sequence[Arc]) -> tuple[Fit, State, Sequence[str]]:
+    """What was found, on other knots; clocks where forces and accelerometers go together best, since what vibrates fits at many lags."""
+    state, unknowns = before.fit.state, before.task.unknowns
+    values = state.systematic.values.copy()
+    for run, each in finer.items():
+        place = unknowns.place(each.clock, "delay", run)
+        values[place] += np.where(unknowns.deviation[place] > 0, each.lag, 0.0)
+    state = replace(state, systematic=replace(state.systematic, values=values))
+    moved = []
+    for old, new in zip(state.arcs, arcs, strict=True):
+        if old.knots is new.knots or len(old.knots) == len(new.knots):
+            moved.append(old)
+            continue
+        onto = replace(new, reference=old.reference, knots=new.knots, readings=old.readings)
+        moved.append(resampled(old, onto))
+    return before.motion, replace(state, arcs=tuple(moved)), before.lost
 
 
 def _ten(state: State) -> Array:

@@ -67,7 +67,7 @@ def _details(joint: Joint) -> dict[str, Any]:
         noise.setdefault(name, {})[quantity] = {
             "stated": first[name, quantity] if (name, quantity) in fit.stated else None,
             "used": first[name, quantity] * factor,
-            "found": first[name, quantity] * factor * float(np.sqrt(fit.ratios[name, quantity])),
+            "found": first[name, quantity] * factor * float(np.sqrt(fit.ratios.get((name, quantity), 1.0))),
             "numbers": count,
             "far": fit.tally.far.get((name, quantity), 0),
         }

@@ -151,6 +151,8 @@ class Tally:
     """Numbers in it."""
     far: dict[Source, int] = field(default_factory=dict)
     """Numbers that stand far."""
+    held: dict[Source, tuple[float, float]] = field(default_factory=dict)
+    """The same sum with those that stand far, which count as at the limit [Huber1964]_, and how many numbers it is of: noise of long tails."""
     cost: float = 0.0
     """Of all numbers, those that stand far counted as Huber does."""
 
@@ -169,6 +171,8 @@ class Tally:
         self.square[label] = self.square.get(label, 0.0) + float(np.sum(size[near] ** 2))
         self.count[label] = self.count.get(label, 0.0) + each * int(np.sum(near))
         self.far[label] = self.far.get(label, 0) + int(np.sum(~near & (weight > 0)))
+        whole, numbers = self.held.get(label, (0.0, 0.0))
+        self.held[label] = whole + float(np.sum((size * weight) ** 2)), numbers + each * int(np.sum(weight > 0))
         # Of weights c / size: 2 c size - c^2 beyond c.
         self.cost += float(np.sum(size**2 * weight * (2 - weight)))
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run, is_motion
+from steelyard.identification.arc import motion_at
 from steelyard.identification.balance import force_sigma, least_sigma
 from steelyard.identification.evidence import Channelled, best_spacing
 from steelyard.identification.force_rows import Forces
@@ -149,6 +150,16 @@ def _tilt(samples: Samples) -> Rotation:
         angle = np.arctan2(np.linalg.norm(axis), feels @ up)
         found.append(Rotation.from_rotvec(axis / max(float(np.linalg.norm(axis)), 1e-12) * angle) * rotation)
     return Rotation.concatenate(found)
+
+
+def resampled(arc: Arc, onto: Arc) -> Arc:
+    """An arc on other knots with the motion of this one."""
+    start, end = float(onto.knots[0]), float(onto.knots[-1])
+    spacing = float(onto.knots[DEGREE + 1] - onto.knots[DEGREE])
+    times = np.linspace(max(start, float(arc.knots[0])), min(end, float(arc.knots[-1])), 4 * len(onto.knots))
+    pose, *_ = motion_at(arc.basis(times), arc.coefficients)
+    coefficients = started(times, pose, onto.knots, start, end, spacing)
+    return onto if coefficients is None else replace(onto, coefficients=coefficients)
 
 
 def recorded(
