@@ -119,7 +119,6 @@ def test_streams_of_other_constants_are_as_likely():
 
 
 STATED = {"stated": True, "unstated": False}
-EARLY = "best_spacing stops at two finer spacings that are no better, though much finer ones are by hundreds"
 
 
 @pytest.mark.parametrize("stated", STATED.values(), ids=STATED)
@@ -138,13 +137,12 @@ def test_a_fast_motion_takes_fine_knots(frequency, noise, order):
 
 
 @pytest.mark.parametrize("order", range(3))
-@pytest.mark.parametrize("frequency", [2.0, pytest.param(4.0, marks=pytest.mark.xfail(strict=True, reason=EARLY))])
+@pytest.mark.parametrize("frequency", [2.0, 4.0])
 def test_a_fast_motion_takes_fine_knots_where_noise_is_not_stated(frequency, order):
     found = best_spacing([sine(frequency, 0.01, order=order, stated=False)], CANDIDATES, 0.0, 6.0)
     assert 0.15 < found * frequency < 0.4
 
 
-@pytest.mark.xfail(strict=True, reason=EARLY)
 @pytest.mark.parametrize("stated", STATED.values(), ids=STATED)
 @pytest.mark.parametrize("order", [0, 2])
 def test_a_platform_that_rings_while_it_moves_takes_fine_knots(order, stated):
@@ -185,20 +183,7 @@ def test_the_choice_does_not_depend_on_units_where_noise_is_stated(frequency, or
 
 
 @pytest.mark.parametrize("order", [0, 2])
-@pytest.mark.parametrize(
-    "unit",
-    [
-        pytest.param(
-            1e-3,
-            marks=pytest.mark.xfail(
-                strict=True,
-                reason="evidence counts what the prior leaves open in units of the unstated noise: a 1-sigma of 10 times the "
-                "span times the noise, which is tight where both are small numbers",
-            ),
-        ),
-        1e3,
-    ],
-)
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
 def test_the_choice_does_not_depend_on_units(unit, order):
     streams = [sine(1.0, 0.001, order=order, unit=u, stated=False) for u in (10.0, 10.0 * unit)]
     one, other = (best_spacing([stream], CANDIDATES, 0.0, 6.0) for stream in streams)

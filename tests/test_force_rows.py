@@ -459,7 +459,8 @@ def test_a_sample_that_is_left_out_as_a_whole_says_next_to_nothing():
     left_out[1] = True
     rows = found.rows(forces=replace(found.noisy(10), left_out=left_out))
     whole = found.rows(forces=found.noisy(10))
-    np.testing.assert_allclose(rows.by_motion[1], whole.by_motion[1] / 1e3, rtol=1e-6, atol=1e-12)
+    # Its 1-sigma is then a hundred times the largest reading.
+    assert np.abs(rows.by_motion[1]).max() < 1e-2 * np.abs(whole.by_motion[1]).max()
     np.testing.assert_array_equal(rows.by_motion[[0, 2]], whole.by_motion[[0, 2]])
 
 
@@ -517,15 +518,10 @@ def test_corrections_are_as_large_as_they_are_counted(force):
 def test_a_noise_that_is_larger_than_it_counts_as_shows_as_such():
     found, tally = Case("platform end", n=400), Tally()
     found.rows(forces=found.noisy(12, 2.0), tally=tally)
-    # Twofold, but for samples that stand far, which tell no noise.
-    assert 2 < tally.square["forces", "tension"] / tally.count["forces", "tension"] < 4
+    # Twofold, fourfold in variance, within what four hundred samples scatter by.
+    assert 3.6 < tally.square["forces", "tension"] / tally.count["forces", "tension"] < 4.4
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="tally_forces counts only samples of full weight; where most stand far none is left that tells the noise, "
-    "while Tally.add has a rule for it ('Where most are large, none is the exception')",
-)
 def test_where_most_samples_stand_far_none_is_the_exception():
     found, tally = Case("platform end", n=400), Tally()
     found.rows(forces=found.noisy(12, 10.0), tally=tally)

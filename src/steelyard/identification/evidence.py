@@ -51,7 +51,9 @@ def evidence(stream: Channelled, grid: Array) -> float:
     n, k = stream.values.shape
     centred = stream.values - stream.values.mean(axis=0)
     # In units of how far they vary, so that nothing depends on theirs.
-    span = max(float(np.abs(centred).max()), 1e-300)
+    span = float(np.abs(centred).max(initial=0.0))
+    if not span:
+        return 0.0
     values, sigma = centred / span, None if stream.sigma is None else stream.sigma / span
     design = csr_array(BSpline.design_matrix(np.clip(stream.time, grid[0], grid[-1]), grid, DEGREE))
     gram, right = _band(design.T @ design), np.asarray(design.T @ values)
@@ -82,7 +84,7 @@ def evidence(stream: Channelled, grid: Array) -> float:
         first -= 2 * np.log(_UNSTATED)
     bounds = (first + np.log(_RANGE[0]), first + np.log(_RANGE[1]))
     found = minimize_scalar(minus, bounds=bounds, method="bounded", options={"xatol": 0.3, "maxiter": 20})
-    return -float(found.fun) - n * k * float(np.log(span))
+    return float(-found.fun - n * k * np.log(span))
 
 
 def best_spacing(streams: Sequence[Channelled], candidates: Sequence[float], start: float, end: float) -> float:

@@ -62,7 +62,7 @@ class Forces:
         largest = np.concatenate([np.abs(v).max(axis=0, initial=0.0) for v in self.readings.values()])
         # So wide that no reading of it matters, however good the sensor was.
         without = _LEFT_OUT * np.maximum(self.sigma * factor, largest)
-        return np.where(self.left_out, without, self.sigma * factor)
+        return np.asarray(np.where(self.left_out, without, self.sigma * factor))
 
 
 @dataclass(frozen=True, eq=False)

@@ -210,8 +210,8 @@ def _fitted(
     if before is not None:
         # The vibration first, by these clocks: before it is there, nothing holds them.
         held = task.active.copy()
-        for run, each in before[1].items():
-            held[unknowns.place(each.clock, "delay", run)] = False
+        for run, vibrating in before[1].items():
+            held[unknowns.place(vibrating.clock, "delay", run)] = False
         state = fit(replace(task, felt=felt, active=held), state).state
     contacts: dict[str, list[tuple[float, float]]] = {}
     spikes: dict[str, int] = {}
