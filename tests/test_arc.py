@@ -347,21 +347,6 @@ def test_a_cost_of_the_coefficients_counts_as_readings_of_them(problem, rng):
     np.testing.assert_array_equal(equations.band, accumulate(functions, BORDER, iter(rows), width=width).band)
 
 
-def test_a_damped_step_is_that_of_a_larger_diagonal(problem):
-    rows, equations, A, _, _ = problem
-    factor = 0.7
-    E = np.vstack([part.by_errors.reshape(-1, BORDER) for part in rows])
-    J, r = np.hstack([A, E]), np.concatenate([part.residual.ravel() for part in rows])
-    normal = J.T @ J
-    expected = np.linalg.solve(normal + factor * np.diag(np.diag(normal)), -J.T @ r)
-    _ = equations.factor, equations.settled, equations.inverse  # what is kept of the undamped ones must not be used
-    damped = equations.damped(factor)
-    matrix, gradient = damped.reduced()
-    border = np.linalg.solve(matrix, gradient)
-    np.testing.assert_allclose(border, expected[-BORDER:], rtol=1e-8, atol=1e-10)
-    np.testing.assert_allclose(damped.motion_step(border), expected[:-BORDER], rtol=1e-8, atol=1e-10)
-
-
 @pytest.mark.parametrize(("size", "width"), [(1, 1), (5, 1), (7, 7), (20, 7), (90, WIDTH)])
 def test_a_banded_product_is_the_dense_one(rng, size, width):
     (dense,) = some_bands(rng, size, width, 1)

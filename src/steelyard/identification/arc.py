@@ -168,13 +168,6 @@ class NormalEquations:
         """Of the motion's matrix."""
         return float(2 * np.sum(np.log(self.factor[0])))
 
-    def damped(self, factor: float) -> NormalEquations:
-        """The same with a larger diagonal, for shorter steps [Marquardt1963]_."""
-        band, corner = self.band.copy(), self.corner.copy()
-        band[0] *= 1 + factor
-        corner[np.diag_indices_from(corner)] *= 1 + factor
-        return replace(self, band=band, corner=corner)
-
     @cached_property
     def inverse(self) -> Array:
         """Inverse of the motion's matrix as far as its own band reaches, lower banded form, shape (42, N).

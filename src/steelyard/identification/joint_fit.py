@@ -1,6 +1,6 @@
 """Everything at once: motion, body and every systematic error, from the raw readings at their own times.
 
-Gauss-Newton on a banded matrix with a border, damped where it does not descend [Marquardt1963]_. Noise levels that are not stated, and
+Gauss-Newton on a banded matrix with a border, with shorter steps where it does not descend. Noise levels that are not stated, and
 how smooth the motion is, are those under which what is left of the readings is as large as it should be, counted without the
 freedom that motion and constants have taken: the restricted likelihood's maximum [Patterson1971]_.
 """
@@ -24,7 +24,8 @@ from steelyard.identification.sources import Source
 from steelyard.identification.unknowns import Systematic, Unknowns
 
 _TURNS, _TURNS_BEGINNING = 30, 12
-_MOST_REJECTED = 8
+_SHORTER, _LEAST_SHARE = 0.3, 1e-3
+"""By how much a step that does not descend is cut, and the share of it at which there is no more to try."""
 _BORDER, _ALL = 0.02, 0.5
 """Promised decrease of the cost, a chi-square, at which constants and everything have arrived."""
 _BEGUN = 5.0
@@ -130,8 +131,8 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
     ten = TEN if state.parameters is not None else 0
     border = ten + int(task.active.sum())
     column_of = np.where(task.active, ten + np.cumsum(task.active) - 1, -1)
-    accepted: tuple[State, tuple[NormalEquations, ...], float] | None = None
-    damping, rejected, converged, searched = 0.0, 0, False, False
+    accepted: tuple[State, _Step, float] | None = None
+    share, converged, searched = 1.0, False, False
     ratios: dict[Source, float] = {}
     many = sum(arc.coefficients.size for arc in state.arcs)
     turn = 0
@@ -139,19 +140,20 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
         readings, tally = linearise(task, state, column_of, border)
         cost = tally.cost + _prior_cost(task, state)
         if accepted is not None and not cost < accepted[2] * (1 + _SAME):
-            rejected += 1
-            if rejected > _MOST_REJECTED:
+            if share < _LEAST_SHARE:
+                state = accepted[0]
                 break
-            damping = max(4 * damping, 1e-3)
-            state = _step(task, accepted[0], accepted[1], damping).state
+            # The direction descends, if not as far as it seemed.
+            share *= _SHORTER
+            state = accepted[1].along(task, accepted[0], share)
             continue
-        damping, rejected = damping / 8 if damping > 1e-4 else 0.0, 0
+        share = 1.0
         equations = smooth(state, readings)
-        step = _step(task, state, equations, damping)
-        near, settled = step.decrement < many, True
+        step = _step(task, state, equations)
+        near, settled, factors = step.decrement < many, True, state.factors
         if near:
             # Noise and smoothness, once the residual is no longer that of a wrong motion.
-            arrived = step.border < _BORDER and step.decrement < (_ALL if ten else _BEGUN)
+            arrived = step.constant < _BORDER and step.decrement < (_ALL if ten else _BEGUN)
             if any(arc.smoothness for arc in state.arcs) and (arrived or not searched):
                 level, settled = smoothness(state.arcs, readings, anew=not searched)
                 searched = True
@@ -161,11 +163,10 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
                         arcs=tuple(a if a.smoothness is None else replace(a, smoothness=level) for a in state.arcs),
                     )
                     equations = smooth(state, readings)
-                    step = _step(task, state, equations, damping)
+                    step = _step(task, state, equations)
             ratios = _ratios(equations, tally, task.stated)
             factors = _unstated(task, state, ratios)
             settled = settled and not _changed(state.factors, factors)
-            arrived = step.border < _BORDER and step.decrement < (_ALL if ten else _BEGUN)
             if settled and (arrived or step.decrement < _NEARLY * cost):
                 # Only a motion that is as free as it wants to be can say that a noise is not as stated.
                 factors = _larger(task, state, ratios)
@@ -173,10 +174,9 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
                 converged = settled and arrived
             if converged:
                 break
-            step = replace(step, state=replace(step.state, factors=factors))
         # A cost in other units is no measure of the step.
-        accepted = (state, equations, cost) if settled else None
-        state = step.state
+        accepted = (state, step, cost) if settled else None
+        state = replace(step.along(task, state, 1.0), factors=factors)
         tell(min(0.95, turn / 8))
     ratios = ratios or _ratios(equations, tally, task.stated)
     return Fit(
@@ -273,19 +273,32 @@ def border_system(task: Task, state: State, reduced: tuple[Array, Array]) -> tup
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    state: State
-    """One step further."""
+    border: Array
+    """Of the border parameters."""
+    motion: tuple[Array, ...]
+    """Of the coefficients of every arc."""
     decrement: float
     """By how much the cost should fall."""
-    border: float
+    constant: float
     """The part of it that the border brings."""
     covariance: Array
     """Of the border."""
 
+    def along(self, task: Task, state: State, share: float) -> State:
+        """A state so much of the step further."""
+        ten = TEN if state.parameters is not None else 0
+        values = state.systematic.values.copy()
+        values[task.active] += share * self.border[ten:]
+        arcs = tuple(
+            replace(arc, coefficients=arc.coefficients + share * each.reshape(-1, POSE))
+            for arc, each in zip(state.arcs, self.motion, strict=True)
+        )
+        parameters = None if state.parameters is None else state.parameters + share * self.border[:ten]
+        return State(arcs, replace(state.systematic, values=values), parameters, state.factors)
 
-def _step(task: Task, state: State, equations: Sequence[NormalEquations], damping: float) -> _Step:
-    used = [each.damped(damping) if damping else each for each in equations]
-    reduced = [each.reduced() for each in used]
+
+def _step(task: Task, state: State, equations: Sequence[NormalEquations]) -> _Step:
+    reduced = [each.reduced() for each in equations]
     matrix, right = border_system(
         task, state, (np.sum([m for m, _ in reduced], axis=0), np.sum([g for _, g in reduced], axis=0))
     )
@@ -294,21 +307,11 @@ def _step(task: Task, state: State, equations: Sequence[NormalEquations], dampin
     told, axes = np.linalg.eigh((matrix + matrix.T) / 2)
     keep = told > _HELD
     inverse = (axes[:, keep] / told[keep]) @ axes[:, keep].T
-    step = scale * (inverse @ right)
-    values = state.systematic.values.copy()
-    values[task.active] += step[ten:]
-    arcs = tuple(
-        replace(arc, coefficients=arc.coefficients + each.motion_step(step).reshape(-1, POSE))
-        for arc, each in zip(state.arcs, used, strict=True)
-    )
+    step, gained = scale * (inverse @ right), float(right @ inverse @ right)
     return _Step(
-        State(
-            arcs,
-            replace(state.systematic, values=values),
-            None if state.parameters is None else state.parameters + step[:ten],
-            state.factors,
-        ),
-        float(right @ inverse @ right) + sum(float(each.motion_gradient @ each.settled) for each in used),
-        float(right @ inverse @ right),
-        scale[:, None] * inverse * scale,
+        border=step,
+        motion=tuple(each.motion_step(step) for each in equations),
+        decrement=gained + sum(float(each.motion_gradient @ each.settled) for each in equations),
+        constant=gained,
+        covariance=scale[:, None] * inverse * scale,
     )

@@ -30,6 +30,7 @@ from steelyard.identification.sources import Source
 from steelyard.identification.study import Progress, Study, plausible, sum_up
 from steelyard.identification.unknowns import Systematic, Unknowns, clock_of, gather
 from steelyard.inertia import body_jacobian
+from steelyard.instruments import Command
 
 _FAR_OFF = 10.0
 """Prior 1-sigma beyond which an error, in a fit that did not arrive, is no beginning for another."""
@@ -279,12 +280,13 @@ def _ten(state: State) -> Array:
 
 
 def _stated(experiment: Experiment) -> frozenset[Source]:
+    """Quantities whose noise is stated; that of a command that stands in for a measurement is no noise, and is not asked for either."""
     return frozenset(
         (name, quantity.name + rest)
         for rest in ("", AT_REST)
         for name, instrument in experiment.instruments.items()
         for quantity in instrument.quantities(experiment.robot.m)
-        if quantity.noise
+        if quantity.noise or isinstance(instrument, Command)
     )
 
 

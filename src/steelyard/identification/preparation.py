@@ -237,8 +237,9 @@ def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
     alpha_noise = noise["alpha"]
     _check_motion(task.where, joined, alpha_noise)
     notes = _gyro_notes(run.name, joined["omega"], joined.pop("omega_of_attitude"))
-    if sources.position and task.experiment.instruments[sources.position[0]].kind == "command":
-        notes.append(f"run '{run.name}': the position is the commanded one, for want of a measured one")
+    for what, source in (("position", sources.position), ("orientation", sources.rotation)):
+        if source and task.experiment.instruments[source[0]].kind == "command":
+            notes.append(f"run '{run.name}': the {what} is the commanded one, for want of a measured one")
     if plan.gaps:
         notes.append(f"run '{run.name}': {plan.gaps} gap{'s' if plan.gaps > 1 else ''} in the streams left out")
     return Samples(

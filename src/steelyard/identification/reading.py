@@ -14,7 +14,7 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.smoothing import Samples1D, Smoothed, fit
 from steelyard.identification.sources import Source, Sources
 from steelyard.identification.unknowns import Systematic, clock_of
-from steelyard.instruments.equations import means, solve_for
+from steelyard.instruments.equations import linearised, means, solve_for
 from steelyard.motion.state import motion_of_quaternions, specific_force_of
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
@@ -60,6 +60,30 @@ class RunReader:
         instrument = self.experiment.instruments[name]
         return solve_for(unknown, instrument, self.robot, {quantity: readings}, given, self._errors(name))
 
+    def hung_at(self, source: Source, lengths: Array, rotation: Array, felt: Array) -> Array:
+        """Place of the platform origin [m] for cable lengths and an attitude, by Gauss-Newton, shape (n, 3).
+
+        Args:
+            source: An instrument of lengths.
+            lengths: Its readings [m], shape (n, m).
+            rotation: R_world_platform, shape (n, 3, 3).
+            felt: Tensions, roughly: cables stretch [N], shape (n, m).
+        """
+        instrument, anchors = self.experiment.instruments[source[0]], self.robot.anchors
+        n, errors = len(lengths), np.concatenate(list(self._errors(source[0]).values()))
+        quaternion = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
+        middle = anchors.mean(axis=0)
+        # Below the anchors: above them there is another answer.
+        middle[2] -= 0.5 * float(np.linalg.norm(anchors - middle, axis=1).mean())
+        position, still = np.tile(middle, (n, 1)), np.zeros((n, 7))
+        for _ in range(_HANGING_STEPS):
+            motion = (np.hstack([position, quaternion]), still, still)
+            at = linearised(instrument, "length", self.robot, lengths, motion, errors, self.gravity, felt)
+            J = at["by_pose"][:, :, :3]
+            step = np.linalg.solve(J.transpose(0, 2, 1) @ J, np.einsum("nkp,nk->np", J, at["residual"])[:, :, None])
+            position = position - step[:, :, 0]
+        return position
+
     def carried(
         self, readings: Mapping[str, Array], position: Array | None, rotation: Array | None
     ) -> dict[str, Array]:
@@ -104,6 +128,7 @@ class RunReader:
         return float(np.sqrt(np.mean(place.deviation**2)))
 
 
+_HANGING_STEPS = 12
 _SMALL_TURN = 1e-4
 """By which the lever of a tracked point is found [rad]."""
 _EDGE = 1e-4
@@ -183,7 +208,12 @@ class SmoothPart:
         if source is None:
             return None
         tracked = self.within(source)
-        origin = self.reader.solve("position", source, tracked.values, **self.rotation(tracked.time))
+        rotation = self.rotation(tracked.time)
+        if source[1] == "length":
+            (felt,) = (smoothed.at(tracked.time) for smoothed in self.forces.values())
+            origin = self.reader.hung_at(source, tracked.values, rotation["rotation"], felt)
+        else:
+            origin = self.reader.solve("position", source, tracked.values, **rotation)
         return self.smooth(Samples1D(tracked.time, origin))
 
     @cached_property
@@ -217,6 +247,8 @@ class SmoothPart:
         source = self.reader.sources.position
         if source is None or self.attitude is None:
             return 0.0
+        if source[1] == "length":
+            return self.reader.robot.size
         tracked = self.within(source)
         turned = Rotation.from_quat(self.attitude.at(tracked.time[:1]), scalar_first=True) * Rotation.from_rotvec(
             _SMALL_TURN * np.vstack([np.zeros(3), np.eye(3)])

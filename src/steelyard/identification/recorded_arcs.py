@@ -38,9 +38,9 @@ _LEAST_JERK = 1e-2
 """Mean square of a third derivative to begin with, at least [m^2/s^6], [1/s^6]: where nothing tells the place, it begins as if at rest."""
 _STUCK = 10
 """Least number of equal readings in a row, in one channel while others change, that are taken for a stuck sensor."""
-_COMMANDED = 0.01
-"""1-sigma of how far a platform is from its command, where that stands in for a measured place [m]."""
-_COMMANDED_RATE = 5.0
+_COMMANDED = {"position": 0.02, "orientation": 0.02}
+"""1-sigma of how far a platform is from its command, where that stands in for a measurement [m], [rad]."""
+_COMMANDED_RATE = 0.1
 """Readings of a command a second that count as independent [Hz]."""
 _PER_KNOT = 2.0
 """Samples between two knots, at least: a motion that its instruments do not resolve cannot be told from their readings, and the forces,
@@ -294,16 +294,21 @@ class _Stream:
 
 def _streams(experiment: Experiment, run: Run, systematic: Systematic, samples: Samples) -> Iterator[_Stream]:
     """What is read of the motion; a command stands in for a place that nothing measures."""
-    placed = any(
-        q in stream.values
-        for n, stream in run.streams.items()
-        for q in ("position", "length")
-        if is_motion(experiment.instruments[n]) or isinstance(experiment.instruments[n], Length)
-    )
+    told = {
+        quantity
+        for name, stream in run.streams.items()
+        if is_motion(experiment.instruments[name]) or isinstance(experiment.instruments[name], Length)
+        for quantity in stream.values
+    }
+    missing = {"position"} if not told & {"position", "length"} else set[str]()
+    missing |= {"orientation"} if "orientation" not in told else set[str]()
     for name, stream in run.streams.items():
         instrument = experiment.instruments[name]
         stands_in = (
-            isinstance(instrument, Command) and not instrument.is_measurement and not placed and experiment.robot.m > 0
+            isinstance(instrument, Command)
+            and not instrument.is_measurement
+            and bool(missing)
+            and experiment.robot.m > 0
         )
         looks_at_cables = isinstance(instrument, Length) and samples.tension is not None
         if not (is_motion(instrument) or stands_in or looks_at_cables):
@@ -312,7 +317,7 @@ def _streams(experiment: Experiment, run: Run, systematic: Systematic, samples: 
         common = time - systematic.delay(clock_of(experiment, name), run.name)
         for quantity in instrument.quantities(experiment.robot.m):
             values = stream.values.get(quantity.name)
-            if values is None or (stands_in and quantity.name != "position"):
+            if values is None or (stands_in and quantity.name not in missing):
                 continue
             flat = np.isfinite(values.reshape(len(values), -1))
             use = flat.all(axis=1) if values.ndim == 3 else flat.any(axis=1)
@@ -322,7 +327,7 @@ def _streams(experiment: Experiment, run: Run, systematic: Systematic, samples: 
             if stands_in:
                 # It is wrong for a while where it is wrong: as much is known as few independent readings tell.
                 step = float(np.median(np.diff(common))) if len(common) > 1 else 1.0
-                sigma = _COMMANDED * max(1.0, 1 / (_COMMANDED_RATE * max(step, 1e-6))) ** 0.5
+                sigma = _COMMANDED[quantity.name] * max(1.0, 1 / (_COMMANDED_RATE * max(step, 1e-6))) ** 0.5
             yield _Stream((name, quantity.name), time[use], common[use], values[use], sigma, looks_at_cables)
 
 

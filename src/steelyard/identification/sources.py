@@ -7,7 +7,7 @@ from typing import Literal
 
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
-from steelyard.instruments import Command, Imu, Pose, Position
+from steelyard.instruments import Command, Imu, Length, Pose, Position
 
 Source = tuple[str, str]
 """Instrument and quantity."""
@@ -71,9 +71,17 @@ def choose_sources(experiment: Experiment, run: Run, acceleration: Acceleration 
     rotation = first("orientation")
     position = first("position")
     if cables:
-        rotation = needed(rotation, "an orientation (imu, attitude or pose) to know where the cables pull")
-        position = position or needed(
-            first("position", Command), "a position (position, pose or command) to know where the cables pull"
+        # Where nothing measures it the platform is taken to be where it was told to go.
+        rotation = rotation or needed(
+            first("orientation", Command),
+            "an orientation (imu, attitude, pose or command) to know where the cables pull",
+        )
+        position = (
+            position
+            or first("position", Command)
+            or needed(
+                first("length", Length), "a position (position, pose, length or command) to know where the cables pull"
+            )
         )
     specific_force = first("specific_force", Imu)
     if run.static:
