@@ -309,16 +309,16 @@ def test_results_may_lie_beside_the_experiment(run, small):
     before = files(small.parent)
     assert run("identify", small, "--out", small.parent, "--force")[0] == 0
     after = files(small.parent)
-    assert set(after) - set(before) == {"estimate.json", "report.md"}
+    assert set(after) - set(before) == {"estimate.json", "report.md", "motion.parquet"}
     assert {name: after[name] for name in before} == before
 
 
 @pytest.mark.parametrize(
     "options",
     [
-        ["--method", "two-step", "--method", "consistent"],
+        ["--method", "two-step", "--method", "maximum-likelihood"],
         ["--run", "moving"],
-        ["--method", "two-step", "--method", "consistent"] * 2,
+        ["--method", "two-step", "--method", "maximum-likelihood"] * 2,
     ],
 )
 def test_options_that_ask_for_what_is_done_anyway(run, small, options):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,4 +21,7 @@ def write_motion(motions: Sequence[FittedMotion], path: Path) -> None:
     import polars as pl
 
     frames = [pl.DataFrame(motion.columns()).select(pl.lit(motion.run).alias("run"), pl.all()) for motion in motions]
-    pl.concat(frames).write_parquet(path)
+    # Into memory first: names of files are bytes, which the library would have as text.
+    buffer = io.BytesIO()
+    pl.concat(frames).write_parquet(buffer)
+    path.write_bytes(buffer.getvalue())
