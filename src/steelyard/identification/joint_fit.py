@@ -42,8 +42,8 @@ _HELD = 0.25
 """Information on a direction in units of plausible sizes below which it is not told."""
 _LEAST_FREEDOM = 0.02
 """Part of the readings that is left to tell their noise, at least."""
-_MOST_CHANGE = 4.0
-"""Of the logarithm of a variance in one turn."""
+_MOST_CHANGE = 2.0
+"""Of the logarithm of a noise level in one turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +134,7 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
     accepted: tuple[State, _Step, float] | None = None
     share, converged, searched = 1.0, False, False
     ratios: dict[Source, float] = {}
+    unstated = _Unstated(task, state)
     many = sum(arc.coefficients.size for arc in state.arcs)
     turn = 0
     for turn in range(_TURNS if ten else _TURNS_BEGINNING):
@@ -165,7 +166,7 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
                     equations = smooth(state, readings)
                     step = _step(task, state, equations)
             ratios = _ratios(equations, tally, task.stated)
-            factors = _unstated(task, state, ratios)
+            factors = unstated(state, ratios)
             settled = settled and not _changed(state.factors, factors)
             if settled and (arrived or step.decrement < _NEARLY * cost):
                 # Only a motion that is as free as it wants to be can say that a noise is not as stated.
@@ -214,16 +215,27 @@ def _ratios(equations: Sequence[NormalEquations], tally: Tally, stated: frozense
     return ratios
 
 
-def _unstated(task: Task, state: State, ratios: Mapping[Source, float]) -> dict[Source, float]:
-    """Levels of noise that is not stated."""
-    factors, first = dict(state.factors), _first_sigmas(task, state)
-    for source, ratio in ratios.items():
-        if source not in task.stated:
-            change = float(np.sqrt(np.clip(ratio, np.exp(-_MOST_CHANGE), np.exp(_MOST_CHANGE))))
-            factors[source] = max(
-                factors.get(source, 1.0) * change, task.least.get(source, 0.0) / first.get(source, np.inf)
-            )
-    return factors
+class _Unstated:
+    """Levels of noise that is not stated, followed turn by turn; two that pull at each other are followed more slowly."""
+
+    def __init__(self, task: Task, state: State) -> None:
+        self._task, self._first = task, _first_sigmas(task, state)
+        self._last: dict[Source, float] = {}
+        self._pace: dict[Source, float] = {}
+
+    def __call__(self, state: State, ratios: Mapping[Source, float]) -> dict[Source, float]:
+        """Factors that the ratios ask for."""
+        factors = dict(state.factors)
+        for source, ratio in ratios.items():
+            if source in self._task.stated:
+                continue
+            change = float(np.clip(np.log(ratio) / 2, -_MOST_CHANGE, _MOST_CHANGE))
+            if change * self._last.get(source, 0.0) < 0:
+                self._pace[source] = self._pace.get(source, 1.0) / 2
+            self._last[source] = change
+            level = factors.get(source, 1.0) * float(np.exp(change * self._pace.get(source, 1.0)))
+            factors[source] = max(level, self._task.least.get(source, 0.0) / self._first.get(source, np.inf))
+        return factors
 
 
 def _first_sigmas(task: Task, state: State) -> dict[Source, float]:

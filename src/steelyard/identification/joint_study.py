@@ -221,7 +221,8 @@ def _fitted(
         found = fit(task, state, lambda part: tell("maximum-likelihood: motion and forces", 0.5 + 0.3 * part))
         state = found.state
         fitted = _Fitted(task, found, motion, felt, contacts, spikes, lost)
-        if turn == _ROUNDS - 1:
+        if turn == _ROUNDS - 1 or (before is None and _finer(experiment, records, fitted)):
+            # What is to be followed more closely need not be looked at for what stands out of it.
             break
         looked = [
             look(at, forces, forces.sigmas(arc, state.factors))
