@@ -1,6 +1,6 @@
 """Maximum likelihood under disturbances, from far-off beginnings, over long recordings, and beside a general solver.
 
-`python benchmarks/likelihood.py NAME`, with one of the names in the table at the end.
+`python benchmarks/likelihood.py NAME`, with one of the names in the table at the end; `robust 20` for 20 recordings.
 """
 
 from __future__ import annotations
@@ -107,13 +107,10 @@ def robust(count: int = 12) -> None:
     """Errors with spikes and a hole in the tracker's stream, beside those of the same recordings without."""
     recorder = Recorder()
     truth = recorder.robot.platform.body_parameters
-    kinds = {
-        "clean": None,
-        "1 % of the samples, one cable each": False,
-        "1 % of all readings": True,
-    }
+    # Whether every reading may spike, or one a sample; None: as recorded.
+    kinds = {"clean": None, "one cable in 1 % of the samples": False, "1 % of all readings": True}
     found: dict[str, list[Estimate]] = {kind: [] for kind in kinds}
-    hit: dict[str, list[int]] = {kind: [] for kind in kinds}
+    counts: dict[str, list[Array]] = {kind: [] for kind in kinds}
     reasons: list[str] = []
     for seed in range(FIRST_SEED, FIRST_SEED + count):
         sound = recorder(seed)
@@ -126,11 +123,11 @@ def robust(count: int = 12) -> None:
             estimate, joint = estimated(experiment)
             found[kind].append(estimate)
             out = left_out(experiment, joint)
-            hit[kind].append(np.array([where.sum(), (where & out).sum(), (~where).sum(), (out & ~where).sum()]))
+            counts[kind].append(np.array([where.sum(), (where & out).sum(), (~where).sum(), (out & ~where).sum()]))
             if not estimate.verdict.accepted:
                 reasons.append(f"  rejected: seed {seed}, {kind}: {estimate.verdict.reasons[0][:150]}")
     print(
-        f"{count} recordings: CoGiRo, 20 s, sensors of the paper; spikes of {SPIKES[0]:.0f} to {SPIKES[1]:.0f} N, hole of {HOLE} s"
+        f"{count} recordings: CoGiRo, 20 s, sensors of the paper; spikes of {SPIKES[0]:.0f} to {SPIKES[1]:.0f} N, hole of {HOLE} s; [kg], [mm], [kg m^2]"
     )
     print(f"{'':40}" + "".join(f"{name:>9}" for name in BODY_PARAMETERS) + "   pooled")
     errors = {kind: np.array([e.value - truth for e in each]) for kind, each in found.items()}
@@ -139,15 +136,12 @@ def robust(count: int = 12) -> None:
     for kind, each in found.items():
         ratio = rmse[kind] / rmse["clean"]
         chi = [chi_square(e, truth) / 10 for e in each]
-        spikes, caught, sound_readings, lost = np.sum(hit[kind], axis=0)
-        print(f"{'rmse [kg], [mm], [kg m^2], ' + kind:60.60}"[:40] + "".join(f"{v:9.3f}" for v in rmse[kind] * UNITS))
+        spikes, caught, sound_readings, lost = np.sum(counts[kind], axis=0)
+        print(f"{kind + ': rmse':40}" + "".join(f"{v:9.3f}" for v in rmse[kind] * UNITS))
+        pooled = np.sqrt(np.mean(ratio**2))
+        print(f"{'  over that of clean':40}" + "".join(f"{v:9.3f}" for v in ratio) + f"{pooled:9.3f}")
         print(
-            f"{'  over that of the clean ones':40}"
-            + "".join(f"{v:9.3f}" for v in ratio)
-            + f"{np.sqrt(np.mean(ratio**2)):9.3f}"
-        )
-        print(
-            f"  {kind}: accepted {sum(e.verdict.accepted for e in each)} of {count}, chi-square of the ten per degree of freedom "
+            f"  accepted {sum(e.verdict.accepted for e in each)} of {count}, chi-square of the ten per degree of freedom "
             f"{np.mean(chi):.2f}; left out {caught} of {spikes} spiked and {lost} of {sound_readings} other readings",
             flush=True,
         )
@@ -588,8 +582,8 @@ def general() -> None:
     given = {"from the motion's fit": start, "from the beginning": begun}
     sigma = np.sqrt(np.diag(found.covariance))
     print(
-        f"{'solver':58}{'time':>10}{'ratio':>9}{'evaluations':>13}{'steps':>7}{'arrived':>11}{'chi2 less':>12}"
-        f"{'off: ten':>10}{'errors':>8}   (off in 1-sigma of the package's answer)"
+        f"{'solver':66}{'time':>10}{'ratio':>9}{'evaluations':>13}{'steps':>7}{'arrived':>11}{'chi2 over':>12}"
+        f"{'off: ten':>10}{'errors':>8}   (off: from the package's answer, in its 1-sigma)"
     )
     for words, beginning in given.items():
         seconds, ours = _median(lambda from_=beginning: fit(task, from_))
@@ -625,7 +619,8 @@ def general() -> None:
         jac="2-point", jac_sparsity=pattern,
     )  # fmt: skip
     print(
-        "(scipy is given noise and smoothness, which the package finds; 'arrived': within a chi-square of 0.5 of the least known)"
+        f"(scipy is given noise and smoothness, which the package finds; 'arrived': within a chi-square of {ARRIVED} of the "
+        "package's; each of its evaluations makes the derivatives too)"
     )
 
 
@@ -665,9 +660,9 @@ def _general(
         )
         seconds, counts = time.perf_counter() - problem.began, (solved.nfev, solved.njev)
         end = problem.at(solved.x)
-        note = "" if solved.status > 0 else f"; did not arrive within {MOST} evaluations"
+        note = f"; ended: {solved.message}" if solved.status > 0 else f"; did not arrive within {MOST} evaluations"
     except LateError:
-        seconds, counts = time.perf_counter() - problem.began, (len(problem.trace), -1)
+        seconds, counts = time.perf_counter() - problem.began, (len(problem.trace), None)
         end = problem.at(min(problem.trace, key=lambda each: each[1])[2])
         note = f"; did not arrive within {PATIENCE:.0f} s"
     _line(f"{what}, {words}", seconds, seconds / reference, counts, problem.trace, problem, end, best, sigma, note)
@@ -677,7 +672,7 @@ def _line(
     what: str,
     seconds: float,
     ratio: float,
-    counts: tuple[int, int],
+    counts: tuple[int, int | None],
     trace: list[tuple[float, float, Array]] | None,
     problem: Residuals,
     end: State,
@@ -691,7 +686,7 @@ def _line(
     arrived = next((at for at, cost, _ in trace or () if cost < least + ARRIVED), None)
     off = np.abs(point - best)[problem.motion :] / np.where(sigma > 0, sigma, np.inf)
     print(
-        f"{what:58}{seconds:8.2f} s{ratio:8.1f}x{counts[0]:13}{counts[1]:7}"
+        f"{what:66}{seconds:8.2f} s{ratio:8.1f}x{counts[0]:13}{counts[1] or '-':>7}"
         + (f"{arrived:9.2f} s" if arrived is not None else f"{'':11}")
         + f"{reached - least:12.4f}{off[:TEN].max():10.4f}{off[TEN:].max():8.4f}   "
         + f"worst {LINEAR_PARAMETERS[int(np.argmax(off[:TEN]))]}{note}",
@@ -699,7 +694,7 @@ def _line(
     )
 
 
-BENCHMARKS: dict[str, Callable[[], None]] = {
+BENCHMARKS: dict[str, Callable[..., None]] = {
     "robust": robust,
     "starts": starts,
     "lengths": lengths,
@@ -707,6 +702,9 @@ BENCHMARKS: dict[str, Callable[[], None]] = {
 }
 
 if __name__ == "__main__":
-    for chosen in sys.argv[1:] or BENCHMARKS:
+    # A number says how many, to the name before it.
+    names = [word for word in sys.argv[1:] if not word.isdigit()] or list(BENCHMARKS)
+    many = {name: [int(word)] for name, word in zip(sys.argv[1:], sys.argv[2:], strict=False) if word.isdigit()}
+    for chosen in names:
         print(f"\n== {chosen}")
-        BENCHMARKS[chosen]()
+        BENCHMARKS[chosen](*many.get(chosen, []))

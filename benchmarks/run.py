@@ -15,6 +15,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import likelihood
 import numpy as np
 from coverage import main as coverage_of
 from recordings import recordings
@@ -186,6 +187,26 @@ def verdicts(_: Path) -> None:
     verdict_table(sound=100, wrong_each=8, processes=os.cpu_count() or 1)
 
 
+def robust(_: Path) -> None:
+    """Maximum likelihood with spikes and a hole in the tracker's stream."""
+    likelihood.robust()
+
+
+def starts(_: Path) -> None:
+    """Maximum likelihood from descriptions that are far off."""
+    likelihood.starts()
+
+
+def lengths(_: Path) -> None:
+    """Time and memory of maximum likelihood, up to ten minutes of recording."""
+    likelihood.lengths()
+
+
+def scipy(_: Path) -> None:
+    """The joint problem by a general solver."""
+    likelihood.general()
+
+
 BENCHMARKS = {
     "speed": speed,
     "hour": hour,
@@ -194,6 +215,10 @@ BENCHMARKS = {
     "accuracy": accuracy,
     "coverage": coverage,
     "verdicts": verdicts,
+    "robust": robust,
+    "starts": starts,
+    "lengths": lengths,
+    "scipy": scipy,
 }
 
 if __name__ == "__main__":

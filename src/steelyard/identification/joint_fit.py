@@ -30,6 +30,9 @@ _BORDER, _ALL = 0.02, 0.5
 """Promised decrease of the cost, a chi-square, at which constants and everything have arrived."""
 _BEGUN = 5.0
 """The same of the motion where forces are not looked at: a beginning for the rest."""
+_SLOW = 0.4
+"""Part of a step that the next one is, above which they are a slow series."""
+_PACES = 0.3, 2.5
 _NEARLY = 2e-3
 """Part of the cost that a step may still promise where a noise is looked at."""
 _SAME = 1e-6
@@ -148,7 +151,6 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
             share *= _SHORTER
             state = accepted[1].along(task, accepted[0], share)
             continue
-        share = 1.0
         equations = smooth(state, readings)
         step = _step(task, state, equations)
         near, settled, factors = step.decrement < many, True, state.factors
@@ -176,13 +178,27 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
             if converged:
                 break
         # A cost in other units is no measure of the step.
+        pace = _pace(accepted[1], step, share) if settled and accepted is not None else 1.0
         accepted = (state, step, cost) if settled else None
-        state = replace(step.along(task, state, 1.0), factors=factors)
+        share = pace
+        state = replace(step.along(task, state, share), factors=factors)
         tell(min(0.95, turn / 8))
     ratios = ratios or _ratios(equations, tally, task.stated)
     return Fit(
         state, equations, tally, ratios, converged, turn + 1, step.covariance, task.stated, _first_sigmas(task, state)
     )
+
+
+def _pace(last: _Step, step: _Step, share: float) -> float:
+    """Share of a step that arrives at once where a share of the last one, in the same direction, fell short or overshot.
+
+    What Gauss-Newton leaves out of the curvature makes steps that are a constant factor of the one before [Aitken1926]_.
+    """
+    weight = 1 / np.maximum(np.diag(step.covariance), 1e-300)
+    ratio = float((weight * last.border) @ step.border) / max(float((weight * last.border) @ last.border), 1e-300)
+    if abs(ratio) < _SLOW:
+        return 1.0
+    return float(np.clip(share / max(1 - ratio, 1e-3), *_PACES))
 
 
 def smooth(state: State, readings: Sequence[NormalEquations]) -> tuple[NormalEquations, ...]:
