@@ -61,7 +61,7 @@ def test_kuka_moving_runs(kuka, runs):
 
 
 def test_kuka_all_runs(kuka):
-    estimate = identify(kuka).estimates["two-step"]
+    estimate = identify(kuka, [TwoStep()]).estimates["two-step"]
     assert abs(estimate.value[0] - 0.932) < 0.004
     assert np.abs(estimate.value[1:4] - [0.0003, 0, 0.0439]).max() < 0.5e-3
     untold = [name for name, label in estimate.verdict.parameters.items() if label == "unidentifiable"]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+from steelyard.dynamics import platform_regressor
 from steelyard.experiment.model import Experiment
 from steelyard.identification.arc import Label, NormalEquations, Rows, accumulate
 from steelyard.identification.bound import Bound
@@ -392,13 +393,19 @@ def _concluded(
         blocks.append(_blocks(arc, rows, equations, parameters, names.index(arc.run)))
         if not arc.static:
             solved.append((arc, equations.inverse, equations.followed))
+    balances = fitted.balances
+    noise = {run.name: np.zeros((TEN, TEN)) for run in experiment.runs}
+    for arc, inverse, followed in solved:
+        at = balances[state.arcs.index(arc)]
+        noise[arc.run] = noise[arc.run] + _regressor_noise(arc, at, inverse, followed, state.systematic.gravity)
+    sums = {name: replace(each, noise=noise[name]) for name, each in sums.items()}
     total = sum_up(list(sums.values()))
     prior = _prior(experiment, unknowns, state.systematic.values, parameters, plausible_radius(experiment.robot))
     estimated = np.concatenate([np.ones(TEN, dtype=bool), task.active])
-    solution = solve(total, prior, estimated, plausible(parameters, plausible_radius(experiment.robot)), correct=False)
+    size = plausible(parameters, plausible_radius(experiment.robot))
+    solution = solve(total, prior, estimated, size, correct=False, loud=_LOUD)
     force_labels = {arc.label(f.name, q) for arc, f in zip(state.arcs, felt, strict=True) for q in f.readings}
     solution = replace(solution, ratio=_force_ratio(found, force_labels, frozenset()), spent=0.0)
-    balances = fitted.balances
     by_run = {run.name: _of_run(run.name, state.arcs, balances, felt) for run in experiment.runs}
     kinematic = {label: float(np.sqrt(value)) for label, value in found.ratios.items() if label not in force_labels}
     used = tuple(
@@ -450,6 +457,32 @@ def _concluded(
             for arc, inverse, followed in solved
         ),
     )
+
+
+_LOUD = 1.0
+"""A direction is told where its information exceeds what the noise of the fitted motion alone would give. (Where nothing turns it has a third
+of that, for what the motion takes of it; in a single move from rest to rest, which tells the moments to a quarter, twice as much.)"""
+_LOOKED_AT = 500
+"""Samples that show how much noise the fitted motion has in the regressor."""
+
+
+def _regressor_noise(arc: Arc, at: Balance, inverse: Array, followed: Array, gravity: Array) -> Array:
+    """Mean product of the noise in the regressor with itself, summed over the samples: what a motion of nothing but noise would tell."""
+    few = slice(None, None, -(-len(at.time) // _LOOKED_AT))
+    nothing = np.zeros((followed.shape[1], followed.shape[1]))
+    sigma = fitted_motion(arc, inverse, followed, nothing, at.time[few]).sigma
+    level = {name: float(np.sqrt(np.mean(each**2))) for name, each in sigma.items()}
+    noisy = {
+        "omega": level["angular_velocity"],
+        "alpha": level["angular_acceleration"],
+        "specific_force": float(np.hypot(level["acceleration"], np.linalg.norm(gravity) * level["rotation"])),
+    }
+    rng = np.random.default_rng(0)
+    motion = {key: at.motion[key][few] for key in ("specific_force", "omega", "alpha")}
+    moved = {key: rng.standard_normal(each.shape) * noisy[key] for key, each in motion.items()}
+    there, back = (platform_regressor(*(motion[key] + sign * each for key, each in moved.items())) for sign in (1, -1))
+    white = at.whitener[few] @ (there - back) / 2
+    return np.asarray(np.einsum("nki,nkj->ij", white, white) * len(at.time) / len(white))
 
 
 def _by_force_clock(experiment: Experiment, arc: Arc, systematic: Systematic) -> Arc:

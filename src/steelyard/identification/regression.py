@@ -23,7 +23,7 @@ _HUBER = float(np.sqrt(chi2.ppf(1 - 1e-4, 6)))
 _BLOCK_SPACINGS = 5.0
 """Length of the blocks in which residuals may be correlated, in knot spacings of the filter."""
 _MOST_BLOCKS = 100
-_LOUD = 4.0
+LOUD = 4.0
 """A direction is told where its information is this many times what noise in the regressor alone would give."""
 _SIGNIFICANT = 0.95
 
@@ -173,7 +173,9 @@ def sums_of(rows: Rows, weight: Array, freedom: float, run: int) -> tuple[Sums, 
     return sums, Blocks(crossed, right, np.full(len(right), run, dtype=np.intp))
 
 
-def solve(sums: Sums, prior: Prior, estimated: NDArray[np.bool_], scale: Array, *, correct: bool) -> Solution:
+def solve(
+    sums: Sums, prior: Prior, estimated: NDArray[np.bool_], scale: Array, *, correct: bool, loud: float = LOUD
+) -> Solution:
     """Estimate some of the columns.
 
     Args:
@@ -182,11 +184,12 @@ def solve(sums: Sums, prior: Prior, estimated: NDArray[np.bool_], scale: Array, 
         estimated: Which to estimate, shape (k,); the ten are.
         scale: Plausible size of the ten, shape (10,).
         correct: Whether to take off the first-order bias by noise in the regressor.
+        loud: See :data:`LOUD`.
     """
     k = len(estimated)
     use = np.flatnonzero(estimated)
     normal = sums.normal[np.ix_(use, use)] + prior.precision[np.ix_(use, use)]
-    hidden, untold = _untold(normal, sums.noise, scale)
+    hidden, untold = _untold(normal, loud * sums.noise, scale)
     # Directions that are not told are held; their uncertainty is that of what is plausible.
     held = np.zeros((len(use), len(use)))
     held[:TEN, :TEN] = hidden
@@ -250,7 +253,7 @@ def _untold(normal: Array, noise: Array, scale: Array) -> tuple[Array, Array]:
 
     Args:
         normal: Of the estimated columns with their priors.
-        noise: Of the ten.
+        noise: Of the ten, as much of it as must be exceeded.
         scale: Plausible size of the ten.
     """
     others = normal[TEN:, TEN:]
@@ -262,7 +265,7 @@ def _untold(normal: Array, noise: Array, scale: Array) -> tuple[Array, Array]:
     scaled = information * np.outer(scale, scale)
     values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
     loud = np.einsum("ij,ik,kj->j", vectors, noise * np.outer(scale, scale), vectors)
-    hidden = (values < _LOUD * loud) | (values < 1e-12 * values[-1]) | (values < _LEAST_INFORMATION)
+    hidden = (values < loud) | (values < 1e-12 * values[-1]) | (values < _LEAST_INFORMATION)
     directions = vectors[:, hidden]
     strength = max(1.0, float(values[-1])) * 1e3
     held = (directions * strength) @ directions.T / np.outer(scale, scale)
