@@ -27,6 +27,7 @@ from steelyard.identification.consistent import Consistent, body_problem
 from steelyard.identification.consistent_body import solve
 from steelyard.identification.instrumental_variables import InstrumentalVariables
 from steelyard.identification.least_squares import LeastSquares
+from steelyard.identification.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
@@ -112,7 +113,14 @@ def accuracy(_: Path) -> None:
     errors: dict[tuple[str, str], list[Array]] = {}
     for name, path, truth in recordings():
         experiment = read_experiment(path)
-        methods = [TwoStep(), TwoStep(acceleration="tracker"), LeastSquares(), InstrumentalVariables(), Consistent()]
+        methods = [
+            TwoStep(),
+            TwoStep(acceleration="tracker"),
+            LeastSquares(),
+            InstrumentalVariables(),
+            Consistent(),
+            MaximumLikelihood(),
+        ]
         variants = [(m.name + (", tracker" if i == 1 else ""), experiment, m) for i, m in enumerate(methods)]
         if name.startswith("pulleys"):
             straight = replace(experiment, robot=experiment.robot.with_straight_cables())

@@ -244,7 +244,7 @@ def _selected_inverse(factor: Array) -> Array:
     return result
 
 
-_AT_ONCE = 2048
+_AT_ONCE = 512
 """Instants whose products are held at once."""
 
 

@@ -131,4 +131,5 @@ def _all_rows(
 ) -> Iterator[Rows]:
     column_of = np.where(active, TEN + np.cumsum(active) - 1, -1)
     yield from motion_rows(experiment, arc, systematic, column_of, {}, Tally())
-    yield force_rows(experiment, arc, felt, systematic, column_of, parameters, {}, Tally())
+    for part in felt.parts():
+        yield force_rows(experiment, arc, part, systematic, column_of, parameters, {}, Tally())

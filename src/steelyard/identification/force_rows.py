@@ -7,8 +7,8 @@ the measured ones (Gauss-Helmert [Helmert1872]_): the noise of a reading must no
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler
 from steelyard.experiment.model import Experiment
 from steelyard.identification.arc import Rows, motion_at, spread
-from steelyard.identification.motion_rows import Arc, Border, Tally, limit, reference_clocks, time_of
+from steelyard.identification.motion_rows import AT_ONCE, Arc, Border, Tally, limit, reference_clocks, time_of
 from steelyard.identification.regression import TEN
 from steelyard.identification.sources import Source
 from steelyard.identification.unknowns import DRAG, LAG, ROBOT, Systematic
@@ -53,6 +53,13 @@ class Forces:
     """1-sigma of single readings, shape (r,)."""
     left_out: NDArray[np.bool_]
     """Readings that stand alone against all others, shape (n, r)."""
+
+    def parts(self) -> Iterator[Forces]:
+        """The same, some samples at a time: rows take much memory."""
+        for start in range(0, len(self.time), AT_ONCE):
+            own = slice(start, start + AT_ONCE)
+            readings = {quantity: values[own] for quantity, values in self.readings.items()}
+            yield replace(self, time=self.time[own], readings=readings, left_out=self.left_out[own])
 
     def sigmas(self, arc: Arc, factors: Mapping[Source, float]) -> Array:
         """1-sigma of every reading, shape (n, r)."""

@@ -110,9 +110,10 @@ def linearise(
     def rows(arc: Arc, felt: Forces | None) -> Iterator[Rows]:
         yield from motion_rows(task.experiment, arc, state.systematic, column_of, state.factors, tally)
         if felt is not None and state.parameters is not None:
-            yield force_rows(
-                task.experiment, arc, felt, state.systematic, column_of, state.parameters, state.factors, tally
-            )
+            for part in felt.parts():
+                yield force_rows(
+                    task.experiment, arc, part, state.systematic, column_of, state.parameters, state.factors, tally
+                )
 
     return tuple(
         accumulate(len(arc.coefficients), border, rows(arc, felt), width=arc.width)

@@ -316,10 +316,11 @@ def _first_body(experiment: Experiment, state: State, felt: Sequence[Forces]) ->
     for _ in range(_BODY_ROUNDS):
         normal, right = np.zeros((TEN, TEN)), np.zeros(TEN)
         for arc, forces in zip(state.arcs, felt, strict=True):
-            rows = force_rows(experiment, arc, forces, state.systematic, nowhere, parameters, state.factors, Tally())
-            A = rows.by_errors.reshape(-1, TEN)
-            normal += A.T @ A
-            right += A.T @ (A @ parameters - rows.residual.ravel())
+            for part in forces.parts():
+                rows = force_rows(experiment, arc, part, state.systematic, nowhere, parameters, state.factors, Tally())
+                A = rows.by_errors.reshape(-1, TEN)
+                normal += A.T @ A
+                right += A.T @ (A @ parameters - rows.residual.ravel())
         scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         solution, *_ = np.linalg.lstsq(normal * np.outer(scale, scale), scale * right, rcond=1e-9)
         parameters = scale * solution
@@ -385,11 +386,13 @@ def _concluded(
     solved: list[tuple[Arc, Array, Array]] = []
     names = [run.name for run in experiment.runs]
     for arc, forces in zip(state.arcs, felt, strict=True):
-        rows = list(_rows(experiment, arc, forces, state, column_of))
+        # Twice, for their rows take more memory than time.
+        rows = _rows(experiment, arc, forces, state, column_of)
         equations = arc.smooth(accumulate(len(arc.coefficients), border, rows, width=arc.width))
         normal, gradient = equations.reduced()
         own = _sums(normal, gradient, parameters, float(np.sum(~forces.left_out.all(axis=1))))
         sums[arc.run] = own if arc.run not in sums else sums[arc.run] + own
+        rows = _rows(experiment, arc, forces, state, column_of)
         blocks.append(_blocks(arc, rows, equations, parameters, names.index(arc.run)))
         if not arc.static:
             solved.append((arc, equations.inverse, equations.followed))
@@ -512,7 +515,8 @@ def _rows(
 ) -> Iterator[Rows]:
     tally = Tally()
     yield from motion_rows(experiment, arc, state.systematic, column_of, state.factors, tally)
-    yield force_rows(experiment, arc, forces, state.systematic, column_of, _ten(state), state.factors, tally)
+    for part in forces.parts():
+        yield force_rows(experiment, arc, part, state.systematic, column_of, _ten(state), state.factors, tally)
 
 
 def _sums(normal: Array, gradient: Array, parameters: Array, freedom: float) -> Sums:
@@ -523,7 +527,7 @@ def _sums(normal: Array, gradient: Array, parameters: Array, freedom: float) -> 
     return Sums(normal, normal, normal, right, right, square, np.zeros((TEN, TEN)), np.zeros(len(gradient)), freedom)
 
 
-def _blocks(arc: Arc, rows: Sequence[Rows], equations: NormalEquations, parameters: Array, run: int) -> Blocks:
+def _blocks(arc: Arc, rows: Iterable[Rows], equations: NormalEquations, parameters: Array, run: int) -> Blocks:
     """Stretches of an arc, each with what it says about the border once the motion has followed."""
     instants = len(arc.coefficients) if arc.static else len(arc.coefficients) - arc.width // 7 + 1
     length = float(arc.knots[-1] - arc.knots[0])

@@ -44,7 +44,7 @@ _PLACE, _SPEED = 100.0, 10.0
 """1-sigma of where a platform may be [m] and how fast it may move [m/s], where no instrument tells: it does not fly away."""
 _FAR = 1e-4
 """Probability of a number that counts no more than noise may reach [Huber1964]_."""
-_AT_ONCE = 8192
+AT_ONCE = 8192
 """Samples whose rows are held at once."""
 
 
@@ -208,12 +208,12 @@ def motion_rows(
     unknowns = systematic.unknowns
     references = reference_clocks(experiment, unknowns, arc)
     for reading in arc.readings:
-        for start in range(0, len(reading.time), _AT_ONCE):
+        for start in range(0, len(reading.time), AT_ONCE):
             yield _of_reading(
                 experiment,
                 arc,
                 reading,
-                slice(start, start + _AT_ONCE),
+                slice(start, start + AT_ONCE),
                 systematic,
                 column_of,
                 references,
