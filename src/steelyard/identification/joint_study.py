@@ -311,16 +311,19 @@ def _prior(experiment: Experiment, unknowns: Unknowns, values: Array, parameters
 
 def _first_body(experiment: Experiment, state: State, felt: Sequence[Forces]) -> Array:
     """The ten linear parameters that balance forces and a given motion, samples that stand far counting less."""
-    nowhere = np.full(len(state.systematic.unknowns), -1)
     parameters = np.zeros(TEN)
     for _ in range(_BODY_ROUNDS):
         normal, right = np.zeros((TEN, TEN)), np.zeros(TEN)
         for arc, forces in zip(state.arcs, felt, strict=True):
-            for part in forces.parts():
-                rows = force_rows(experiment, arc, part, state.systematic, nowhere, parameters, state.factors, Tally())
-                A = rows.by_errors.reshape(-1, TEN)
-                normal += A.T @ A
-                right += A.T @ (A @ parameters - rows.residual.ravel())
+            at = balance_of(experiment, arc, forces, state.systematic, parameters, state.factors)
+            regressor = platform_regressor(at.motion["specific_force"], at.motion["omega"], at.motion["alpha"])
+            residual = np.einsum("nij,nj->ni", at.whitener, at.left_over)
+            weight = sample_weight(residual)
+            A = -at.whitener @ regressor
+            normal += np.einsum("nki,n,nkj->ij", A, weight, A, optimize=True)
+            right += np.einsum(
+                "nki,n,nk->i", A, weight, np.einsum("nki,i->nk", A, parameters) - residual, optimize=True
+            )
         scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         solution, *_ = np.linalg.lstsq(normal * np.outer(scale, scale), scale * right, rcond=1e-9)
         parameters = scale * solution
@@ -386,13 +389,11 @@ def _concluded(
     solved: list[tuple[Arc, Array, Array]] = []
     names = [run.name for run in experiment.runs]
     for arc, forces in zip(state.arcs, felt, strict=True):
-        # Twice, for their rows take more memory than time.
-        rows = _rows(experiment, arc, forces, state, column_of)
+        rows = list(_rows(experiment, arc, forces, state, column_of))
         equations = arc.smooth(accumulate(len(arc.coefficients), border, rows, width=arc.width))
         normal, gradient = equations.reduced()
         own = _sums(normal, gradient, parameters, float(np.sum(~forces.left_out.all(axis=1))))
         sums[arc.run] = own if arc.run not in sums else sums[arc.run] + own
-        rows = _rows(experiment, arc, forces, state, column_of)
         blocks.append(_blocks(arc, rows, equations, parameters, names.index(arc.run)))
         if not arc.static:
             solved.append((arc, equations.inverse, equations.followed))

@@ -44,7 +44,7 @@ _PLACE, _SPEED = 100.0, 10.0
 """1-sigma of where a platform may be [m] and how fast it may move [m/s], where no instrument tells: it does not fly away."""
 _FAR = 1e-4
 """Probability of a number that counts no more than noise may reach [Huber1964]_."""
-AT_ONCE = 8192
+AT_ONCE = 16384
 """Samples whose rows are held at once."""
 
 
