@@ -332,6 +332,13 @@ def test_the_default_has_two_step_beside_it():
     assert found.bound is not None
 
 
+def test_what_the_two_steps_cannot_do_does_not_stop_the_others():
+    found = identify(keeping(sound(0), "cables", "tracker", "command"))
+    assert not found.estimates["two-step"].verdict.accepted
+    assert "expected an orientation" in found.estimates["two-step"].verdict.reasons[0]
+    assert np.isfinite(found.estimates["maximum-likelihood"].value[0])
+
+
 def test_ideal_sensors_are_told_exactly():
     estimate = METHOD(RECORDER(0, instruments={k: changed(v, rate=100.0) for k, v in IDEAL.items()}))
     assert abs(estimate.value[0] / TRUTH[0] - 1) < 1e-3

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.identification.bound import Bound, attainable
@@ -14,10 +16,11 @@ from steelyard.identification.consistent import Consistent
 from steelyard.identification.estimate import BEST_FIRST, FORMAT, Estimate, named, nothing_told
 from steelyard.identification.fitted_motion import FittedMotion
 from steelyard.identification.instrumental_variables import InstrumentalVariables
-from steelyard.identification.joint_study import joint_study
+from steelyard.identification.joint_study import Joint, joint_study
 from steelyard.identification.least_squares import LeastSquares
 from steelyard.identification.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.prediction import Prediction, predict_held_out
+from steelyard.identification.study import Study
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import Inertia
 
@@ -90,7 +93,10 @@ def identify(
             raise InputError(f"--holdout: expected one of {', '.join(names)}, found '{name}'; choose one of these")
     predictions = predict_held_out(experiment, frozenset(holdout), progress) if holdout else ()
     used = replace(experiment, runs=tuple(run for run in experiment.runs if run.name not in holdout))
-    estimates, shared, joint = [], None, None
+    estimates: list[Estimate] = []
+    shared: Study | None = None
+    joint: Joint | None = None
+    baseline: InputError | None = None
     for method in chosen:
         if isinstance(method, LeastSquares | Consistent):
             # Both stand on the same normal equations.
@@ -105,8 +111,17 @@ def identify(
                 estimates.append(method.of(joint))
             except NoBalanceError as error:
                 estimates.append(nothing_told(method.name, str(error)))
+        elif isinstance(method, TwoStep) and method.acceleration is None and len(chosen) > 1:
+            # The baseline needs more instruments than better methods do.
+            try:
+                estimates.append(method(used, progress))
+            except InputError as error:
+                baseline = error
+                estimates.append(nothing_told(method.name, str(error)))
         else:
             estimates.append(method(used, progress))
+    if baseline is not None and not any(np.isfinite(estimate.value).any() for estimate in estimates):
+        raise baseline
     bound = joint.bound if joint else attainable(shared) if shared else None
     return Identification(
         experiment.name,

@@ -100,7 +100,7 @@ def _joint(experiment: Experiment, tell: Callable[[str, float], None], start: Sy
     samples: list[Samples] = []
     for i, run in enumerate(experiment.runs):
         tell(f"maximum-likelihood: reading {run.name}", 0.2 * i / len(experiment.runs))
-        samples.append(prepare(experiment, run, thin=True, systematic=begin))
+        samples.append(prepare(experiment, run, thin=True, systematic=begin, commanded=True))
     records = [recorded(experiment, run, each, begin) for run, each in zip(experiment.runs, samples, strict=True)]
     fitted = _fitted(experiment, begin, records, tell)
     if finer := _finer(experiment, records, fitted):

@@ -119,6 +119,7 @@ def prepare(
     sources: Sources | None = None,
     plan: Plan | None = None,
     thin: bool = False,
+    commanded: bool = False,
 ) -> Samples:
     """Samples of one run.
 
@@ -131,12 +132,13 @@ def prepare(
         sources: What to read from where; None: as :func:`choose_sources` decides.
         plan: That of other samples of the same run, to be compared with; None: from the data.
         thin: Whether few samples between two knots of the filter will do, and samples far from all others be left out.
+        commanded: Whether the commanded orientation will do where none is measured.
 
     Raises:
         InputError: A quantity that is needed is missing, the streams do not overlap, or nothing moves.
     """
     robot = experiment.robot.with_straight_cables() if straight else experiment.robot
-    sources = sources or choose_sources(experiment, run, acceleration)
+    sources = sources or choose_sources(experiment, run, acceleration, commanded=commanded)
     task = RunReader(experiment, robot, run, sources, systematic)
     return _static(task) if run.static else _moving(task, plan, thin=thin)
 

@@ -31,13 +31,16 @@ class Sources:
         return list(dict.fromkeys(s for s in (self.rotation, self.omega, self.specific_force, self.position) if s))
 
 
-def choose_sources(experiment: Experiment, run: Run, acceleration: Acceleration | None) -> Sources:
+def choose_sources(
+    experiment: Experiment, run: Run, acceleration: Acceleration | None, *, commanded: bool = False
+) -> Sources:
     """Decide what is read from where (Table I of the paper); of several instruments the first in the file is taken.
 
     Args:
         experiment: With its instruments.
         run: With its streams.
         acceleration: Where to take the acceleration from; None: the IMU where there is one, else the tracker.
+        commanded: Whether the commanded orientation will do where none is measured.
 
     Raises:
         InputError: Something is missing; the message names it.
@@ -71,10 +74,10 @@ def choose_sources(experiment: Experiment, run: Run, acceleration: Acceleration 
     rotation = first("orientation")
     position = first("position")
     if cables:
-        # Where nothing measures it the platform is taken to be where it was told to go.
-        rotation = rotation or needed(
-            first("orientation", Command),
-            "an orientation (imu, attitude, pose or command) to know where the cables pull",
+        # Where nothing measures its place the platform is taken to be where it was told to go.
+        rotation = needed(
+            rotation or (first("orientation", Command) if commanded else None),
+            "an orientation (imu, attitude or pose) to know where the cables pull",
         )
         position = (
             position
