@@ -58,7 +58,9 @@ def main(count: int, processes: int) -> None:
         errors = np.array([d[method][0] for d, _ in drawn])
         covariances = np.array([d[method][1] for d, _ in drawn])
         z = errors / np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-        chi = [error @ np.linalg.solve(covariance, error) for error, covariance in zip(errors, covariances, strict=True)]
+        chi = [
+            error @ np.linalg.solve(covariance, error) for error, covariance in zip(errors, covariances, strict=True)
+        ]
         rmse = np.sqrt(np.mean(errors**2, axis=0))
         row(f"{method}: rmse", rmse * UNITS, None)
         row("  rmse over attainable", rmse / bounds, float(np.sqrt(np.mean((rmse / bounds) ** 2))))

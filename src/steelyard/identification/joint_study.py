@@ -416,6 +416,8 @@ def _concluded(
         _samples(each, by_run[each.run], records[i]) if by_run[each.run] else each for i, each in enumerate(samples)
     )
     scored = together(blocks)
+    # A gap is left out by a filter; here the motion goes on across it, and what is left out has a note of its own.
+    prepared = [note for s in samples for note in s.notes if "gap" not in note]
     result = Study(
         experiment=experiment,
         systematic=state.systematic,
@@ -441,7 +443,7 @@ def _concluded(
             if each
         },
         settled=found.converged,
-        notes=tuple(dict.fromkeys([note for s in samples for note in s.notes if "gap" not in note] + list(notes))),
+        notes=tuple(dict.fromkeys([*prepared, *notes])),
     )
     J = body_jacobian(solution.value[:TEN])
     bound = Bound(np.asarray(J @ solution.covariance[:TEN, :TEN] @ J.T), solution.covariance[TEN:, TEN:])
