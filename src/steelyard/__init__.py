@@ -2,7 +2,7 @@
 
     >>> import steelyard
     >>> experiment = steelyard.read_experiment("experiment.yaml")
-    >>> steelyard.identify(experiment).estimates["consistent"].value
+    >>> steelyard.identify(experiment).estimates["maximum-likelihood"].value
 
 The names below are the public face; they load when they are first used, so that the command line answers at once.
 """
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from steelyard.identification.identify import identify as identify
     from steelyard.identification.instrumental_variables import InstrumentalVariables as InstrumentalVariables
     from steelyard.identification.least_squares import LeastSquares as LeastSquares
+    from steelyard.identification.maximum_likelihood import MaximumLikelihood as MaximumLikelihood
     from steelyard.identification.nearest_body import nearest_body as nearest_body
     from steelyard.identification.payload import payload as payload
     from steelyard.identification.prediction import predict_held_out as predict_held_out
@@ -53,6 +54,7 @@ _WHERE = {
     "InfeasibleError": "errors",
     "InstrumentalVariables": "identification.instrumental_variables",
     "LeastSquares": "identification.least_squares",
+    "MaximumLikelihood": "identification.maximum_likelihood",
     "compare": "identification.comparison",
     "cramer_rao": "identification.bound",
     "nearest_body": "identification.nearest_body",

@@ -105,7 +105,7 @@ def simulate(
     "methods",
     multiple=True,
     metavar="NAME",
-    help="two-step, least-squares, instrumental-variables, consistent, or all; may be repeated. Default: the best there is, with two-step "
+    help="two-step, least-squares, instrumental-variables, consistent, maximum-likelihood, or all; may be repeated. Default: the last, with two-step "
     "beside it.",
 )
 @click.option(
@@ -127,19 +127,19 @@ def simulate(
     nargs=6,
     type=float,
     metavar="X0 Y0 Z0 X1 Y1 Z1",
-    help="consistent: corners of a box that holds all mass [m].",
+    help="consistent, maximum-likelihood: corners of a box that holds all mass [m].",
 )
 @click.option(
     "--ellipsoid",
     nargs=6,
     type=float,
     metavar="X Y Z A B C",
-    help="consistent: centre and semi-axes of an ellipsoid, likewise [m].",
+    help="consistent, maximum-likelihood: centre and semi-axes of an ellipsoid, likewise [m].",
 )
 @click.option(
     "--towards-nominal",
     is_flag=True,
-    help="consistent: pull towards the nominal body as far as that predicts runs left out better.",
+    help="consistent, maximum-likelihood: pull towards the nominal body as far as that predicts runs left out better.",
 )
 @click.option("--out", type=_FOLDER, help="Folder for estimate.json and report.md; without it nothing is written.")
 @click.option("--force", is_flag=True, help="Replace files of the same names.")
