@@ -105,7 +105,7 @@ def simulate(
     "methods",
     multiple=True,
     metavar="NAME",
-    help="two-step, least-squares, instrumental-variables, consistent, maximum-likelihood, or all; may be repeated. Default: the last, with two-step "
+    help="two-step, least-squares, instrumental-variables, consistent, maximum-likelihood, or all; may be repeated. Default: maximum-likelihood, with two-step "
     "beside it.",
 )
 @click.option(
@@ -141,7 +141,9 @@ def simulate(
     is_flag=True,
     help="consistent, maximum-likelihood: pull towards the nominal body as far as that predicts runs left out better.",
 )
-@click.option("--out", type=_FOLDER, help="Folder for estimate.json and report.md; without it nothing is written.")
+@click.option(
+    "--out", type=_FOLDER, help="Folder for estimate.json, report.md and motion.parquet; without it nothing is written."
+)
 @click.option("--force", is_flag=True, help="Replace files of the same names.")
 @_common
 def identify(
