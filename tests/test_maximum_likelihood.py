@@ -164,6 +164,13 @@ def test_a_noise_larger_than_stated_counts_as_it_is():
     assert surprise(estimate) < LIMIT
 
 
+def test_an_accelerometer_in_another_unit_is_named():
+    wrong = with_values(sound(1), "imu", lambda t, v: (t, {**v, "specific_force": v["specific_force"] / 9.80665}))
+    verdict = METHOD(wrong).verdict
+    assert not verdict.accepted
+    assert any("specific force of imu" in reason or "read in g" in reason for reason in verdict.reasons)
+
+
 def spiked(time, values, share=0.01, seed=1):
     rng = np.random.default_rng(seed)
     tension = values["tension"].copy()

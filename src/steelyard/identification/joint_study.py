@@ -411,7 +411,13 @@ def _concluded(
     force_labels = {arc.label(f.name, q) for arc, f in zip(state.arcs, felt, strict=True) for q in f.readings}
     solution = replace(solution, ratio=_force_ratio(found, force_labels, frozenset()), spent=0.0)
     by_run = {run.name: _of_run(run.name, state.arcs, balances, felt) for run in experiment.runs}
-    kinematic = {label: float(np.sqrt(value)) for label, value in found.ratios.items() if label not in force_labels}
+    # A stated noise that did not hold counts as it is, but the verdict asks how it compares with what was stated.
+    level = {label: state.factors.get(label, 1.0) if label in task.stated else 1.0 for label in found.ratios}
+    kinematic = {
+        label: float(np.sqrt(value)) * level[label]
+        for label, value in found.ratios.items()
+        if label not in force_labels
+    }
     used = tuple(
         _samples(each, by_run[each.run], records[i]) if by_run[each.run] else each for i, each in enumerate(samples)
     )
