@@ -94,7 +94,10 @@ def _of_fixed(study: Study) -> Iterator[Finding]:
     # Noise that a column has in common with the target was taken off in the mean; it scatters as a sum of squares does.
     noise = noise + 2 * np.abs(total.shared[tested])
     noise = np.maximum(
-        noise, _by_blocks(study, tested, use, follow, np.where(diagonal > _ITS_OWN * own, score / diagonal, 0.0))
+        noise,
+        _by_blocks(
+            study, tested, use, follow, np.where(diagonal > _ITS_OWN * own, score / np.maximum(diagonal, 1e-300), 0.0)
+        ),
     )
     passed_on = information @ study.prior.covariance[np.ix_(tested, tested)] @ information.T
     z = score / np.sqrt(np.maximum(noise + np.diag(passed_on), 1e-300))

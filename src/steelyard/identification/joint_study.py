@@ -246,7 +246,7 @@ def _begun(
     motion = fit(task, state, lambda part: tell("maximum-likelihood: motion", 0.25 + 0.25 * part))
     found, lost = motion.state, list[str]()
     if any(far >= _STUCK_FAR for far in motion.tally.far.values()):
-        found, lost = _without_lost(experiment, found)
+        found, lost = _without_lost(experiment, found, arrived=motion.converged)
     if lost:
         motion = fit(task, found)
         found = motion.state
@@ -330,7 +330,7 @@ def _first_body(experiment: Experiment, state: State, felt: Sequence[Forces]) ->
     return np.asarray(parameters)
 
 
-def _without_lost(experiment: Experiment, state: State) -> tuple[State, list[str]]:
+def _without_lost(experiment: Experiment, state: State, *, arrived: bool) -> tuple[State, list[str]]:
     """Without readings that stand far from the motion many times in a row: a tracker that holds its last value, a frozen channel."""
     nowhere = np.full(len(state.systematic.unknowns), -1)
     arcs, notes = [], []
@@ -345,7 +345,10 @@ def _without_lost(experiment: Experiment, state: State) -> tuple[State, list[str
         kept = []
         for reading in arc.readings:
             far = np.concatenate(masks.get(reading.source, [np.zeros(len(reading.time), dtype=bool)]))
-            lost = _runs_of(far)
+            # What repeats itself is lost as a whole; of a motion that is not yet right sound readings stand far too.
+            lost = _frozen(reading.values, far)
+            if arrived:
+                lost |= _runs_of(far)
             if not lost.any() or lost.mean() > 0.5:
                 kept.append(reading)
                 continue
@@ -362,6 +365,19 @@ def _without_lost(experiment: Experiment, state: State) -> tuple[State, list[str
 
 _FAR = 4.5
 """Root of a whitened residual under Huber's weight that is far beyond what noise may reach."""
+
+
+def _frozen(values: Array, far: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Readings that stay the same many times in a row and stand far at least once, shape (n,)."""
+    flat = values.reshape(len(values), -1)
+    same = np.concatenate([[False], np.all(flat[1:] == flat[:-1], axis=1), [False]])
+    edges = np.flatnonzero(np.diff(same.astype(int)))
+    found = np.zeros(len(values), dtype=bool)
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        run = slice(first + 1, last + 1)
+        if last - first >= _STUCK_FAR and far[run].any():
+            found[run] = True
+    return found
 
 
 def _runs_of(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
