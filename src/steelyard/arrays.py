@@ -36,3 +36,13 @@ def readonly(values: ArrayLike, shape: Sequence[int | None], name: str) -> Array
         raise ValueError(f"{name}: expected finite numbers, found {array.tolist()}")
     array.setflags(write=False)
     return array
+
+
+def stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Where a mask holds in a row: first place of every stretch and the one after its last.
+
+    Args:
+        mask: Shape (n,).
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(first), int(last)) for first, last in zip(edges[::2], edges[1::2], strict=True)]

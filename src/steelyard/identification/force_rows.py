@@ -95,6 +95,11 @@ class Balance:
     correction: Array
     """Of the readings, so that they balance, in their 1-sigma, shape (n, r)."""
 
+    @property
+    def residual(self) -> Array:
+        """What is left over, whitened, shape (n, 6)."""
+        return np.asarray(np.einsum("nij,nj->ni", self.whitener, self.left_over))
+
 
 @lru_cache(maxsize=16)
 def _moved(heavy: Robot) -> Batched:
@@ -338,7 +343,7 @@ def force_rows(
         border.put(unknowns.place(name, LAG, arc.run), by_delay)
         border.put(unknowns.places[ROBOT, DRAG, None], found["by_drag"][:, :, None])
     by_errors, columns = border.collected()
-    residual = np.einsum("nij,nj->ni", at.whitener, at.left_over)
+    residual = at.residual
     weight = arc.holds(at.time) * sample_weight(residual)
     tally_forces(tally, arc, felt, at, weight)
     root = np.sqrt(weight)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.experiment.model import Experiment
-from steelyard.identification.arc import Label, NormalEquations, Rows, accumulate
+from steelyard.identification.arc import NormalEquations, Rows, accumulate
 from steelyard.identification.bound import Bound
 from steelyard.identification.classical import NoBalanceError
 from steelyard.identification.coherence import coherence
@@ -20,6 +20,7 @@ from steelyard.identification.fitted_motion import FittedMotion, fitted_motion
 from steelyard.identification.force_rows import Balance, Forces, balance_of, force_rows, sample_weight
 from steelyard.identification.joint_fit import Fit, State, Task, fit
 from steelyard.identification.kinematic_fit import KinematicFit, told_about
+from steelyard.identification.lost_readings import STUCK_FAR, without_lost
 from steelyard.identification.motion_rows import AT_REST, Arc, Tally, motion_rows, reference_clocks, time_of
 from steelyard.identification.outliers import look
 from steelyard.identification.preparation import Samples, prepare
@@ -45,10 +46,6 @@ _BLOCK = 1.0
 """Least length of the stretches that are held against each other [s]."""
 _BLOCK_SPACINGS = 5.0
 _MOST_BLOCKS = 60
-_STUCK_FAR = 5
-"""Motion readings in a row that stand far from the motion: the instrument has lost it."""
-_LEFT_UNREAD = 2
-"""Readings beside these that go with them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,8 +242,8 @@ def _begun(
     tell("maximum-likelihood: motion", 0.25)
     motion = fit(task, state, lambda part: tell("maximum-likelihood: motion", 0.25 + 0.25 * part))
     found, lost = motion.state, list[str]()
-    if any(far >= _STUCK_FAR for far in motion.tally.far.values()):
-        found, lost = _without_lost(experiment, found, arrived=motion.converged)
+    if any(far >= STUCK_FAR for far in motion.tally.far.values()):
+        found, lost = without_lost(experiment, found, arrived=motion.converged)
     if lost:
         motion = fit(task, found)
         found = motion.state
@@ -317,7 +314,7 @@ def _first_body(experiment: Experiment, state: State, felt: Sequence[Forces]) ->
         for arc, forces in zip(state.arcs, felt, strict=True):
             at = balance_of(experiment, arc, forces, state.systematic, parameters, state.factors)
             regressor = platform_regressor(at.motion["specific_force"], at.motion["omega"], at.motion["alpha"])
-            residual = np.einsum("nij,nj->ni", at.whitener, at.left_over)
+            residual = at.residual
             weight = sample_weight(residual)
             A = -at.whitener @ regressor
             normal += np.einsum("nki,n,nkj->ij", A, weight, A, optimize=True)
@@ -328,66 +325,6 @@ def _first_body(experiment: Experiment, state: State, felt: Sequence[Forces]) ->
         solution, *_ = np.linalg.lstsq(normal * np.outer(scale, scale), scale * right, rcond=1e-9)
         parameters = scale * solution
     return np.asarray(parameters)
-
-
-def _without_lost(experiment: Experiment, state: State, *, arrived: bool) -> tuple[State, list[str]]:
-    """Without readings that stand far from the motion many times in a row: a tracker that holds its last value, a frozen channel."""
-    nowhere = np.full(len(state.systematic.unknowns), -1)
-    arcs, notes = [], []
-    for arc in state.arcs:
-        readings = {reading.source: [reading] for reading in arc.readings}
-        masks: dict[Label, list[NDArray[np.bool_]]] = {}
-        if not arc.static:
-            for rows in motion_rows(experiment, arc, state.systematic, nowhere, state.factors, Tally()):
-                if rows.label in readings:
-                    # Huber's weights have been taken into the residual: one that stands far has length above its limit.
-                    masks.setdefault(rows.label, []).append(np.any(np.abs(rows.residual) > _FAR, axis=1))
-        kept = []
-        for reading in arc.readings:
-            far = np.concatenate(masks.get(reading.source, [np.zeros(len(reading.time), dtype=bool)]))
-            # What repeats itself is lost as a whole; of a motion that is not yet right sound readings stand far too.
-            lost = _frozen(reading.values, far)
-            if arrived:
-                lost |= _runs_of(far)
-            if not lost.any() or lost.mean() > 0.5:
-                kept.append(reading)
-                continue
-            time = reading.time[lost]
-            notes.append(
-                f"run '{arc.run}': {reading.source[1].replace('_', ' ')} of {reading.source[0]} has lost the motion between {time[0]:.2f} and "
-                f"{time[-1]:.2f} s ({lost.sum()} samples): left out"
-            )
-            tension = None if reading.tension is None else reading.tension[~lost]
-            kept.append(replace(reading, time=reading.time[~lost], values=reading.values[~lost], tension=tension))
-        arcs.append(replace(arc, readings=tuple(kept)))
-    return replace(state, arcs=tuple(arcs)), notes
-
-
-_FAR = 4.5
-"""Root of a whitened residual under Huber's weight that is far beyond what noise may reach."""
-
-
-def _frozen(values: Array, far: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Readings that stay the same many times in a row and stand far at least once, shape (n,)."""
-    flat = values.reshape(len(values), -1)
-    same = np.concatenate([[False], np.all(flat[1:] == flat[:-1], axis=1), [False]])
-    edges = np.flatnonzero(np.diff(same.astype(int)))
-    found = np.zeros(len(values), dtype=bool)
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        run = slice(first + 1, last + 1)
-        if last - first >= _STUCK_FAR and far[run].any():
-            found[run] = True
-    return found
-
-
-def _runs_of(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Where many in a row are far, and those beside them."""
-    found = np.zeros(len(far), dtype=bool)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], far, [False]]).astype(int)))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        if last - first >= _STUCK_FAR:
-            found[max(0, first - _LEFT_UNREAD) : last + _LEFT_UNREAD] = True
-    return found
 
 
 def _concluded(
@@ -459,11 +396,7 @@ def _concluded(
         blocks=scored,
         parameters=solution.value[:TEN],
         weights={name: np.concatenate([_weights(b, f) for b, f in each]) for name, each in by_run.items() if each},
-        residuals={
-            name: np.concatenate([np.einsum("nij,nj->ni", b.whitener, b.left_over) for b, _ in each])
-            for name, each in by_run.items()
-            if each
-        },
+        residuals={name: np.concatenate([b.residual for b, _ in each]) for name, each in by_run.items() if each},
         settled=found.converged,
         notes=tuple(dict.fromkeys([*prepared, *notes])),
     )
@@ -600,7 +533,7 @@ def _of_run(
 
 def _weights(at: Balance, felt: Forces) -> Array:
     """Weight of every sample; those that have been left out and named are none that stand out."""
-    weight = sample_weight(np.einsum("nij,nj->ni", at.whitener, at.left_over))
+    weight = sample_weight(at.residual)
     return np.where(felt.left_out.any(axis=1), 1.0, weight)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, stretches
 from steelyard.identification.force_rows import Balance, Forces
 from steelyard.identification.motion_rows import limit
 
@@ -45,7 +45,7 @@ def look(at: Balance, felt: Forces, sigmas: Array) -> Found:
         sigmas: 1-sigma of every reading, shape (n, r).
     """
     white = at.whitener @ (at.by_reading * sigmas[:, None, :])
-    size = np.sqrt(np.sum(np.einsum("nij,nj->ni", at.whitener, at.left_over) ** 2, axis=1))
+    size = np.sqrt(np.sum(at.residual**2, axis=1))
     # How much of a correction stays in the reading itself; the rest goes to those that share its direction.
     own = np.sum(white**2, axis=1)
     alone = np.where(felt.left_out, 0.0, at.correction / np.sqrt(np.maximum(own, 1e-12)))
@@ -77,8 +77,7 @@ def look(at: Balance, felt: Forces, sigmas: Array) -> Found:
 def _in_a_row(spikes: NDArray[np.bool_], worst: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Spikes of which many follow each other in different sensors: that is no sensor's doing."""
     found = np.zeros_like(spikes)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], spikes, [False]]).astype(int)))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
+    for first, last in stretches(spikes):
         if last - first >= 2 * _FEWEST and len(set(worst[first:last])) > 1:
             found[first:last] = True
     return found

@@ -331,13 +331,13 @@ def _samples(task: RunReader, source: Source) -> Samples1D:
             f"{stream.source}: expected at least 2 complete samples of {quantity.replace('_', ' ')}, found {len(time)}; fill the empty cells"
         )
     if values.ndim == 3:
-        values = _quaternions(task.solve("rotation", source, values))
+        values = quaternions_of(task.solve("rotation", source, values))
     elif quantity == "angular_velocity":
         values = task.solve("omega", source, values)
     return Samples1D(time, values)
 
 
-def _quaternions(rotations: Array) -> Array:
+def quaternions_of(rotations: Array) -> Array:
     """Quaternions (w, x, y, z) without jumps of sign, shape (n, 4)."""
     quaternions = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
     flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)

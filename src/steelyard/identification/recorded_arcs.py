@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, stretches
 from steelyard.experiment.model import Experiment, Run, is_motion
 from steelyard.identification.arc import motion_at
 from steelyard.identification.balance import force_sigma, least_sigma
 from steelyard.identification.evidence import Channelled, best_spacing
 from steelyard.identification.force_rows import Forces
 from steelyard.identification.motion_rows import PARTS, Arc, Reading, jerk_matrices
-from steelyard.identification.preparation import Samples
+from steelyard.identification.preparation import Samples, quaternions_of
 from steelyard.identification.smoothing import DEGREE, Samples1D, fit, knots
 from steelyard.identification.smoothness import LOOSER
 from steelyard.identification.unknowns import Systematic, clock_of
@@ -128,10 +128,8 @@ def poses_of(samples: Samples) -> Array:
     """Position and quaternion that samples show, the latter without jumps of sign, shape (n, 7)."""
     n = len(samples)
     position = np.zeros((n, 3)) if samples.position is None else samples.position
-    rotation = _tilt(samples) if samples.rotation is None else Rotation.from_matrix(samples.rotation)
-    quaternion = rotation.as_quat(scalar_first=True)
-    flips = np.where(np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0, -1.0, 1.0)
-    return np.hstack([position, quaternion * np.concatenate([[1.0], np.cumprod(flips)])[:, None]])
+    rotation = _tilt(samples).as_matrix() if samples.rotation is None else samples.rotation
+    return np.hstack([position, quaternions_of(rotation)])
 
 
 def _tilt(samples: Samples) -> Rotation:
@@ -385,9 +383,7 @@ def _spacing(
     for stream in streams:
         values, sigma = stream.values, stream.sigma
         if values.ndim == 3:
-            values = Rotation.from_matrix(values).as_quat(scalar_first=True)
-            flips = np.where(np.sum(values[1:] * values[:-1], axis=1) < 0, -1.0, 1.0)
-            values = values * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
+            values = quaternions_of(values)
             # A quaternion turns half as fast as the rotation vector.
             sigma = sigma / 2 if sigma else None
         complete = np.isfinite(values).all(axis=1)
@@ -470,8 +466,7 @@ def _stuck(values: Array) -> NDArray[np.bool_]:
     mask = np.zeros_like(same)
     for channel in range(values.shape[1]):
         others = np.delete(same, channel, axis=1)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], same[:, channel], [False]]).astype(int)))
-        for first, last in zip(edges[::2], edges[1::2], strict=True):
+        for first, last in stretches(same[:, channel]):
             # Some that repeat now and then are the steps of a coarse converter.
             if last - first >= _STUCK - 1 and others[first:last].mean() < 0.2:
                 mask[first:last, channel] = True
