@@ -20,6 +20,7 @@ LAYERS = [
     {"experiment"},
     {"simulation"},
     {"identification"},
+    {"excitation"},
     {"report"},
     {"cli"},
     {"__init__", "__main__"},

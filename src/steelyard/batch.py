@@ -23,7 +23,11 @@ Symbol: TypeAlias = Any
 """A CasADi SX or MX expression (the library ships no types)."""
 
 _BLOCK = 256  # samples a call: large enough to hide the call, small enough to build in a millisecond
-_BLOCKS_A_THREAD = 32  # a thread starts and ends in a millisecond or two where others compete; many calls are small
+_SMALL_BLOCK = 16  # of long expressions, beside which a call is nothing: less is computed for nothing in the last block
+_LONG = 4000  # operations
+_SAMPLES_A_THREAD = (
+    32 * _BLOCK
+)  # a thread starts and ends in a millisecond or two where others compete; many calls are small
 _MOST_THREADS = 8  # they share the memory, which does not get faster
 
 
@@ -44,15 +48,27 @@ class Batched:
         self._out_shapes = {key: _shape(symbol) for key, symbol in outputs.items()}
         flat = {key: type(symbol).sym(key, symbol.numel()) for key, symbol in inputs.items()}
         matrices = [ca.reshape(flat[key], symbol.shape[1], symbol.shape[0]).T for key, symbol in inputs.items()]
-        inner = ca.Function(name, list(inputs.values()), list(outputs.values()))
-        results = inner.call(matrices, True, False)
+        self._inner = ca.Function(name, list(inputs.values()), list(outputs.values()))
+        results = self._inner.call(matrices, True, False)
         self._single = ca.Function(name, list(flat.values()), [_row_major(r) for r in results])
-        self._block = self._single.map(_BLOCK)
+        self._size = _BLOCK if self._single.n_instructions() < _LONG else _SMALL_BLOCK
+        self._block = self._single.map(self._size)
 
     @property
     def function(self) -> Symbol:
         """The CasADi function of one sample; matrices go in and come out row by row."""
         return self._single
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(self._in_shapes)
+
+    def at(self, **symbols: Symbol) -> dict[str, Symbol]:
+        """The same expressions of other symbols, of the shapes of the inputs."""
+        return dict(
+            zip(self._out_shapes, self._inner.call([symbols[key] for key in self._in_shapes], True, False), strict=True)
+        )
 
     def __call__(self, **arrays: ArrayLike) -> dict[str, Array]:
         """Evaluate.
@@ -69,11 +85,11 @@ class Batched:
             raise ValueError(f"expected equal numbers of samples, found {sorted(lengths)}")
         n = lengths.pop() if lengths else 1
         # Whole blocks, so that the last one needs no function of its own.
-        padded = -(-n // _BLOCK) * _BLOCK
+        padded = -(-n // self._size) * self._size
         inputs = [_stack(values[key], shape, n, padded) for key, shape in self._in_shapes.items()]
         outputs = {key: np.empty((padded, *shape)) for key, shape in self._out_shapes.items()}
-        blocks = padded // _BLOCK
-        threads = max(1, min(os.cpu_count() or 1, _MOST_THREADS, blocks // _BLOCKS_A_THREAD))
+        blocks = padded // self._size
+        threads = max(1, min(os.cpu_count() or 1, _MOST_THREADS, padded // _SAMPLES_A_THREAD))
         if threads == 1:
             self._evaluate(inputs, list(outputs.values()), 0, blocks)
         else:
@@ -92,7 +108,7 @@ class Batched:
         buffer: Any
         buffer, evaluate = self._block.buffer()
         for k in range(first, last):
-            part = slice(k * _BLOCK, (k + 1) * _BLOCK)
+            part = slice(k * self._size, (k + 1) * self._size)
             for i, array in enumerate(inputs):
                 buffer.set_arg(i, array[part].data)
             for i, array in enumerate(outputs):

@@ -47,6 +47,18 @@ def from_quaternion(q: Symbol) -> Symbol:
     return (w * w - ca.dot(v, v)) * ca.DM.eye(3) + 2 * v @ v.T + 2 * w * skew(v)
 
 
+def quaternion_of_rpy(rpy: Symbol) -> Symbol:
+    """Quaternion (w, x, y, z) of Tait-Bryan angles (roll, pitch, yaw) [rad], without jumps of sign."""
+    cr, cp, cy = ca.cos(rpy[0] / 2), ca.cos(rpy[1] / 2), ca.cos(rpy[2] / 2)
+    sr, sp, sy = ca.sin(rpy[0] / 2), ca.sin(rpy[1] / 2), ca.sin(rpy[2] / 2)
+    return ca.vertcat(
+        cy * cp * cr + sy * sp * sr,
+        cy * cp * sr - sy * sp * cr,
+        cy * sp * cr + sy * cp * sr,
+        sy * cp * cr - cy * sp * sr,
+    )
+
+
 def quaternion_rate(q: Symbol, omega: Symbol) -> Symbol:
     """Time derivative of a quaternion (w, x, y, z) for an angular velocity in body axes [rad/s]."""
     w, v = q[0], q[1:4]

@@ -151,7 +151,7 @@ def _where(systematic: Systematic) -> dict[str, Array]:
 
 
 @lru_cache(maxsize=16)
-def _taut(robot: Robot) -> Batched:
+def taut_structure(robot: Robot) -> Batched:
     """Structure matrix of straight cables."""
     position, rotation, fixed = ca.SX.sym("position", 3), ca.SX.sym("rotation", 3, 3), _Geometry.of(robot)
     tension = ca.SX.sym("tension", robot.m)
@@ -170,7 +170,7 @@ def _batched(name: str, inputs: dict[str, Symbol], fixed: _Geometry, outputs: di
 
 
 @lru_cache(maxsize=16)
-def _derivatives(heavy: Robot) -> Batched:
+def derivatives_of_balance(heavy: Robot) -> Batched:
     """Of the wrench of the cables less what moves the body, by everything; sag is of no account for these."""
     robot = heavy.with_straight_cables()
     pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
@@ -206,7 +206,7 @@ def _derivatives(heavy: Robot) -> Batched:
 def _structure(robot: Robot, systematic: Systematic, position: Array, rotation: Array, tension: Array) -> Array:
     """Structure matrices; how an error of the geometry changes the sag is of no account, shape (n, 6, m)."""
     straight = robot.with_straight_cables()
-    taut = _taut(straight)
+    taut = taut_structure(straight)
     structure = taut(position=position, rotation=rotation, **_where(systematic))["structure"]
     if not robot.cable.linear_density:
         return structure
@@ -302,7 +302,7 @@ def force_rows(
     local = arc.basis(at.time)
     pose, rate, acceleration, jerk = motion_at(local, arc.coefficients)
     cables = {} if at.structure is None else {"tension": at.carried, **_where(systematic)}
-    found = _derivatives(robot)(
+    found = derivatives_of_balance(robot)(
         pose=pose,
         rate=rate,
         acceleration=acceleration,

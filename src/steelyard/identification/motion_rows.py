@@ -220,7 +220,7 @@ def motion_rows(
                 factors,
                 tally,
             )
-    held = _held(arc)
+    held = holding_rows(arc)
     tally.cost += float(np.sum(held.residual**2))
     if arc.smoothness is not None and not arc.static:
         tally.cost += sum(value / arc.smoothness[part] for part, value in arc.roughness.items())
@@ -390,7 +390,7 @@ def reference_clocks(experiment: Experiment, unknowns: Unknowns, arc: Arc) -> di
     return {clock: min(group, key=known) for group in groups for clock in group}
 
 
-def _held(arc: Arc) -> Rows:
+def holding_rows(arc: Arc) -> Rows:
     """Length of the quaternion near one; place and speed of a platform within a hall."""
     if arc.static:
         local = at_rest(np.arange(len(arc.coefficients)))

@@ -148,8 +148,8 @@ def _symbol_like(name: str, expression: Symbol) -> Symbol:
 
 
 @lru_cache(maxsize=128)
-def _linearised(instrument: Instrument, quantity: str, robot: Robot) -> tuple[Batched, dict[str, tuple[int, int]]]:
-    """Residual and those derivatives that are not zero, and the shapes of those that are."""
+def difference_of(instrument: Instrument, quantity: str, robot: Robot) -> tuple[Batched, dict[str, tuple[int, int]]]:
+    """Expressions behind :func:`linearised`: residual and those derivatives that are not zero, and the shapes of those that are."""
     pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
     gravity = ca.SX.sym("gravity", 3)
     terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
@@ -205,7 +205,7 @@ def linearised(
         ``by_errors``, shape (n, k, e), ``by_gravity``, shape (n, k, 3).
     """
     pose, rate, acceleration = motion
-    batched, zero = _linearised(instrument, quantity, robot)
+    batched, zero = difference_of(instrument, quantity, robot)
     found = batched(
         pose=pose, rate=rate, acceleration=acceleration, errors=errors, gravity=gravity, measured=measured,
         **({} if tension is None else {"tension": tension}),
@@ -215,9 +215,10 @@ def linearised(
 
 
 @lru_cache(maxsize=64)
-def _sensitivity(
+def sensitivity_of(
     unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
 ) -> tuple[Batched, list[str]]:
+    """Expressions behind :func:`sensitivity`, and which parts of state and ``term_…`` they take."""
     state = symbols(robot.m)
     terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
     stated = instrument.predict(state, terms, robot)
@@ -257,7 +258,7 @@ def sensitivity(
     Returns:
         Derivative by the readings, shape (n, k, k), and by the systematic errors, shape (n, k, e).
     """
-    batched, inputs = _sensitivity(unknown, instrument, robot, quantities)
+    batched, inputs = sensitivity_of(unknown, instrument, robot, quantities)
     errors = {name: calibration[name.removeprefix("term_")] for name in inputs if name.startswith("term_")}
     values = batched(**errors, **{name: state[name] for name in inputs if name in _FIELDS})
     return values["by_reading"], values["by_terms"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from steelyard.errors import InfeasibleError
 from steelyard.motion.state import motion_of_poses
 from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.kinematics import cables_at
-from steelyard.robot.model import Robot
+from steelyard.robot.model import Limits, Robot
 from steelyard.robot.tension import distribute
 
 _CHECKS_PER_SECOND = 50.0
@@ -20,13 +21,51 @@ _MOST_CHECKS = 20_000
 
 
 @dataclass(frozen=True)
-class Extremes:
-    """How hard a trajectory is on its robot."""
+class Use:
+    """What a motion takes of one thing that is, or may be, limited."""
 
+    name: str
+    """``position``, ``speed``, …"""
+    unit: str
+    extremes: tuple[Any, ...]
+    """Largest size; or lowest and highest value, of each axis where there are several."""
+    limit: tuple[Any, ...] | None
+    """The same of what is allowed; None: no limit."""
     fraction: float
-    """Largest use of a limit on pose, speed or acceleration; above 1 it is violated."""
-    worst: str
-    """Which one that is, in words and numbers."""
+    """Of the limit that is used; above 1 it is violated; 0 without one."""
+
+    def __str__(self) -> str:
+        """In words and numbers; of several axes the one that uses most."""
+        axis, values, limit = "", self.extremes, self.limit
+        if isinstance(values[0], tuple) and limit is not None:
+            (low, high), (least, most) = np.array(values), np.array(limit)
+            worst = int((np.maximum(2 * high - most - least, most + least - 2 * low) / (most - least)).argmax())
+            axis = f"[{worst}]" if len(low) > 1 else ""
+            values, limit = (low[worst], high[worst]), (least[worst], most[worst])
+        allowed = "" if limit is None else f" of {_shown(limit)}"
+        return f"{self.name}{axis} {_shown(values)}{allowed} {self.unit}"
+
+
+def _shown(values: tuple[Any, ...]) -> str:
+    return " to ".join(f"{value:g}" if isinstance(value, int) else f"{value:.3g}" for value in values)
+
+
+@dataclass(frozen=True)
+class Extremes:
+    """How hard a motion is on its robot."""
+
+    uses: tuple[Use, ...]
+
+    @property
+    def fraction(self) -> float:
+        """Largest use of a limit on pose, speed or acceleration; above 1 it is violated."""
+        return max((use.fraction for use in self.uses), default=0.0)
+
+    @property
+    def worst(self) -> str:
+        """Which one that is, in words and numbers."""
+        limited = [use for use in self.uses if use.limit is not None]
+        return str(max(limited, key=lambda use: use.fraction)) if limited else "no limits given"
 
 
 def check_times(trajectory: Trajectory) -> Array:
@@ -35,38 +74,66 @@ def check_times(trajectory: Trajectory) -> Array:
     return np.linspace(0.0, trajectory.duration, count + 1)
 
 
-def motion_extremes(robot: Robot, trajectory: Trajectory) -> Extremes:
-    """Hold a trajectory against the robot's limits on pose, speed and acceleration."""
-    t = check_times(trajectory)
+def motion_extremes(robot: Robot, trajectory: Trajectory, times: Array | None = None) -> Extremes:
+    """Hold a trajectory against the robot's limits on pose, speed and acceleration.
+
+    Args:
+        robot: With its limits.
+        trajectory: Of a command.
+        times: At which to look [s]; None: :func:`check_times`.
+    """
+    t = check_times(trajectory) if times is None else times
     pose, rate, acceleration = (trajectory.derivative(t, order) for order in range(3))
     motion = motion_of_poses(pose, rate, acceleration, robot.gravity)
-    limits = robot.limits
-    uses: list[tuple[float, str]] = [(0.0, "no limits given")]
-
-    def bounded(value: Array, limit: float | None, what: str, unit: str) -> None:
-        if limit is not None:
-            largest = float(np.linalg.norm(value, axis=1).max())
-            uses.append((largest / limit, f"{what} {largest:.3g} of {limit:g} {unit}"))
-
-    def boxed(value: Array, box: object, what: str, unit: str) -> None:
-        if box is not None:
-            low, high = np.array(box)
-            middle, half = (low + high) / 2, (high - low) / 2
-            use = np.abs((value - middle) / half).max(axis=0)
-            axis = int(use.argmax())
-            found = f"{value[:, axis].min():.3g} to {value[:, axis].max():.3g} of {low[axis]:.3g} to {high[axis]:.3g} {unit}"
-            uses.append((float(use[axis]), f"{what}[{axis}] {found}"))
-
-    boxed(pose[:, :3], limits.position, "position", "m")
-    boxed(np.degrees(pose[:, 3:]), np.degrees(limits.rpy) if limits.rpy else None, "roll, pitch, yaw", "deg")
-    bounded(rate[:, :3], limits.speed, "speed", "m/s")
-    bounded(acceleration[:, :3], limits.acceleration, "acceleration", "m/s^2")
-    bounded(motion["omega"], limits.angular_speed, "angular speed", "rad/s")
-    bounded(motion["alpha"], limits.angular_acceleration, "angular acceleration", "rad/s^2")
-    return Extremes(*max(uses))
+    return extremes_of(robot.limits, pose, rate[:, :3], acceleration[:, :3], motion["omega"], motion["alpha"])
 
 
-def commanded_tensions(robot: Robot, trajectory: Trajectory, times: Array, *, still: bool = False) -> Array:
+def extremes_of(
+    limits: Limits, pose: Array, velocity: Array, acceleration: Array, omega: Array, alpha: Array
+) -> Extremes:
+    """Hold a motion against limits on pose, speed and acceleration.
+
+    Args:
+        limits: What it must keep to.
+        pose: x, y, z [m], roll, pitch, yaw [rad], shape (n, 6).
+        velocity: Of the platform origin, world frame [m/s], shape (n, 3).
+        acceleration: Its derivative [m/s^2], shape (n, 3).
+        omega: Angular velocity [rad/s], shape (n, 3).
+        alpha: Angular acceleration [rad/s^2], shape (n, 3).
+    """
+    rpy = None if limits.rpy is None else np.degrees(limits.rpy)
+    return Extremes(
+        (
+            within("position", "m", pose[:, :3], limits.position),
+            within("roll, pitch, yaw", "deg", np.degrees(pose[:, 3:]), rpy),
+            below("speed", "m/s", velocity, limits.speed),
+            below("acceleration", "m/s^2", acceleration, limits.acceleration),
+            below("angular speed", "rad/s", omega, limits.angular_speed),
+            below("angular acceleration", "rad/s^2", alpha, limits.angular_acceleration),
+        )
+    )
+
+
+def below(name: str, unit: str, vectors: Array, limit: float | None) -> Use:
+    """Largest length of vectors, shape (n, k), against a limit."""
+    largest = float(np.linalg.norm(vectors, axis=1).max())
+    return Use(name, unit, (largest,), None if limit is None else (limit,), largest / limit if limit else 0.0)
+
+
+def within(name: str, unit: str, values: Array, box: Any) -> Use:
+    """Lowest and highest values, shape (n, k), against those allowed."""
+    found = tuple(values.min(axis=0).tolist()), tuple(values.max(axis=0).tolist())
+    if box is None:
+        return Use(name, unit, found, None, 0.0)
+    low, high = np.array(box)
+    middle, half = (low + high) / 2, (high - low) / 2
+    fraction = float(np.abs((values - middle) / half).max())
+    return Use(name, unit, found, (tuple(low.tolist()), tuple(high.tolist())), fraction)
+
+
+def commanded_tensions(
+    robot: Robot, trajectory: Trajectory, times: Array, *, still: bool = False, level: float | None = None
+) -> Array:
     """Tensions that would move the nominal platform exactly as commanded, within the robot's limits [N], shape (n, m).
 
     Args:
@@ -74,6 +141,7 @@ def commanded_tensions(robot: Robot, trajectory: Trajectory, times: Array, *, st
         trajectory: The command.
         times: [s], shape (n,).
         still: Whether to hold the platform at rest in the poses instead.
+        level: Tension to stay near to [N]; None: the smallest that do.
 
     Raises:
         InfeasibleError: There are none at some time; the message says when.
@@ -90,6 +158,6 @@ def commanded_tensions(robot: Robot, trajectory: Trajectory, times: Array, *, st
     straight = robot.with_straight_cables()
     structure = cables_at(straight, motion["position"], motion["rotation"], np.ones(robot.m)).structure
     try:
-        return distribute(structure, wrench, robot.tension_limits)
+        return distribute(structure, wrench, robot.tension_limits, level)
     except InfeasibleError as error:
         raise InfeasibleError(f"at {times[error.sample]:.2f} s of the trajectory: {error}", error.sample) from None

@@ -36,7 +36,7 @@ _SOFTEST_START = 2.0
 """[s]"""
 
 # 35 u^4 - 84 u^5 + 70 u^6 - 20 u^7: velocity, acceleration and jerk vanish at both ends, so that elastic cables stay quiet.
-_REST_TO_REST = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
+REST_TO_REST = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class RestToRest:
     def derivative(self, t: Array, order: int) -> Array:
         """See :class:`Trajectory`."""
         u = np.clip((np.asarray(t) - self.pause) / self.move, 0.0, 1.0)
-        shape = _REST_TO_REST.deriv(order)(u) if order else _REST_TO_REST(u)
+        shape = REST_TO_REST.deriv(order)(u) if order else REST_TO_REST(u)
         offset = self.start if order == 0 else 0.0
         moving = 1.0 if order == 0 else ((u > 0) & (u < 1))
         return offset + (shape * moving / self.move**order)[:, None] * (self.end - self.start)
@@ -129,7 +129,7 @@ def multisine(
     # A short motion needs most of its time to begin and end softly.
     fade_time = min(duration / 2, max(duration / 8, _SOFTEST_START))
     u = np.clip(np.minimum(t, duration - t) / fade_time, 0.0, 1.0)
-    fade = _REST_TO_REST(u)
+    fade = REST_TO_REST(u)
     # Spread over the band where there would be many: more make a longer sum, not a richer motion.
     k = np.unique(np.linspace(1, harmonics, min(harmonics, _MOST_SINES)).round())
     poses = np.empty((len(t), 6))

@@ -63,6 +63,7 @@ class LimitsForm(FileModel):
     acceleration: Positive | None = None
     angular_speed: Positive | None = None
     angular_acceleration: Positive | None = None
+    cable_speed: Positive | None = None
 
 
 class MomentsForm(FileModel):

@@ -41,6 +41,8 @@ class Limits:
     """[rad/s]"""
     angular_acceleration: float | None = None
     """[rad/s^2]"""
+    cable_speed: float | None = None
+    """At which winches feed a cable [m/s]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ from steelyard.errors import InfeasibleError, InputError
 from steelyard.inertia import Inertia
 from steelyard.motion.limits import commanded_tensions
 from steelyard.motion.state import State, motion_of_poses
-from steelyard.motion.trajectory import Trajectory
+from steelyard.motion.trajectory import RestToRest, Trajectory
 from steelyard.robot import cable
 from steelyard.robot.kinematics import cables_at, structure_columns
 from steelyard.robot.model import Robot
@@ -34,6 +34,9 @@ from steelyard.robot.model import Robot
 _FEED_SAMPLES_PER_SECOND = 100.0
 TOLERANCE = 1e-7
 """Of the integrator, relative and in metres, radians and their rates; the pose is then right to about 1e-8 m."""
+
+_NUDGE = 1e-6
+"""Of a pose, to see how it swings back [m], [rad]."""
 
 Progress = Callable[[float], None]
 """Is told the fraction done."""
@@ -232,8 +235,35 @@ class CablePlatform:
             )
         return state(found.x)
 
+    def natural_frequencies(self, pose: Array, level: float | None = None) -> Array:
+        """Of small swings about a pose at rest, ascending [Hz], shape (6,); a direction that does not swing back has 0.
+
+        Args:
+            pose: x, y, z [m], roll, pitch, yaw [rad], shape (6,).
+            level: See :func:`feed_lengths`.
+
+        Raises:
+            InfeasibleError: The platform cannot rest there.
+        """
+        feed = feed_lengths(self.robot, RestToRest(pose, pose, 1.0), np.zeros(1), level)[0]
+        rest, still = self.equilibrium(pose, feed), np.zeros(self.robot.m)
+        turned = Rotation.from_quat(rest[3:7], scalar_first=True)
+
+        def acceleration(offset: Array) -> Array:
+            quaternion = (turned * Rotation.from_rotvec(offset[3:])).as_quat(scalar_first=True)
+            return self._rate(np.concatenate([rest[:3] + offset[:3], quaternion, np.zeros(6)]), feed, still)[7:]
+
+        columns = [acceleration(step) - acceleration(-step) for step in _NUDGE * np.eye(6)]
+        squares = np.linalg.eigvals(-np.column_stack(columns) / (2 * _NUDGE)).real
+        return np.sort(np.sqrt(np.maximum(squares, 0.0))) / (2 * np.pi)
+
     def move(
-        self, trajectory: Trajectory, progress: Progress | None = None, *, tolerance: float = TOLERANCE
+        self,
+        trajectory: Trajectory,
+        progress: Progress | None = None,
+        *,
+        tolerance: float = TOLERANCE,
+        level: float | None = None,
     ) -> ElasticMotion:
         """Integrate from rest while the winches feed what the commanded poses need.
 
@@ -241,13 +271,14 @@ class CablePlatform:
             trajectory: The command.
             progress: Is told the fraction done.
             tolerance: See :data:`TOLERANCE`.
+            level: See :func:`feed_lengths`.
 
         Raises:
             InfeasibleError: A pose has no tensions within the limits, or a cable goes slack.
         """
         duration = trajectory.duration
         times = np.linspace(0.0, duration, int(np.ceil(duration * _FEED_SAMPLES_PER_SECOND)) + 1)
-        feed = make_interp_spline(times, feed_lengths(self.robot, trajectory, times), k=5)
+        feed = make_interp_spline(times, feed_lengths(self.robot, trajectory, times, level), k=5)
         feed_rate = feed.derivative()
         start = self.equilibrium(trajectory.derivative(times[:1], 0)[0], feed(0.0))
         rate = self._rate
@@ -268,12 +299,18 @@ class CablePlatform:
         return ElasticMotion(self, feed, result.sol, duration)
 
 
-def feed_lengths(robot: Robot, trajectory: Trajectory, times: Array) -> Array:
+def feed_lengths(robot: Robot, trajectory: Trajectory, times: Array, level: float | None = None) -> Array:
     """Unstrained lengths that hold the nominal platform at rest in the commanded poses [m], shape (n, m).
 
     What a winch controller knows: elasticity and sag under the platform's weight, but no dynamics.
+
+    Args:
+        robot: With a nominal platform.
+        trajectory: The command.
+        times: [s], shape (n,).
+        level: Tension that it stays near to [N]; None: the smallest tensions that do.
     """
-    tension = commanded_tensions(robot, trajectory, times, still=True)
+    tension = commanded_tensions(robot, trajectory, times, still=True, level=level)
     pose = trajectory.derivative(times, 0)
     rotation = Rotation.from_euler("ZYX", pose[:, :2:-1]).as_matrix()
     try:

@@ -98,7 +98,7 @@ def feasible_multisine(robot: Robot, duration: float) -> Sampled:
     Raises:
         InputError: Not even a small one is feasible.
     """
-    center, reach = _middle(robot)
+    center, reach = workspace_of(robot)
     harmonics = max(3, round(_HIGHEST_FREQUENCY * duration))
 
     def trial(translation: float, rotation: float) -> Sampled:
@@ -144,7 +144,7 @@ def _largest(robot: Robot, trial: Callable[[float], Trajectory]) -> float:
     return scale
 
 
-def _middle(robot: Robot) -> tuple[Array, Array]:
+def workspace_of(robot: Robot) -> tuple[Array, Array]:
     """Pose in the middle of the workspace, and how far from it a motion may reach in x, y, z [m], roll, pitch, yaw [rad]."""
     box = np.array(robot.limits.position) if robot.limits.position else _default_box(robot)
     angles = np.array(robot.limits.rpy) if robot.limits.rpy else np.radians([[-15.0] * 3, [15.0] * 3])

@@ -1,0 +1,147 @@
+"""What a command demands of the robot at one instant, against what it can do; as expressions with derivatives.
+
+The tensions are those nearest to a level. They are asked for a body that is not quite the nominal one, in motion and at rest: where the
+platform stops, it must be able to hang.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from steelyard.batch import Batched, Symbol
+from steelyard.dynamics import newton_euler, point_specific_force
+from steelyard.excitation.course import SIX
+from steelyard.excitation.sight import INSTANT, motion_of, state_at, tension_of
+from steelyard.identification.force_rows import taut_structure
+from steelyard.instruments import Instrument, Position
+from steelyard.motion.state import State
+from steelyard.robot.model import Robot
+
+AT = 3 * SIX
+"""Numbers of a command that demands depend on: pose, rate and acceleration."""
+_OFF = 3.0
+"""The centre of gravity may be off by the margin times the radius of the platform over this."""
+_SMOOTH = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Margin:
+    """How far the body may be from the nominal one."""
+
+    share: float
+    """Of mass and inertia."""
+    radius: float
+    """Of the platform [m]."""
+
+    @property
+    def off(self) -> float:
+        """Of the centre of gravity, in any direction [m]."""
+        return self.share * self.radius / _OFF
+
+
+@dataclass(frozen=True, eq=False)
+class Demands:
+    """Everything that must be at most 1 at every instant."""
+
+    robot: Robot
+    instruments: Mapping[str, Instrument]
+    margin: Margin
+    level: float
+    """Tension that the cables are held near to [N]."""
+    share: float
+    """Part of the limits on speed and acceleration that a command may use: elastic cables add to it."""
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """What each is about, shape (g,)."""
+        return self._built[0]
+
+    @cached_property
+    def function(self) -> Batched:
+        """Of ``command`` (pose, rate, acceleration), shape (18,): ``value``, shape (g,), and ``slope``, shape (g, 18)."""
+        return self._built[1]
+
+    @cached_property
+    def _built(self) -> tuple[tuple[str, ...], Batched]:
+        command = ca.SX.sym("command", AT)
+        motion = motion_of(ca.vertcat(command, ca.SX.zeros(INSTANT - AT)))
+        state = state_at(motion, self.robot.gravity)
+        found = [*self._box(command), *self._motion(command, state), *self._cables(command, state)]
+        value = ca.densify(ca.cse(ca.vertcat(*[each for _, each in found])))
+        names = tuple(name for name, each in found for _ in range(each.numel()))
+        slope = ca.cse(ca.densify(ca.jacobian(value, command)))
+        return names, Batched("demands", {"command": command}, {"value": value, "slope": slope})
+
+    def _box(self, command: Symbol) -> Iterator[tuple[str, Symbol]]:
+        limits = self.robot.limits
+        for name, box, first in (("position", limits.position, 0), ("orientation", limits.rpy, 3)):
+            if box is not None:
+                low, high = np.array(box)
+                off = (command[first : first + 3] - ca.DM(low + high) / 2) / ca.DM((high - low) / 2)
+                yield name, ca.vertcat(off, -off)
+
+    def _motion(self, command: Symbol, state: State) -> Iterator[tuple[str, Symbol]]:
+        limits = self.robot.limits
+        speed, acceleration = command[SIX : SIX + 3], command[2 * SIX : 2 * SIX + 3]
+        yield from self._below("speed", speed, limits.speed)
+        yield from self._below("acceleration", acceleration, limits.acceleration)
+        yield from self._below("angular speed", state.omega, limits.angular_speed)
+        yield from self._below("angular acceleration", state.alpha, limits.angular_acceleration)
+        for name, instrument in self.instruments.items():
+            if isinstance(instrument, Position):
+                point = ca.DM(instrument.target)
+                moved = speed + state.rotation @ ca.cross(state.omega, point)
+                felt = point_specific_force(state.specific_force, state.omega, state.alpha, point)
+                bent = state.rotation @ felt + ca.DM(self.robot.gravity)
+                yield from self._below(f"speed of the target of '{name}'", moved, instrument.limits.speed)
+                yield from self._below(f"acceleration of the target of '{name}'", bent, instrument.limits.acceleration)
+
+    def _below(self, name: str, vector: Symbol, limit: float | None) -> Iterator[tuple[str, Symbol]]:
+        if limit is not None:
+            yield name, ca.dot(vector, vector) / (self.share * limit) ** 2
+
+    def _cables(self, command: Symbol, state: State) -> Iterator[tuple[str, Symbol]]:
+        robot = self.robot
+        if not robot.m:
+            return
+        assert robot.platform is not None
+        fixed = {"anchors": ca.DM(robot.anchors.ravel()), "attachments": ca.DM(robot.attachments.ravel())}
+        taut = taut_structure(robot.with_straight_cables())
+        structure = taut.at(position=state.position, rotation=state.rotation, **fixed)["structure"]
+        if robot.limits.cable_speed is not None:
+            # A tension does no more work than the wrench that it makes.
+            twist = ca.vertcat(state.rotation.T @ command[SIX : SIX + 3], state.omega)
+            fed = structure.T @ twist / (self.share * robot.limits.cable_speed)
+            yield "cable speed", ca.vertcat(fed, -fed)
+        ten = ca.SX.sym("ten", 10)
+        moving = newton_euler(ten, state.specific_force, state.omega, state.alpha)
+        hanging = newton_euler(ten, -state.rotation.T @ ca.DM(robot.gravity), ca.SX.zeros(3), ca.SX.zeros(3))
+        low, high = robot.tension_limits
+        unit = robot.platform.mass * float(np.linalg.norm(robot.gravity)) / 2
+        for name, wrench in (("tension", moving), ("tension at rest", hanging)):
+            least, most = self._tensions(structure, wrench, ten)
+            yield name, 1 - (least - low) / unit
+            if np.isfinite(high):
+                yield name, 1 + (most - high) / unit
+
+    def _tensions(self, structure: Symbol, wrench: Symbol, ten: Symbol) -> tuple[Symbol, Symbol]:
+        """Least and largest tension of each cable over the bodies within the margin."""
+        body = self.robot.platform
+        assert body is not None
+        tension = tension_of(self.robot, structure, wrench, self.level)
+        # It is linear in the body: what is there without one, what the nominal one adds, what a shift of its mass adds.
+        slope = ca.jacobian(tension, ten)
+        none = ca.substitute(tension, ten, ca.DM.zeros(10))
+        nominal = slope @ ca.DM(body.parameters)
+        shifted = (1 + self.margin.share) * body.mass * self.margin.off * slope[:, 1:4]
+        spread = ca.sqrt(ca.sum2(shifted**2) + _SMOOTH)
+        ends = [none + (1 + sign * self.margin.share) * nominal for sign in (-1, 1)]
+        if not self.level:
+            # Nothing but the body pulls: the light one least, the heavy one most, as long as no cable pushes.
+            return ends[0] - spread, ends[1] + spread
+        return ca.fmin(*ends) - spread, ca.fmax(*ends) + spread

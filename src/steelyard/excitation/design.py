@@ -1,0 +1,301 @@
+"""The best experiment that a robot can do."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import InputError
+from steelyard.excitation.appraisal import Appraisal, appraise, natural_frequencies, rehearse
+from steelyard.excitation.course import SIX, Course
+from steelyard.excitation.criterion import Criterion, Target
+from steelyard.excitation.demands import Demands, Margin
+from steelyard.excitation.information import Outlook
+from steelyard.excitation.poses import checked_pose, good_pose, held
+from steelyard.excitation.ringing import PER_INTERVAL, Ringing
+from steelyard.excitation.search import Found, Problem
+from steelyard.excitation.sight import View, border_of, columns_of
+from steelyard.excitation.starts import searched
+from steelyard.excitation.verification import Verified, verify
+from steelyard.experiment.model import Experiment
+from steelyard.identification.joint_study import Joint
+from steelyard.identification.motion_rows import Arc, jerk_matrices
+from steelyard.identification.recorded_arcs import resampled
+from steelyard.identification.regression import TEN
+from steelyard.identification.smoothing import knots
+from steelyard.identification.study import Progress
+from steelyard.identification.unknowns import Unknowns
+from steelyard.motion.trajectory import Sampled, multisine
+from steelyard.robot.model import Robot
+from steelyard.simulation.trajectories import workspace_of
+
+LONGEST = 120.0
+"""Duration of a motion [s]; more runs tell more."""
+_SLOW, _FAST = 6.0, 3.0
+"""Lowest natural frequency over the highest one of a motion: as it should be, and as it must be at least."""
+_USUAL, _QUICK = 0.4, 0.8
+"""Highest frequency of a motion where no stiffness is known, likewise [Hz]."""
+_HIGHEST = 0.5
+"""Of a motion that has the time [Hz]: robots of this kind are not faster."""
+_FEWEST = 5
+"""Parts of a course: fewer leave no freedom between rest and rest."""
+_SHARE = 0.85
+"""Part of the limits on speed and acceleration that a command may use where cables are elastic; the rest is for what they add."""
+_SHARE_STIFF = 0.97
+_KNOTS = 3
+"""Parts between knots of the motion, as the estimator would have it, to one of the course."""
+_BEGINNING = 0.35
+"""Amplitude of the motions that a search begins with, as a part of the reach."""
+_STEPS = 80
+_STARTS = 2
+"""For a minute."""
+_MINUTE = 60.0
+_FOR_SEARCH = 0.65
+"""Part of the budget after which all searches end."""
+_SHRINK = 0.96
+_SHRINKS = 40
+_ABOUT = 0.02
+"""By how much a search may still exceed what it must keep to; the course is then made smaller."""
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """The best experiment that was found."""
+
+    appraisal: Appraisal
+    starts: tuple[Found, ...]
+    """Where the searches for the last run ended."""
+    seed: int
+    in_time: bool
+    """Whether all searches ended by themselves: only then does the same seed give the same motion on any machine."""
+
+
+def design(
+    experiment: Experiment,
+    duration: float,
+    *,
+    start: Array | None = None,
+    end: Array | None = None,
+    target: Target | None = None,
+    margin: float = 0.2,
+    runs: int = 1,
+    before: Array | float = 0.0,
+    budget: float = _MINUTE,
+    seed: int = 0,
+    processes: int = 1,
+    progress: Progress = None,
+) -> Design:
+    """Find motions that tell the body as well as the robot's limits allow.
+
+    Args:
+        experiment: Robot, with its nominal platform and limits, and instruments.
+        duration: Of a run [s].
+        start: Pose x, y, z [m], roll, pitch, yaw [rad] to begin in, shape (6,); None: a good one.
+        end: To end in; None: the start.
+        target: 1-sigma that is wanted; None: :meth:`Target.default`.
+        margin: Share by which mass and inertia may differ from the nominal ones.
+        runs: How many motions.
+        before: Information that there is on the ten linear parameters, shape (10, 10).
+        budget: Time to spend [s].
+        seed: Of the beginnings of the searches.
+        processes: That search at a time.
+        progress: Is told what is being done and the fraction that is done.
+
+    Raises:
+        InputError: There is no such motion, or the description lacks something; the message says what.
+    """
+    begun = time.time()
+    tell = progress or (lambda what, fraction: None)
+    robot = experiment.robot
+    if robot.platform is None:
+        raise InputError(
+            f"robot '{robot.name}': expected a nominal platform to design for, found none; add 'platform' to its file, or give --body ESTIMATE"
+        )
+    tell("design: where to begin", 0.0)
+    demands, course, ringing = _prepared(experiment, duration, start, end, Margin(margin, robot.size))
+    _check_plain(robot, experiment, course, demands)
+    starts = max(_STARTS, round(_STARTS * budget / _MINUTE))
+    rng = np.random.default_rng(seed)
+    trajectories: dict[str, Sampled] = {}
+    verified: dict[str, Verified] = {}
+    ended: list[Found] = []
+    known: Array | None = None
+    in_time = True
+    for run in range(runs):
+        name = "design" if runs == 1 else f"design-{run + 1}"
+        beginnings = [_beginning(course, int(rng.integers(2**31))) for _ in range(starts)]
+        tell("design: what the instruments would see", 0.03 + 0.85 * run / runs)
+        outlook, joint = _outlook(experiment, course, beginnings[0], demands.level)
+        unknowns = joint.fit.state.systematic.unknowns
+        if known is None:
+            known = border_of(unknowns)
+            known[:TEN, :TEN] += before
+        problem = Problem(course, outlook, _plain_criterion(joint, target, robot, known), demands, ringing)
+        problem = replace(problem, criterion=_criterion(problem, beginnings[0]))
+        until = begun + _FOR_SEARCH * budget * (run + 1) / runs
+        ended = searched(
+            problem,
+            beginnings,
+            steps=_STEPS,
+            until=until,
+            processes=processes,
+            watched=_watcher(tell, run, runs, starts),
+        )
+        in_time &= len(ended) == starts and all(each.in_time for each in ended)
+        x, verified[name] = _kept(
+            experiment, problem, ended, lambda share: tell("design: looking at the limits", share)
+        )
+        trajectories[name] = course.trajectory(x)
+        known = _shared(known + problem.information(x)[0], unknowns)
+    tell("design: what it will tell", 0.9)
+    appraisal = appraise(
+        experiment,
+        trajectories,
+        target=target or Target.default(robot.platform),
+        margin=demands.margin,
+        level=demands.level,
+        before=before,
+        verified=verified,
+    )
+    return Design(appraisal, tuple(ended), seed, in_time)
+
+
+def _prepared(
+    experiment: Experiment, duration: float, start: Array | None, end: Array | None, margin: Margin
+) -> tuple[Demands, Course, Ringing | None]:
+    robot = experiment.robot
+    if not 0 < duration <= LONGEST:
+        raise InputError(
+            f"--duration: expected more than 0 and at most {LONGEST:g} s, found {duration:g}; choose another, and --runs for several motions"
+        )
+    elastic = robot.m > 0 and bool(robot.cable.axial_stiffness)
+    demands = held(Demands(robot, experiment.instruments, margin, 0.0, _SHARE if elastic else _SHARE_STIFF))
+    begin = good_pose(demands) if start is None else checked_pose(demands, start, "start")
+    finish = begin if end is None else checked_pose(demands, end, "end")
+    swings = natural_frequencies(robot, begin, demands.level)
+    lowest = float(swings[swings > 0].min()) if (swings > 0).any() else None
+    usual, quick = (_USUAL, _QUICK) if lowest is None else (min(lowest / _SLOW, _HIGHEST), lowest / _FAST)
+    intervals = max(_FEWEST, round(2 * usual * duration))
+    if intervals > 2 * quick * duration:
+        why = f"a third of its lowest natural frequency, {lowest:.2g} Hz" if lowest else f"{quick:g} Hz"
+        raise InputError(
+            f"--duration: expected at least {np.ceil(10 * _FEWEST / (2 * quick)) / 10:g} s, found {duration:g} s; from rest to rest a platform that moves "
+            f"below {why} needs that long"
+        )
+    _, reach = workspace_of(robot)
+    course = Course(begin, finish, duration, intervals, reach)
+    ringing = Ringing(robot, course.instants(PER_INTERVAL), lowest) if elastic and lowest else None
+    return demands, course, ringing
+
+
+def _check_plain(robot: Robot, experiment: Experiment, course: Course, demands: Demands) -> None:
+    """The plain move from start to end must be possible, or nothing is."""
+    found = verify(
+        robot,
+        experiment.instruments,
+        course.trajectory(np.zeros(course.size)),
+        demands.margin,
+        demands.level,
+        elastic=False,
+    )
+    if found.violations:
+        raise InputError(
+            f"robot '{robot.name}': expected that it can go from start to end in {course.duration:g} s, found {found.violations[0]}; "
+            "choose a longer --duration, other poses or a smaller --margin"
+        )
+
+
+def _beginning(course: Course, seed: int) -> Array:
+    """Free coefficients of a random motion."""
+    harmonics = max(2, course.intervals // 2)
+    motion = multisine([0.0] * SIX, list(_BEGINNING * course.reach), course.duration, harmonics, seed)
+    still = replace(course, start=np.zeros(SIX), end=np.zeros(SIX))
+    return still.near(motion)
+
+
+def _outlook(experiment: Experiment, course: Course, x: Array, level: float) -> tuple[Outlook, Joint]:
+    """What would be seen along a course: instruments, clocks and smoothness as an estimator has them."""
+    joint = rehearse(experiment, {"design": course.trajectory(x)}, level)
+    run = joint.study.experiment.runs[0]
+    arc = next(arc for arc in joint.fit.state.arcs if arc.run == run.name)
+    grid = knots(float(arc.knots[0]), float(arc.knots[-1]), course.duration / course.intervals / _KNOTS)
+    coarse: Arc = resampled(arc, replace(arc, knots=grid, jerks=jerk_matrices(grid), readings=()))
+    unknowns = joint.fit.state.systematic.unknowns
+    return Outlook(
+        View.of(joint, run, level), coarse, course.duration, TEN + int((unknowns.deviation > 0).sum())
+    ), joint
+
+
+def _plain_criterion(joint: Joint, target: Target | None, robot: Robot, known: Array) -> Criterion:
+    assert robot.platform is not None
+    return Criterion(joint.study.parameters, target or Target.default(robot.platform), known, np.zeros(TEN))
+
+
+def _criterion(problem: Problem, x: Array) -> Criterion:
+    plain = problem.criterion
+    return Criterion.about(plain.parameters, plain.target, plain.known, problem.information(x)[0])
+
+
+def _watcher(tell: Callable[[str, float], None], run: int, runs: int, starts: int) -> Callable[[int, int, float], None]:
+    steps: dict[int, int] = {}
+
+    def watched(start: int, step: int, value: float) -> None:
+        steps[start] = step
+        part = min(1.0, sum(steps.values()) / (_STEPS * starts))
+        which = f"run {run + 1} of {runs}, " if runs > 1 else ""
+        # The norm of the ten is near to the worst of them.
+        tell(
+            f"design: {which}start {start + 1} of {starts}, about {np.exp(value):.2f} of the wanted 1-sigma",
+            0.05 + 0.85 * (run + part) / runs,
+        )
+
+    return watched
+
+
+def _kept(
+    experiment: Experiment, problem: Problem, ended: Sequence[Found], tell: Callable[[float], None]
+) -> tuple[Array, Verified]:
+    """The best course made as small as the limits ask for, and what it takes of them."""
+    order = sorted(range(len(ended)), key=lambda i: (ended[i].excess > _ABOUT, ended[i].value, i))
+    x, scale = ended[order[0]].x, 1.0
+    demands = problem.demands
+
+    def looked(scale: float, *, elastic: bool) -> Verified:
+        trajectory = problem.course.trajectory(scale * x)
+        return verify(demands.robot, experiment.instruments, trajectory, demands.margin, demands.level, elastic=elastic)
+
+    for turn in range(_SHRINKS):
+        # The quick look first.
+        found = looked(scale, elastic=False)
+        if not found.violations:
+            tell(0.88 + 0.002 * turn)
+            found = looked(scale, elastic=True)
+        if not found.violations:
+            return scale * x, found
+        scale *= _SHRINK
+    raise InputError(
+        f"robot '{demands.robot.name}': expected a motion that keeps the limits, found none but the smallest ({found.violations[0]}); "
+        "choose a longer --duration or a smaller --margin"
+    )
+
+
+def _shared(information: Array, unknowns: Unknowns) -> Array:
+    """What a run leaves to the next: body and errors that are the same in all runs; what is drawn anew begins with its prior."""
+    column_of = columns_of(unknowns)
+    places = [place for place, unknown, _ in unknowns.components() if unknown.run is not None]
+    own = column_of[places]
+    own = own[own >= 0]
+    if not len(own):
+        return information
+    rest = np.setdiff1d(np.arange(len(information)), own)
+    found = np.zeros_like(information)
+    cross = information[np.ix_(rest, own)]
+    found[np.ix_(rest, rest)] = information[np.ix_(rest, rest)] - cross @ np.linalg.solve(
+        information[np.ix_(own, own)], cross.T
+    )
+    found[own, own] = border_of(unknowns)[own, own]
+    return found

@@ -1,0 +1,118 @@
+"""An experiment made in thought: readings without errors of a motion that is followed exactly, and what an estimator makes of them.
+
+What it says of its own uncertainty is the prediction: the very code that will look at the recording has looked at it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import InputError
+from steelyard.experiment.model import Experiment, Run, Stream, is_motion
+from steelyard.instruments import Command, Instrument
+from steelyard.instruments.equations import means, predict
+from steelyard.motion.state import State
+from steelyard.motion.trajectory import Trajectory
+from steelyard.robot.kinematics import cables_at
+from steelyard.robot.model import Robot
+from steelyard.simulation.forward_dynamics import ExactMotion
+
+_TURNS = 3
+"""Of tensions and sag, which follow each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rehearsal:
+    """A platform that follows its command exactly on cables held near to a level."""
+
+    robot: Robot
+    trajectory: Trajectory
+    level: float
+    """[N]"""
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        return self.trajectory.duration
+
+    def at(self, times: Array) -> State:
+        """State at times [s], arrays over the n times."""
+        assert self.robot.platform is not None
+        state = ExactMotion(self.robot, self.robot.platform, self.trajectory).at(times)
+        return state if not self.robot.m else replace(state, tension=held_tensions(self.robot, state, self.level))
+
+
+def held_tensions(robot: Robot, state: State, level: float) -> Array:
+    """Tensions nearest to a level that exert the wrench of a state, whatever the robot's limits [N], shape (n, m)."""
+    tension = np.full((len(state.wrench), robot.m), max(level, 1.0))
+    straight = robot.with_straight_cables()
+    for which in [straight] + [robot] * (_TURNS if robot.cable.linear_density else 0):
+        W = cables_at(which, state.position, state.rotation, tension).structure
+        missing = state.wrench - level * W.sum(axis=2)
+        tension = level + np.einsum("nmk,nk->nm", np.linalg.pinv(W), missing)
+    return tension
+
+
+def rehearsed(experiment: Experiment, trajectories: Mapping[str, Trajectory], level: float) -> Experiment:
+    """The experiment with runs that have been recorded in thought.
+
+    Args:
+        experiment: Robot, with its nominal platform, and instruments.
+        trajectories: Run -> motion.
+        level: Tension that the cables are held near to [N].
+
+    Raises:
+        InputError: An instrument states no rate or no noise.
+    """
+    instruments = {name: _stated(name, each, experiment) for name, each in experiment.instruments.items()}
+    runs = []
+    for run, trajectory in trajectories.items():
+        response = Rehearsal(experiment.robot, trajectory, level)
+        streams = {}
+        for name, instrument in instruments.items():
+            assert instrument.rate is not None
+            times = np.arange(0.5 / instrument.rate, trajectory.duration, 1 / instrument.rate)
+            if len(times) < 2:
+                raise InputError(
+                    f"instrument '{name}': expected at least two samples in {trajectory.duration:g} s, found a rate of {instrument.rate:g} Hz; "
+                    "choose a longer motion"
+                )
+            readings = predict(instrument, experiment.robot, response.at(times), means(instrument, experiment.robot.m))
+            streams[name] = Stream(times, readings, name)
+        runs.append(Run(run, streams, dict.fromkeys(streams, 0.0)))
+    return replace(experiment, instruments=instruments, runs=tuple(runs))
+
+
+def _stated(name: str, instrument: Instrument, experiment: Experiment) -> Instrument:
+    """An instrument whose rate and noise are known; the rate may be that of earlier recordings."""
+    rate = instrument.rate
+    if rate is None:
+        steps = [
+            np.median(np.diff(run.streams[name].time))
+            for run in experiment.runs
+            if name in run.streams and not run.static
+        ]
+        steps = [step for step in steps if step > 0]
+        if not steps:
+            raise InputError(
+                f"instrument '{name}': expected the key 'rate', found none, and no recording to take it from; add the samples per second"
+            )
+        rate = float(1 / np.median(steps))
+    if is_motion(instrument) or not isinstance(instrument, Command):
+        for quantity in instrument.quantities(experiment.robot.m):
+            if not quantity.noise and _is_read(name, quantity.name, experiment):
+                raise InputError(
+                    f"instrument '{name}': expected the noise of its {quantity.name.replace('_', ' ')}, found none; add 'noise', the 1-sigma of a sample "
+                    f"in {quantity.unit}: what can be known depends on it"
+                )
+    return instrument.model_copy(update={"rate": rate})
+
+
+def _is_read(name: str, quantity: str, experiment: Experiment) -> bool:
+    """Whether a quantity will be recorded: as in earlier runs, if there were any."""
+    earlier = [run.streams[name].values for run in experiment.runs if name in run.streams]
+    return not earlier or any(quantity in values for values in earlier)

@@ -1,0 +1,315 @@
+"""What instruments would say at one instant of a commanded motion, as expressions: the derivatives that information is made of.
+
+Composed of the measurement equations and of the balance of forces that the estimators linearise; nothing is stated anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard import rotations
+from steelyard.arrays import Array
+from steelyard.batch import Batched, Symbol
+from steelyard.dynamics import newton_euler
+from steelyard.excitation.course import SIX
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.arc import POSE
+from steelyard.identification.force_rows import derivatives_of_balance, taut_structure
+from steelyard.identification.joint_study import Joint
+from steelyard.identification.regression import TEN
+from steelyard.identification.unknowns import DRAG, ROBOT, Systematic, Unknowns, clock_of
+from steelyard.instruments.equations import difference_of, sensitivity_of
+from steelyard.motion.state import State, state_of_pose
+from steelyard.robot.model import Robot
+
+INSTANT = 4 * SIX
+"""Numbers in a command at one instant: the pose and its first three time derivatives."""
+_ORDERS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """One quantity of one instrument, or the balance of forces, at one instant of a command; whitened, k numbers."""
+
+    name: str
+    """Of the instrument."""
+    columns: NDArray[np.intp]
+    """Border parameters: the ten of the body, then the systematic errors that are uncertain, see :func:`columns_of`; shape (c,)."""
+    rate: float
+    """Readings a second [Hz]."""
+    rows: Batched
+    """Of ``command``, shape (24,): ``by_motion`` and ``by_border``, row by row."""
+    slopes: Batched
+    """Of ``command``, ``by_motion`` and ``by_border`` (weights of these): derivative of the weighted sum by the command, shape (24,)."""
+
+    def derivatives(self, commands: Array) -> tuple[Array, Array]:
+        """By pose, rate and acceleration one beside the other, shape (n, k, 21), and by border parameters, shape (n, k, c).
+
+        Args:
+            commands: Shape (n, 24).
+        """
+        found = self.rows(command=commands)
+        n = len(commands)
+        by_motion = found["by_motion"].reshape(n, -1, 3 * POSE)
+        return by_motion, found["by_border"].reshape(n, by_motion.shape[1], -1)
+
+    def slope(self, commands: Array, by_motion: Array, by_border: Array) -> Array:
+        """Derivative by the commands of the sum of weights times :meth:`derivatives`, shape (n, 24).
+
+        Args:
+            commands: Shape (n, 24).
+            by_motion: Weights, shape (n, k, 21).
+            by_border: Weights, shape (n, k, c).
+        """
+        n = len(commands)
+        weights = {"by_motion": by_motion.reshape(n, -1), "by_border": by_border.reshape(n, -1)}
+        return self.slopes(command=commands, **weights)["slope"]
+
+
+def motion_of(command: Symbol) -> tuple[Symbol, Symbol, Symbol, Symbol]:
+    """Position over quaternion of a commanded pose, and its first three time derivatives, shape (7,) each."""
+    six = [command[SIX * k : SIX * (k + 1)] for k in range(_ORDERS)]
+    place = ca.SX.sym("place", SIX)
+    pose = ca.vertcat(place[:3], rotations.quaternion_of_rpy(place[3:]))
+    series = [pose]
+    steps = [place, *(ca.SX.sym(f"d{k}", SIX) for k in range(1, _ORDERS))]
+    for _ in range(_ORDERS - 1):
+        series.append(ca.jtimes(series[-1], ca.vertcat(*steps[:-1]), ca.vertcat(*steps[1:])))
+    found = ca.substitute(series, steps, six)
+    return found[0], found[1], found[2], found[3]
+
+
+def state_at(motion: Sequence[Symbol], gravity: Array) -> State:
+    """State, without forces, of a pose and its derivatives, which may be expressions."""
+    symbols = [ca.SX.sym(name, POSE) for name in ("pose", "rate", "acceleration")]
+    general = state_of_pose(symbols[0], symbols[1], symbols[2], ca.DM(gravity))
+    names = ("position", "rotation", "omega", "alpha", "specific_force")
+    found = ca.substitute([ca.SX(getattr(general, name)) for name in names], symbols, list(motion[:3]))
+    return replace(general, **dict(zip(names, found, strict=True)))
+
+
+def tension_of(robot: Robot, structure: Symbol, wrench: Symbol, level: float) -> Symbol:
+    """Tensions of a wrench nearest to a level, in closed form [Pott2009]_, shape (m,)."""
+    even = ca.DM.ones(robot.m) * level
+    return even + structure.T @ ca.solve(structure @ structure.T, wrench - structure @ even)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Who looks at a run, and the values about which all is linearised."""
+
+    experiment: Experiment
+    run: Run
+    systematic: Systematic
+    parameters: Array
+    """The ten of the body, shape (10,)."""
+    level: float
+    """Tension that the cables are held near to [N]."""
+    readers: tuple[tuple[str, str, float, float], ...]
+    """Instrument, quantity, 1-sigma of a reading and readings a second of all that looks at the motion."""
+    forces: tuple[str, tuple[str, ...], Array, float]
+    """The force instrument: its name, quantities, 1-sigma of its numbers, readings a second."""
+
+    @classmethod
+    def of(cls, rehearsed: Joint, run: Run, level: float) -> View:
+        """As an estimator had it in a rehearsal."""
+        state = rehearsed.fit.state
+        assert state.parameters is not None
+        arc, felt = next((a, f) for a, f in zip(state.arcs, rehearsed.felt, strict=True) if a.run == run.name)
+
+        def rate(time: Array) -> float:
+            return (len(time) - 1) / float(time[-1] - time[0])
+
+        readers = tuple(
+            (*r.source, r.sigma * state.factors.get(arc.label(*r.source), 1.0), rate(r.time)) for r in arc.readings
+        )
+        forces = (felt.name, tuple(felt.readings), felt.sigma, rate(felt.time))
+        return cls(rehearsed.study.experiment, run, state.systematic, state.parameters, level, readers, forces)
+
+
+def sights(view: View) -> Iterator[Sight]:
+    """All that is seen in a run."""
+    command = ca.SX.sym("command", INSTANT)
+    known = _Known(view, command, motion_of(command))
+    for reader in view.readers:
+        yield _motion_sight(known, *reader)
+    yield _force_sight(known, *view.forces)
+
+
+def columns_of(unknowns: Unknowns) -> NDArray[np.intp]:
+    """Border parameter of each systematic error, after the ten of the body; -1: it is known exactly; shape (u,)."""
+    uncertain = unknowns.deviation > 0
+    return np.where(uncertain, TEN + np.cumsum(uncertain) - 1, -1)
+
+
+def border_of(unknowns: Unknowns) -> Array:
+    """What is known beforehand of the border parameters: the priors of the systematic errors, shape (b, b)."""
+    uncertain = unknowns.deviation[unknowns.deviation > 0]
+    return np.diag(np.concatenate([np.zeros(TEN), uncertain**-2.0]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What all sights of a run have in common."""
+
+    view: View
+    command: Symbol
+    motion: tuple[Symbol, Symbol, Symbol, Symbol]
+
+    @property
+    def experiment(self) -> Experiment:
+        """With robot and instruments."""
+        return self.view.experiment
+
+    @property
+    def systematic(self) -> Systematic:
+        """About which all is linearised."""
+        return self.view.systematic
+
+    @cached_property
+    def state(self) -> State:
+        """Without forces."""
+        return state_at(self.motion, self.systematic.gravity)
+
+    @cached_property
+    def geometry(self) -> dict[str, Symbol]:
+        """Anchors and attachments, three numbers a cable; nothing without cables."""
+        if not self.experiment.robot.m:
+            return {}
+        places = self.systematic.unknowns.places
+        return {key + "s": ca.DM(self.systematic.values[places[ROBOT, key, None]]) for key in ("anchor", "attachment")}
+
+    @cached_property
+    def structure(self) -> Symbol:
+        """Of straight cables."""
+        taut = taut_structure(self.experiment.robot.with_straight_cables())
+        return taut.at(position=self.state.position, rotation=self.state.rotation, **self.geometry)["structure"]
+
+    @cached_property
+    def wrench(self) -> Symbol:
+        """That moves the body."""
+        return newton_euler(ca.DM(self.view.parameters), self.state.specific_force, self.state.omega, self.state.alpha)
+
+    @cached_property
+    def tension(self) -> Symbol:
+        """Of the cables."""
+        return tension_of(self.experiment.robot, self.structure, self.wrench, self.view.level)
+
+
+def _motion_sight(known: _Known, name: str, quantity: str, sigma: float, rate: float) -> Sight:
+    instrument, robot = known.experiment.instruments[name], known.experiment.robot
+    values = known.systematic.of(name, instrument, known.view.run.name)
+    errors = ca.DM(np.concatenate(list(values.values()))) if values else ca.DM.zeros(1)
+    batched, zero = difference_of(instrument, quantity, robot)
+    cables = {"tension": known.tension} if "tension" in batched.inputs else {}
+    state = replace(known.state, **cables)
+    predicted = instrument.predict(state, {key: ca.DM(value) for key, value in values.items()}, robot)[quantity]
+    pose, rate_, acceleration, _ = known.motion
+    found = batched.at(
+        pose=pose,
+        rate=rate_,
+        acceleration=acceleration,
+        gravity=ca.DM(known.systematic.gravity),
+        errors=errors,
+        measured=ca.SX(predicted),
+        **cables,
+    )
+    found = {**found, **{key: ca.SX.zeros(*shape) for key, shape in zero.items()}}
+    by = [found["by_pose"], found["by_rate"], found["by_acceleration"]]
+    border = _border(known, name, found["by_errors"], by, found["by_gravity"])
+    return _sight(name, known, ca.DM.eye(by[0].shape[0]) / sigma, by, border, rate)
+
+
+def _force_sight(known: _Known, name: str, quantities: tuple[str, ...], sigma: Array, rate: float) -> Sight:
+    instrument, robot = known.experiment.instruments[name], known.experiment.robot
+    unknowns = known.systematic.unknowns
+    cables = {**known.geometry, "tension": known.tension} if robot.m else {}
+    pose, rate_, acceleration, _ = known.motion
+    found = derivatives_of_balance(robot).at(
+        pose=pose,
+        rate=rate_,
+        acceleration=acceleration,
+        gravity=ca.DM(known.systematic.gravity),
+        parameters=ca.DM(known.view.parameters),
+        drag=ca.SX(known.systematic.drag),
+        **cables,
+    )
+    unknown = "tension" if robot.m else "wrench"
+    batched, needed = sensitivity_of(unknown, instrument, robot, quantities)
+    values = {f"term_{k}": ca.DM(v) for k, v in known.systematic.of(name, instrument, known.view.run.name).items()}
+    there = {**vars(known.state), unknown: cables.get("tension", known.wrench), **values}
+    sensitive = batched.at(**{key: there[key] for key in needed})
+    by_reading, by_terms = sensitive["by_reading"], sensitive["by_terms"]
+    if robot.m:
+        by_reading, by_terms = known.structure @ by_reading, known.structure @ by_terms
+    noise = by_reading @ ca.diag(ca.DM(sigma))
+    whitener = ca.inv(ca.chol(noise @ noise.T)).T
+    by = [found["by_pose"], found["by_rate"], found["by_acceleration"]]
+    border = [(np.arange(TEN), found["by_parameters"]), *_border(known, name, by_terms, by, found["by_gravity"])]
+    if robot.m:
+        border += _uncertain(
+            unknowns,
+            [
+                (unknowns.places[ROBOT, "anchor", None], found["by_anchor"]),
+                (unknowns.places[ROBOT, "attachment", None], found["by_attachment"]),
+                (unknowns.places[ROBOT, DRAG, None], found["by_drag"]),
+            ],
+        )
+    return _sight(name, known, whitener, by, border, rate)
+
+
+Border = list[tuple[NDArray[np.intp], Symbol]]
+
+
+def _border(known: _Known, name: str, by_terms: Symbol, by: Sequence[Symbol], by_gravity: Symbol) -> Border:
+    """Derivatives by the systematic errors of an instrument that are uncertain, and their places."""
+    experiment, run, unknowns = known.experiment, known.view.run, known.systematic.unknowns
+    found, column = [], 0
+    for term in experiment.instruments[name].terms(unknowns.m):
+        found.append((unknowns.place(name, term.key, run.name), by_terms[:, column : column + term.size]))
+        column += term.size
+    force = experiment.force_instrument(run)
+    assert force is not None
+    clock = clock_of(experiment, name)
+    if clock != clock_of(experiment, force):
+        # A later clock looks at an earlier instant; the motion is told in the time of the forces.
+        by_delay = -sum(each @ rate for each, rate in zip(by, known.motion[1:], strict=True))
+        found.append((unknowns.place(clock, "delay", run.name), by_delay))
+    found.append((unknowns.places[ROBOT, "gravity", None], by_gravity))
+    return _uncertain(unknowns, found)
+
+
+def _uncertain(unknowns: Unknowns, border: Iterable[tuple[slice, Symbol]]) -> Border:
+    kept = []
+    column_of = columns_of(unknowns)
+    for place, each in border:
+        use = np.flatnonzero(unknowns.deviation[place] > 0)
+        if len(use):
+            kept.append((column_of[place.start + use], ca.SX(each)[:, use.tolist()]))
+    return kept
+
+
+def _sight(name: str, known: _Known, whitener: Symbol, by: Sequence[Symbol], border: Border, rate: float) -> Sight:
+    k = whitener.shape[0]
+    columns = np.concatenate([place for place, _ in border]) if border else np.zeros(0, dtype=np.intp)
+    together = {
+        "by_motion": whitener @ ca.horzcat(*by),
+        "by_border": whitener @ ca.horzcat(ca.SX(k, 0), *[each for _, each in border]),
+    }
+    # Row by row, as NumPy has them.
+    together = dict(zip(together, ca.cse([ca.densify(ca.vec(each.T)) for each in together.values()]), strict=True))
+    weights = {key: ca.SX.sym(key, each.numel()) for key, each in together.items()}
+    slope = ca.jtimes(ca.veccat(*together.values()), known.command, ca.veccat(*weights.values()), True)
+    return Sight(
+        name,
+        columns,
+        rate,
+        Batched("sight", {"command": known.command}, together),
+        Batched("slopes", {"command": known.command, **weights}, {"slope": ca.cse(ca.densify(slope))}),
+    )

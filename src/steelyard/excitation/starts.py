@@ -1,0 +1,77 @@
+"""Searches from several starts, in processes of their own."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import queue
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from steelyard.arrays import Array
+from steelyard.excitation.search import Found, Problem
+
+Watched = Callable[[int, int, float], None]
+"""Is told the number of the start, of the step, and the norm reached there."""
+_POLL = 0.1
+"""[s]"""
+
+_mailbox: Any = None
+
+
+def searched(
+    problem: Problem,
+    starts: Sequence[Array],
+    *,
+    steps: int,
+    until: float,
+    processes: int = 1,
+    watched: Watched | None = None,
+) -> list[Found]:
+    """Search from every start; what has not begun when the time is up is left out.
+
+    Args:
+        problem: What is to be best.
+        starts: Free coefficients to begin with.
+        steps: At most, of each search.
+        until: When all ends, by :func:`time.time` [s].
+        processes: At a time; 1: this one alone.
+        watched: Is told of the progress.
+    """
+    told = watched or (lambda start, step, value: None)
+    if processes == 1 or len(starts) == 1:
+        found: list[Found] = []
+        for i, start in enumerate(starts):
+            if not found or time.time() < until:
+                found.append(_one(problem, i, start, steps, until, told))
+        return found
+    context = multiprocessing.get_context("spawn")
+    mailbox = context.Queue()
+    # One thread of linear algebra each: the processes share the cores.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with context.Pool(min(processes, len(starts)), _begin, (mailbox,)) as pool:
+        asked = [pool.apply_async(_posted, (problem, i, start, steps, until)) for i, start in enumerate(starts)]
+        while not all(each.ready() for each in asked):
+            try:
+                told(*mailbox.get(timeout=_POLL))
+            except queue.Empty:
+                continue
+        return [each for post in asked if (each := post.get()) is not None]
+
+
+def _begin(mailbox: Any) -> None:
+    global _mailbox
+    _mailbox = mailbox
+
+
+def _posted(problem: Problem, i: int, start: Array, steps: int, until: float) -> Found | None:
+    if i and time.time() >= until:
+        return None
+    return _one(problem, i, start, steps, until, lambda *news: _mailbox.put(news))
+
+
+def _one(problem: Problem, i: int, start: Array, steps: int, until: float, told: Watched) -> Found:
+    return problem.search(
+        start, steps=steps, seconds=until - time.time(), told=lambda step, value: told(i, step, value)
+    )
