@@ -181,6 +181,105 @@ def identify(
     )
 
 
+_POSE: dict[str, Any] = {"nargs": 6, "type": float, "metavar": "X Y Z ROLL PITCH YAW"}
+
+
+@app.command()
+@click.argument("place", metavar="ROBOT|EXPERIMENT")
+@click.option("--duration", type=float, help="Of each motion [s].")
+@click.option("--out", type=_FOLDER, help="Folder for command.csv, design.json and design.md; must be new or empty.")
+@click.option(
+    "--check",
+    metavar="FILE.csv",
+    help="Look at this motion instead of searching: a CSV file of kind 'command', paper (its own move, repeated for --duration) or multisine.",
+)
+@click.option("--start", **_POSE, help="Pose to begin in [m], [deg]. Default: a good one.")
+@click.option("--end", **_POSE, help="Pose to end in. Default: where it began.")
+@click.option(
+    "--target",
+    metavar="mass=…,cog=…,inertia=…",
+    help="Wanted 1-sigma [kg], [m], [kg m^2]; mass and inertia also in %. Default: 1 % of the mass, 2 mm, 1 % of the largest moment.",
+)
+@click.option(
+    "--margin",
+    type=float,
+    default=0.2,
+    show_default=True,
+    help="By which share mass and inertia may differ from the nominal ones; the centre of gravity by a third of it, in radii of the platform.",
+)
+@click.option(
+    "--runs", type=int, default=1, show_default=True, help="How many motions, each to add what the others lack."
+)
+@click.option(
+    "--after",
+    multiple=True,
+    metavar="ESTIMATE|EXPERIMENT",
+    help="What has been found already: the motion adds what it lacks; may be repeated.",
+)
+@click.option("--body", metavar="ESTIMATE", help="Design for this body. Default: 'platform' of the robot file.")
+@click.option(
+    "--sensors",
+    default="paper",
+    show_default=True,
+    help="Of a robot alone: paper, ideal, or a YAML file with 'instruments'.",
+)
+@click.option(
+    "--budget", type=float, default=60.0, show_default=True, help="Time to spend [s]; more time, more starts."
+)
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="The same seed gives the same motion."
+)
+@click.option("--processes", type=click.IntRange(1), help="That search at a time. Default: one per processor.")
+@click.option("--force", is_flag=True, help="Replace files of the same names.")
+@_common
+def design(
+    place: str,
+    duration: float | None,
+    out: Path | None,
+    check: str | None,
+    start: tuple[float, ...] | None,
+    end: tuple[float, ...] | None,
+    target: str | None,
+    margin: float,
+    runs: int,
+    after: tuple[str, ...],
+    body: str | None,
+    sensors: str,
+    budget: float,
+    seed: int,
+    processes: int | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Find the motion that tells the body best within the robot's limits, and say beforehand how well.
+
+    Speeds, accelerations, workspace and tensions are those of 'limits' and 'tension' in the robot file.
+    """
+    from steelyard.cli.design import run_design
+
+    run_design(
+        place,
+        duration=duration,
+        out=out,
+        check=check,
+        start=start,
+        end=end,
+        target=target,
+        margin=margin,
+        runs=runs,
+        after=after,
+        body=body,
+        sensors=sensors,
+        budget=budget,
+        seed=seed,
+        processes=processes,
+        force=force,
+        as_json=as_json,
+        quiet=quiet,
+    )
+
+
 @app.command()
 @click.argument("estimates", nargs=-1, required=True, metavar="ESTIMATE ESTIMATE...")
 @click.option("--payload", is_flag=True, help="What was added between two estimates: before, after.")

@@ -50,13 +50,15 @@ _KNOTS = 3
 """Parts between knots of the motion, as the estimator would have it, to one of the course."""
 _BEGINNING = 0.35
 """Amplitude of the motions that a search begins with, as a part of the reach."""
-_STEPS = 80
+_STEPS = 50
 _STARTS = 2
 """For a minute."""
 _MINUTE = 60.0
-_FOR_SEARCH = 0.65
+_FOR_SEARCH = 0.55
 """Part of the budget after which all searches end."""
-_SHRINK = 0.96
+_SHRINK = 0.995
+"""Of a course that violates a limit, at most; where it is known by how much, by as much."""
+_LEAST_SHRINK = 0.7
 _SHRINKS = 40
 _ABOUT = 0.02
 """By how much a search may still exceed what it must keep to; the course is then made smaller."""
@@ -276,7 +278,9 @@ def _kept(
             found = looked(scale, elastic=True)
         if not found.violations:
             return scale * x, found
-        scale *= _SHRINK
+        scale *= (
+            float(np.clip(0.998 / max(found.fraction, 1e-9), _LEAST_SHRINK, _SHRINK)) if found.fraction > 1 else _SHRINK
+        )
     raise InputError(
         f"robot '{demands.robot.name}': expected a motion that keeps the limits, found none but the smallest ({found.violations[0]}); "
         "choose a longer --duration or a smaller --margin"

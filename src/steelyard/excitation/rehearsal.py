@@ -12,8 +12,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run, Stream, is_motion
-from steelyard.instruments import Command, Instrument
+from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.instruments import Command, Instrument, Length, Tension
 from steelyard.instruments.equations import means, predict
 from steelyard.motion.state import State
 from steelyard.motion.trajectory import Trajectory
@@ -42,18 +42,25 @@ class Rehearsal:
     def at(self, times: Array) -> State:
         """State at times [s], arrays over the n times."""
         assert self.robot.platform is not None
-        state = ExactMotion(self.robot, self.robot.platform, self.trajectory).at(times)
+        return ExactMotion(self.robot, self.robot.platform, self.trajectory).at(times)
+
+    def felt_at(self, times: Array) -> State:
+        """The same with the tensions of the cables."""
+        state = self.at(times)
         return state if not self.robot.m else replace(state, tension=held_tensions(self.robot, state, self.level))
 
 
 def held_tensions(robot: Robot, state: State, level: float) -> Array:
-    """Tensions nearest to a level that exert the wrench of a state, whatever the robot's limits [N], shape (n, m)."""
-    tension = np.full((len(state.wrench), robot.m), max(level, 1.0))
-    straight = robot.with_straight_cables()
-    for which in [straight] + [robot] * (_TURNS if robot.cable.linear_density else 0):
-        W = cables_at(which, state.position, state.rotation, tension).structure
-        missing = state.wrench - level * W.sum(axis=2)
-        tension = level + np.einsum("nmk,nk->nm", np.linalg.pinv(W), missing)
+    """Tensions that exert the wrench of a state, whatever the robot's limits [N], shape (n, m).
+
+    Those of straight cables nearest to a level, then with the smallest changes that the sag asks for: nearest anew, a slack cable would go on
+    sagging.
+    """
+    tension = np.full((len(state.wrench), robot.m), level)
+    for which in [robot.with_straight_cables()] + [robot] * (_TURNS if robot.cable.linear_density else 0):
+        W = cables_at(which, state.position, state.rotation, np.maximum(tension, 1.0)).structure
+        missing = state.wrench - np.einsum("nkm,nm->nk", W, tension)
+        tension = tension + np.einsum("nmk,nk->nm", np.linalg.pinv(W), missing)
     return tension
 
 
@@ -81,10 +88,17 @@ def rehearsed(experiment: Experiment, trajectories: Mapping[str, Trajectory], le
                     f"instrument '{name}': expected at least two samples in {trajectory.duration:g} s, found a rate of {instrument.rate:g} Hz; "
                     "choose a longer motion"
                 )
-            readings = predict(instrument, experiment.robot, response.at(times), means(instrument, experiment.robot.m))
-            streams[name] = Stream(times, readings, name)
+            looks_at_cables = isinstance(instrument, Tension | Length)
+            state = response.felt_at(times) if looks_at_cables else response.at(times)
+            readings = predict(instrument, experiment.robot, state, means(instrument, experiment.robot.m))
+            there = _read(name, instrument, experiment)
+            streams[name] = Stream(times, {key: value for key, value in readings.items() if key in there}, name)
         runs.append(Run(run, streams, dict.fromkeys(streams, 0.0)))
     return replace(experiment, instruments=instruments, runs=tuple(runs))
+
+
+_COMMANDED = 100.0
+"""Rate of a command that states none [Hz]."""
 
 
 def _stated(name: str, instrument: Instrument, experiment: Experiment) -> Instrument:
@@ -92,27 +106,32 @@ def _stated(name: str, instrument: Instrument, experiment: Experiment) -> Instru
     rate = instrument.rate
     if rate is None:
         steps = [
-            np.median(np.diff(run.streams[name].time))
+            float(np.median(np.diff(run.streams[name].time)))
             for run in experiment.runs
-            if name in run.streams and not run.static
+            if name in run.streams and not run.static and len(run.streams[name]) > 1
         ]
         steps = [step for step in steps if step > 0]
-        if not steps:
+        if steps:
+            rate = float(1 / np.median(steps))
+        elif isinstance(instrument, Command):
+            rate = _COMMANDED
+        else:
             raise InputError(
                 f"instrument '{name}': expected the key 'rate', found none, and no recording to take it from; add the samples per second"
             )
-        rate = float(1 / np.median(steps))
-    if is_motion(instrument) or not isinstance(instrument, Command):
-        for quantity in instrument.quantities(experiment.robot.m):
-            if not quantity.noise and _is_read(name, quantity.name, experiment):
-                raise InputError(
-                    f"instrument '{name}': expected the noise of its {quantity.name.replace('_', ' ')}, found none; add 'noise', the 1-sigma of a sample "
-                    f"in {quantity.unit}: what can be known depends on it"
-                )
+    for quantity in instrument.quantities(experiment.robot.m):
+        silent = isinstance(instrument, Command) and not instrument.is_measurement
+        if quantity.name in _read(name, instrument, experiment) and not quantity.noise and not silent:
+            raise InputError(
+                f"instrument '{name}': expected the noise of its {quantity.name.replace('_', ' ')}, found none; add 'noise', the 1-sigma of a sample "
+                f"in {quantity.unit}: what can be known depends on it"
+            )
     return instrument.model_copy(update={"rate": rate})
 
 
-def _is_read(name: str, quantity: str, experiment: Experiment) -> bool:
-    """Whether a quantity will be recorded: as in earlier runs, if there were any."""
+def _read(name: str, instrument: Instrument, experiment: Experiment) -> frozenset[str]:
+    """Quantities that will be recorded: as in earlier runs; without these, all but those that may be absent and state no noise."""
     earlier = [run.streams[name].values for run in experiment.runs if name in run.streams]
-    return not earlier or any(quantity in values for values in earlier)
+    if earlier:
+        return frozenset(quantity for values in earlier for quantity in values)
+    return frozenset(q.name for q in instrument.quantities(experiment.robot.m) if q.required or q.noise)

@@ -26,7 +26,11 @@ _PER_INTERVAL = 6
 """Instants between two knots of the course at which its demands are held."""
 _CLOSE = 0.995
 """What demands may reach at these instants: between them they may be a little more."""
+_ABOUT = 0.01
+"""By how much the demands may be exceeded where a search is broken off; the motion is made smaller afterwards."""
 _TOLERANCE = 1e-3
+_SETTLED, _SETTLED_STEPS = 2e-3, 6
+"""Change of the objective, relative to it, that is no progress any more, and in how many steps in a row."""
 _MEMORY = 20
 """Steps that IPOPT remembers for second derivatives."""
 
@@ -124,6 +128,10 @@ class Problem:
                 "limited_memory_max_history": _MEMORY,
                 "mu_strategy": "adaptive",
                 "tol": _TOLERANCE,
+                "acceptable_tol": 1e3 * _TOLERANCE,
+                "acceptable_constr_viol_tol": _TOLERANCE,
+                "acceptable_obj_change_tol": _SETTLED,
+                "acceptable_iter": _SETTLED_STEPS,
                 "max_iter": steps,
                 "max_wall_time": max(seconds, 0.1),
             },
@@ -132,8 +140,10 @@ class Problem:
         found = solver(x0=start, lbg=-np.inf, ubg=np.full(count, _CLOSE))
         status = solver.stats()
         end = np.asarray(found["x"]).ravel()
-        if not np.isfinite(end).all():
-            end = start
+        excess = float(evaluated.at(end).constraints.max() - 1)
+        if not (np.isfinite(end).all() and excess <= _ABOUT) and evaluated.best is not None:
+            # Broken off where it exceeds what it must keep to: it has been better.
+            end = evaluated.best
         return Found(
             end,
             evaluated.at(end).value,
@@ -165,6 +175,9 @@ class _Evaluated:
         self._point: _Point | None = None
         self._slope: Array | None = None
         self.slopes = 0
+        self.best: Array | None = None
+        """Of all points that keep the demands, about."""
+        self._least = np.inf
 
     def at(self, x: Any) -> _Point:
         x = np.asarray(x, dtype=np.float64).ravel()
@@ -179,6 +192,8 @@ class _Evaluated:
             self._slope = point.slope()
             self.slopes += 1
             self._told(self.slopes, point.value)
+            if point.value < self._least and point.constraints.max() <= 1 + _ABOUT:
+                self.best, self._least = np.array(x, dtype=np.float64).ravel(), point.value
         return self._slope
 
 

@@ -108,3 +108,9 @@ class ExperimentForm(FileModel):
     uncertainty: UncertaintyForm = UncertaintyForm()
     instruments: dict[str, AnyInstrument] = Field(min_length=1)
     runs: tuple[RunForm, ...] = Field(min_length=1)
+
+
+class PlanForm(ExperimentForm):
+    """The same before anything has been recorded."""
+
+    runs: tuple[RunForm, ...] = ()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, RunForm
+from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, PlanForm, RunForm
 from steelyard.experiment.model import Experiment, Run, Stream, is_motion
 from steelyard.experiment.streams import needed_columns, read_stream
 from steelyard.instruments import Instrument
@@ -35,11 +35,43 @@ def read_experiment(path: str | Path) -> Experiment:
     path = Path(path)
     document = read_yaml(path)
     form = validate(ExperimentForm, document)
-    robot = read_robot(form.robot, path.parent)
+    robot = _described(form, document)
+    runs = tuple(_read_run(i, run, form, robot, document) for i, run in enumerate(form.runs))
+    experiment = _experiment(form, robot, runs, path)
+    for i, run in enumerate(runs):
+        _check_run(experiment, run, document, ("runs", i))
+    return experiment
+
+
+def read_plan(path: str | Path) -> Experiment:
+    """Read what an experiment file says of robot and instruments, recorded or not.
+
+    Recordings are looked at only where an instrument states no rate and they have to tell it.
+
+    Args:
+        path: The file.
+
+    Raises:
+        InputError: Anything that does not fit the contract; the sentence says where and what to do.
+    """
+    path = Path(path)
+    document = read_yaml(path)
+    form = validate(PlanForm, document)
+    if form.runs and any(i.rate is None and i.kind != "command" for i in form.instruments.values()):
+        return read_experiment(path)
+    return _experiment(form, _described(form, document), (), path)
+
+
+def _described(form: ExperimentForm, document: Document) -> Robot:
+    """The robot, once it has been seen that instruments and runs go with it."""
+    robot = read_robot(form.robot, document.path.parent)
     _check_names(form, document)
     check_instruments(form.instruments, robot, document)
-    runs = tuple(_read_run(i, run, form, robot, document) for i, run in enumerate(form.runs))
-    experiment = Experiment(
+    return robot
+
+
+def _experiment(form: ExperimentForm, robot: Robot, runs: tuple[Run, ...], path: Path) -> Experiment:
+    return Experiment(
         # The name of a folder may be bytes that are no text.
         name=form.name or os.fsencode(path.parent.resolve().name).decode(errors="replace"),
         robot=robot,
@@ -49,9 +81,6 @@ def read_experiment(path: str | Path) -> Experiment:
         uncertainty=form.uncertainty.model_dump(),
         source=str(path),
     )
-    for i, run in enumerate(runs):
-        _check_run(experiment, run, document, ("runs", i))
-    return experiment
 
 
 def _known(form: KnownBodyForm) -> dict[str, tuple[float, float]]:

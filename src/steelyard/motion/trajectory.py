@@ -75,6 +75,28 @@ class RestToRest:
 
 
 @dataclass(frozen=True)
+class Repeated:
+    """A move there and back, again and again."""
+
+    move: RestToRest
+    times: int
+    """Moves in all."""
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        return self.move.duration * self.times
+
+    def derivative(self, t: Array, order: int) -> Array:
+        """See :class:`Trajectory`."""
+        t = np.asarray(t)
+        number = np.clip(np.floor(t / self.move.duration), 0, self.times - 1).astype(int)
+        since = t - number * self.move.duration
+        there, back = self.move.derivative(since, order), self.move.reversed().derivative(since, order)
+        return np.where((number % 2 == 0)[:, None], there, back)
+
+
+@dataclass(frozen=True)
 class Sampled:
     """A trajectory through given poses: a quintic spline, whose fourth derivative is still continuous."""
 

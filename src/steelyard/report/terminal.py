@@ -14,18 +14,21 @@ _PIPED_WIDTH = 160
 _COLUMNS_AT_ONCE = 5
 
 
+def console() -> Console:
+    """Standard output; nothing is cut where a file or a pipe reads along."""
+    found = Console(highlight=False)
+    return found if found.is_terminal else Console(width=_PIPED_WIDTH, highlight=False)
+
+
 def show(summary: Summary, *, each_run: bool = True) -> None:
     """Print to standard output."""
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        # Nothing is cut where a file or a pipe reads along.
-        console = Console(width=_PIPED_WIDTH, highlight=False)
+    screen = console()
     for table in (summary.table, *(summary.runs if each_run else ())):
         for part in _parts(table):
-            console.print(_drawn(part))
+            screen.print(_drawn(part))
     for text in summary.statements:
         style = "red" if ": not accepted" in text else "green" if text.endswith(": accepted") else ""
-        console.print(Text(text, style=style))
+        screen.print(Text(text, style=style))
 
 
 def _parts(table: Table) -> Iterator[Table]:

@@ -14,7 +14,7 @@ from steelyard.errors import InfeasibleError, InputError
 from steelyard.experiment.streams import read_stream
 from steelyard.instruments import Command
 from steelyard.motion.limits import check_times, commanded_tensions, motion_extremes
-from steelyard.motion.trajectory import RestToRest, Sampled, Trajectory, multisine
+from steelyard.motion.trajectory import Repeated, RestToRest, Sampled, Trajectory, multisine
 from steelyard.robot.model import Robot
 
 PAPER_MOVE = 3.0
@@ -42,13 +42,14 @@ _PAPER_MOVES = {
 }
 
 
-def trajectories(robot: Robot, which: str, duration: float | None) -> dict[str, Trajectory]:
+def trajectories(robot: Robot, which: str, duration: float | None, *, check: bool = True) -> dict[str, Trajectory]:
     """Runs of a virtual experiment and the trajectory of each.
 
     Args:
         robot: With its limits and nominal platform.
         which: ``paper`` (four moves, each forward and backward), ``multisine``, or the path of a CSV file of kind ``command``.
         duration: Of a move of the paper, or of the multisine [s]; None: its default.
+        check: Whether to refuse what the robot cannot do.
 
     Raises:
         InputError: The robot cannot do it, or the file is wrong.
@@ -70,7 +71,7 @@ def trajectories(robot: Robot, which: str, duration: float | None) -> dict[str, 
                 f"--trajectory: expected 'paper', 'multisine' or the path of a CSV file, found '{which}'; correct it"
             )
         runs = {"trajectory" if path.stem.startswith(".") else path.stem: from_file(path, robot)}
-    for name, trajectory in runs.items():
+    for name, trajectory in runs.items() if check else ():
         extremes = motion_extremes(robot, trajectory)
         if extremes.fraction > 1 + 1e-9:
             raise InputError(
@@ -80,6 +81,21 @@ def trajectories(robot: Robot, which: str, duration: float | None) -> dict[str, 
         if robot.m and robot.platform:
             commanded_tensions(robot, trajectory, check_times(trajectory))
     return runs
+
+
+def repeated_move(duration: float | None) -> Repeated:
+    """The paper's own move, there and back without a pause, as often as a duration has room for; None: once.
+
+    Raises:
+        InputError: There is no room for one.
+    """
+    length = PAPER_MOVE if duration is None else duration
+    if not PAPER_MOVE <= length <= LONGEST:
+        raise InputError(
+            f"--duration: expected {PAPER_MOVE:g} to {LONGEST:g} s for the paper's move, found {length:g}; choose another"
+        )
+    start, end = (np.concatenate([pose[:3], np.radians(pose[3:])]) for pose in _PAPER_MOVES["t1"])
+    return Repeated(RestToRest(start, end, PAPER_MOVE), int(length / PAPER_MOVE + 1e-9))
 
 
 def _paper(move: float) -> dict[str, Trajectory]:

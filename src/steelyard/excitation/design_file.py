@@ -1,0 +1,139 @@
+"""A planned experiment as files: commands for a controller, and what they will tell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.excitation.appraisal import Appraisal
+from steelyard.excitation.design import Design
+from steelyard.excitation.verification import Verified, times_of
+from steelyard.experiment.model import Stream
+from steelyard.experiment.write import write_stream
+from steelyard.identification.estimate import named, plain
+from steelyard.inertia import BODY_PARAMETERS
+from steelyard.instruments import Command
+from steelyard.motion.limits import Use
+from steelyard.motion.trajectory import Trajectory
+from steelyard.output import write_json
+
+FORMAT = "steelyard-design/1"
+RESULT = "design.json"
+_RATE = 100.0
+"""Of the commands [Hz]."""
+
+
+def command_names(appraisal: Appraisal) -> Iterator[tuple[str, str]]:
+    """Run -> name of its command file; the first one has the name of the contract."""
+    for i, run in enumerate(appraisal.trajectories):
+        yield run, "command.csv" if i == 0 else f"command-{i + 1}.csv"
+
+
+def write_design(design: Design, folder: Path) -> None:
+    """Write the commands, ``design.json`` and the motion with what is told when.
+
+    Args:
+        design: What was found.
+        folder: An empty folder that exists.
+    """
+    appraisal = design.appraisal
+    for run, name in command_names(appraisal):
+        write_command(appraisal.trajectories[run], folder / name)
+    write_json(design_dict(design), folder / RESULT)
+
+
+def write_command(trajectory: Trajectory, path: Path) -> None:
+    """Write a command as CSV with the columns of its kind."""
+    times = times_of(trajectory, _RATE)
+    pose = trajectory.derivative(times, 0)
+    orientation = Rotation.from_euler("ZYX", pose[:, :2:-1]).as_matrix()
+    stream = Stream(times, {"position": pose[:, :3], "orientation": orientation}, str(path))
+    write_stream(stream, Command(kind="command"), 0, path)
+
+
+def design_dict(design: Design) -> dict[str, Any]:
+    """A design in the shape of the contract."""
+    return {
+        **appraisal_dict(design.appraisal),
+        "search": {
+            "seed": design.seed,
+            "in_time": design.in_time,
+            "starts": [{"norm": float(np.exp(each.value)), "steps": each.steps} for each in design.starts],
+        },
+    }
+
+
+def appraisal_dict(appraisal: Appraisal) -> dict[str, Any]:
+    """Planned motions in the shape of the contract."""
+    runs = list(appraisal.trajectories)
+    first = appraisal.trajectories[runs[0]]
+    parameter, ratio = appraisal.worst
+    labels = appraisal.estimate.verdict.parameters
+    entries: dict[str, Any] = {
+        "format": FORMAT,
+        "robot": appraisal.experiment.robot.name,
+        "experiment": appraisal.experiment.name,
+        "duration": first.duration,
+        "standard_deviation": named(appraisal.each[runs[0]]),
+        "limits": _limits(appraisal.verified[runs[0]]),
+        "feasible": appraisal.feasible,
+        "violations": [text for run in runs for text in appraisal.verified[run].violations],
+        "target": named(appraisal.target.each),
+        "worst": {"parameter": parameter, "over_target": ratio if np.isfinite(ratio) else None},
+        "unidentifiable": [name for name in BODY_PARAMETERS if labels.get(name) == "unidentifiable"],
+        "all_runs": {"runs": len(runs), "standard_deviation": named(appraisal.standard_deviation)},
+        "margin": {"share": appraisal.margin.share, "center_of_gravity": appraisal.margin.off},
+        "tension_level": appraisal.level,
+        "natural_frequencies": appraisal.natural_frequencies.tolist(),
+        "highest_frequency": appraisal.highest_frequency,
+        "commands": [],
+    }
+    for run, name in command_names(appraisal):
+        verified, told = appraisal.verified[run], appraisal.told[run]
+        trajectory = appraisal.trajectories[run]
+        ends = trajectory.derivative(np.array([0.0, trajectory.duration]), 0)
+        entries["commands"].append(
+            {
+                "file": name,
+                "duration": trajectory.duration,
+                "start": _pose(ends[0]),
+                "end": _pose(ends[1]),
+                "standard_deviation": named(appraisal.each[run]),
+                "limits": _limits(verified),
+                "allowed": {_key(use): _extremes(use.limit) for use in verified.commanded if use.limit},
+                "on_elastic_cables": {_key(use): _extremes(use.extremes) for use in verified.elastic} or None,
+                "tension_within_margin": None if verified.bodies is None else _extremes(verified.bodies.extremes),
+                "told": {
+                    "t": plain(told.time),
+                    **{parameter: plain(share) for parameter, share in zip(BODY_PARAMETERS, told.share.T, strict=True)},
+                },
+            }
+        )
+    return entries
+
+
+def _limits(verified: Verified) -> dict[str, Any]:
+    """Extremes of the commanded motion."""
+    return {_key(use): _extremes(use.extremes) for use in verified.commanded}
+
+
+def _key(use: Use) -> str:
+    name = "rpy_deg" if use.unit == "deg" else use.name
+    return name.replace("'", "").replace(" ", "_")
+
+
+def _extremes(values: tuple[Any, ...] | None) -> Any:
+    if values is None:
+        return None
+    if len(values) == 1:
+        return values[0]
+    return [list(each) if isinstance(each, tuple) else plain(np.float64(each)) for each in values]
+
+
+def _pose(pose: Array) -> dict[str, Any]:
+    return {"position": pose[:3].tolist(), "rpy_deg": np.degrees(pose[3:]).tolist()}

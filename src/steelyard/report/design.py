@@ -1,0 +1,179 @@
+"""A planned experiment for people: what it will tell, what it takes of the robot, and when it tells what."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from steelyard.excitation.appraisal import Appraisal, Told
+from steelyard.excitation.verification import Verified
+from steelyard.inertia import BODY_PARAMETERS
+from steelyard.motion.limits import Use
+from steelyard.report.summary import LABELS
+from steelyard.report.terminal import console
+
+_BARS = "▁▂▃▄▅▆▇█"
+_PARTS = 40
+"""Parts of a run whose share is drawn."""
+_NEAR = 0.3
+"""Lowest natural frequency over which a motion should not come near, as a part of it."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table of texts; the first line is its heading."""
+
+    title: str
+    rows: tuple[tuple[str, ...], ...]
+    right: frozenset[int] = frozenset()
+    """Columns of numbers."""
+
+
+def grids(appraisal: Appraisal) -> tuple[Grid, ...]:
+    """What is shown, as tables."""
+    return (_precision(appraisal), *(_use(name, each, appraisal) for name, each in appraisal.verified.items()))
+
+
+def _precision(appraisal: Appraisal) -> Grid:
+    runs = list(appraisal.trajectories)
+    several = len(runs) > 1 or not np.allclose(appraisal.each[runs[0]], appraisal.standard_deviation, equal_nan=True)
+    heading = ["", "unit", *(("one run", "in all") if several else ("1-sigma",)), "wanted", "share", "told over time"]
+    rows = [tuple(heading)]
+    for i, (label, unit, factor) in enumerate(LABELS):
+        alone, total = float(appraisal.each[runs[0]][i]), float(appraisal.standard_deviation[i])
+        wanted = float(appraisal.target.each[i])
+        values = (alone, total) if several else (total,)
+        share = "" if np.isnan(total) else f"{total / wanted:.2f}"
+        drawn = "  ".join(drawn_over_time(appraisal.told[run], i) for run in runs)
+        shown = ("not told" if np.isnan(v) else f"{v * factor:.3g}" for v in values)
+        rows.append((label, unit, *shown, f"{wanted * factor:.3g}", share, drawn))
+    title = f"What {'a motion' if len(runs) == 1 else f'{len(runs)} motions'} of {_seconds(appraisal)} will tell"
+    return Grid(title, tuple(rows), frozenset(range(2, len(heading) - 1)))
+
+
+def drawn_over_time(told: Told, parameter: int) -> str:
+    """Share of a parameter that each part of a run tells, as a row of bars."""
+    edges = np.linspace(0, len(told.time), min(_PARTS, len(told.time)) + 1).astype(int)
+    parts = np.array([told.share[a:b, parameter].mean() for a, b in pairwise(edges)])
+    largest = parts.max()
+    if not np.isfinite(largest) or largest <= 0:
+        return ""
+    return "".join(_BARS[min(int(8 * each / largest), 7)] for each in parts)
+
+
+def _use(name: str, verified: Verified, appraisal: Appraisal) -> Grid:
+    elastic = {use.name: use for use in verified.elastic}
+    heading = ("", "unit", "commanded", *(("on elastic cables",) if elastic else ()), "allowed", "used")
+    rows = [heading]
+    for use in verified.commanded:
+        real = elastic.get(use.name)
+        most = max(use.fraction, real.fraction if real else 0.0)
+        used = "" if use.limit is None else f"{most:.0%}"
+        columns = [_shown(use.extremes), *([_shown(real.extremes)] if real else []), _shown(use.limit)]
+        labels = [use.name] if len(columns[0]) == 1 else _axes(use)
+        for i, label in enumerate(labels):
+            rows.append((label, use.unit, *(column[i] if column else "" for column in columns), used if not i else ""))
+        if use.name == "tension" and verified.bodies is not None:
+            share = f"tension, body within {appraisal.margin.share:.0%}"
+            bodies = verified.bodies
+            rows.append(
+                (share, bodies.unit, _shown(bodies.extremes)[0], *(("",) if elastic else ()), columns[-1][0], "")
+            )
+    title = "What it takes of the robot" if len(appraisal.verified) == 1 else f"What '{name}' takes of the robot"
+    return Grid(title, tuple(rows), frozenset(range(2, len(heading))))
+
+
+def _axes(use: Use) -> list[str]:
+    return [f"position {axis}" for axis in "xyz"] if use.name == "position" else use.name.split(", ")
+
+
+def _shown(values: Sequence[object] | None) -> list[str]:
+    """One text for each axis; none where there are no values."""
+    if values is None:
+        return []
+    if len(values) == 1:
+        return [f"{values[0]:.3g}"]
+    low, high = (np.atleast_1d(np.asarray(each, dtype=np.float64)) for each in values)
+    return [f"{a:.3g} to {b:.3g}" for a, b in zip(low, high, strict=True)]
+
+
+def _seconds(appraisal: Appraisal) -> str:
+    lengths = sorted({each.duration for each in appraisal.trajectories.values()})
+    return " and ".join(f"{length:g} s" for length in lengths)
+
+
+def statements(appraisal: Appraisal) -> Iterator[str]:
+    """What there is to say about it, one sentence each."""
+    parameter, ratio = appraisal.worst
+    label = dict(zip(BODY_PARAMETERS, (label for label, *_ in LABELS), strict=True))[parameter]
+    if np.isfinite(ratio):
+        verdict = (
+            "reaches all that is wanted"
+            if ratio <= 1
+            else "does not reach what is wanted; a longer motion or more runs would"
+        )
+        yield f"worst known: {label}, {ratio:.2f} of the wanted 1-sigma: {verdict}"
+    untold = [
+        name
+        for name, told in zip((label for label, *_ in LABELS), np.isnan(appraisal.standard_deviation), strict=True)
+        if told
+    ]
+    if untold:
+        yield f"cannot tell {', '.join(untold)}: the motion does not show {'it' if len(untold) == 1 else 'them'}"
+    for name, verified in appraisal.verified.items():
+        for text in verified.violations:
+            yield f"'{name}': the robot cannot do it: {text}"
+    if len(appraisal.natural_frequencies):
+        swings = ", ".join(f"{each:.2g}" for each in appraisal.natural_frequencies[:3])
+        yield (
+            f"the platform swings on its cables at {swings} Hz and above (where it begins; the stiffness is known to a factor only), "
+            f"the motion is below {appraisal.highest_frequency:.2g} Hz"
+        )
+        if appraisal.highest_frequency > _NEAR * appraisal.natural_frequencies[0]:
+            yield "that is near: the platform may ring on its cables"
+    elif appraisal.experiment.robot.m:
+        yield (
+            f"the stiffness of the cables is not known: how the platform swings on them was not looked at; the motion is below {appraisal.highest_frequency:.2g} Hz "
+            "(add 'cable: {axial_stiffness: …}' to the robot file)"
+        )
+    if appraisal.experiment.robot.m:
+        yield (
+            f"tensions are those nearest to {appraisal.level:g} N; they stay within the limits for a body up to {appraisal.margin.share:.0%} lighter or heavier with its "
+            f"centre of gravity up to {appraisal.margin.off * 1e3:.0f} mm off"
+            if appraisal.feasible
+            else f"tensions are those nearest to {appraisal.level:g} N"
+        )
+
+
+def show_design(appraisal: Appraisal) -> None:
+    """Print to standard output."""
+    screen: Console = console()
+    for grid in grids(appraisal):
+        drawn = RichTable(title=Text(grid.title), title_justify="left", title_style="bold", header_style="bold")
+        for i, heading in enumerate(grid.rows[0]):
+            drawn.add_column(Text(heading), justify="right" if i in grid.right else "left", no_wrap=i == 0)
+        for row in grid.rows[1:]:
+            drawn.add_row(*(Text(each) for each in row))
+        screen.print(drawn)
+    for text in statements(appraisal):
+        screen.print(Text(text, style="red" if "cannot" in text else ""))
+
+
+def design_markdown(appraisal: Appraisal) -> str:
+    """The same as Markdown."""
+    lines = [f"# {appraisal.experiment.name}: a planned experiment", ""]
+    for grid in grids(appraisal):
+        lines += [f"## {grid.title}", ""]
+        for i, row in enumerate(grid.rows):
+            lines.append("| " + " | ".join(each.replace("|", "\\|") for each in row) + " |")
+            if not i:
+                lines.append("|" + "|".join("---:" if k in grid.right else "---" for k in range(len(row))) + "|")
+        lines.append("")
+    lines += [f"- {text}" for text in statements(appraisal)]
+    return "\n".join(lines) + "\n"
