@@ -8,8 +8,10 @@ from pathlib import Path
 
 from steelyard.inertia import Inertia
 
+SHARED = Path(__file__).parents[2] / "shared" / "data"
+"""What may lie beside the project."""
 _PLACES = (
-    Path(__file__).parents[2] / "shared" / "data" / "elastic-cogiro",
+    SHARED / "elastic-cogiro",
     Path(__file__).parents[1] / "tests" / "data",
 )
 

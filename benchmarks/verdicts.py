@@ -12,6 +12,7 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.least_squares import LeastSquares
 from steelyard.motion.state import State
+from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.file import read_robot
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
@@ -23,10 +24,10 @@ from steelyard.simulation.trajectories import feasible_multisine
 class Recorder:
     """One motion of CoGiRo with straight cables, recorded with sensors of the paper as often as one likes."""
 
-    def __init__(self, duration: float = 20.0) -> None:
+    def __init__(self, duration: float = 20.0, trajectory: Trajectory | None = None) -> None:
         self.robot = read_robot("cogiro").with_straight_cables()
         assert self.robot.platform is not None
-        trajectory = feasible_multisine(self.robot, duration)
+        trajectory = trajectory or feasible_multisine(self.robot, duration)
         self.response = CablePlatform(self.robot, self.robot.platform).move(trajectory)
         self.command = ExactMotion(self.robot, self.robot.platform, trajectory)
         self.instruments = paper_sensors(self.robot).instruments

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler, point_specific_force
 from steelyard.excitation.course import SIX
@@ -29,7 +30,7 @@ _OFF = 3.0
 _SMOOTH = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Margin:
     """How far the body may be from the nominal one."""
 
@@ -56,26 +57,79 @@ class Demands:
     share: float
     """Part of the limits on speed and acceleration that a command may use: elastic cables add to it."""
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each is about, shape (g,)."""
+        return self._expressed.names
+
+    def values(self, commands: Array) -> Array:
+        """All of them, shape (n, g).
+
+        Args:
+            commands: Pose, rate and acceleration, shape (n, 18).
+        """
+        return self._expressed.plain(command=commands, level=self.level)["value"]
+
+    def linearised(self, commands: Array) -> tuple[Array, Array]:
+        """All of them, shape (n, g), and their derivatives by the commands, shape (n, g, 18)."""
+        found = self._expressed.sloped(command=commands, level=self.level)
+        return found["value"], found["slope"]
+
+    @property
+    def _expressed(self) -> _Expressed:
+        return _expressed(self.robot, tuple(self.instruments.items()), self.margin, self.share)
+
+
+@lru_cache(maxsize=8)
+def _expressed(
+    robot: Robot, instruments: tuple[tuple[str, Instrument], ...], margin: Margin, share: float
+) -> _Expressed:
+    return _Expressed(robot, dict(instruments), margin, share)
+
+
+@dataclass(frozen=True, eq=False)
+class _Expressed:
+    """The demands as expressions."""
+
+    robot: Robot
+    instruments: Mapping[str, Instrument]
+    margin: Margin
+    share: float
+
     @cached_property
     def names(self) -> tuple[str, ...]:
         """What each is about, shape (g,)."""
-        return self._built[0]
+        return tuple(name for name, each in self._found[2] for _ in range(each.numel()))
 
     @cached_property
-    def function(self) -> Batched:
-        """Of ``command`` (pose, rate, acceleration), shape (18,): ``value``, shape (g,), and ``slope``, shape (g, 18)."""
-        return self._built[1]
+    def plain(self) -> Batched:
+        """Values alone."""
+        command, level, found = self._found
+        value = ca.densify(ca.cse(ca.vertcat(*[each for _, each in found])))
+        return Batched("demands", {"command": command, "level": level}, {"value": value})
 
     @cached_property
-    def _built(self) -> tuple[tuple[str, ...], Batched]:
-        command = ca.SX.sym("command", AT)
+    def sloped(self) -> Batched:
+        """With derivatives."""
+        command, level, found = self._found
+        value = ca.vertcat(*[each for _, each in found])
+        value, slope = ca.cse([ca.densify(value), ca.densify(ca.jacobian(value, command))])
+        return Batched("slopes", {"command": command, "level": level}, {"value": value, "slope": slope})
+
+    @cached_property
+    def _found(self) -> tuple[Symbol, Symbol, list[tuple[str, Symbol]]]:
+        command, level = ca.SX.sym("command", AT), ca.SX.sym("level")
         motion = motion_of(ca.vertcat(command, ca.SX.zeros(INSTANT - AT)))
         state = state_at(motion, self.robot.gravity)
-        found = [*self._box(command), *self._motion(command, state), *self._cables(command, state)]
-        value = ca.densify(ca.cse(ca.vertcat(*[each for _, each in found])))
-        names = tuple(name for name, each in found for _ in range(each.numel()))
-        slope = ca.cse(ca.densify(ca.jacobian(value, command)))
-        return names, Batched("demands", {"command": command}, {"value": value, "slope": slope})
+        return (
+            command,
+            level,
+            [
+                *self._box(command),
+                *self._motion(command, state),
+                *self._cables(command, state, level),
+            ],
+        )
 
     def _box(self, command: Symbol) -> Iterator[tuple[str, Symbol]]:
         limits = self.robot.limits
@@ -105,7 +159,7 @@ class Demands:
         if limit is not None:
             yield name, ca.dot(vector, vector) / (self.share * limit) ** 2
 
-    def _cables(self, command: Symbol, state: State) -> Iterator[tuple[str, Symbol]]:
+    def _cables(self, command: Symbol, state: State, level: Symbol) -> Iterator[tuple[str, Symbol]]:
         robot = self.robot
         if not robot.m:
             return
@@ -124,16 +178,16 @@ class Demands:
         low, high = robot.tension_limits
         unit = robot.platform.mass * float(np.linalg.norm(robot.gravity)) / 2
         for name, wrench in (("tension", moving), ("tension at rest", hanging)):
-            least, most = self._tensions(structure, wrench, ten)
+            least, most = self._tensions(structure, wrench, ten, level)
             yield name, 1 - (least - low) / unit
             if np.isfinite(high):
                 yield name, 1 + (most - high) / unit
 
-    def _tensions(self, structure: Symbol, wrench: Symbol, ten: Symbol) -> tuple[Symbol, Symbol]:
+    def _tensions(self, structure: Symbol, wrench: Symbol, ten: Symbol, level: Symbol) -> tuple[Symbol, Symbol]:
         """Least and largest tension of each cable over the bodies within the margin."""
         body = self.robot.platform
         assert body is not None
-        tension = tension_of(self.robot, structure, wrench, self.level)
+        tension = tension_of(self.robot, structure, wrench, level)
         # It is linear in the body: what is there without one, what the nominal one adds, what a shift of its mass adds.
         slope = ca.jacobian(tension, ten)
         none = ca.substitute(tension, ten, ca.DM.zeros(10))
@@ -141,7 +195,4 @@ class Demands:
         shifted = (1 + self.margin.share) * body.mass * self.margin.off * slope[:, 1:4]
         spread = ca.sqrt(ca.sum2(shifted**2) + _SMOOTH)
         ends = [none + (1 + sign * self.margin.share) * nominal for sign in (-1, 1)]
-        if not self.level:
-            # Nothing but the body pulls: the light one least, the heavy one most, as long as no cable pushes.
-            return ends[0] - spread, ends[1] + spread
         return ca.fmin(*ends) - spread, ca.fmax(*ends) + spread

@@ -30,7 +30,7 @@ def hanging(demands: Demands, poses: Array) -> Array:
         poses: Shape (n, 6).
     """
     commands = np.hstack([poses, np.zeros((len(poses), AT - SIX))])
-    return np.asarray(demands.function(command=commands)["value"].max(axis=1))
+    return np.asarray(demands.values(commands).max(axis=1))
 
 
 def places(robot: Robot) -> Array:
@@ -85,13 +85,21 @@ def _why_nowhere(demands: Demands, poses: Array) -> str:
 
 
 def good_pose(demands: Demands) -> Array:
-    """A pose to begin with: the middle of the workspace or, where little room is left there, the place that leaves most, shape (6,)."""
-    poses = places(demands.robot)
-    worst = hanging(demands, poses)
-    room = 1 - worst
-    if room[0] >= _CENTRAL * room.max() and room[0] > 0:
-        return np.asarray(poses[0])
-    return np.asarray(poses[int(room.argmax())])
+    """A pose to begin with: the middle of the workspace or, where little room is left there, the place that leaves most, shape (6,).
+
+    Raises:
+        InputError: The middle of the workspace cannot be held: something is missing, and where to go is not for us to guess.
+    """
+    robot, poses = demands.robot, places(demands.robot)
+    room = 1 - hanging(demands, poses)
+    best = np.asarray(poses[int(room.argmax())])
+    if room[0] <= 0:
+        raise InputError(
+            f"robot '{robot.name}': expected that {robot.m} cables can hold the platform in the middle of its limits, {_listed(poses[0, :3])} m, even if it differs by "
+            f"{demands.margin.share:.0%}, found that they can in {int(np.sum(room > 0))} of {len(poses)} places; check that all cables are listed, or "
+            f"give a pose with --start, such as {' '.join(f'{value:.3g}' for value in best[:3])} 0 0 0, or a smaller --margin"
+        )
+    return np.asarray(poses[0]) if room[0] >= _CENTRAL * room.max() else best
 
 
 def checked_pose(demands: Demands, pose: Array, which: str) -> Array:
@@ -102,7 +110,7 @@ def checked_pose(demands: Demands, pose: Array, which: str) -> Array:
     """
     robot = demands.robot
     commands = np.concatenate([pose, np.zeros(AT - SIX)])[None]
-    values = demands.function(command=commands)["value"][0]
+    values = demands.values(commands)[0]
     worst = int(values.argmax())
     if values[worst] > 1:
         name = demands.names[worst]

@@ -85,11 +85,11 @@ class Problem:
         """Numbers that must be at most 1, shape (g,), and their derivative, sparse, shape (g, 6 f)."""
         held = self._held
         commands = held.commands(x)[:, :AT]
-        found = self.demands.function(command=commands)
-        values = [found["value"].ravel()]
-        n, g = found["value"].shape
+        demanded, slope = self.demands.linearised(commands)
+        values = [demanded.ravel()]
+        n, g = demanded.shape
         columns, there = held.pattern
-        slopes = held.spread(found["slope"])
+        slopes = held.spread(slope)
         there = np.broadcast_to(there[:, None, :], slopes.shape)
         rows = np.broadcast_to(np.arange(n * g).reshape(n, g, 1), slopes.shape)[there]
         entries = [(rows, np.broadcast_to(columns[:, None, :], slopes.shape)[there], slopes[there])]

@@ -94,7 +94,7 @@ def state_at(motion: Sequence[Symbol], gravity: Array) -> State:
     return replace(general, **dict(zip(names, found, strict=True)))
 
 
-def tension_of(robot: Robot, structure: Symbol, wrench: Symbol, level: float) -> Symbol:
+def tension_of(robot: Robot, structure: Symbol, wrench: Symbol, level: Symbol | float) -> Symbol:
     """Tensions of a wrench nearest to a level, in closed form [Pott2009]_, shape (m,)."""
     even = ca.DM.ones(robot.m) * level
     return even + structure.T @ ca.solve(structure @ structure.T, wrench - structure @ even)

@@ -1,0 +1,191 @@
+"""Designed motions on elastic cables in MuJoCo: limits, tensions and what is identified from them.
+
+`python benchmarks/designed_motion.py [NAME ...]`, with names of the table at the end. `store [SEED [FILE]]` designs the motion that
+the tests have (or another) and writes it; `designs 3` designs three motions for each robot and looks at them, which takes a minute each.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from steelyard.arrays import Array
+from steelyard.excitation.design import design
+from steelyard.experiment.model import Experiment
+from steelyard.identification.maximum_likelihood import MaximumLikelihood
+from steelyard.motion.trajectory import Trajectory
+from steelyard.robot.file import read_robot
+from steelyard.robot.model import Robot
+from steelyard.simulation.forward_dynamics import CablePlatform
+from steelyard.simulation.sensors import paper_sensors
+from steelyard.simulation.trajectories import from_file
+
+TESTS = Path(__file__).parents[1] / "tests"
+sys.path.append(str(TESTS))
+from mujoco_cables import EXACT, LAWS, Hanging, chi_square, hung, point_robot, recorded  # noqa: E402
+
+FIRST_SEED = 500_000
+"""Of recordings; apart from the seeds of every test and of the other benchmarks."""
+STORED = TESTS / "data" / "designed-points.csv"
+DURATION = 20.0
+"""[s]"""
+ROWS = 20
+"""Of a stored command, a second: every knot of the course falls on one, so that interpolation gives the course itself."""
+SAME = 1e-5
+"""[m], [rad]"""
+STIFFER = (0.5, 1.0, 2.0)
+LEVELS = (600.0, 300.0, 0.0)
+"""[N]"""
+PAST = 1.02
+"""Part of a limit that may be reached."""
+WINDOW = 3.0
+"""Around the largest excess, in which its frequency is told [s]."""
+SHORT = ("position", "angles", "speed", "accel.", "ang. sp.", "ang. acc.")
+
+
+def designed(robot: Robot, seed: int) -> tuple[Trajectory, str]:
+    """The motion that a search finds, and how that went."""
+    experiment = Experiment("design", robot, paper_sensors(robot).instruments, (), uncertainty=EXACT)
+    begun = time.perf_counter()
+    found = design(experiment, DURATION, seed=seed)
+    parameter, ratio = found.appraisal.worst
+    late = "" if found.in_time else ", late: not the same again"
+    words = f"{parameter} {ratio:.3f} of the wanted 1-sigma, {time.perf_counter() - begun:.0f} s{late}"
+    return found.appraisal.trajectories["design"], words
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a motion takes of the robot in MuJoCo."""
+
+    hanging: Hanging
+    command: Trajectory
+    level: float
+
+    @property
+    def over(self) -> list[str]:
+        """Limits that it passes."""
+        found = [name for name, use in self.hanging.uses().items() if use > PAST]
+        low, high = self.hanging.robot.tension_limits
+        least, most = self.hanging.tension.min(), self.hanging.tension.max()
+        slack = ["slack"] if least <= 0 else []
+        return found + (["tension"] if least < low / PAST or most > high * PAST else []) + slack
+
+    def ringing(self) -> str:
+        """When the acceleration is largest, how far it is from the command then, and at which frequencies."""
+        t, real = self.hanging.time, self.hanging.seen[:, 13:16]
+        off = real - self.command.derivative(t, 2)[:, :3]
+        size = np.linalg.norm(real, axis=1)
+        worst = int(size.argmax())
+        axis = int(np.abs(off[worst]).argmax())
+        start = np.clip(t[worst] - WINDOW / 2, 0.0, t[-1] - WINDOW)
+        near = off[(t >= start) & (t <= start + WINDOW), axis]
+        power = np.abs(np.fft.rfft(near * np.hanning(len(near)), 8 * len(near)))
+        peaks, _ = find_peaks(power, height=power.max() / 3)
+        frequencies = np.fft.rfftfreq(8 * len(near), t[1])[peaks]
+        pose = self.command.derivative(t[worst : worst + 1], 0)[0]
+        lowest = self.natural(pose)[:2]
+        return (
+            f"{size[worst]:.2f} m/s^2 at {t[worst]:.2f} s, {off[worst, axis]:+.2f} of it along {'xyz'[axis]} not commanded, at "
+            f"{_listed(frequencies)} Hz (lowest natural frequencies in that pose {_listed(lowest)} Hz)"
+        )
+
+    def natural(self, pose: Array) -> Array:
+        """Frequencies of small swings about a commanded pose [Hz]."""
+        robot = self.hanging.robot
+        return CablePlatform(robot, robot.platform).natural_frequencies(pose, self.level)
+
+
+def _listed(values: Array) -> str:
+    return ", ".join(f"{value:.2f}" for value in values)
+
+
+def header(what: str) -> None:
+    print(f"{what:38}" + "".join(f"{name:>10}" for name in SHORT) + f"{'tension [N]':>14}{'chi-square':>22}")
+
+
+def line(what: str, seen: Seen, chi: list[tuple[float, bool]] | None = None) -> None:
+    """Largest uses of the limits, range of tensions, chi-squares with a mark where the verdict rejects."""
+    tension = seen.hanging.tension
+    uses = "".join(f"{use:9.3f}{'!' if use > PAST else ' '}" for use in seen.hanging.uses().values())
+    found = " ".join(f"{value:.1f}{'' if accepted else ' rejected'}" for value, accepted in chi or ())
+    span = f"{tension.min():.0f} to {tension.max():.0f}"
+    print(f"{what:38}{uses}{span:>14}{found:>22}{'   ' if seen.over else ''}{', '.join(seen.over)}", flush=True)
+
+
+def identified(seen: Seen, seed: int) -> tuple[float, bool]:
+    estimate = MaximumLikelihood()(recorded(seen.hanging, seen.command, seed))
+    return chi_square(estimate, seen.hanging.robot.platform), estimate.verdict.accepted
+
+
+def looked(trajectory: Trajectory) -> Iterator[tuple[str, float, float, Seen]]:
+    """Law, factor of the stiffness, tension that the winches hold, and what comes of it."""
+    for law in LAWS:
+        for stiffer in STIFFER:
+            for level in LEVELS:
+                hanging = hung(point_robot(stiffer=stiffer), trajectory, level, law)
+                yield law, stiffer, level, Seen(hanging, trajectory, level)
+
+
+def stored(count: int = 3) -> None:
+    """The motion of the tests, on other cables too, recorded ``count`` times."""
+    trajectory = from_file(STORED, point_robot())
+    header(f"{STORED.name}; EA, winches hold")
+    for law, stiffer, level, seen in looked(trajectory):
+        # What MuJoCo's slack springs do is of no use to an estimator.
+        taut = seen.hanging.tension.min() > 0
+        chi = [identified(seen, FIRST_SEED + i) for i in range(count)] if taut else None
+        line(f"{law}, {stiffer * 500:.0f} kN, {level:.0f} N", seen, chi)
+        if seen.over:
+            print(f"    {seen.ringing()}")
+
+
+def designs(count: int = 2) -> None:
+    """Motions that the search finds from several seeds, for cables from points without weight and for the robot file as it is."""
+    for name, robot in (("from points", point_robot()), ("as in its file", read_robot("cogiro"))):
+        for seed in range(count):
+            trajectory, words = designed(robot, seed)
+            lowest = min(
+                CablePlatform(point_robot(), robot.platform).natural_frequencies(pose, 0.0)[0]
+                for pose in trajectory.derivative(np.linspace(0, DURATION, 101), 0)
+            )
+            print(f"\nCoGiRo {name}, seed {seed}: {words}; lowest natural frequency on the way {lowest:.2f} Hz")
+            header("EA, winches hold")
+            for law, stiffer, level, seen in looked(trajectory):
+                if level == LEVELS[0]:
+                    chi = [identified(seen, FIRST_SEED)] if stiffer == 1 and not seen.over else None
+                    line(f"{law}, {stiffer * 500:.0f} kN, {level:.0f} N", seen, chi)
+                    if seen.over:
+                        print(f"    {seen.ringing()}")
+
+
+def store(seed: int = 0, path: Path = STORED) -> None:
+    """Design a motion for cables from points and write its command."""
+    trajectory, words = designed(point_robot(), seed)
+    times = np.arange(round(DURATION * ROWS) + 1) / ROWS
+    table = np.column_stack([times, trajectory.derivative(times, 0)])
+    np.savetxt(path, table, "%.8f", ",", header="t,x,y,z,roll,pitch,yaw", comments="")
+    dense = np.linspace(0.0, DURATION, 20_001)
+    again = from_file(path, point_robot())
+    orders = [float(np.abs(again.derivative(dense, k) - trajectory.derivative(dense, k)).max()) for k in range(3)]
+    print(
+        f"{path}: {words}; interpolated, it is off by {orders[0]:.1e}, its derivatives by {orders[1]:.1e} and {orders[2]:.1e}"
+    )
+    assert orders[0] < SAME
+
+
+BENCHMARKS: dict[str, Callable[..., None]] = {"stored": stored, "designs": designs, "store": store}
+
+if __name__ == "__main__":
+    # Numbers and files belong to the name before them.
+    words = sys.argv[1:] or ["stored"]
+    starts = [i for i, word in enumerate(words) if word in BENCHMARKS]
+    for i, end in zip(starts, [*starts[1:], len(words)], strict=True):
+        given = [int(word) if word.isdigit() else Path(word) for word in words[i + 1 : end]]
+        BENCHMARKS[words[i]](*given)
