@@ -35,7 +35,7 @@ class Margin:
     """How far the body may be from the nominal one."""
 
     share: float
-    """Of mass and inertia."""
+    """Of mass and inertia, which change together: another load of the same shape."""
     radius: float
     """Of the platform [m]."""
 

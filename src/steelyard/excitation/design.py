@@ -54,12 +54,14 @@ _STEPS = 50
 _STARTS = 2
 """For a minute."""
 _MINUTE = 60.0
-_FOR_SEARCH = 0.55
-"""Part of the budget after which all searches end."""
+_FOR_SEARCH, _AT_LEAST = 0.55, 0.2
+"""Part of the budget after which all searches end, and what they have at least."""
 _SHRINK = 0.995
 """Of a course that violates a limit, at most; where it is known by how much, by as much."""
 _LEAST_SHRINK = 0.7
 _SHRINKS = 40
+_ENLARGED = 3.0
+_HALVINGS = 7
 _ABOUT = 0.02
 """By how much a search may still exceed what it must keep to; the course is then made smaller."""
 
@@ -120,7 +122,7 @@ def design(
     tell("design: where to begin", 0.0)
     demands, course, ringing = _prepared(experiment, duration, start, end, Margin(margin, robot.size))
     _check_plain(robot, experiment, course, demands)
-    starts = max(_STARTS, round(_STARTS * budget / _MINUTE))
+    starts = max(1, round(_STARTS * budget / _MINUTE / runs))
     rng = np.random.default_rng(seed)
     trajectories: dict[str, Sampled] = {}
     verified: dict[str, Verified] = {}
@@ -138,7 +140,7 @@ def design(
             known[:TEN, :TEN] += before
         problem = Problem(course, outlook, _plain_criterion(joint, target, robot, known), demands, ringing)
         problem = replace(problem, criterion=_criterion(problem, beginnings[0]))
-        until = begun + _FOR_SEARCH * budget * (run + 1) / runs
+        until = max(begun + _FOR_SEARCH * budget * (run + 1) / runs, time.time() + _AT_LEAST * budget / runs)
         ended = searched(
             problem,
             beginnings,
@@ -149,7 +151,7 @@ def design(
         )
         in_time &= len(ended) == starts and all(each.in_time for each in ended)
         x, verified[name] = _kept(
-            experiment, problem, ended, lambda share: tell("design: looking at the limits", share)
+            experiment, problem, beginnings, ended, lambda share: tell("design: looking at the limits", share)
         )
         trajectories[name] = course.trajectory(x)
         known = _shared(known + problem.information(x)[0], unknowns)
@@ -258,12 +260,32 @@ def _watcher(tell: Callable[[str, float], None], run: int, runs: int, starts: in
     return watched
 
 
+def _enlarged(problem: Problem, x: Array, most: float) -> Array:
+    """A course as large as what it must keep to lets it be, at most by a factor."""
+    low, high = 0.0, most
+    if problem.constraints(most * x)[0].max() <= 1 + _ABOUT:
+        return most * x
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if problem.constraints(middle * x)[0].max() <= 1 else (low, middle)
+    return low * x
+
+
 def _kept(
-    experiment: Experiment, problem: Problem, ended: Sequence[Found], tell: Callable[[float], None]
+    experiment: Experiment,
+    problem: Problem,
+    beginnings: Sequence[Array],
+    ended: Sequence[Found],
+    tell: Callable[[float], None],
 ) -> tuple[Array, Verified]:
     """The best course made as small as the limits ask for, and what it takes of them."""
-    order = sorted(range(len(ended)), key=lambda i: (ended[i].excess > _ABOUT, ended[i].value, i))
-    x, scale = ended[order[0]].x, 1.0
+    # Searches that were broken off may have ended where nothing is kept: then a beginning, enlarged, may be better.
+    candidates = [_enlarged(problem, found.x, 1.0) for found in ended]
+    if any(found.excess > _ABOUT for found in ended):
+        candidates += [found.kept for found in ended if found.kept is not None]
+        candidates += [_enlarged(problem, x, _ENLARGED) for x in beginnings]
+    x = min(candidates, key=lambda each: problem.objective(each)[0])
+    scale = 1.0
     demands = problem.demands
 
     def looked(scale: float, *, elastic: bool) -> Verified:

@@ -48,6 +48,8 @@ class Found:
     """Logarithm of the norm of the criterion there."""
     excess: float
     """By how much the worst demand exceeds 1 there."""
+    kept: Array | None
+    """The best point on the way that keeps the demands, about; where the search was broken off it may be better."""
     steps: int
     in_time: bool
     """Whether it ended by itself."""
@@ -140,14 +142,13 @@ class Problem:
         found = solver(x0=start, lbg=-np.inf, ubg=np.full(count, _CLOSE))
         status = solver.stats()
         end = np.asarray(found["x"]).ravel()
-        excess = float(evaluated.at(end).constraints.max() - 1)
-        if not (np.isfinite(end).all() and excess <= _ABOUT) and evaluated.best is not None:
-            # Broken off where it exceeds what it must keep to: it has been better.
-            end = evaluated.best
+        end = end if np.isfinite(end).all() else start
+        point = evaluated.at(end)
         return Found(
             end,
-            evaluated.at(end).value,
-            float(evaluated.at(end).constraints.max() - 1),
+            point.value,
+            float(point.constraints.max() - 1),
+            evaluated.best,
             int(status["iter_count"]),
             "time" not in str(status["return_status"]).lower(),
         )

@@ -281,6 +281,7 @@ def _border(known: _Known, name: str, by_terms: Symbol, by: Sequence[Symbol], by
         # A later clock looks at an earlier instant; the motion is told in the time of the forces.
         by_delay = -sum(each @ rate for each, rate in zip(by, known.motion[1:], strict=True))
         found.append((unknowns.place(clock, "delay", run.name), by_delay))
+        found.append((unknowns.place(clock_of(experiment, force), "delay", run.name), -by_delay))
     found.append((unknowns.places[ROBOT, "gravity", None], by_gravity))
     return _uncertain(unknowns, found)
 
