@@ -186,6 +186,8 @@ if __name__ == "__main__":
     # Numbers and files belong to the name before them.
     words = sys.argv[1:] or ["stored"]
     starts = [i for i, word in enumerate(words) if word in BENCHMARKS]
+    if not starts or starts[0]:
+        sys.exit(f"expected one of {', '.join(BENCHMARKS)}, found '{words[0]}'")
     for i, end in zip(starts, [*starts[1:], len(words)], strict=True):
         given = [int(word) if word.isdigit() else Path(word) for word in words[i + 1 : end]]
         BENCHMARKS[words[i]](*given)

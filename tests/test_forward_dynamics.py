@@ -1,8 +1,8 @@
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
+from mujoco_cables import moved, point_robot
 from scipy.spatial.transform import Rotation
 
 from steelyard.dynamics import platform_wrench
@@ -16,59 +16,21 @@ DURATION = 5.0
 FINE = 1e-9  # of the integrator, where differences divide its error by small times
 
 
-def point_robot(damping_ratio=0.0):
-    """CoGiRo with straight cables from points, as MuJoCo's tendons are."""
-    robot = read_robot("cogiro").with_straight_cables()
-    return replace(robot, pulley_radius=np.zeros(8), cable=replace(robot.cable, damping_ratio=damping_ratio))
-
-
-def mujoco_model(robot, step):
-    body = robot.platform
-    inertial = body.to_mujoco()
-    numbers = lambda values: " ".join(f"{v:.17g}" for v in values)  # noqa: E731
-    anchors = "".join(f'<site name="a{i}" pos="{numbers(a)}"/>' for i, a in enumerate(robot.anchors))
-    attachments = "".join(f'<site name="b{i}" pos="{numbers(b)}"/>' for i, b in enumerate(robot.attachments))
-    tendons = "".join(
-        f'<spatial stiffness="1"><site site="a{i}"/><site site="b{i}"/></spatial>' for i in range(robot.m)
-    )
-    return mujoco.MjModel.from_xml_string(f"""
-        <mujoco><option timestep="{step}" integrator="RK4" gravity="{numbers(robot.gravity)}"/>
-        <compiler balanceinertia="false"/>
-        <worldbody>{anchors}<body name="platform"><freejoint/>
-        <inertial mass="{inertial.mass}" pos="{numbers(inertial.pos)}" fullinertia="{numbers(inertial.fullinertia)}"/>
-        {attachments}</body></worldbody><tendon>{tendons}</tendon></mujoco>""")
-
-
 def test_pose_agrees_with_mujoco_over_five_seconds():
-    robot = point_robot()
+    robot = point_robot(damping_ratio=0.0)
     trajectory = multisine([0, 0.1, 2, 0, 0, 0], [0.3, 0.3, 0.25, 0.2, 0.2, 0.2], 2 * DURATION, harmonics=4)
     platform = CablePlatform(robot, robot.platform)
     response = platform.move(trajectory)
 
-    step = 2.5e-4
-    model = mujoco_model(robot, step)
-    data = mujoco.MjData(model)
     start = response.at(np.zeros(1))
-    data.qpos[:3] = start.position[0]
-    data.qpos[3:] = Rotation.from_matrix(start.rotation[0]).as_quat(scalar_first=True)
-    count = round(DURATION / step)
-    # MuJoCo holds the springs during a step: their values in its middle keep that second-order accurate.
-    feed = response.feed((np.arange(count) + 0.5) * step)
-    every = 400
-    found = []
-    for k in range(count):
-        model.tendon_lengthspring[:] = feed[k][:, None]
-        model.tendon_stiffness.reshape(robot.m, -1)[:, 0] = robot.cable.axial_stiffness / feed[k]
-        mujoco.mj_step(model, data)
-        if (k + 1) % every == 0:
-            found.append(np.array(data.qpos))
-    found = np.array(found)
-    ours = response.at((np.arange(len(found)) + 1) * every * step)
-    assert np.abs(ours.position - found[:, :3]).max() < POSE_TOLERANCE
-    turned = Rotation.from_quat(found[:, 3:], scalar_first=True).inv() * Rotation.from_matrix(ours.rotation)
+    quaternion = Rotation.from_matrix(start.rotation[0]).as_quat(scalar_first=True)
+    found = moved(robot, response.feed, np.concatenate([start.position[0], quaternion]), DURATION, step=2.5e-4)
+    ours = response.at(found.time)
+    assert np.abs(ours.position - found.seen[:, :3]).max() < POSE_TOLERANCE
+    turned = Rotation.from_quat(found.seen[:, 3:7], scalar_first=True).inv() * Rotation.from_matrix(ours.rotation)
     assert turned.magnitude().max() < POSE_TOLERANCE
     # The comparison means something only if the platform went somewhere.
-    assert np.ptp(found[:, :3], axis=0).min() > 0.2
+    assert np.ptp(found.seen[:, :3], axis=0).min() > 0.2
 
 
 @pytest.mark.parametrize("sagging", [False, True])
@@ -92,7 +54,7 @@ def test_states_satisfy_newton_euler_and_their_own_derivatives(sagging):
 
 def test_energy_is_lost_only_through_damping():
     # Released from a pose off its equilibrium with fixed lengths, the platform swings: without damping its energy stays.
-    robot = point_robot()
+    robot = point_robot(0.0)
     hold = RestToRest(np.array([0, 0, 2.0, 0, 0, 0]), np.array([0, 0, 2.0, 0, 0, 0]), 2.0)
 
     def energy(damping_ratio):

@@ -205,7 +205,7 @@ _POSE: dict[str, Any] = {"nargs": 6, "type": float, "metavar": "X Y Z ROLL PITCH
     type=float,
     default=0.2,
     show_default=True,
-    help="By which share mass and inertia may differ from the nominal ones; the centre of gravity by a third of it, in radii of the platform.",
+    help="By which share mass and inertia may differ from the nominal ones; the centre of gravity by 40 % of it, in radii of the platform.",
 )
 @click.option(
     "--runs", type=int, default=1, show_default=True, help="How many motions, each to add what the others lack."

@@ -17,15 +17,14 @@ from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler, point_specific_force
 from steelyard.excitation.course import SIX
-from steelyard.excitation.sight import INSTANT, motion_of, state_at, tension_of
+from steelyard.excitation.ringing import softness_of
+from steelyard.excitation.sight import AT, INSTANT, motion_of, state_at, tension_of
 from steelyard.identification.force_rows import taut_structure
 from steelyard.instruments import Instrument, Position
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 
-AT = 3 * SIX
-"""Numbers of a command that demands depend on: pose, rate and acceleration."""
-_OFF = 3.0
+_OFF = 2.5
 """The centre of gravity may be off by the margin times the radius of the platform over this."""
 _SMOOTH = 1e-6
 
@@ -56,6 +55,8 @@ class Demands:
     """Tension that the cables are held near to [N]."""
     share: float
     """Part of the limits on speed and acceleration that a command may use: elastic cables add to it."""
+    softest: float | None = None
+    """How easily the platform may swing on its cables, see :func:`.softness_of` [s^2]; None: that does not matter."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -68,23 +69,29 @@ class Demands:
         Args:
             commands: Pose, rate and acceleration, shape (n, 18).
         """
-        return self._expressed.plain(command=commands, level=self.level)["value"]
+        return self._expressed.plain(command=commands, level=self.level, softest=self._softest)["value"]
 
     def linearised(self, commands: Array) -> tuple[Array, Array]:
         """All of them, shape (n, g), and their derivatives by the commands, shape (n, g, 18)."""
-        found = self._expressed.sloped(command=commands, level=self.level)
+        found = self._expressed.sloped(command=commands, level=self.level, softest=self._softest)
         return found["value"], found["slope"]
 
     @property
+    def _softest(self) -> float:
+        return 1.0 if self.softest is None else self.softest
+
+    @property
     def _expressed(self) -> _Expressed:
-        return _expressed(self.robot, tuple(self.instruments.items()), self.margin, self.share)
+        return _expressed(
+            self.robot, tuple(self.instruments.items()), self.margin, self.share, self.softest is not None
+        )
 
 
 @lru_cache(maxsize=8)
 def _expressed(
-    robot: Robot, instruments: tuple[tuple[str, Instrument], ...], margin: Margin, share: float
+    robot: Robot, instruments: tuple[tuple[str, Instrument], ...], margin: Margin, share: float, swings: bool
 ) -> _Expressed:
-    return _Expressed(robot, dict(instruments), margin, share)
+    return _Expressed(robot, dict(instruments), margin, share, swings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,41 +102,42 @@ class _Expressed:
     instruments: Mapping[str, Instrument]
     margin: Margin
     share: float
+    swings: bool
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """What each is about, shape (g,)."""
-        return tuple(name for name, each in self._found[2] for _ in range(each.numel()))
+        return tuple(name for name, each in self._found[1] for _ in range(each.numel()))
 
     @cached_property
     def plain(self) -> Batched:
         """Values alone."""
-        command, level, found = self._found
+        inputs, found = self._found
         value = ca.densify(ca.cse(ca.vertcat(*[each for _, each in found])))
-        return Batched("demands", {"command": command, "level": level}, {"value": value})
+        return Batched("demands", inputs, {"value": value})
 
     @cached_property
     def sloped(self) -> Batched:
         """With derivatives."""
-        command, level, found = self._found
+        inputs, found = self._found
         value = ca.vertcat(*[each for _, each in found])
-        value, slope = ca.cse([ca.densify(value), ca.densify(ca.jacobian(value, command))])
-        return Batched("slopes", {"command": command, "level": level}, {"value": value, "slope": slope})
+        value, slope = ca.cse([ca.densify(value), ca.densify(ca.jacobian(value, inputs["command"]))])
+        return Batched("slopes", inputs, {"value": value, "slope": slope})
 
     @cached_property
-    def _found(self) -> tuple[Symbol, Symbol, list[tuple[str, Symbol]]]:
-        command, level = ca.SX.sym("command", AT), ca.SX.sym("level")
+    def _found(self) -> tuple[dict[str, Symbol], list[tuple[str, Symbol]]]:
+        inputs = {"command": ca.SX.sym("command", AT), "level": ca.SX.sym("level"), "softest": ca.SX.sym("softest")}
+        command, level, softest = inputs.values()
         motion = motion_of(ca.vertcat(command, ca.SX.zeros(INSTANT - AT)))
         state = state_at(motion, self.robot.gravity)
-        return (
-            command,
-            level,
-            [
-                *self._box(command),
-                *self._motion(command, state),
-                *self._cables(command, state, level),
-            ],
-        )
+        found = [
+            *self._box(command),
+            *self._motion(command, state),
+            *self._cables(command, state, level),
+        ]
+        if self.swings:
+            found.append(("softness", softness_of(self.robot, state) / softest))
+        return inputs, found
 
     def _box(self, command: Symbol) -> Iterator[tuple[str, Symbol]]:
         limits = self.robot.limits

@@ -16,7 +16,7 @@ from steelyard.excitation.criterion import Criterion, Target
 from steelyard.excitation.demands import Demands, Margin
 from steelyard.excitation.information import Outlook
 from steelyard.excitation.poses import checked_pose, good_pose, held
-from steelyard.excitation.ringing import PER_INTERVAL, Ringing
+from steelyard.excitation.ringing import PER_INTERVAL, Ringing, softness_at
 from steelyard.excitation.search import Found, Problem
 from steelyard.excitation.sight import View, border_of, columns_of
 from steelyard.excitation.starts import searched
@@ -35,7 +35,9 @@ from steelyard.simulation.trajectories import workspace_of
 
 LONGEST = 120.0
 """Duration of a motion [s]; more runs tell more."""
-_SLOW, _FAST = 6.0, 3.0
+_SOFTER = 1.4
+"""By how much more softly than at its ends the platform may hang on its cables elsewhere, see :func:`.softness_of`."""
+_SLOW, _FAST = 5.0, 2.5
 """Lowest natural frequency over the highest one of a motion: as it should be, and as it must be at least."""
 _USUAL, _QUICK = 0.4, 0.8
 """Highest frequency of a motion where no stiffness is known, likewise [Hz]."""
@@ -182,10 +184,14 @@ def _prepared(
     finish = begin if end is None else checked_pose(demands, end, "end")
     swings = natural_frequencies(robot, begin, demands.level)
     lowest = float(swings[swings > 0].min()) if (swings > 0).any() else None
+    if elastic and lowest is not None:
+        # Elsewhere the platform may swing more slowly, but not by much.
+        softest = _SOFTER * max(softness_at(robot, begin), softness_at(robot, finish))
+        demands, lowest = replace(demands, softest=softest), lowest / np.sqrt(_SOFTER)
     usual, quick = (_USUAL, _QUICK) if lowest is None else (min(lowest / _SLOW, _HIGHEST), lowest / _FAST)
     intervals = max(_FEWEST, round(2 * usual * duration))
     if intervals > 2 * quick * duration:
-        why = f"a third of its lowest natural frequency, {lowest:.2g} Hz" if lowest else f"{quick:g} Hz"
+        why = f"two fifths of its lowest natural frequency, {lowest:.2g} Hz" if lowest else f"{quick:g} Hz"
         raise InputError(
             f"--duration: expected at least {np.ceil(10 * _FEWEST / (2 * quick)) / 10:g} s, found {duration:g} s; from rest to rest a platform that moves "
             f"below {why} needs that long"

@@ -9,7 +9,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.excitation.course import SIX
-from steelyard.excitation.demands import AT, Demands, Margin
+from steelyard.excitation.demands import Demands, Margin
+from steelyard.excitation.sight import AT
 from steelyard.robot.model import Robot
 from steelyard.simulation.trajectories import workspace_of
 

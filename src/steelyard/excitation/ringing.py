@@ -8,17 +8,17 @@ acceleration of the ringing. The stiffness is known to a factor only, so the ban
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.batch import Batched
+from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler
-from steelyard.excitation.demands import AT
-from steelyard.excitation.sight import INSTANT, motion_of, state_at
+from steelyard.excitation.sight import AT, INSTANT, motion_of, state_at
 from steelyard.identification.force_rows import taut_structure
+from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 
 BAND = 0.7
@@ -30,6 +30,50 @@ ALLOWED = 0.05
 _LEAST_DAMPING = 0.005
 _UNLIMITED = 3.0, 5.0
 """Units where there is no limit on acceleration and angular acceleration [m/s^2], [rad/s^2]."""
+
+
+def stiffness_of(robot: Robot, state: State) -> Symbol:
+    """Wrench by which straight elastic cables resist a small displacement of the platform, in P [N/m], [N], [N m], shape (6, 6).
+
+    What their tension adds is of no account beside it.
+    """
+    assert robot.cable.axial_stiffness is not None
+    fixed = {"anchors": ca.DM(robot.anchors.ravel()), "attachments": ca.DM(robot.attachments.ravel())}
+    taut = taut_structure(robot.with_straight_cables())
+    structure = taut.at(position=state.position, rotation=state.rotation, **fixed)["structure"]
+    lengths = [
+        ca.norm_2(ca.DM(a) - state.position - state.rotation @ ca.DM(b))
+        for a, b in zip(robot.anchors, robot.attachments, strict=True)
+    ]
+    return structure @ ca.diag(robot.cable.axial_stiffness / ca.vertcat(*lengths)) @ structure.T
+
+
+def moving_wrench(robot: Robot, state: State) -> Symbol:
+    """Wrench that moves the nominal platform, without what holds it up, in P [N], [N m], shape (6,)."""
+    assert robot.platform is not None
+    ten, none = ca.DM(robot.platform.parameters), ca.SX.zeros(3)
+    hanging = newton_euler(ten, -state.rotation.T @ ca.DM(robot.gravity), none, none)
+    return newton_euler(ten, state.specific_force, state.omega, state.alpha) - hanging
+
+
+def softness_of(robot: Robot, state: State) -> Symbol:
+    """How easily the nominal platform swings on its cables: sum of the inverse squares of its six natural angular frequencies [s^2]."""
+    assert robot.platform is not None
+    accelerations = ca.SX.sym("accelerations", 6)
+    inertial = newton_euler(ca.DM(robot.platform.parameters), accelerations[:3], ca.SX.zeros(3), accelerations[3:])
+    return ca.trace(ca.solve(stiffness_of(robot, state), ca.jacobian(inertial, accelerations)))
+
+
+@lru_cache(maxsize=8)
+def _softness(robot: Robot) -> Batched:
+    command = ca.SX.sym("command", AT)
+    state = state_at(motion_of(ca.vertcat(command, ca.SX.zeros(INSTANT - AT))), robot.gravity)
+    return Batched("softness", {"command": command}, {"value": softness_of(robot, state)})
+
+
+def softness_at(robot: Robot, pose: Array) -> float:
+    """:func:`softness_of` in a pose x, y, z [m], roll, pitch, yaw [rad]."""
+    return float(_softness(robot)(command=np.concatenate([pose, np.zeros(AT - len(pose))]))["value"].ravel()[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,21 +121,9 @@ class Ringing:
     @cached_property
     def _built(self) -> tuple[Batched, Batched]:
         robot = self.robot
-        assert robot.platform is not None
-        assert robot.cable.axial_stiffness is not None
         command = ca.SX.sym("command", AT)
         state = state_at(motion_of(ca.vertcat(command, ca.SX.zeros(INSTANT - AT))), robot.gravity)
-        fixed = {"anchors": ca.DM(robot.anchors.ravel()), "attachments": ca.DM(robot.attachments.ravel())}
-        taut = taut_structure(robot.with_straight_cables())
-        structure = taut.at(position=state.position, rotation=state.rotation, **fixed)["structure"]
-        ten, none = ca.DM(robot.platform.parameters), ca.SX.zeros(3)
-        hanging = newton_euler(ten, -state.rotation.T @ ca.DM(robot.gravity), none, none)
-        wrench = newton_euler(ten, state.specific_force, state.omega, state.alpha) - hanging
-        reach = [
-            ca.norm_2(ca.DM(a) - state.position - state.rotation @ ca.DM(b))
-            for a, b in zip(robot.anchors, robot.attachments, strict=True)
-        ]
-        stiffness = structure @ ca.diag(robot.cable.axial_stiffness / ca.vertcat(*reach)) @ structure.T
+        wrench, stiffness = moving_wrench(robot, state), stiffness_of(robot, state)
         moved = ca.solve(stiffness, wrench)
         limits = robot.limits
         linear, angular = limits.acceleration or _UNLIMITED[0], limits.angular_acceleration or _UNLIMITED[1]

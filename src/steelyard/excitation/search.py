@@ -18,9 +18,10 @@ from scipy.sparse import coo_array
 from steelyard.arrays import Array
 from steelyard.excitation.course import Along, Course
 from steelyard.excitation.criterion import Criterion
-from steelyard.excitation.demands import AT, Demands
+from steelyard.excitation.demands import Demands
 from steelyard.excitation.information import Outlook, Seen
 from steelyard.excitation.ringing import Ringing
+from steelyard.excitation.sight import AT
 
 _PER_INTERVAL = 6
 """Instants between two knots of the course at which its demands are held."""

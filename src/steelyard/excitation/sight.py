@@ -30,6 +30,8 @@ from steelyard.robot.model import Robot
 
 INSTANT = 4 * SIX
 """Numbers in a command at one instant: the pose and its first three time derivatives."""
+AT = 3 * SIX
+"""The same without the last derivative."""
 _ORDERS = 4
 
 
