@@ -1,7 +1,7 @@
 """Designed motions on elastic cables in MuJoCo: limits, tensions and what is identified from them.
 
-`python benchmarks/designed_motion.py [NAME ...]`, with names of the table at the end. `store [SEED [FILE]]` designs the motion that
-the tests have (or another) and writes it; `designs 3` designs three motions for each robot and looks at them, which takes a minute each.
+`python benchmarks/designed_motion.py [NAME ...]`, with names of the table at the end. `store [SEED]` designs the motions that
+the tests have and writes them; `designs 3` designs three motions for each robot and looks at them, which takes a minute each.
 """
 
 from __future__ import annotations
@@ -165,19 +165,21 @@ def designs(count: int = 2) -> None:
                         print(f"    {seen.ringing()}")
 
 
-def store(seed: int = 0, path: Path = STORED) -> None:
-    """Design a motion for cables from points and write its command."""
-    trajectory, words = designed(point_robot(), seed)
-    times = np.arange(round(DURATION * ROWS) + 1) / ROWS
-    table = np.column_stack([times, trajectory.derivative(times, 0)])
-    np.savetxt(path, table, "%.8f", ",", header="t,x,y,z,roll,pitch,yaw", comments="")
-    dense = np.linspace(0.0, DURATION, 20_001)
-    again = from_file(path, point_robot())
-    orders = [float(np.abs(again.derivative(dense, k) - trajectory.derivative(dense, k)).max()) for k in range(3)]
-    print(
-        f"{path}: {words}; interpolated, it is off by {orders[0]:.1e}, its derivatives by {orders[1]:.1e} and {orders[2]:.1e}"
-    )
-    assert orders[0] < SAME
+def store(seed: int = 0) -> None:
+    """Design the motions of the tests and write their commands."""
+    for name, robot in (("designed-points", point_robot()), ("designed-file", read_robot("cogiro"))):
+        path = STORED.with_name(f"{name}.csv")
+        trajectory, words = designed(robot, seed)
+        times = np.arange(round(DURATION * ROWS) + 1) / ROWS
+        table = np.column_stack([times, trajectory.derivative(times, 0)])
+        np.savetxt(path, table, "%.8f", ",", header="t,x,y,z,roll,pitch,yaw", comments="")
+        dense = np.linspace(0.0, DURATION, 20_001)
+        again = from_file(path, robot)
+        orders = [float(np.abs(again.derivative(dense, k) - trajectory.derivative(dense, k)).max()) for k in range(3)]
+        print(
+            f"{path.name}: {words}; interpolated, it is off by {orders[0]:.1e}, its derivatives by {orders[1]:.1e} and {orders[2]:.1e}"
+        )
+        assert orders[0] < SAME
 
 
 BENCHMARKS: dict[str, Callable[..., None]] = {"stored": stored, "designs": designs, "store": store}
@@ -189,5 +191,4 @@ if __name__ == "__main__":
     if not starts or starts[0]:
         sys.exit(f"expected one of {', '.join(BENCHMARKS)}, found '{words[0]}'")
     for i, end in zip(starts, [*starts[1:], len(words)], strict=True):
-        given = [int(word) if word.isdigit() else Path(word) for word in words[i + 1 : end]]
-        BENCHMARKS[words[i]](*given)
+        BENCHMARKS[words[i]](*(int(word) for word in words[i + 1 : end]))

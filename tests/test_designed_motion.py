@@ -14,7 +14,7 @@ from steelyard.motion.trajectory import Sampled
 from steelyard.simulation.trajectories import from_file
 
 DATA = Path(__file__).parent / "data"
-COMMANDS = ("designed-points",)  # as `python benchmarks/designed_motion.py store` writes them
+COMMANDS = ("designed-points", "designed-file")  # as `python benchmarks/designed_motion.py store` writes them
 PAST = 1.02  # part of a limit that the motion on elastic cables may reach
 LEVEL = 600.0  # [N], at which the winches hold the cables
 LARGEST = 29.6  # of the chi-square of ten parameters: one in a thousand is larger

@@ -43,8 +43,8 @@ _USUAL, _QUICK = 0.4, 0.8
 """Highest frequency of a motion where no stiffness is known, likewise [Hz]."""
 _HIGHEST = 0.5
 """Of a motion that has the time [Hz]: robots of this kind are not faster."""
-_FEWEST = 5
-"""Parts of a course: fewer leave no freedom between rest and rest."""
+_FEWEST, _ENOUGH = 5, 10
+"""Parts of a course: fewer leave no freedom between rest and rest; and as many as make it worth while, where the platform lets it move that fast."""
 _SHARE = 0.85
 """Part of the limits on speed and acceleration that a command may use where cables are elastic; the rest is for what they add."""
 _SHARE_STIFF = 0.97
@@ -189,7 +189,7 @@ def _prepared(
         softest = _SOFTER * max(softness_at(robot, begin), softness_at(robot, finish))
         demands, lowest = replace(demands, softest=softest), lowest / np.sqrt(_SOFTER)
     usual, quick = (_USUAL, _QUICK) if lowest is None else (min(lowest / _SLOW, _HIGHEST), lowest / _FAST)
-    intervals = max(_FEWEST, round(2 * usual * duration))
+    intervals = max(_FEWEST, round(2 * usual * duration), min(_ENOUGH, int(2 * quick * duration)))
     if intervals > 2 * quick * duration:
         why = f"two fifths of its lowest natural frequency, {lowest:.2g} Hz" if lowest else f"{quick:g} Hz"
         raise InputError(

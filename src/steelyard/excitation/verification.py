@@ -42,7 +42,7 @@ class Verified:
     bodies: Use | None
     """Lowest and highest tension over the bodies within the margin, moving and at rest; None without cables."""
     elastic: tuple[Use, ...]
-    """On elastic cables; empty where the stiffness is not known."""
+    """On elastic cables of the stated stiffness (where a softer or stiffer one violates a limit, on these); empty where it is not known."""
     violations: tuple[str, ...]
     """In words; empty where the robot can do it."""
 
@@ -82,7 +82,7 @@ def verify(
     state = ExactMotion(robot, robot.platform, trajectory).at(times)
     pose, rate, acceleration = (trajectory.derivative(times, order) for order in range(3))
     if robot.m:
-        state = replace(state, tension=held_tensions(robot, state, level))
+        state = replace(state, tension=_tensions(robot, trajectory, times, state, level))
     commanded = tuple(_uses(robot, instruments, times, pose, rate[:, :3], acceleration[:, :3], state))
     violations = [str(use) for use in commanded if use.fraction > 1]
     bodies = None
@@ -104,6 +104,14 @@ def verify(
             if violations:
                 break
     return Verified(commanded, bodies, swinging, tuple(violations))
+
+
+def _tensions(robot: Robot, trajectory: Trajectory, times: Array, state: State, level: float) -> Array:
+    """Tensions within the limits that move the nominal platform; where there are none, those that would, whatever the limits [N], shape (n, m)."""
+    try:
+        return commanded_tensions(robot, trajectory, times, level=level)
+    except InfeasibleError:
+        return held_tensions(robot, state, level)
 
 
 def bodies_within(body: Inertia, margin: Margin) -> Iterator[Inertia]:
