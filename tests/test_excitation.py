@@ -927,7 +927,7 @@ def test_the_constraints_change_with_the_course_as_differences_say():
         np.testing.assert_allclose(matrix[-1] @ way, expected[-1], atol=DIFFERENCES * np.linalg.norm(matrix[-1]))
     # They are those of the trajectory itself.
     course = problem().course
-    times = course.instants(6)
+    times = course.instants(5)
     commands = np.hstack([course.trajectory(x).derivative(times, order) for order in range(3)])
     np.testing.assert_allclose(value[:-1], demands().values(commands).ravel(), atol=1e-10)
 

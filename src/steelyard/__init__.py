@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from steelyard.errors import InfeasibleError as InfeasibleError
     from steelyard.errors import InputError as InputError
     from steelyard.errors import SteelyardError as SteelyardError
+    from steelyard.excitation.design import design as design
     from steelyard.experiment.model import Experiment as Experiment
     from steelyard.experiment.model import Run as Run
     from steelyard.experiment.model import Stream as Stream
@@ -56,6 +57,7 @@ _WHERE = {
     "LeastSquares": "identification.least_squares",
     "MaximumLikelihood": "identification.maximum_likelihood",
     "compare": "identification.comparison",
+    "design": "excitation.design",
     "cramer_rao": "identification.bound",
     "nearest_body": "identification.nearest_body",
     "payload": "identification.payload",

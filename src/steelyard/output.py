@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from steelyard.arrays import Array
 from steelyard.errors import InputError
 
 _HIDDEN = ".steelyard-"
@@ -132,3 +134,19 @@ def to_json(values: Mapping[str, Any], *, ascii_only: bool = False) -> str:
         ascii_only: Whether to escape all other characters, for terminals of any encoding.
     """
     return json.dumps(values, indent=1, allow_nan=False, ensure_ascii=ascii_only)
+
+
+def write_table(runs: Sequence[tuple[str, Mapping[str, Array]]], path: Path) -> None:
+    """Write Parquet: one row per instant, the run in the first column.
+
+    Args:
+        runs: Run and its columns, the same for all.
+        path: Of the file.
+    """
+    import polars as pl
+
+    frames = [pl.DataFrame(columns).select(pl.lit(run).alias("run"), pl.all()) for run, columns in runs]
+    # Into memory first: names of files are bytes, which the library would have as text.
+    buffer = io.BytesIO()
+    pl.concat(frames).write_parquet(buffer)
+    path.write_bytes(buffer.getvalue())

@@ -229,6 +229,7 @@ _POSE: dict[str, Any] = {"nargs": 6, "type": float, "metavar": "X Y Z ROLL PITCH
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="The same seed gives the same motion."
 )
+@click.option("--rate", type=float, default=100.0, show_default=True, help="Of the rows of the commands [Hz].")
 @click.option("--processes", type=click.IntRange(1), help="That search at a time. Default: one per processor.")
 @click.option("--force", is_flag=True, help="Replace files of the same names.")
 @_common
@@ -247,6 +248,7 @@ def design(
     sensors: str,
     budget: float,
     seed: int,
+    rate: float,
     processes: int | None,
     force: bool,
     as_json: bool,
@@ -274,6 +276,7 @@ def design(
         budget=budget,
         seed=seed,
         processes=processes,
+        rate=rate,
         force=force,
         as_json=as_json,
         quiet=quiet,

@@ -17,10 +17,9 @@ from steelyard.errors import InputError
 from steelyard.excitation.appraisal import Appraisal, appraise
 from steelyard.excitation.criterion import Target
 from steelyard.excitation.demands import Demands, Margin
-from steelyard.excitation.design import design
-from steelyard.excitation.design_file import RESULT, appraisal_dict, command_names, design_dict, write_design
+from steelyard.excitation.design import design, designed_body
+from steelyard.excitation.design_file import RATE, RESULT, appraisal_dict, command_names, design_dict, write_design
 from steelyard.excitation.poses import held
-from steelyard.experiment.form import FORMAT
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment, read_plan
 from steelyard.identification.estimate import Estimate
@@ -32,7 +31,6 @@ from steelyard.motion.trajectory import Trajectory
 from steelyard.output import check_target, results_folder, write_json
 from steelyard.report.design import design_markdown, show_design
 from steelyard.robot.file import bundled_names, read_robot
-from steelyard.robot.model import Robot
 from steelyard.simulation.sensors import read_sensors
 from steelyard.simulation.trajectories import repeated_move, trajectories
 from steelyard.yaml_file import read_yaml
@@ -40,6 +38,7 @@ from steelyard.yaml_file import read_yaml
 _MARGINS = 0.0, 0.9
 _MOST_RUNS = 20
 _BUDGETS = 5.0, 3600.0
+_MOST_RATE = 10_000.0
 REPORT = "design.md"
 
 
@@ -60,18 +59,19 @@ def run_design(
     budget: float,
     seed: int,
     processes: int | None,
+    rate: float,
     force: bool,
     as_json: bool,
     quiet: bool,
 ) -> None:
     """Find motions and write them, or look at one that is given."""
-    _check_numbers(margin, runs, budget)
+    _check_numbers(margin, runs, budget, rate)
     if out is not None:
         check_target(out, force=force)
     with progress(quiet=quiet) as tell:
         earlier = [_estimate(each) for each in after]
         experiment = _with_body(_planned(place, sensors), body, earlier)
-        platform = _platform(experiment.robot)
+        platform = designed_body(experiment.robot)
         before = sum((_information(each, platform) for each in earlier), start=np.zeros((10, 10)))
         wanted = _target(target, platform)
         if check is not None:
@@ -102,7 +102,7 @@ def run_design(
             )
             appraisal, values = found.appraisal, design_dict(found)
             with results_folder(out, force=force) as folder:
-                write_design(found, folder)
+                write_design(found, folder, rate)
                 (folder / REPORT).write_text(design_markdown(appraisal), encoding="utf-8")
     if as_json:
         print_json(values)
@@ -114,15 +114,21 @@ def run_design(
                 "The time was up before all searches had ended: another run may find another motion; a larger --budget helps."
             )
         files = ", ".join(name for _, name in command_names(appraisal))
-        print(f"\n{files} and {RESULT} are in {out}/. Try it on the simulated robot next:")
-        print(f"  steelyard simulate {_quoted(place)} --trajectory {out / 'command.csv'} --out {out / 'virtual'}")
+        print(f"\n{files} and {RESULT} are in {out}/.")
+        if _is_experiment(place):
+            print(f"Record the motion, add it as a run to {place}, then: steelyard identify {_quoted(place)}")
+        else:
+            print("Try it on the simulated robot next:")
+            print(f"  steelyard simulate {_quoted(place)} --trajectory {out / 'command.csv'} --out {out / 'virtual'}")
 
 
 def _quoted(place: str) -> str:
     return f"'{place}'" if " " in place else place
 
 
-def _check_numbers(margin: float, runs: int, budget: float) -> None:
+def _check_numbers(margin: float, runs: int, budget: float, rate: float) -> None:
+    if not RATE <= rate <= _MOST_RATE:
+        raise InputError(f"--rate: expected {RATE:g} to {_MOST_RATE:g} Hz, found {rate:g}; choose another")
     if not _MARGINS[0] <= margin <= _MARGINS[1]:
         raise InputError(
             f"--margin: expected a share from {_MARGINS[0]:g} to {_MARGINS[1]:g}, found {margin:g}; .2 is a body up to 20 % lighter or heavier"
@@ -137,11 +143,8 @@ def _check_numbers(margin: float, runs: int, budget: float) -> None:
 
 def _planned(place: str, sensors: str) -> Experiment:
     """An experiment without recordings; of a robot alone with the sensors named."""
-    path = Path(place)
-    if place not in bundled_names() and path.is_file():
-        data = read_yaml(path).data
-        if isinstance(data, dict) and ("format" in data or "instruments" in data):
-            return read_plan(path)
+    if _is_experiment(place):
+        return read_plan(place)
     robot = read_robot(place)
     return Experiment(
         name=robot.name,
@@ -153,16 +156,13 @@ def _planned(place: str, sensors: str) -> Experiment:
     )
 
 
-def _platform(robot: Robot) -> Inertia:
-    if robot.platform is None:
-        raise InputError(
-            f"robot '{robot.name}': expected a nominal platform to design for, found none; add 'platform' to its file, or give --body ESTIMATE"
-        )
-    if not robot.platform.is_physical:
-        raise InputError(
-            f"robot '{robot.name}': expected a platform that can exist, found one whose inertia no body has; correct 'platform.inertia', or give --body ESTIMATE"
-        )
-    return robot.platform
+def _is_experiment(place: str) -> bool:
+    """Whether a path leads to an experiment and not to a robot."""
+    path = Path(place)
+    if place in bundled_names() or not path.is_file():
+        return False
+    data = read_yaml(path).data
+    return isinstance(data, dict) and ("format" in data or "instruments" in data)
 
 
 def _with_body(experiment: Experiment, body: str | None, earlier: Sequence[Estimate]) -> Experiment:
@@ -183,7 +183,7 @@ def _with_body(experiment: Experiment, body: str | None, earlier: Sequence[Estim
 def _estimate(place: str) -> Estimate:
     """An estimate, or what maximum likelihood makes of an experiment."""
     path = Path(place)
-    if path.suffix in {".yaml", ".yml"} and path.is_file() and read_yaml(path).data.get("format") == FORMAT:
+    if path.suffix in {".yaml", ".yml"} and _is_experiment(place):
         return MaximumLikelihood()(read_experiment(path))
     found = read_estimates([place])
     if len(found) != 1:

@@ -16,6 +16,7 @@ from steelyard.excitation.rehearsal import rehearsed
 from steelyard.excitation.sight import View, border_of
 from steelyard.excitation.verification import Verified, times_of, verify
 from steelyard.experiment.model import Experiment
+from steelyard.identification.bound import known_information
 from steelyard.identification.classical import NoBalanceError
 from steelyard.identification.estimate import Estimate
 from steelyard.identification.joint_study import Joint, joint_study
@@ -169,6 +170,7 @@ def _told(joint: Joint, trajectories: Mapping[str, Trajectory], level: float, be
     unknowns = joint.fit.state.systematic.unknowns
     known = border_of(unknowns)
     known[:TEN, :TEN] += before
+    known[:TEN, :TEN] += known_information(joint.study.experiment.known, J)
     seen = {}
     for run in joint.study.experiment.runs:
         arc = next(arc for arc in joint.fit.state.arcs if arc.run == run.name)

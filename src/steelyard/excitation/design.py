@@ -22,6 +22,7 @@ from steelyard.excitation.sight import View, border_of, columns_of
 from steelyard.excitation.starts import searched
 from steelyard.excitation.verification import Verified, verify
 from steelyard.experiment.model import Experiment
+from steelyard.identification.bound import known_information
 from steelyard.identification.joint_study import Joint
 from steelyard.identification.motion_rows import Arc, jerk_matrices
 from steelyard.identification.recorded_arcs import resampled
@@ -29,6 +30,7 @@ from steelyard.identification.regression import TEN
 from steelyard.identification.smoothing import knots
 from steelyard.identification.study import Progress
 from steelyard.identification.unknowns import Unknowns
+from steelyard.inertia import Inertia, body_jacobian
 from steelyard.motion.trajectory import Sampled, multisine
 from steelyard.robot.model import Robot
 from steelyard.simulation.trajectories import workspace_of
@@ -48,7 +50,7 @@ _FEWEST, _ENOUGH = 5, 10
 _SHARE = 0.85
 """Part of the limits on speed and acceleration that a command may use where cables are elastic; the rest is for what they add."""
 _SHARE_STIFF = 0.97
-_KNOTS = 3
+_KNOTS = 2
 """Parts between knots of the motion, as the estimator would have it, to one of the course."""
 _BEGINNING = 0.35
 """Amplitude of the motions that a search begins with, as a part of the reach."""
@@ -56,7 +58,7 @@ _STEPS = 50
 _STARTS = 2
 """For a minute."""
 _MINUTE = 60.0
-_FOR_SEARCH, _AT_LEAST = 0.55, 0.2
+_FOR_SEARCH, _AT_LEAST = 0.6, 0.2
 """Part of the budget after which all searches end, and what they have at least."""
 _SHRINK = 0.995
 """Of a course that violates a limit, at most; where it is known by how much, by as much."""
@@ -117,10 +119,7 @@ def design(
     begun = time.time()
     tell = progress or (lambda what, fraction: None)
     robot = experiment.robot
-    if robot.platform is None:
-        raise InputError(
-            f"robot '{robot.name}': expected a nominal platform to design for, found none; add 'platform' to its file, or give --body ESTIMATE"
-        )
+    wanted = target or Target.default(designed_body(robot))
     tell("design: where to begin", 0.0)
     demands, course, ringing = _prepared(experiment, duration, start, end, Margin(margin, robot.size))
     _check_plain(robot, experiment, course, demands)
@@ -140,7 +139,8 @@ def design(
         if known is None:
             known = border_of(unknowns)
             known[:TEN, :TEN] += before
-        problem = Problem(course, outlook, _plain_criterion(joint, target, robot, known), demands, ringing)
+            known[:TEN, :TEN] += known_information(experiment.known, body_jacobian(joint.study.parameters))
+        problem = Problem(course, outlook, _plain_criterion(joint, wanted, known), demands, ringing)
         problem = replace(problem, criterion=_criterion(problem, beginnings[0]))
         until = max(begun + _FOR_SEARCH * budget * (run + 1) / runs, time.time() + _AT_LEAST * budget / runs)
         ended = searched(
@@ -161,13 +161,30 @@ def design(
     appraisal = appraise(
         experiment,
         trajectories,
-        target=target or Target.default(robot.platform),
+        target=wanted,
         margin=demands.margin,
         level=demands.level,
         before=before,
         verified=verified,
     )
     return Design(appraisal, tuple(ended), seed, in_time)
+
+
+def designed_body(robot: Robot) -> Inertia:
+    """The nominal platform, for which motions are made.
+
+    Raises:
+        InputError: There is none, or none that can exist.
+    """
+    if robot.platform is None:
+        raise InputError(
+            f"robot '{robot.name}': expected a nominal platform to design for, found none; add 'platform' to its file, or give --body ESTIMATE"
+        )
+    if not robot.platform.is_physical:
+        raise InputError(
+            f"robot '{robot.name}': expected a platform that can exist, found one whose inertia no body has; correct 'platform.inertia', or give --body ESTIMATE"
+        )
+    return robot.platform
 
 
 def _prepared(
@@ -191,7 +208,7 @@ def _prepared(
     usual, quick = (_USUAL, _QUICK) if lowest is None else (min(lowest / _SLOW, _HIGHEST), lowest / _FAST)
     intervals = max(_FEWEST, round(2 * usual * duration), min(_ENOUGH, int(2 * quick * duration)))
     if intervals > 2 * quick * duration:
-        why = f"two fifths of its lowest natural frequency, {lowest:.2g} Hz" if lowest else f"{quick:g} Hz"
+        why = f"two fifths of its lowest natural frequency on the way, {lowest:.2g} Hz," if lowest else f"{quick:g} Hz"
         raise InputError(
             f"--duration: expected at least {np.ceil(10 * _FEWEST / (2 * quick)) / 10:g} s, found {duration:g} s; from rest to rest a platform that moves "
             f"below {why} needs that long"
@@ -240,9 +257,8 @@ def _outlook(experiment: Experiment, course: Course, x: Array, level: float) -> 
     ), joint
 
 
-def _plain_criterion(joint: Joint, target: Target | None, robot: Robot, known: Array) -> Criterion:
-    assert robot.platform is not None
-    return Criterion(joint.study.parameters, target or Target.default(robot.platform), known, np.zeros(TEN))
+def _plain_criterion(joint: Joint, target: Target, known: Array) -> Criterion:
+    return Criterion(joint.study.parameters, target, known, np.zeros(TEN))
 
 
 def _criterion(problem: Problem, x: Array) -> Criterion:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.excitation.appraisal import Appraisal
 from steelyard.excitation.design import Design
+from steelyard.excitation.rehearsal import held_tensions
 from steelyard.excitation.verification import Verified, times_of
 from steelyard.experiment.model import Stream
 from steelyard.experiment.write import write_stream
@@ -20,12 +21,14 @@ from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments import Command
 from steelyard.motion.limits import Use
 from steelyard.motion.trajectory import Trajectory
-from steelyard.output import write_json
+from steelyard.output import write_json, write_table
+from steelyard.simulation.forward_dynamics import ExactMotion
 
 FORMAT = "steelyard-design/1"
 RESULT = "design.json"
-_RATE = 100.0
-"""Of the commands [Hz]."""
+MOTION = "motion.parquet"
+RATE = 100.0
+"""Of the commands, at least [Hz]."""
 
 
 def command_names(appraisal: Appraisal) -> Iterator[tuple[str, str]]:
@@ -34,22 +37,46 @@ def command_names(appraisal: Appraisal) -> Iterator[tuple[str, str]]:
         yield run, "command.csv" if i == 0 else f"command-{i + 1}.csv"
 
 
-def write_design(design: Design, folder: Path) -> None:
-    """Write the commands, ``design.json`` and the motion with what is told when.
+def write_design(design: Design, folder: Path, rate: float = RATE) -> None:
+    """Write the commands, ``design.json`` and the motion with its tensions and with what is told when.
 
     Args:
         design: What was found.
         folder: An empty folder that exists.
+        rate: Of the commands [Hz].
     """
     appraisal = design.appraisal
     for run, name in command_names(appraisal):
-        write_command(appraisal.trajectories[run], folder / name)
+        write_command(appraisal.trajectories[run], folder / name, rate)
     write_json(design_dict(design), folder / RESULT)
+    write_table([(run, motion_columns(appraisal, run)) for run in appraisal.trajectories], folder / MOTION)
 
 
-def write_command(trajectory: Trajectory, path: Path) -> None:
+def motion_columns(appraisal: Appraisal, run: str) -> dict[str, Array]:
+    """Motion, tensions of the nominal platform and what is told, at 100 Hz; named as :mod:`.fitted_motion` names them."""
+    robot, trajectory = appraisal.experiment.robot, appraisal.trajectories[run]
+    assert robot.platform is not None
+    times = times_of(trajectory)
+    pose, rate, acceleration = (trajectory.derivative(times, order) for order in range(3))
+    state = ExactMotion(robot, robot.platform, trajectory).at(times)
+    groups = {
+        ("x", "y", "z", "roll", "pitch", "yaw"): pose,
+        ("vx", "vy", "vz"): rate[:, :3],
+        ("wx", "wy", "wz"): state.omega,
+        ("ax", "ay", "az"): acceleration[:, :3],
+        ("alpha_x", "alpha_y", "alpha_z"): state.alpha,
+    }
+    if robot.m:
+        groups[tuple(f"f{i + 1}" for i in range(robot.m))] = held_tensions(robot, state, appraisal.level)
+    told = appraisal.told[run]
+    shares = np.column_stack([np.interp(times, told.time, share) for share in told.share.T])
+    groups[tuple(f"told_{name}" for name in BODY_PARAMETERS)] = shares
+    return {"t": times, **{name: values[:, i] for names, values in groups.items() for i, name in enumerate(names)}}
+
+
+def write_command(trajectory: Trajectory, path: Path, rate: float = RATE) -> None:
     """Write a command as CSV with the columns of its kind."""
-    times = times_of(trajectory, _RATE)
+    times = times_of(trajectory, rate)
     pose = trajectory.derivative(times, 0)
     orientation = Rotation.from_euler("ZYX", pose[:, :2:-1]).as_matrix()
     stream = Stream(times, {"position": pose[:, :3], "orientation": orientation}, str(path))

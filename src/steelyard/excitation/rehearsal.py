@@ -6,7 +6,7 @@ What it says of its own uncertainty is the prediction: the very code that will l
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,31 +23,6 @@ from steelyard.simulation.forward_dynamics import ExactMotion
 
 _TURNS = 3
 """Of tensions and sag, which follow each other."""
-
-
-@dataclass(frozen=True, eq=False)
-class Rehearsal:
-    """A platform that follows its command exactly on cables held near to a level."""
-
-    robot: Robot
-    trajectory: Trajectory
-    level: float
-    """[N]"""
-
-    @property
-    def duration(self) -> float:
-        """Length in time [s]."""
-        return self.trajectory.duration
-
-    def at(self, times: Array) -> State:
-        """State at times [s], arrays over the n times."""
-        assert self.robot.platform is not None
-        return ExactMotion(self.robot, self.robot.platform, self.trajectory).at(times)
-
-    def felt_at(self, times: Array) -> State:
-        """The same with the tensions of the cables."""
-        state = self.at(times)
-        return state if not self.robot.m else replace(state, tension=held_tensions(self.robot, state, self.level))
 
 
 def held_tensions(robot: Robot, state: State, level: float) -> Array:
@@ -75,10 +50,12 @@ def rehearsed(experiment: Experiment, trajectories: Mapping[str, Trajectory], le
     Raises:
         InputError: An instrument states no rate or no noise.
     """
+    robot = experiment.robot
+    assert robot.platform is not None
     instruments = {name: _stated(name, each, experiment) for name, each in experiment.instruments.items()}
     runs = []
     for run, trajectory in trajectories.items():
-        response = Rehearsal(experiment.robot, trajectory, level)
+        response = ExactMotion(robot, robot.platform, trajectory)
         streams = {}
         for name, instrument in instruments.items():
             assert instrument.rate is not None
@@ -88,9 +65,10 @@ def rehearsed(experiment: Experiment, trajectories: Mapping[str, Trajectory], le
                     f"instrument '{name}': expected at least two samples in {trajectory.duration:g} s, found a rate of {instrument.rate:g} Hz; "
                     "choose a longer motion"
                 )
-            looks_at_cables = isinstance(instrument, Tension | Length)
-            state = response.felt_at(times) if looks_at_cables else response.at(times)
-            readings = predict(instrument, experiment.robot, state, means(instrument, experiment.robot.m))
+            state = response.at(times)
+            if isinstance(instrument, Tension | Length):
+                state = replace(state, tension=held_tensions(robot, state, level))
+            readings = predict(instrument, robot, state, means(instrument, robot.m))
             there = _read(name, instrument, experiment)
             streams[name] = Stream(times, {key: value for key, value in readings.items() if key in there}, name)
         runs.append(Run(run, streams, dict.fromkeys(streams, 0.0)))

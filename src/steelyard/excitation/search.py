@@ -23,7 +23,7 @@ from steelyard.excitation.information import Outlook, Seen
 from steelyard.excitation.ringing import Ringing
 from steelyard.excitation.sight import AT
 
-_PER_INTERVAL = 6
+_PER_INTERVAL = 5
 """Instants between two knots of the course at which its demands are held."""
 _CLOSE = 0.995
 """What demands may reach at these instants: between them they may be a little more."""

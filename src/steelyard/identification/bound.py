@@ -23,6 +23,9 @@ from steelyard.identification.study import Study
 from steelyard.identification.unknowns import Systematic
 from steelyard.inertia import BODY_PARAMETERS, body_jacobian
 
+_EXACT = 1e-9
+"""1-sigma of what is known exactly."""
+
 
 @dataclass(frozen=True, eq=False)
 class Bound:
@@ -76,14 +79,25 @@ def cramer_rao(
             rows = _all_rows(experiment, arc, felt, systematic, active, parameters)
             matrix += arc.smooth(accumulate(len(arc.coefficients), count, rows, width=arc.width)).reduced()[0]
     J = body_jacobian(parameters)
-    for parameter, (_, sigma) in (known or {}).items():
-        row = J[BODY_PARAMETERS.index(parameter)] / max(sigma, 1e-9)
-        matrix[:TEN, :TEN] += np.outer(row, row)
+    matrix[:TEN, :TEN] += known_information(known or {}, J)
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     inverse = np.linalg.pinv(matrix * np.outer(scale, scale), rcond=1e-15, hermitian=True) * np.outer(scale, scale)
     covariance = np.zeros((len(unknowns), len(unknowns)))
     covariance[np.ix_(active, active)] = inverse[TEN:, TEN:]
     return Bound(np.asarray(J @ inverse[:TEN, :TEN] @ J.T), covariance)
+
+
+def known_information(known: Mapping[str, tuple[float, float]], jacobian: Array) -> Array:
+    """Information on the ten linear parameters of body parameters that are known beforehand, shape (10, 10).
+
+    Args:
+        known: Body parameter -> value and 1-sigma.
+        jacobian: Of the body parameters by the linear ones, see :func:`steelyard.inertia.body_jacobian`.
+    """
+    rows = np.array(
+        [jacobian[BODY_PARAMETERS.index(name)] / max(sigma, _EXACT) for name, (_, sigma) in known.items()]
+    ).reshape(-1, TEN)
+    return np.asarray(rows.T @ rows)
 
 
 def attainable(found: Study) -> Bound | None:

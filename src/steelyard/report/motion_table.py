@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
 from steelyard.identification.fitted_motion import FittedMotion
+from steelyard.output import write_table
 
 FILE_NAME = "motion.parquet"
 
@@ -18,10 +18,4 @@ def write_motion(motions: Sequence[FittedMotion], path: Path) -> None:
         motions: Of each stretch of the runs, at least one.
         path: Of the file.
     """
-    import polars as pl
-
-    frames = [pl.DataFrame(motion.columns()).select(pl.lit(motion.run).alias("run"), pl.all()) for motion in motions]
-    # Into memory first: names of files are bytes, which the library would have as text.
-    buffer = io.BytesIO()
-    pl.concat(frames).write_parquet(buffer)
-    path.write_bytes(buffer.getvalue())
+    write_table([(motion.run, motion.columns()) for motion in motions], path)
