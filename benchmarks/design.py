@@ -74,9 +74,16 @@ def sigmas(told: dict) -> Array:
 
 
 def worst_of(robot: Robot, trajectory: Trajectory, level: float = 0.0) -> Array:
-    """The ten 1-sigma that a motion gives, by the full matrix."""
+    """The ten 1-sigma that a motion gives, also where they are so large that an estimator says nothing instead."""
     joint = rehearse(planned(robot), {"run": trajectory}, level)
-    return np.sqrt(np.diag(joint.study.body_covariance))
+    known = border_of(joint.fit.state.systematic.unknowns)
+    view = View.of(joint, joint.study.experiment.runs[0], level)
+    outlook = Outlook(view, joint.fit.state.arcs[0], trajectory.duration, len(known))
+    commands = np.hstack([trajectory.derivative(outlook.times, order) for order in range(4)])
+    assert robot.platform is not None
+    target = Target.default(robot.platform)
+    criterion = Criterion(joint.study.parameters, target, known, np.zeros(10))
+    return np.asarray(criterion.ratios(outlook.information(commands)[0])[0] * target.each)
 
 
 def random_motions(robot: Robot, count: int) -> Iterator[tuple[Sampled, Array]]:
