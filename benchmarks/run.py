@@ -15,6 +15,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import design
 import likelihood
 import numpy as np
 from coverage import main as coverage_of
@@ -215,6 +216,17 @@ def scipy(_: Path) -> None:
     likelihood.general()
 
 
+def designs(_: Path) -> None:
+    """Designed motions beside others, on other robots, with other bodies, and what is refused."""
+    for each in (design.best, design.robots, design.margin, design.refusals):
+        each()
+
+
+def truth(_: Path) -> None:
+    """Whether what is said of a designed motion beforehand is true."""
+    design.truth(200, os.cpu_count() or 1)
+
+
 BENCHMARKS = {
     "speed": speed,
     "hour": hour,
@@ -227,6 +239,8 @@ BENCHMARKS = {
     "starts": starts,
     "lengths": lengths,
     "scipy": scipy,
+    "designs": designs,
+    "truth": truth,
 }
 
 if __name__ == "__main__":

@@ -1,8 +1,11 @@
 """The verb `design` from outside: what it writes, that it is feasible, what it says beforehand, and how it refuses."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -481,6 +484,20 @@ def test_an_experiment_that_has_not_been_recorded_yet_is_designed_for(run, tmp_p
     # Gains of 1 % on eight cables and .5 % common to all of them are more than any motion tells.
     floor = np.hypot(0.005, 0.01 / np.sqrt(8)) * ROBOT.platform.mass
     assert floor * 0.9 < found["standard_deviation"]["mass"] < floor * 1.2
+
+
+def test_an_interrupted_search_ends_with_one_sentence_and_leaves_nothing(tmp_path):
+    """Ctrl-C in a terminal reaches the searching processes too."""
+    command = [sys.executable, "-m", "steelyard", "design", "cogiro", "--duration", "20", "--processes", "2"]
+    process = subprocess.Popen(
+        [*command, "--out", "results"], cwd=tmp_path, start_new_session=True, stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(8)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert err.strip() == "steelyard: interrupted; nothing was written"
+    assert not list(tmp_path.iterdir())
 
 
 def test_refusal_in_python_is_the_same_error():

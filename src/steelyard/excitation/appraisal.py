@@ -30,8 +30,6 @@ from steelyard.simulation.forward_dynamics import CablePlatform
 
 _MOST = 0.99
 """Part of the power of accelerations that lies below the frequency which is reported."""
-_INSTANTS = 20.0
-"""A second, at which it is told what the motion shows [Hz]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,6 @@ SIX = 6
 """Coordinates of a commanded pose: x, y, z [m], roll, pitch, yaw [rad]."""
 HELD = 4
 """Coefficients at either end that stay where they are: velocity, acceleration and jerk vanish there."""
-LEAST_FREE = 4
-"""Free coefficients of a coordinate, at least."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import queue
+import signal
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from steelyard.arrays import Array
@@ -16,8 +18,6 @@ Watched = Callable[[int, int, float], None]
 """Is told the number of the start, of the step, and the norm reached there."""
 _POLL = 0.1
 """[s]"""
-
-_mailbox: Any = None
 
 
 def searched(
@@ -47,11 +47,14 @@ def searched(
                 found.append(_one(problem, i, start, steps, until, told))
         return found
     context = multiprocessing.get_context("spawn")
-    mailbox = context.Queue()
-    # One thread of linear algebra each: the processes share the cores.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with context.Pool(min(processes, len(starts)), _begin, (mailbox,)) as pool:
-        asked = [pool.apply_async(_posted, (problem, i, start, steps, until)) for i, start in enumerate(starts)]
+    with ExitStack() as stack:
+        with _interrupts_ignored():
+            manager = stack.enter_context(context.Manager())
+            pool = stack.enter_context(context.Pool(min(processes, len(starts))))
+        mailbox = manager.Queue()
+        asked = [
+            pool.apply_async(_posted, (problem, i, start, steps, until, mailbox)) for i, start in enumerate(starts)
+        ]
         while not all(each.ready() for each in asked):
             try:
                 told(*mailbox.get(timeout=_POLL))
@@ -60,15 +63,23 @@ def searched(
         return [each for post in asked if (each := post.get()) is not None]
 
 
-def _begin(mailbox: Any) -> None:
-    global _mailbox
-    _mailbox = mailbox
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """What begins meanwhile does not hear Ctrl-C, which reaches every process of a terminal: the one that asked ends the others."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
-def _posted(problem: Problem, i: int, start: Array, steps: int, until: float) -> Found | None:
+def _posted(problem: Problem, i: int, start: Array, steps: int, until: float, mailbox: Any) -> Found | None:
     if i and time.time() >= until:
         return None
-    return _one(problem, i, start, steps, until, lambda *news: _mailbox.put(news))
+    return _one(problem, i, start, steps, until, lambda *news: mailbox.put(news))
 
 
 def _one(problem: Problem, i: int, start: Array, steps: int, until: float, told: Watched) -> Found:
