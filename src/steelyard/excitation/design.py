@@ -60,9 +60,10 @@ _STARTS = 2
 _MINUTE = 60.0
 _FOR_SEARCH, _AT_LEAST = 0.6, 0.2
 """Part of the budget after which all searches end, and what they have at least."""
-_SHRINK = 0.995
-"""Of a course that violates a limit, at most; where it is known by how much, by as much."""
-_LEAST_SHRINK = 0.7
+_SHRINK, _LEAST_SHRINK = 0.995, 0.7
+"""By what a course that violates a limit is made smaller, at least and at most; by as much as the limit asks for, where that is known."""
+_BLIND = 0.95
+"""Where it is not."""
 _SHRINKS = 40
 _ENLARGED = 3.0
 _HALVINGS = 7
@@ -140,8 +141,9 @@ def design(
             known = border_of(unknowns)
             known[:TEN, :TEN] += before
             known[:TEN, :TEN] += known_information(experiment.known, body_jacobian(joint.study.parameters))
-        problem = Problem(course, outlook, _plain_criterion(joint, wanted, known), demands, ringing)
-        problem = replace(problem, criterion=_criterion(problem, beginnings[0]))
+        begun_with, _ = outlook.information(course.at(outlook.times).commands(beginnings[0]))
+        criterion = Criterion.about(joint.study.parameters, wanted, known, begun_with)
+        problem = Problem(course, outlook, criterion, demands, ringing)
         until = max(begun + _FOR_SEARCH * budget * (run + 1) / runs, time.time() + _AT_LEAST * budget / runs)
         ended = searched(
             problem,
@@ -257,15 +259,6 @@ def _outlook(experiment: Experiment, course: Course, x: Array, level: float) -> 
     ), joint
 
 
-def _plain_criterion(joint: Joint, target: Target, known: Array) -> Criterion:
-    return Criterion(joint.study.parameters, target, known, np.zeros(TEN))
-
-
-def _criterion(problem: Problem, x: Array) -> Criterion:
-    plain = problem.criterion
-    return Criterion.about(plain.parameters, plain.target, plain.known, problem.information(x)[0])
-
-
 def _watcher(tell: Callable[[str, float], None], run: int, runs: int, starts: int) -> Callable[[int, int, float], None]:
     steps: dict[int, int] = {}
 
@@ -322,9 +315,8 @@ def _kept(
             found = looked(scale, elastic=True)
         if not found.violations:
             return scale * x, found
-        scale *= (
-            float(np.clip(0.998 / max(found.fraction, 1e-9), _LEAST_SHRINK, _SHRINK)) if found.fraction > 1 else _SHRINK
-        )
+        by = 0.998 / found.fraction if found.fraction > 1 else _BLIND
+        scale *= float(np.clip(by, _LEAST_SHRINK, _SHRINK))
     raise InputError(
         f"robot '{demands.robot.name}': expected a motion that keeps the limits, found none but the smallest ({found.violations[0]}); "
         "choose a longer --duration or a smaller --margin"
