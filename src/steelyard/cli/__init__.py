@@ -187,7 +187,11 @@ _POSE: dict[str, Any] = {"nargs": 6, "type": float, "metavar": "X Y Z ROLL PITCH
 @app.command()
 @click.argument("place", metavar="ROBOT|EXPERIMENT")
 @click.option("--duration", type=float, help="Of each motion [s].")
-@click.option("--out", type=_FOLDER, help="Folder for command.csv, design.json and design.md; must be new or empty.")
+@click.option(
+    "--out",
+    type=_FOLDER,
+    help="Folder for command.csv, design.json, design.md and motion.parquet; must be new or empty.",
+)
 @click.option(
     "--check",
     metavar="FILE.csv",
