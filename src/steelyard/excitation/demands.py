@@ -18,8 +18,7 @@ from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler, point_specific_force
 from steelyard.excitation.course import SIX
 from steelyard.excitation.ringing import softness_of
-from steelyard.excitation.sight import AT, INSTANT, motion_of, state_at, tension_of
-from steelyard.identification.force_rows import taut_structure
+from steelyard.excitation.sight import AT, commanded_state, structure_at, tension_of
 from steelyard.instruments import Instrument, Position
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
@@ -128,8 +127,7 @@ class _Expressed:
     def _found(self) -> tuple[dict[str, Symbol], list[tuple[str, Symbol]]]:
         inputs = {"command": ca.SX.sym("command", AT), "level": ca.SX.sym("level"), "softest": ca.SX.sym("softest")}
         command, level, softest = inputs.values()
-        motion = motion_of(ca.vertcat(command, ca.SX.zeros(INSTANT - AT)))
-        state = state_at(motion, self.robot.gravity)
+        state = commanded_state(command, self.robot.gravity)
         found = [
             *self._box(command),
             *self._motion(command, state),
@@ -172,9 +170,7 @@ class _Expressed:
         if not robot.m:
             return
         assert robot.platform is not None
-        fixed = {"anchors": ca.DM(robot.anchors.ravel()), "attachments": ca.DM(robot.attachments.ravel())}
-        taut = taut_structure(robot.with_straight_cables())
-        structure = taut.at(position=state.position, rotation=state.rotation, **fixed)["structure"]
+        structure = structure_at(robot, state)
         if robot.limits.cable_speed is not None:
             # A tension does no more work than the wrench that it makes.
             twist = ca.vertcat(state.rotation.T @ command[SIX : SIX + 3], state.omega)

@@ -16,8 +16,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler
-from steelyard.excitation.sight import AT, INSTANT, motion_of, state_at
-from steelyard.identification.force_rows import taut_structure
+from steelyard.excitation.sight import AT, commanded_state, structure_at
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 
@@ -38,9 +37,7 @@ def stiffness_of(robot: Robot, state: State) -> Symbol:
     What their tension adds is of no account beside it.
     """
     assert robot.cable.axial_stiffness is not None
-    fixed = {"anchors": ca.DM(robot.anchors.ravel()), "attachments": ca.DM(robot.attachments.ravel())}
-    taut = taut_structure(robot.with_straight_cables())
-    structure = taut.at(position=state.position, rotation=state.rotation, **fixed)["structure"]
+    structure = structure_at(robot, state)
     lengths = [
         ca.norm_2(ca.DM(a) - state.position - state.rotation @ ca.DM(b))
         for a, b in zip(robot.anchors, robot.attachments, strict=True)
@@ -67,7 +64,7 @@ def softness_of(robot: Robot, state: State) -> Symbol:
 @lru_cache(maxsize=8)
 def _softness(robot: Robot) -> Batched:
     command = ca.SX.sym("command", AT)
-    state = state_at(motion_of(ca.vertcat(command, ca.SX.zeros(INSTANT - AT))), robot.gravity)
+    state = commanded_state(command, robot.gravity)
     return Batched("softness", {"command": command}, {"value": softness_of(robot, state)})
 
 
@@ -122,7 +119,7 @@ class Ringing:
     def _built(self) -> tuple[Batched, Batched]:
         robot = self.robot
         command = ca.SX.sym("command", AT)
-        state = state_at(motion_of(ca.vertcat(command, ca.SX.zeros(INSTANT - AT))), robot.gravity)
+        state = commanded_state(command, robot.gravity)
         wrench, stiffness = moving_wrench(robot, state), stiffness_of(robot, state)
         moved = ca.solve(stiffness, wrench)
         limits = robot.limits

@@ -96,6 +96,18 @@ def state_at(motion: Sequence[Symbol], gravity: Array) -> State:
     return replace(general, **dict(zip(names, found, strict=True)))
 
 
+def commanded_state(command: Symbol, gravity: Array) -> State:
+    """State, without forces, of a command of pose, rate and acceleration, shape (18,)."""
+    return state_at(motion_of(ca.vertcat(command, ca.SX.zeros(INSTANT - AT))), gravity)
+
+
+def structure_at(robot: Robot, state: State) -> Symbol:
+    """Structure matrix of straight cables in a state, for the geometry of the robot file, shape (6, m)."""
+    taut = taut_structure(robot.with_straight_cables())
+    fixed = {"anchors": ca.DM(robot.anchors.ravel()), "attachments": ca.DM(robot.attachments.ravel())}
+    return taut.at(position=state.position, rotation=state.rotation, **fixed)["structure"]
+
+
 def tension_of(robot: Robot, structure: Symbol, wrench: Symbol, level: Symbol | float) -> Symbol:
     """Tensions of a wrench nearest to a level, in closed form [Pott2009]_, shape (m,)."""
     even = ca.DM.ones(robot.m) * level
