@@ -60,6 +60,8 @@ _STARTS = 2
 _MINUTE = 60.0
 _FOR_SEARCH, _AT_LEAST = 0.6, 0.2
 """Part of the budget after which all searches end, and what they have at least."""
+_AFTERWARDS = 6.0
+"""Time of what comes after the searches, in rehearsals."""
 _SHRINK, _LEAST_SHRINK = 0.995, 0.7
 """By what a course that violates a limit is made smaller, at least and at most; by as much as the limit asks for, where that is known."""
 _BLIND = 0.95
@@ -135,7 +137,9 @@ def design(
         name = "design" if runs == 1 else f"design-{run + 1}"
         beginnings = [_beginning(course, int(rng.integers(2**31))) for _ in range(starts)]
         tell("design: what the instruments would see", 0.03 + 0.85 * run / runs)
+        rehearsing = time.time()
         outlook, joint = _outlook(experiment, course, beginnings[0], demands.level)
+        rehearsing = time.time() - rehearsing
         unknowns = joint.fit.state.systematic.unknowns
         if known is None:
             known = border_of(unknowns)
@@ -144,7 +148,9 @@ def design(
         begun_with, _ = outlook.information(course.at(outlook.times).commands(beginnings[0]))
         criterion = Criterion.about(joint.study.parameters, wanted, known, begun_with)
         problem = Problem(course, outlook, criterion, demands, ringing)
-        until = max(begun + _FOR_SEARCH * budget * (run + 1) / runs, time.time() + _AT_LEAST * budget / runs)
+        # What comes after the searches takes as long as some rehearsals, on a busy machine too.
+        share = min(_FOR_SEARCH, 1 - _AFTERWARDS * rehearsing / budget)
+        until = max(begun + share * budget * (run + 1) / runs, time.time() + _AT_LEAST * budget / runs)
         ended = searched(
             problem,
             beginnings,
