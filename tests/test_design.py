@@ -27,11 +27,13 @@ from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments import Wrench
 from steelyard.motion.limits import check_times, commanded_tensions, motion_extremes
 from steelyard.motion.trajectory import RestToRest, multisine
+from steelyard.report.design import statements
 from steelyard.robot.file import read_robot, robot_file
+from steelyard.robot.model import Limits
 from steelyard.simulation.forward_dynamics import CablePlatform
 from steelyard.simulation.sensors import paper_sensors
 from steelyard.simulation.simulate import simulate
-from steelyard.simulation.trajectories import from_file, repeated_move
+from steelyard.simulation.trajectories import from_file, repeated_move, workspace_of
 
 ROBOT = read_robot("cogiro")
 EXACT = {"anchor": 0.0, "attachment": 0.0, "gravity": 0.0}
@@ -484,6 +486,19 @@ def test_an_experiment_that_has_not_been_recorded_yet_is_designed_for(run, tmp_p
     # Gains of 1 % on eight cables and .5 % common to all of them are more than any motion tells.
     floor = np.hypot(0.005, 0.01 / np.sqrt(8)) * ROBOT.platform.mass
     assert floor * 0.9 < found["standard_deviation"]["mass"] < floor * 1.2
+
+
+def test_robot_without_limits_stays_about_the_middle_and_the_report_says_what_is_free():
+    robot = replace(ROBOT, limits=Limits(), tension_limits=(0.0, np.inf))
+    found = design(planned(robot), 6.0, budget=30.0).appraisal
+    poses = found.trajectories["design"].derivative(np.linspace(0, 6, 301), 0)
+    middle, reach = workspace_of(robot)
+    assert np.all(np.abs(poses - middle) <= reach * 1.0001)
+    assert found.feasible
+    said = "\n".join(statements(found))
+    assert "does not limit speed, acceleration, angular speed, angular acceleration" in said
+    # With the robot's own limits there is nothing to say.
+    assert "does not limit" not in "\n".join(statements(replace(found, experiment=planned())))
 
 
 def test_an_interrupted_search_ends_with_one_sentence_and_leaves_nothing(tmp_path):

@@ -15,7 +15,7 @@ from steelyard.excitation.course import SIX, Course
 from steelyard.excitation.criterion import Criterion, Target
 from steelyard.excitation.demands import Demands, Margin
 from steelyard.excitation.information import Outlook
-from steelyard.excitation.poses import checked_pose, good_pose, held
+from steelyard.excitation.poses import checked_pose, good_pose, held, within_bounds
 from steelyard.excitation.ringing import PER_INTERVAL, Ringing, softness_at
 from steelyard.excitation.search import Found, Problem
 from steelyard.excitation.sight import View, border_of, columns_of
@@ -121,7 +121,8 @@ def design(
     """
     begun = time.time()
     tell = progress or (lambda what, fraction: None)
-    robot = experiment.robot
+    robot = within_bounds(experiment.robot)
+    experiment = replace(experiment, robot=robot)
     wanted = target or Target.default(designed_body(robot))
     tell("design: where to begin", 0.0)
     demands, course, ringing = _prepared(experiment, duration, start, end, Margin(margin, robot.size))

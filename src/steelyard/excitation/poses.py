@@ -57,8 +57,7 @@ def held(demands: Demands) -> Demands:
             f"robot '{robot.name}': expected at least 6 cables, found {robot.m}; with fewer the platform cannot be held in all directions"
         )
     poses = places(robot)
-    high = robot.tension_limits[1]
-    tried = [replace(demands, level=share * high) for share in (_LEVELS if np.isfinite(high) else _LEVELS[:1])]
+    tried = [replace(demands, level=level) for level in _levels(robot)]
     counts = []
     for each in tried:
         counts.append(int(np.sum(hanging(each, poses) <= 1)))
@@ -69,11 +68,26 @@ def held(demands: Demands) -> Demands:
     return next(each for each, count in zip(tried, counts, strict=False) if count >= _ALMOST * max(counts))
 
 
+def _levels(robot: Robot) -> list[float]:
+    """Tensions that the cables may be held near to [N]; without a highest allowed one the smallest."""
+    high = robot.tension_limits[1]
+    return [share * high for share in _LEVELS] if np.isfinite(high) else [0.0]
+
+
+def within_bounds(robot: Robot) -> Robot:
+    """The robot with limits on the pose where its file has none: about the middle of its workspace."""
+    middle, reach = workspace_of(robot)
+    low, high = middle - reach, middle + reach
+    limits = robot.limits
+    position = limits.position or (tuple(low[:3].tolist()), tuple(high[:3].tolist()))
+    rpy = limits.rpy or (tuple(low[3:].tolist()), tuple(high[3:].tolist()))
+    return replace(robot, limits=replace(limits, position=position, rpy=rpy))
+
+
 def _why_nowhere(demands: Demands, poses: Array) -> str:
     robot = demands.robot
     low, high = robot.tension_limits
-    levels = _LEVELS if np.isfinite(high) else _LEVELS[:1]
-    exact = [replace(demands, margin=Margin(0.0, robot.size), level=share * high if share else 0.0) for share in levels]
+    exact = [replace(demands, margin=Margin(0.0, robot.size), level=level) for level in _levels(robot)]
     if any((hanging(each, poses) <= 1).any() for each in exact):
         return (
             f"robot '{robot.name}': expected a pose within its limits that the cables can hold if the body differs by {demands.margin.share:.0%}, found none; "

@@ -21,6 +21,8 @@ from steelyard.report.terminal import console
 _BARS = "▁▂▃▄▅▆▇█"
 _PARTS = 40
 """Parts of a run whose share is drawn."""
+_RATES = ("speed", "acceleration", "angular_speed", "angular_acceleration")
+"""Limits that a design should have."""
 _NEAR = 0.3
 """Lowest natural frequency over which a motion should not come near, as a part of it."""
 
@@ -142,6 +144,10 @@ def statements(appraisal: Appraisal) -> Iterator[str]:
             f"the stiffness of the cables is not known: how the platform swings on them was not looked at; the motion is below {appraisal.highest_frequency:.2g} Hz "
             "(add 'cable: {axial_stiffness: …}' to the robot file)"
         )
+    limits = appraisal.experiment.robot.limits
+    free = [name.replace("_", " ") for name in _RATES if getattr(limits, name) is None]
+    if free:
+        yield f"the robot file does not limit {', '.join(free)}: check that the robot can do what the table says, or add 'limits' to it"
     if appraisal.experiment.robot.m:
         yield (
             f"tensions are those nearest to {appraisal.level:g} N; they stay within the limits for a body up to {appraisal.margin.share:.0%} lighter or heavier with its "
