@@ -18,7 +18,7 @@ from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler, point_specific_force
 from steelyard.excitation.course import SIX
 from steelyard.excitation.ringing import softness_of
-from steelyard.excitation.sight import AT, commanded_state, structure_at, tension_of
+from steelyard.excitation.sight import AT, commanded_state, hanging_wrench, structure_at, tension_of
 from steelyard.instruments import Instrument, Position
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
@@ -178,7 +178,7 @@ class _Expressed:
             yield "cable speed", ca.vertcat(fed, -fed)
         ten = ca.SX.sym("ten", 10)
         moving = newton_euler(ten, state.specific_force, state.omega, state.alpha)
-        hanging = newton_euler(ten, -state.rotation.T @ ca.DM(robot.gravity), ca.SX.zeros(3), ca.SX.zeros(3))
+        hanging = hanging_wrench(ten, state, robot.gravity)
         low, high = robot.tension_limits
         unit = robot.platform.mass * float(np.linalg.norm(robot.gravity)) / 2
         for name, wrench in (("tension", moving), ("tension at rest", hanging)):

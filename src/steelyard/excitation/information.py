@@ -56,14 +56,14 @@ class Outlook:
             commands: Pose and derivatives at :attr:`times`, shape (n, 24).
         """
         rows, local = [], self._basis
-        for sight in self.sights:
-            by_motion, by_border = self._seen(sight, commands)
+        derivatives = tuple(self._weighted(sight, commands) for sight in self.sights)
+        for sight, (by_motion, by_border) in zip(self.sights, derivatives, strict=True):
             n, k, _ = by_motion.shape
             by_order = by_motion.reshape(n, k, -1, POSE).transpose(2, 0, 1, 3)
             rows.append(Rows(local.first, np.zeros((n, k)), spread(local, *by_order), by_border, sight.columns))
         held = holding_rows(self.arc)
         equations = self.arc.smooth(accumulate(len(self.arc.coefficients), self.border, [*rows, held]))
-        return equations.reduced()[0], Seen(commands, equations)
+        return equations.reduced()[0], Seen(commands, derivatives, equations)
 
     def slope(self, seen: Seen, weight: Array) -> Array:
         """Derivative of the sum of weight times information by the commands, shape (n, 24).
@@ -74,8 +74,8 @@ class Outlook:
         """
         moved = self._moved(seen)
         total = np.zeros_like(seen.commands)
-        for sight in self.sights:
-            left = 2 * self._root(sight) * (self._left(sight, seen, moved) @ weight)
+        for sight, derivatives in zip(self.sights, seen.derivatives, strict=True):
+            left = 2 * self._root(sight) * (_left(sight, derivatives, moved) @ weight)
             total += sight.slope(seen.commands, left @ moved.transpose(0, 2, 1), left[:, :, sight.columns])
         return total
 
@@ -89,7 +89,8 @@ class Outlook:
             by: Directions, shape (b, d).
         """
         moved = self._moved(seen)
-        return np.asarray(sum(np.sum((self._left(sight, seen, moved) @ by) ** 2, axis=1) for sight in self.sights))
+        lefts = (_left(sight, each, moved) for sight, each in zip(self.sights, seen.derivatives, strict=True))
+        return np.asarray(sum(np.sum((left @ by) ** 2, axis=1) for left in lefts))
 
     def _moved(self, seen: Seen) -> Array:
         """How the motion at every instant follows the border, order by order, shape (n, 21, b)."""
@@ -99,18 +100,12 @@ class Outlook:
         orders = np.einsum("oni,nidb->nodb", local.values[:3], near)
         return np.asarray(orders.reshape(len(self.times), -1, self.border))
 
-    def _left(self, sight: Sight, seen: Seen, moved: Array) -> Array:
-        """Derivative of what is seen by the border, with the motion that follows it, shape (n, k, b)."""
-        by_motion, by_border = self._seen(sight, seen.commands)
-        left = by_motion @ moved
-        left[:, :, sight.columns] += by_border
-        return np.asarray(left)
-
     def _root(self, sight: Sight) -> float:
         """Root of the number of readings that an instant stands for."""
         return float(np.sqrt(sight.rate * self.duration / len(self.times)))
 
-    def _seen(self, sight: Sight, commands: Array) -> tuple[Array, Array]:
+    def _weighted(self, sight: Sight, commands: Array) -> tuple[Array, Array]:
+        """Derivatives by motion and border, each instant for all readings that it stands for."""
         by_motion, by_border = sight.derivatives(commands)
         return self._root(sight) * by_motion, self._root(sight) * by_border
 
@@ -120,4 +115,14 @@ class Seen:
     """Commands and the normal equations of what would be seen of them."""
 
     commands: Array
+    derivatives: tuple[tuple[Array, Array], ...]
+    """Of every sight, by motion and by border, weighted."""
     equations: NormalEquations
+
+
+def _left(sight: Sight, derivatives: tuple[Array, Array], moved: Array) -> Array:
+    """Derivative of what is seen by the border, with the motion that follows it, shape (n, k, b)."""
+    by_motion, by_border = derivatives
+    left = by_motion @ moved
+    left[:, :, sight.columns] += by_border
+    return np.asarray(left)

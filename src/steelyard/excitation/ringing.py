@@ -16,7 +16,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler
-from steelyard.excitation.sight import AT, commanded_state, structure_at
+from steelyard.excitation.sight import AT, commanded_state, hanging_wrench, structure_at
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 
@@ -48,9 +48,9 @@ def stiffness_of(robot: Robot, state: State) -> Symbol:
 def moving_wrench(robot: Robot, state: State) -> Symbol:
     """Wrench that moves the nominal platform, without what holds it up, in P [N], [N m], shape (6,)."""
     assert robot.platform is not None
-    ten, none = ca.DM(robot.platform.parameters), ca.SX.zeros(3)
-    hanging = newton_euler(ten, -state.rotation.T @ ca.DM(robot.gravity), none, none)
-    return newton_euler(ten, state.specific_force, state.omega, state.alpha) - hanging
+    ten = ca.DM(robot.platform.parameters)
+    moving = newton_euler(ten, state.specific_force, state.omega, state.alpha)
+    return moving - hanging_wrench(ten, state, robot.gravity)
 
 
 def softness_of(robot: Robot, state: State) -> Symbol:

@@ -74,6 +74,11 @@ class Problem:
     def _held(self) -> Along:
         return self.course.at(self.course.instants(_PER_INTERVAL))
 
+    @cached_property
+    def _rung(self) -> Along:
+        assert self.ringing is not None
+        return self.course.at(self.ringing.times)
+
     def information(self, x: Array) -> tuple[Array, Seen]:
         """Of a course, shape (b, b)."""
         return self.outlook.information(self._looked.commands(x))
@@ -97,7 +102,7 @@ class Problem:
         rows = np.broadcast_to(np.arange(n * g).reshape(n, g, 1), slopes.shape)[there]
         entries = [(rows, np.broadcast_to(columns[:, None, :], slopes.shape)[there], slopes[there])]
         if self.ringing is not None:
-            along = self.course.at(self.ringing.times)
+            along = self._rung
             ringing, slope = self.ringing.value(along.commands(x)[:, :AT])
             values.append(np.array([ringing]))
             entries.append((np.full(self.course.size, n * g), np.arange(self.course.size), along.gathered(slope)))

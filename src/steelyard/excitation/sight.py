@@ -5,7 +5,7 @@ Composed of the measurement equations and of the balance of forces that the esti
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -101,11 +101,28 @@ def commanded_state(command: Symbol, gravity: Array) -> State:
     return state_at(motion_of(ca.vertcat(command, ca.SX.zeros(INSTANT - AT))), gravity)
 
 
-def structure_at(robot: Robot, state: State) -> Symbol:
-    """Structure matrix of straight cables in a state, for the geometry of the robot file, shape (6, m)."""
+def structure_at(robot: Robot, state: State, geometry: Mapping[str, Symbol] | None = None) -> Symbol:
+    """Structure matrix of straight cables in a state, shape (6, m).
+
+    Args:
+        robot: With cables.
+        state: Position and rotation of it.
+        geometry: ``anchors`` and ``attachments``, three numbers a cable; None: those of the robot file.
+    """
     taut = taut_structure(robot.with_straight_cables())
-    fixed = {"anchors": ca.DM(robot.anchors.ravel()), "attachments": ca.DM(robot.attachments.ravel())}
+    fixed = geometry or {"anchors": ca.DM(robot.anchors.ravel()), "attachments": ca.DM(robot.attachments.ravel())}
     return taut.at(position=state.position, rotation=state.rotation, **fixed)["structure"]
+
+
+def hanging_wrench(ten: Symbol, state: State, gravity: Array) -> Symbol:
+    """Wrench that holds a body at rest in the attitude of a state, in P [N], [N m], shape (6,).
+
+    Args:
+        ten: Its linear parameters, shape (10,).
+        state: Rotation of it.
+        gravity: World frame [m/s^2], shape (3,).
+    """
+    return newton_euler(ten, -state.rotation.T @ ca.DM(gravity), ca.SX.zeros(3), ca.SX.zeros(3))
 
 
 def tension_of(robot: Robot, structure: Symbol, wrench: Symbol, level: Symbol | float) -> Symbol:
@@ -202,8 +219,7 @@ class _Known:
     @cached_property
     def structure(self) -> Symbol:
         """Of straight cables."""
-        taut = taut_structure(self.experiment.robot.with_straight_cables())
-        return taut.at(position=self.state.position, rotation=self.state.rotation, **self.geometry)["structure"]
+        return structure_at(self.experiment.robot, self.state, self.geometry)
 
     @cached_property
     def wrench(self) -> Symbol:
