@@ -10,7 +10,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from multiprocessing import get_context
@@ -31,6 +30,7 @@ from steelyard.excitation.sight import View, border_of
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.write import write_yaml
 from steelyard.identification.maximum_likelihood import MaximumLikelihood
+from steelyard.imports.formats import import_robot
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.motion.limits import check_times, commanded_tensions
 from steelyard.motion.trajectory import RestToRest, Sampled, Trajectory, multisine
@@ -169,29 +169,10 @@ def truth(count: int = 200, processes: int = 2) -> None:
 
 
 def caspr(name: str, *, tension: float, limits: dict) -> dict:
-    """A robot file from CASPR's description: the first body, its default set of cables."""
-    folder = SHARED / "caspr" / name
-    bodies, cables = (ElementTree.parse(folder / f"{name}_{kind}.xml").getroot() for kind in ("bodies", "cables"))
-    physical = list(bodies.iter("link_rigid"))[-1].find("physical")
-    chosen = next(each for each in cables.iter("cable_set") if each.get("id") == cables.get("default_cable_set"))
-    inertia = physical.find("inertia")
-
-    def numbers(node: ElementTree.Element) -> list[float]:
-        return [float(value) for value in node.text.split()]
-
-    places = [[numbers(each.find("location")) for each in cable.iter("attachment")] for cable in chosen]
-    return {
-        "name": name.lower(),
-        "gravity": 9.81,
-        "cables": [{"anchor": anchor, "attachment": attachment} for anchor, attachment in places],
-        "tension": {"min": tension, "max": min(float(c.find("properties/force_max").text) for c in chosen)},
-        "limits": limits,
-        "platform": {
-            "mass": float(physical.find("mass").text),
-            "center_of_gravity": numbers(physical.find("com_location")),
-            "inertia": {key[1:]: float(inertia.find(key).text) for key in ("Ixx", "Iyy", "Izz")},
-        },
-    }
+    """A robot file from CASPR's description, with limits of our own."""
+    files = [SHARED / "caspr" / name / f"{name}_{kind}.xml" for kind in ("bodies", "cables")]
+    values = import_robot(files).values
+    return {**values, "name": name.lower(), "tension": {**values["tension"], "min": tension}, "limits": limits}
 
 
 def scaled_down(factor: float) -> dict:

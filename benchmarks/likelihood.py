@@ -43,12 +43,12 @@ from steelyard.identification.joint_study import Joint, joint_study
 from steelyard.identification.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.motion_rows import PARTS, Arc, Tally, limit, motion_rows
 from steelyard.identification.regression import TEN
-from steelyard.identification.smoothing import DEGREE
 from steelyard.inertia import BODY_PARAMETERS, LINEAR_PARAMETERS, Inertia
 from steelyard.robot.file import read_robot
 from steelyard.simulation.forward_dynamics import ExactMotion
 from steelyard.simulation.sensors import draw_errors, paper_sensors, record
 from steelyard.simulation.trajectories import feasible_multisine
+from steelyard.smoothing import DEGREE
 
 UNITS = np.array([1, 1e3, 1e3, 1e3, 1, 1, 1, 1, 1, 1])
 

@@ -109,6 +109,7 @@ class Hanging:
         return State(
             position=x[:, :3],
             rotation=rotation,
+            velocity=x[:, 7:10],
             omega=x[:, 10:13],
             specific_force=felt,
             alpha=x[:, 16:19],

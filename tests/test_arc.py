@@ -16,7 +16,7 @@ from steelyard.identification.arc import (
     motion_at,
     spread,
 )
-from steelyard.identification.smoothing import DEGREE, knots
+from steelyard.smoothing import DEGREE, knots
 
 START, END, SPACING = 0.3, 2.9, 0.2  # [s]
 ROUNDING = 1e-10  # relative to the largest number compared; sums of a few hundred products

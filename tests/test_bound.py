@@ -15,11 +15,11 @@ from steelyard.identification.classical import study
 from steelyard.identification.force_rows import Forces
 from steelyard.identification.least_squares import LeastSquares
 from steelyard.identification.motion_rows import Arc, Reading
-from steelyard.identification.smoothing import DEGREE, knots
 from steelyard.identification.unknowns import Systematic, gather
 from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian
 from steelyard.instruments import Imu, Position, Tension
 from steelyard.motion.trajectory import multisine
+from steelyard.smoothing import DEGREE, knots
 
 DIFFERENCES = 1e-4  # relative: central differences, and a Fisher matrix of a condition of many orders
 LENGTH, SPACING = 4.0, 0.5  # [s]

@@ -7,7 +7,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import Covariance, multivariate_normal
 
 from steelyard.identification.evidence import Channelled, best_spacing, evidence
-from steelyard.identification.smoothing import DEGREE, knots
+from steelyard.smoothing import DEGREE, knots
 
 START, END = 0.0, 4.0  # [s]
 ENOUGH = 0.3  # of a log likelihood: where a search within a third of a logarithm ends

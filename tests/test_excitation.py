@@ -25,7 +25,6 @@ from steelyard.identification.arc import POSE, accumulate, banded_product
 from steelyard.identification.force_rows import Forces, balance_of, force_rows
 from steelyard.identification.motion_rows import Tally, holding_rows
 from steelyard.identification.regression import TEN
-from steelyard.identification.smoothing import DEGREE
 from steelyard.identification.unknowns import DRAG, Systematic
 from steelyard.identification.unknowns import ROBOT as FILE
 from steelyard.inertia import Inertia, body_jacobian
@@ -37,6 +36,7 @@ from steelyard.robot.file import read_robot
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
 from steelyard.simulation.sensors import paper_sensors
+from steelyard.smoothing import DEGREE
 
 HEAVY = read_robot("cogiro")
 STRAIGHT = HEAVY.with_straight_cables()
@@ -49,6 +49,7 @@ TIGHT = 600.0  # [N]
 
 GRID = 0.005  # relative: readings on a grid of instants, and not one by one
 GRID_SAG = 0.02  # relative: and cables that hang straight, where those of the rehearsal sag
+GRID_ROLLERS = 0.03  # relative: rollers turn around between two instants of the grid
 BY_SHIFT = 0.02  # of half the weight: what a shift of the centre of gravity changes of the inertia about the origin
 SAGGING = 0.05  # relative to what is known of each at one instant
 DIFFERENCES = 1e-6  # relative to the largest: fourth-order differences of what curves over a metre, a radian, a second
@@ -321,6 +322,10 @@ def plan(which):
     level = 0.0
     if which == "gains":
         suite["cables"] = changed(suite["cables"], calibration=GAINS)
+    if which == "rollers":
+        suite["cables"] = changed(
+            suite["cables"], end="winch", calibration={**GAINS, "friction": {"value": 0.02, "sigma": 0.005}}
+        )
     if which == "late":
         # The clock of the forces has an error of its own, and those of the others have none.
         suite["cables"] = changed(suite["cables"], calibration={"delay": 0.02})
@@ -347,19 +352,19 @@ def plan(which):
     return Plan(Experiment(which, robot, suite, (), uncertainty=uncertainty), level)
 
 
-ELSEWHERE = ["gains", "tight", "heavy", "bare"]
+ELSEWHERE = ["gains", "tight", "heavy", "rollers", "bare"]
 INSTANTS = np.array([0.6, 1.7, 2.4, 3.3, 4.1, 5.2])  # [s]
 
 
 def states_at(view, times):
     """State of the platform by differences in time, with the wrench that moves the body and the tensions that make it."""
     each = [motion_in_time(command, view.systematic.gravity) for command in commands_at(times)]
-    position, R, _, _, omega, alpha, s = (np.array(part) for part in zip(*each, strict=True))
+    position, R, velocity, _, omega, alpha, s = (np.array(part) for part in zip(*each, strict=True))
     wrench = moving_wrench(Inertia.from_parameters(view.parameters), s, omega, alpha)
     tension = None
     if view.experiment.robot.m:
         tension = nearest_tensions(structure_of(placed(view), position, R), wrench, view.level)
-    return State(position, R, omega, s, alpha, tension, wrench, view.systematic.gravity)
+    return State(position, R, velocity, omega, s, alpha, tension, wrench, view.systematic.gravity)
 
 
 def moving_wrench(body, s, omega, alpha):
@@ -547,7 +552,7 @@ def test_a_motion_tells_what_the_bound_of_its_rehearsal_says(which):
     covariance = np.linalg.inv(found.information[0] + found.known)
     J = body_jacobian(found.joint.study.parameters)
     sigmas = np.sqrt(np.diag(J @ covariance[:TEN, :TEN] @ J.T))
-    bound, relative = found.joint.bound, GRID_SAG if which == "heavy" else GRID
+    bound, relative = found.joint.bound, {"heavy": GRID_SAG, "rollers": GRID_ROLLERS}.get(which, GRID)
     np.testing.assert_allclose(sigmas, bound.standard_deviation, rtol=relative)
     # And so are the systematic errors known as well as they will be.
     active = found.unknowns.deviation > 0

@@ -14,11 +14,11 @@ from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.arc import POSE
 from steelyard.identification.force_rows import BALANCE, Forces, balance_of, force_rows, sample_weight
 from steelyard.identification.motion_rows import Arc, Reading, Tally, limit
-from steelyard.identification.smoothing import DEGREE, knots
 from steelyard.identification.unknowns import DRAG, LAG, Systematic, gather
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
+from steelyard.smoothing import DEGREE, knots
 
 START, END, SPACING = 0.2, 3.0, 0.4  # [s]
 GRID = knots(START, END, SPACING)
@@ -298,8 +298,8 @@ def test_cables_that_rest_drag_nothing():
 # Readings that are corrected until they balance
 
 
-def stated_balance(found):
-    """Structure matrices and the wrenches that move the body, written out once more in NumPy; shapes (n, 6, m), (n, 6)."""
+def stated_motion(found):
+    """Pose, rate and acceleration at the times of the forces, and omega and alpha in platform axes."""
     e = {(o, k): found.systematic.values[p] for (o, k, _), p in found.unknowns.places.items()}
     # The motion is told in the time of the attitude's clock, as it is known beforehand.
     time = found.time - e["recorder", "delay"] + e["attitude", "delay"]
@@ -313,6 +313,13 @@ def stated_balance(found):
     R = Rotation.from_quat(q, scalar_first=True).as_matrix()
     omega = 2 * vector_part(q, dq) / square
     alpha = 2 * vector_part(q, ddq) / square - 2 * np.sum(q * dq, axis=1, keepdims=True) / square * omega
+    return pose, rate, acceleration, R, omega, alpha
+
+
+def stated_balance(found):
+    """Structure matrices and the wrenches that move the body, written out once more in NumPy; shapes (n, 6, m), (n, 6)."""
+    e = {(o, k): found.systematic.values[p] for (o, k, _), p in found.unknowns.places.items()}
+    pose, _, acceleration, R, omega, alpha = stated_motion(found)
     s = np.einsum("nji,nj->ni", R, acceleration[:, :3] - e["robot", "gravity"])
     J, h, m = BODY.inertia_about_origin, BODY.first_moment, BODY.mass
     force = m * s + np.cross(alpha, h) + np.cross(omega, np.cross(omega, h))
@@ -326,10 +333,23 @@ def stated_balance(found):
     return np.concatenate([pull, np.cross(corners, pull)], axis=2).transpose(0, 2, 1), moving
 
 
-def as_tension(found, readings):
-    """Tensions that readings say, by the contract."""
+def gains(found):
+    """Reading over tension but for the offset, by the contract: at the winch the rollers take their part, shape (n, m)."""
     e = {k: found.systematic.values[p] for (o, k, _), p in found.unknowns.places.items() if o == "forces"}
-    return (readings - e["offset"]) / (e["gain"] * e["common_gain"])
+    gain = np.tile(e["gain"] * e["common_gain"], (len(found.time), 1))
+    if "friction" not in e:
+        return gain
+    pose, rate, _, R, omega, _ = stated_motion(found)
+    arms = np.einsum("nij,mj->nmi", R, found.robot.attachments)
+    away = pose[:, None, :3] + arms - found.robot.anchors
+    moving = rate[:, None, :3] + np.cross(np.einsum("nij,nj->ni", R, omega)[:, None], arms)
+    paid_out = np.sum(away * moving, axis=2) / np.linalg.norm(away, axis=2)
+    return gain * (1 - e["friction"] * np.tanh(paid_out / 0.01))
+
+
+def as_tension(found, readings):
+    """Tensions that readings say, by the contract, shape (n, m)."""
+    return (readings - found.systematic.values[found.unknowns.places["forces", "offset", None]]) / gains(found)
 
 
 @pytest.mark.parametrize("force", ["platform end", "winch end"])
@@ -342,7 +362,7 @@ def test_readings_are_corrected_as_a_constrained_least_squares_problem_has_it(fo
     for i, readings in enumerate(forces.readings["tension"]):
 
         def unbalanced(correction, i=i, readings=readings):
-            return (W[i] @ as_tension(found, readings - SIGMAS * correction) - moving[i]) / size
+            return (W[i] @ as_tension(found, readings - SIGMAS * correction)[i] - moving[i]) / size
 
         solved = minimize(
             lambda c: c @ c, np.zeros(8), jac=lambda c: 2 * c, method="SLSQP",
@@ -351,7 +371,7 @@ def test_readings_are_corrected_as_a_constrained_least_squares_problem_has_it(fo
         assert np.abs(unbalanced(solved.x)).max() < 1e-8
         np.testing.assert_allclose(at.correction[i], solved.x, atol=CONSTRAINED)
         np.testing.assert_allclose(
-            at.carried[i], as_tension(found, readings - SIGMAS * solved.x), atol=CONSTRAINED * SIGMAS.max()
+            at.carried[i], as_tension(found, readings - SIGMAS * solved.x)[i], atol=CONSTRAINED * SIGMAS.max()
         )
 
 
@@ -364,8 +384,7 @@ def test_what_is_carried_moves_the_body_and_leaves_the_inner_tension_free(force)
     np.testing.assert_allclose(np.einsum("nkm,nm->nk", W, at.carried), moving, atol=1e-6)
     # A tension that only tightens the platform is not corrected.
     inner = np.array([np.linalg.svd(w)[2][-1] for w in W])
-    e = {k: found.systematic.values[p] for (o, k, _), p in found.unknowns.places.items() if o == "forces"}
-    tighter = {"tension": forces.readings["tension"] + 80 * inner * e["gain"] * e["common_gain"]}
+    tighter = {"tension": forces.readings["tension"] + 80 * inner * gains(found)}
     again = found.balance(forces=replace(forces, readings=tighter))
     np.testing.assert_allclose(again.left_over, at.left_over, atol=1e-6)
     np.testing.assert_allclose(again.correction, at.correction, atol=1e-6)

@@ -48,6 +48,7 @@ def state():
         alpha=rng.normal(0, 3, (N, 3)),
         tension=rng.uniform(80, 900, (N, M)),
         wrench=rng.normal(0, 200, (N, 6)),
+        velocity=0.01 * rng.normal(0, 1, (N, 3)),
         gravity=TILTED_GRAVITY,
     )
 
@@ -79,6 +80,17 @@ def draw(instrument, seed=1):
 
 def tension(i, c, robot, state):
     return {"tension": [c["common_gain"] * c["gain"] * f + c["offset"] for *_, f, _ in rows(state)]}
+
+
+def tension_at_the_winch(i, c, robot, state):
+    readings = []
+    for (p, R, w, _, _, f, _), v in zip(rows(state), state.velocity, strict=True):
+        arms = robot.attachments @ R.T
+        away = arms + p - robot.anchors
+        paid_out = np.sum(away * (v + np.cross(R @ w, arms)), axis=1) / np.linalg.norm(away, axis=1)
+        behind = f * (1 - c["friction"] * np.tanh(paid_out / 0.01))
+        readings.append(c["common_gain"] * c["gain"] * behind + c["offset"])
+    return {"tension": readings}
 
 
 def wrench(i, c, robot, state):
@@ -150,7 +162,7 @@ MOUNTED = {"position": (0.31, -0.22, 0.47), "rpy_deg": (20.0, -35.0, 110.0)}
 FRAME = {"position": (1.2, -3.4, 0.6), "rpy_deg": (-8.0, 12.0, 75.0)}
 KINDS = {
     "tension": (Tension(kind="tension"), tension, STRAIGHT),
-    "tension at the winch of straight cables": (Tension(kind="tension", end="winch"), tension, STRAIGHT),
+    "tension at the winch of straight cables": (Tension(kind="tension", end="winch"), tension_at_the_winch, STRAIGHT),
     "wrench": (Wrench(kind="wrench", **MOUNTED), wrench, STRAIGHT),
     "wrench on the sensor": (Wrench(kind="wrench", acts_on="sensor", **MOUNTED), wrench, STRAIGHT),
     "imu": (Imu(kind="imu", **MOUNTED), imu, STRAIGHT),
@@ -220,6 +232,7 @@ def test_a_perfect_instrument_has_gains_of_one_and_no_other_error(kind):
 # Default 1-sigma by the table of the contract; None: taken from the data.
 DEFAULTS = {
     "tension": {"offset": None, "gain": 0.01, "common_gain": 0.005},
+    "tension at the winch of straight cables": {"offset": None, "gain": 0.01, "common_gain": 0.005, "friction": 0.02},
     "wrench": {"offset.force": None, "offset.torque": None, "position": 0.0, "misalignment": 0.0},
     "length": {"offset": 1.0},
     "imu": {
@@ -293,7 +306,7 @@ BACKWARDS = {
         "tension at the winch of straight cables",
         "tension",
         ["tension"],
-        ["position", "rotation"],
+        ["position", "rotation", "velocity", "omega"],
     ),
     "wrench": ("wrench", "wrench", ["force", "torque"], []),
     "wrench on the sensor": ("wrench on the sensor", "wrench", ["force", "torque"], []),
@@ -383,6 +396,7 @@ def test_an_imu_off_the_origin_feels_what_its_own_path_tells(gravity):
         now = State(
             position=p,
             rotation=R,
+            velocity=derivative(lambda s: path(s)[0], t, FIRST),
             omega=omega_at(t),
             specific_force=R.T @ (acceleration - TILTED_GRAVITY),
             alpha=derivative(omega_at, t, FIRST),
@@ -447,7 +461,7 @@ def state_along(pose, rate, acceleration, gravity):
     turns = [turning(*(x[3:] for x in motion)) for motion in zip(pose, rate, acceleration, strict=True)]
     R, omega, alpha = (np.array(each) for each in zip(*turns, strict=True))
     felt = np.einsum("nji,nj->ni", R, acceleration[:, :3] - gravity)
-    return State(pose[:, :3], R, omega, felt, alpha, np.zeros((N, M)), np.zeros((N, 6)), gravity)
+    return State(pose[:, :3], R, rate[:, :3], omega, felt, alpha, np.zeros((N, M)), np.zeros((N, 6)), gravity)
 
 
 @pytest.fixture
@@ -589,7 +603,7 @@ def test_what_is_found_follows_readings_and_errors_as_differences_say(case, stat
 
     def found(values, errors):
         split = dict(zip(quantities, np.split(values, len(quantities), axis=1), strict=True))
-        given = {"position": state.position, "rotation": state.rotation}
+        given = {key: getattr(state, key) for key in ("position", "rotation", "velocity", "omega")}
         known = dict(zip((term.key for term in terms), np.split(errors, ends), strict=True))
         return solve_for(unknown, instrument, robot, split, given, known)
 
@@ -599,7 +613,7 @@ def test_what_is_found_follows_readings_and_errors_as_differences_say(case, stat
         instrument,
         robot,
         quantities,
-        {key: getattr(state, key) for key in ("tension", "wrench", "position", "rotation")},
+        {key: getattr(state, key) for key in ("tension", "wrench", "position", "rotation", "velocity", "omega")},
         calibration,
     )
     for derivative, expected in (

@@ -12,13 +12,13 @@ from scipy.stats import chi2, norm
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.kinematic_fit import fit_kinematics
 from steelyard.identification.preparation import prepare
-from steelyard.identification.smoothing import DEGREE, knots
 from steelyard.identification.unknowns import LAG, ROBOT, Systematic, gather
 from steelyard.instruments import Attitude, Pose
 from steelyard.robot.file import read_robot
 from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
 from steelyard.simulation.sensors import draw_errors, ideal_sensors, paper_sensors, record
 from steelyard.simulation.trajectories import feasible_multisine
+from steelyard.smoothing import DEGREE, knots
 
 SEEDS = 12
 RARE = 1e-4  # of sound data that would fail; seeds are fixed, so that none of them does by chance

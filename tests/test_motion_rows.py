@@ -24,9 +24,9 @@ from steelyard.identification.motion_rows import (
     motion_rows,
     robust_weight,
 )
-from steelyard.identification.smoothing import DEGREE, knots
 from steelyard.identification.unknowns import Systematic, gather
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension
+from steelyard.smoothing import DEGREE, knots
 
 START, END, SPACING = 0.2, 3.0, 0.4  # [s]
 DIFFERENCES = 2e-6  # relative to the largest; central differences of what curves over a metre, a second, a radian

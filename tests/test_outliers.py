@@ -12,11 +12,11 @@ from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.force_rows import Forces, balance_of
 from steelyard.identification.motion_rows import Arc, Reading
 from steelyard.identification.outliers import look
-from steelyard.identification.smoothing import DEGREE, knots
 from steelyard.identification.unknowns import Systematic, gather
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.motion.trajectory import multisine
 from steelyard.robot.model import Robot
+from steelyard.smoothing import DEGREE, knots
 
 LENGTH, RATE = 8.0, 50.0  # [s], [Hz]
 TIMES = np.arange(0.1, LENGTH - 0.1, 1 / RATE)

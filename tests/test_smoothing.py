@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from steelyard.identification.smoothing import Samples1D, choose_spacing, fit, segments
+from steelyard.smoothing import Samples1D, choose_spacing, fit, segments
 
 
 def signal(t, order=0):

@@ -12,11 +12,11 @@ from scipy.stats import Covariance, chi2, multivariate_normal, norm
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.arc import POSE, accumulate
 from steelyard.identification.motion_rows import Arc, Reading, Tally, jerk_matrices, motion_rows
-from steelyard.identification.smoothing import DEGREE, knots
 from steelyard.identification.smoothness import LOOSER, smoothness
 from steelyard.identification.unknowns import Systematic, gather
 from steelyard.instruments import Attitude, Position
 from steelyard.robot.model import Robot
+from steelyard.smoothing import DEGREE, knots
 
 LENGTH, RATE, SPACING = 6.0, 20.0, 0.2  # [s], [Hz], [s]
 TIMES = (np.arange(LENGTH * RATE) + 0.5) / RATE

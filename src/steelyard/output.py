@@ -39,10 +39,35 @@ def check_target(target: Path, *, force: bool) -> None:
         raise InputError(
             f"{target}: expected a new or empty folder for the results, found files; choose another, or --force to replace them"
         )
-    parent = target.absolute() if target.is_dir() else target.absolute().parent
-    while not parent.exists():
-        parent = parent.parent
-    if not parent.is_dir() or not os.access(parent, os.W_OK):
+    _check_place(target.absolute() if target.is_dir() else target.absolute().parent, target)
+
+
+def check_file_target(target: Path, *, force: bool) -> None:
+    """Refuse a place for a single file before any work is done.
+
+    Args:
+        target: Where the file belongs.
+        force: Whether it may replace another.
+
+    Raises:
+        InputError: Something is there already and may not be replaced, or the place cannot be written to.
+    """
+    if target.is_symlink() and not target.exists():
+        raise InputError(f"{target}: expected a file to write, found a link to nothing; choose another with --out")
+    if target.exists() and not target.is_file():
+        found = "a folder" if target.is_dir() else "something that is no regular file"
+        raise InputError(f"{target}: expected a file to write, found {found}; choose another with --out")
+    if target.exists() and not force:
+        raise InputError(
+            f"{target}: expected a new file, found one of that name; choose another with --out, or --force to replace it"
+        )
+    _check_place(target.resolve().parent, target)
+
+
+def _check_place(folder: Path, target: Path) -> None:
+    while not folder.exists():
+        folder = folder.parent
+    if not folder.is_dir() or not os.access(folder, os.W_OK):
         raise InputError(f"{target}: expected a place that can be written to, found none; choose another with --out")
 
 
@@ -64,12 +89,7 @@ def results_folder(target: Path, *, force: bool) -> Iterator[Path]:
     """
     check_target(target, force=force)
     place = target.resolve() if target.exists() else target.absolute()
-    made = [parent for parent in place.parents if not parent.exists()]
-    place.parent.mkdir(parents=True, exist_ok=True)
-    # Inside a folder that exists: what lies beside it may be another device, or somebody else's.
-    beside = Path(tempfile.mkdtemp(prefix=_HIDDEN, dir=place if place.is_dir() else place.parent))
-    done = False
-    try:
+    with _beside(place if place.is_dir() else place.parent) as beside:
         fresh = beside / "new"
         fresh.mkdir()
         try:
@@ -79,14 +99,53 @@ def results_folder(target: Path, *, force: bool) -> Iterator[Path]:
             raise
         check_target(target, force=force)
         _publish(fresh, place, beside / "old")
+
+
+@contextmanager
+def results_file(target: Path, *, force: bool) -> Iterator[Path]:
+    """A path to write one file to, which appears at its place only when the block ends without an error.
+
+    Args:
+        target: Where the file belongs.
+        force: Whether it may replace another.
+
+    Yields:
+        A path beside the target at which nothing is.
+
+    Raises:
+        InputError: See :func:`check_file_target`; also where others put something there meanwhile.
+    """
+    check_file_target(target, force=force)
+    place = target.resolve()
+    with _beside(place.parent) as beside:
+        fresh = beside / place.name
+        try:
+            yield fresh
+        except OSError as error:
+            _rename_in(error, fresh, target)
+            raise
+        check_file_target(target, force=force)
+        fresh.replace(place)
+
+
+@contextmanager
+def _beside(folder: Path) -> Iterator[Path]:
+    """A hidden place in a folder, gone in the end; what had to be made of the folder goes too where the block fails."""
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    # Inside a folder that exists: what lies beside it may be another device, or somebody else's.
+    hidden = Path(tempfile.mkdtemp(prefix=_HIDDEN, dir=folder))
+    done = False
+    try:
+        yield hidden
         done = True
     finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        shutil.rmtree(hidden, ignore_errors=True)
         if not done:
             # Others may have begun to use them.
             with suppress(OSError):
-                for parent in made:
-                    parent.rmdir()
+                for each in made:
+                    each.rmdir()
 
 
 def _rename_in(error: OSError, fresh: Path, target: Path) -> None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import difflib
+import io
 import json
+import re
 import typing
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,6 +19,7 @@ from steelyard.errors import InputError
 
 _LARGEST_FILE = 2**19  # bytes; reading line numbers along takes seconds beyond it
 _LARGEST_NUMBER = 1e15
+_DEEPEST = 200  # brackets in each other; beyond, the parser spends seconds before it gives up
 _MOST_VALUES = 200_000  # after aliases are expanded: a file of a few lines can name itself a billion times
 
 
@@ -50,8 +54,12 @@ class Document:
         return InputError(f"{self.where(key)}: {message}")
 
 
-def read_yaml(path: Path) -> Document:
-    """Read a YAML 1.2 file.
+def read_yaml(path: Path, what: str = "YAML") -> Document:
+    """Read a YAML 1.2 file. JSON is YAML too, in which a comma may also stand behind the last item.
+
+    Args:
+        path: Of the file.
+        what: Was expected, for the messages.
 
     Raises:
         InputError: It is not there, not a regular file, too large, or not YAML.
@@ -60,19 +68,28 @@ def read_yaml(path: Path) -> Document:
     from ruamel.yaml.error import YAMLError
 
     text = read_text(path)
+    if _depth(text) > _DEEPEST:
+        raise InputError(
+            f"{path}: expected {what}, found something that cannot be read (brackets more than {_DEEPEST} deep); correct it"
+        )
     try:
         node = YAML(typ="rt", pure=True).load(text)
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark is not None else ""
         problem = getattr(error, "problem", None) or "cannot be read"
-        raise InputError(f"{path}{line}: expected YAML, found a mistake in it ({problem}); correct this line") from None
+        raise InputError(
+            f"{path}{line}: expected {what}, found a mistake in it ({problem}); correct this line"
+        ) from None
     except (
         ValueError,
+        TypeError,
         AttributeError,
         RecursionError,
-    ) as error:  # a merge of a mapping into itself is an AttributeError
-        raise InputError(f"{path}: expected YAML, found something that cannot be read ({error}); correct it") from None
+    ) as error:  # a merge of a mapping into itself is an AttributeError, a list for a key may be a TypeError
+        raise InputError(
+            f"{path}: expected {what}, found something that cannot be read ({error}); correct it"
+        ) from None
     lines: dict[tuple[str | int, ...], int] = {}
     try:
         data = _plain(node, (), lines, [0])
@@ -81,6 +98,12 @@ def read_yaml(path: Path) -> Document:
     except _BrokenTextError:
         raise InputError(f"{path}: expected text, found half a character (a lone surrogate); remove it") from None
     return Document(path, data, lines)
+
+
+def _depth(text: str) -> int:
+    """How deep brackets stand in each other, at most; those in strings count too."""
+    steps = (1 if bracket in "[{" else -1 for bracket in re.findall(r"[\[\]{}]", text))
+    return max(accumulate(steps), default=0)
 
 
 def read_text(path: Path) -> str:
@@ -100,6 +123,19 @@ def read_text(path: Path) -> str:
         raise InputError(
             f"{path}: expected UTF-8 text, found a byte that is not at {error.start}; save it as UTF-8"
         ) from None
+
+
+def to_yaml(values: Mapping[str, Any]) -> str:
+    """Plain values as YAML 1.2, lists of numbers in one line."""
+    from ruamel.yaml import YAML
+
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = None
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    yaml.width = 120
+    text = io.StringIO()
+    yaml.dump(values, text)
+    return text.getvalue()
 
 
 def require_file(path: Path, what: str = "file") -> None:

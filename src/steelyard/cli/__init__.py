@@ -181,6 +181,26 @@ def identify(
     )
 
 
+@app.command()
+@click.argument("experiment", type=click.Path(path_type=Path))
+@click.option("--run", "runs", multiple=True, metavar="NAME", help="Look at this run only; may be repeated.")
+@click.option(
+    "--out", type=_FOLDER, help="Folder for inspection.json, inspection.md and inspection.html; must be new or empty."
+)
+@click.option("--force", is_flag=True, help="Replace files of the same names.")
+@_common
+def inspect(
+    experiment: Path, runs: tuple[str, ...], out: Path | None, force: bool, as_json: bool, quiet: bool
+) -> None:
+    """Say what is in the recordings that EXPERIMENT lists: rates, gaps, noise, clocks, mistakes of sign and unit, what can be found.
+
+    Ends with status 0 also where it names mistakes.
+    """
+    from steelyard.cli.inspect import run_inspection
+
+    run_inspection(experiment, runs=runs, out=out, force=force, as_json=as_json, quiet=quiet)
+
+
 _POSE: dict[str, Any] = {"nargs": 6, "type": float, "metavar": "X Y Z ROLL PITCH YAW"}
 
 
@@ -287,6 +307,44 @@ def design(
     )
 
 
+@app.command("import")
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
+@click.option("--out", type=_FOLDER, required=True, metavar="ROBOT.yaml", help="The robot file to write.")
+@click.option(
+    "--products",
+    type=click.Choice(["matrix", "integral"]),
+    help="What the products of inertia are: elements of the inertia matrix, or +integral(x y dm). Default: what the format says; asked for where it does not.",
+)
+@click.option(
+    "--inertia-about",
+    "about",
+    type=click.Choice(["cog", "origin"]),
+    help="About which point the inertia is, where the format does not say: the centre of gravity, or the origin of the platform frame.",
+)
+@click.option(
+    "--cables", "cable_set", metavar="NAME", help="CASPR: which set of cables. Default: the one that the file names."
+)
+@click.option("--force", is_flag=True, help="Replace a file of the same name.")
+@_common
+def import_(
+    files: tuple[Path, ...],
+    out: Path,
+    products: str | None,
+    about: str | None,
+    cable_set: str | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Make a robot file of FILE..., from CASPR XML (bodies and cables), IRMA JSON, cdpyr, or ROS-style YAML.
+
+    The format is recognised by what stands in the files. What was taken for what, left out and assumed is said, also at the top of the robot file.
+    """
+    from steelyard.cli.imports import run_import
+
+    run_import(files, out, products=products, about=about, cable_set=cable_set, force=force, as_json=as_json)
+
+
 @app.command()
 @click.argument("estimates", nargs=-1, required=True, metavar="ESTIMATE ESTIMATE...")
 @click.option("--payload", is_flag=True, help="What was added between two estimates: before, after.")
@@ -314,6 +372,53 @@ def compare(
 
     run = run_payload if payload else run_comparison
     run(estimates, method=method, fail_above=fail_above, as_json=as_json)
+
+
+@app.command()
+@click.argument("experiment", type=click.Path(path_type=Path))
+@click.option("--out", type=_FOLDER, required=True, help="Folder for the experiment; must be new or empty.")
+@click.option(
+    "--format",
+    "tables",
+    type=click.Choice(["parquet", "csv"]),
+    default="parquet",
+    show_default=True,
+    help="Of the streams.",
+)
+@click.option("--force", is_flag=True, help="Replace files of the same names.")
+@_common
+def convert(experiment: Path, out: Path, tables: Any, force: bool, as_json: bool, quiet: bool) -> None:
+    """Put EXPERIMENT with all its logs into one tidy form, on one clock and in SI units, to share and to keep."""
+    from steelyard.cli.convert import run_conversion
+
+    run_conversion(experiment, out, tables=tables, force=force, as_json=as_json, quiet=quiet)
+
+
+@app.command()
+@click.argument("which", type=click.Choice(["experiment", "robot"]), default="experiment")
+@click.option("--out", type=_FOLDER, help="File to write. Default: print it.")
+@click.option("--force", is_flag=True, help="Replace the file.")
+def schema(which: Any, out: Path | None, force: bool) -> None:
+    """Print the JSON schema of experiment or robot files: editors complete and check YAML with it."""
+    from steelyard.cli.schema import run_schema
+
+    run_schema(which, out, force=force)
+
+
+@app.command()
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=click.Path(path_type=Path))
+@click.option("--robot", required=True, help="A bundled name or a robot file.")
+@click.option("--out", type=_FOLDER, required=True, help="Experiment file to write.")
+@click.option("--force", is_flag=True, help="Replace the file.")
+@_common
+def init(logs: tuple[Path, ...], robot: str, out: Path, force: bool, as_json: bool, quiet: bool) -> None:
+    """Draft a first experiment file from logs: guess instruments, columns, units and rates, and say what to check.
+
+    LOG is a file of any format, or a folder with files in it or one level below.
+    """
+    from steelyard.cli.init import run_init
+
+    run_init(logs, robot, out, force=force, as_json=as_json, quiet=quiet)
 
 
 def main() -> None:

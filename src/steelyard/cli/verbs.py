@@ -129,7 +129,7 @@ def run_identification(
     )
     if out is not None:
         check_target(out, force=force)
-    recorded = _selected(read_experiment(experiment), runs)
+    recorded = selected(read_experiment(experiment), runs)
     with progress(quiet=quiet) as tell:
         identification = identify(recorded, chosen, tell, holdout=holdout)
     summary = summarise(identification, known_truth(experiment.parent))
@@ -181,7 +181,7 @@ def _regions(box: Sequence[float] | None, ellipsoid: Sequence[float] | None) -> 
     return tuple(regions)
 
 
-def _selected(experiment: Experiment, names: Sequence[str]) -> Experiment:
+def selected(experiment: Experiment, names: Sequence[str]) -> Experiment:
     """The experiment with some of its runs."""
     if not names:
         return experiment

@@ -11,8 +11,8 @@ from scipy.interpolate import BSpline
 
 from steelyard.arrays import Array
 from steelyard.identification.arc import Basis, basis
-from steelyard.identification.smoothing import DEGREE
 from steelyard.motion.trajectory import REST_TO_REST, Sampled
+from steelyard.smoothing import DEGREE
 
 SIX = 6
 """Coordinates of a commanded pose: x, y, z [m], roll, pitch, yaw [rad]."""

@@ -27,13 +27,13 @@ from steelyard.identification.joint_study import Joint
 from steelyard.identification.motion_rows import Arc, jerk_matrices
 from steelyard.identification.recorded_arcs import resampled
 from steelyard.identification.regression import TEN
-from steelyard.identification.smoothing import knots
 from steelyard.identification.study import Progress
 from steelyard.identification.unknowns import Unknowns
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.motion.trajectory import Sampled, multisine
 from steelyard.robot.model import Robot
 from steelyard.simulation.trajectories import workspace_of
+from steelyard.smoothing import knots
 
 LONGEST = 120.0
 """Duration of a motion [s]; more runs tell more."""

@@ -15,7 +15,7 @@ from steelyard.arrays import Array
 from steelyard.excitation.sight import Sight, View, sights
 from steelyard.identification.arc import POSE, Basis, NormalEquations, Rows, accumulate, spread
 from steelyard.identification.motion_rows import Arc, holding_rows
-from steelyard.identification.smoothing import DEGREE
+from steelyard.smoothing import DEGREE
 
 _PER_KNOT = 2.0
 """Instants of the grid between two knots of the motion."""

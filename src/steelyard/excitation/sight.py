@@ -24,7 +24,7 @@ from steelyard.identification.force_rows import derivatives_of_balance, taut_str
 from steelyard.identification.joint_study import Joint
 from steelyard.identification.regression import TEN
 from steelyard.identification.unknowns import DRAG, ROBOT, Systematic, Unknowns, clock_of
-from steelyard.instruments.equations import difference_of, sensitivity_of
+from steelyard.instruments.equations import difference_of, following_of, sensitivity_of
 from steelyard.motion.state import State, state_of_pose
 from steelyard.robot.model import Robot
 
@@ -91,7 +91,7 @@ def state_at(motion: Sequence[Symbol], gravity: Array) -> State:
     """State, without forces, of a pose and its derivatives, which may be expressions."""
     symbols = [ca.SX.sym(name, POSE) for name in ("pose", "rate", "acceleration")]
     general = state_of_pose(symbols[0], symbols[1], symbols[2], ca.DM(gravity))
-    names = ("position", "rotation", "omega", "alpha", "specific_force")
+    names = ("position", "rotation", "velocity", "omega", "alpha", "specific_force")
     found = ca.substitute([ca.SX(getattr(general, name)) for name in names], symbols, list(motion[:3]))
     return replace(general, **dict(zip(names, found, strict=True)))
 
@@ -281,6 +281,10 @@ def _force_sight(known: _Known, name: str, quantities: tuple[str, ...], sigma: A
     noise = by_reading @ ca.diag(ca.DM(sigma))
     whitener = ca.inv(ca.chol(noise @ noise.T)).T
     by = [found["by_pose"], found["by_rate"], found["by_acceleration"]]
+    follows = following_of(unknown, instrument, robot, quantities)
+    if follows is not None:
+        moved = follows.at(**{**there, "pose": pose, "rate": rate_})
+        by = [by[0] + known.structure @ moved["by_pose"], by[1] + known.structure @ moved["by_rate"], by[2]]
     border = [(np.arange(TEN), found["by_parameters"]), *_border(known, name, by_terms, by, found["by_gravity"])]
     if robot.m:
         border += _uncertain(

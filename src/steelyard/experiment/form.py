@@ -49,25 +49,35 @@ class KnownBodyForm(FileModel):
     """What is known beforehand about the body."""
 
     mass: KnownForm | None = None
+    """[kg]"""
     center_of_gravity: KnownVectorForm = KnownVectorForm()
+    """Platform frame [m]."""
     inertia: KnownInertiaForm = KnownInertiaForm()
+    """About the centre of gravity, platform axes [kg m^2]."""
 
 
 class UncertaintyForm(FileModel):
     """1-sigma of the robot file's values, per coordinate."""
 
     anchor: NotNegative = 0.002
+    """[m]"""
     attachment: NotNegative = 0.002
+    """[m]"""
     gravity: NotNegative = 0.005
+    """[m/s^2]"""
 
 
 class StreamForm(FileModel):
     """Where the stream of one instrument in one run is; a bare text is the file."""
 
     file: str
+    """Path of the log, relative to this file."""
     topic: str | None = None
+    """Which of the topics or groups of the log."""
     columns: dict[str, str] = Field(default_factory=dict)
+    """Column of the contract -> name in the log, where they differ."""
     units: dict[str, str] = Field(default_factory=dict)
+    """Column -> unit, where it is neither SI nor what the log itself states: g, deg, deg/s, mm, kN, us, …"""
 
     @model_validator(mode="before")
     @classmethod
@@ -84,9 +94,13 @@ class RunForm(FileModel):
 
     name: str
     static: bool = False
+    """Whether the rows are poses at rest, row by row across the streams; no time column is needed then."""
     sync: dict[str, float] | Literal["auto"] | None = None
+    """Instrument -> time of one common event on its clock [s]; 'auto' finds them from the data; without it the clocks agree."""
     window: tuple[float, float] | None = None
+    """Part to use [s], after that event, or after the first force sample."""
     streams: dict[str, StreamForm]
+    """Instrument -> where its stream is."""
 
     @model_validator(mode="before")
     @classmethod
@@ -99,14 +113,16 @@ class RunForm(FileModel):
 
 
 class ExperimentForm(FileModel):
-    """The whole file."""
+    """One robot, the instruments on it, and the runs recorded with them."""
 
     format: Literal["steelyard/1"]
     name: str | None = None
     robot: str
+    """Name of a bundled robot, or path of a robot file relative to this file."""
     known: KnownBodyForm = KnownBodyForm()
     uncertainty: UncertaintyForm = UncertaintyForm()
     instruments: dict[str, AnyInstrument] = Field(min_length=1)
+    """Name -> instrument."""
     runs: tuple[RunForm, ...] = Field(min_length=1)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -11,6 +12,22 @@ from steelyard.arrays import Array
 from steelyard.instruments import Command, Instrument, Length, Tension, Wrench
 from steelyard.instruments.base import DEFAULT_DELAY, Prior, exact, sigma
 from steelyard.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something wrong with a stream itself, whatever it says of the motion."""
+
+    kind: Literal["gap", "dropped", "late", "repeated", "stuck", "clipped", "held", "missing"]
+    instrument: str
+    channel: str
+    """Quantity, with the number of the component where it has several that fail alone; empty: the whole stream."""
+    start: float
+    """On the clock of the stream [s]."""
+    end: float
+    """[s]"""
+    count: int
+    """Samples that it concerns; of gaps and dropped packets those that are not there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +40,8 @@ class Stream:
     """Quantity -> vectors, shape (n, k), or rotations, shape (n, 3, 3); NaN where there is no sample."""
     source: str
     """Where it came from, for messages."""
+    angles: Mapping[str, Array] = field(default_factory=dict)
+    """Quantity -> roll, pitch, yaw as they stand in the log, where a rotation was read from angles [rad], shape (n, 3)."""
 
     def __len__(self) -> int:
         return len(self.time)
@@ -41,6 +60,12 @@ class Run:
     """Part to use [s], after the event (without sync: after the first force sample)."""
     static: bool = False
     """Whether the rows are poses at rest."""
+    unsynchronised: bool = False
+    """Whether the clocks have nothing in common yet: how far they are apart is to be found from the data."""
+    found: bool = False
+    """Whether the times under ``sync`` were found from the data: they are no better known than any clock."""
+    excluded: tuple[Fault, ...] = ()
+    """Readings that were taken out of the streams when they were read, since their sensors had stopped."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +93,18 @@ class Experiment:
 
     def is_force(self, name: str) -> bool:
         """Whether an instrument reads what carries the platform."""
-        return isinstance(self.instruments[name], Tension | Wrench)
+        return is_force(self.instruments[name])
 
     def delay(self, run: Run, name: str) -> Prior:
         """Prior of the clock error of an instrument in a run [s]: as stated, else 0 for the clock that defines the time."""
         instrument = self.instruments[name]
-        if instrument.calibration.delay is not None:
-            return instrument.calibration.delay
         reference = self.force_instrument(run)
+        stated = instrument.calibration.delay
+        if run.found and stated is not None and name != reference:
+            widest = max(DEFAULT_DELAY, float(np.max(stated.sigma or 0.0)))
+            return stated.model_copy(update={"sigma": widest})
+        if stated is not None:
+            return stated
         if reference is None:
             return sigma(DEFAULT_DELAY)
         same_clock = name == reference or (
@@ -100,6 +129,11 @@ class Experiment:
         reference = self.force_instrument(run)
         origin = run.streams[reference].time[0] if reference else 0.0
         return run.streams[name].time - origin - late
+
+
+def is_force(instrument: Instrument) -> bool:
+    """Whether an instrument reads what carries the platform."""
+    return isinstance(instrument, Tension | Wrench)
 
 
 def is_motion(instrument: Instrument) -> bool:

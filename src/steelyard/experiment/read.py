@@ -10,15 +10,19 @@ from pathlib import Path
 
 import numpy as np
 
+from steelyard.experiment.faults import without_stuck
 from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, PlanForm, RunForm
-from steelyard.experiment.model import Experiment, Run, Stream, is_motion
-from steelyard.experiment.streams import needed_columns, read_stream
+from steelyard.experiment.model import Experiment, Fault, Run, is_force, is_motion
+from steelyard.experiment.streams import Place, first_time, needed_columns, read_stream
 from steelyard.instruments import Instrument
+from steelyard.logs.log import NoRowsError
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
 from steelyard.yaml_file import Document, read_yaml, validate
 
 _FEWEST_SAMPLES = 10
+_BESIDE = 5.0
+"""Of a stream beside the window of its run that is read along [s]: clocks may differ by their delays, filters have edges."""
 _NAME = re.compile(r"\w[\w \-]*")
 """Names of instruments: they name files and columns of tables."""
 
@@ -141,38 +145,61 @@ def _read_run(i: int, form: RunForm, whole: ExperimentForm, robot: Robot, docume
         raise document.error(
             key, f"expected streams of the instruments {', '.join(whole.instruments)}, found none; name their files"
         )
-    streams: dict[str, Stream] = {}
-    for name, stream in form.streams.items():
-        if stream.topic is not None:
-            raise document.error(
-                (*key, name, "topic"), "expected a CSV or Parquet file without topics, found one; leave it out"
+    places = {
+        name: Place(document.path.parent / stream.file, stream.topic, stream.columns, stream.units)
+        for name, stream in form.streams.items()
+    }
+    sync = _sync(form, whole, document, key)
+    spans: dict[str, tuple[float, float]] = {}
+    if form.window and not form.static:
+        sync, spans = _spans(form, whole, places, sync)
+    streams = {}
+    for name, place in places.items():
+        others = [n for n, its in places.items() if n != name and (its.path, its.topic) == (place.path, place.topic)]
+        needed = (needed_columns(whole.instruments[n], robot.m, places[n].columns) for n in others)
+        try:
+            streams[name] = read_stream(
+                place,
+                whole.instruments[name],
+                robot.m,
+                static=form.static,
+                claimed=frozenset().union(*needed),
+                span=spans.get(name),
             )
-        streams[name] = read_stream(
-            document.path.parent / stream.file,
-            whole.instruments[name],
-            robot.m,
-            columns=stream.columns,
-            units=stream.units,
-            static=form.static,
-            claimed={
-                column
-                for other, its in form.streams.items()
-                if other != name and its.file == stream.file
-                for column in needed_columns(whole.instruments[other], robot.m, its.columns)
-            },
-        )
-    if form.sync == "auto":
-        raise document.error(
-            (*key, "sync"),
-            "expected the time of one common event on each clock, found 'auto', which this version cannot do; write the times",
-        )
+        except NoRowsError as error:
+            raise document.error(
+                key,
+                f"run '{form.name}': expected streams that overlap in time within the window, found none of '{name}' left ({error}); "
+                "correct 'sync' or 'window'",
+            ) from None
+    excluded: tuple[Fault, ...] = ()
+    if not form.static:
+        streams, excluded = without_stuck(streams, whole.instruments)
     return Run(
         name=form.name,
         streams=streams,
-        sync=_sync(form, whole, document, key),
+        sync=sync,
         window=form.window,
         static=form.static,
+        unsynchronised=form.sync == "auto" and not form.static,
+        excluded=excluded,
     )
+
+
+def _spans(
+    form: RunForm, whole: ExperimentForm, places: Mapping[str, Place], sync: dict[str, float]
+) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
+    """What to read of each stream for a window, on its own clock [s], and the event that the window counts from."""
+    assert form.window is not None
+    force = next((n for n in whole.instruments if n in places and is_force(whole.instruments[n])), None)
+    if not sync:
+        if force is None:
+            return sync, {}
+        event = first_time(places[force])
+        # Clocks that agree have their event at the same time; of others only the forces' is known yet.
+        sync = dict.fromkeys(places if form.sync != "auto" else [force], event)
+    start, end = form.window
+    return sync, {name: (event + start - _BESIDE, event + end + _BESIDE) for name, event in sync.items()}
 
 
 def _sync(form: RunForm, whole: ExperimentForm, document: Document, key: tuple[str | int, ...]) -> dict[str, float]:
@@ -221,6 +248,9 @@ def _check_run(experiment: Experiment, run: Run, document: Document, key: tuple[
         )
     if run.window and run.window[0] >= run.window[1]:
         raise document.error((*key, "window"), f"expected start below end, found {list(run.window)}; exchange them")
+    if run.unsynchronised:
+        # Where the clocks stand to each other is still to be found.
+        return
     if run.static:
         lengths = {name: len(stream) for name, stream in run.streams.items()}
         if len(set(lengths.values())) > 1:

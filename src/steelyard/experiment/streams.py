@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,114 +12,195 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
+from steelyard.experiment.fields import column_in
 from steelyard.experiment.model import Stream
-from steelyard.experiment.tables import read_columns, read_names
 from steelyard.instruments import Instrument, Quantity
-from steelyard.units import FACTORS
+from steelyard.logs.formats import open_log
+from steelyard.logs.log import Log, Part
+from steelyard.units import FACTORS, canonical_unit
 
 _UNIT_OF_ANGLE_FREE = "1"
+_BLOCK = 1 << 14
+"""Rows that are turned to rotations at once."""
 _SHORTEST_STEP, _LONGEST_STEP = 1e-5, 10.0
 """Median time between samples of any instrument [s]."""
 _LARGEST_SHEAR = 0.05
 """How far nine numbers may be from a rotation matrix; a log with few digits is well below, a wrong matrix far above."""
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where the stream of an instrument is, and how its log writes it."""
+
+    path: Path
+    """Of the log."""
+    topic: str | None = None
+    """Of a log that holds several."""
+    columns: Mapping[str, str] = field(default_factory=dict)
+    """Names of the contract -> names in the log, where they differ."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Names in the log (or of the contract) -> unit, where neither SI nor what the log itself states."""
+
+
 def read_stream(
-    path: Path,
+    place: Place,
     instrument: Instrument,
     m: int,
     *,
-    columns: Mapping[str, str],
-    units: Mapping[str, str],
     static: bool,
     claimed: Set[str] = frozenset(),
+    span: tuple[float, float] | None = None,
 ) -> Stream:
     """Read the stream of an instrument.
 
     Args:
-        path: Log file.
+        place: Where it is.
         instrument: What recorded it.
         m: Number of cables of the robot.
-        columns: Names of the contract -> names in the log, where they differ.
-        units: Names in the log (or of the contract) -> unit, where it differs from SI.
         static: Whether its rows are poses at rest, which need no time.
-        claimed: Columns of this file that another instrument needs; an optional quantity that stands there is not this one's.
+        claimed: Columns of this log that another instrument needs; an optional quantity that stands there is not this one's.
+        span: Part to read [s], on the clock of the log; None: all.
 
     Raises:
         InputError: A column is missing, a unit is unknown, a cell is no number, or time runs backwards.
     """
-    present = read_names(path)
-    needed = needed_columns(instrument, m, columns)
-    free = [name for name in present if name in needed or name not in claimed]
-    quantities = _present_quantities(path, instrument, m, columns, free)
-    time_column = columns.get("t", "t")
-    timed = not static or time_column in present
-    if not static and time_column not in present:
-        raise InputError(
-            f"{path}: expected a column '{time_column}' with the time, found {_listed(present)}; name it under 'columns'"
-        )
-    wanted = {name: columns.get(name, name) for _, form in quantities for name in form}
-    for name in columns:
-        if name not in wanted and name != "t":
+    path = place.path
+    with open_log(path, place.topic) as log:
+        place = _as_named(log, place)
+        claimed = {log.spellings.get(name, name) for name in claimed}
+        needed = needed_columns(instrument, m, place.columns)
+        names = _Names(log, place, [name for name in log.names if name in needed or name not in claimed])
+        quantities = _present_quantities(names, instrument, m)
+        timed = names.of("t")
+        if not static and timed is None:
             raise InputError(
-                f"{path}: 'columns': expected names of the kind '{instrument.kind}', found '{name}'; known here: {', '.join(wanted)}"
+                f"{path}: expected a column '{place.columns.get('t', 't')}' with the time, found {_listed(log.names)}; name it under 'columns'"
             )
-    named = {*wanted, *wanted.values(), "t", time_column}
-    for name in units:
-        if name not in named:
-            raise InputError(
-                f"{path}: 'units': expected a column that is read, found '{name}'; known here: {', '.join(sorted(named))}"
-            )
-    table = read_columns(path, sorted({*wanted.values(), *([time_column] if timed and not static else [])}))
-    n = len(next(iter(table.values())))
+        contract = [name for _, form in quantities for name in form]
+        names.check(contract, instrument.kind)
+        wanted = {name: str(names.of(name)) for name in contract}
+        if timed is not None and not static:
+            wanted["t"] = timed
+        part = None
+        if span is not None and timed is not None:
+            seconds = names.factor("t", "s")
+            part = Part(timed, span[0] / seconds, span[1] / seconds)
+        table = log.read(list(dict.fromkeys(wanted.values())), part)
+    n = len(table.cells)
 
-    def column(name: str, unit: str) -> Array:
-        in_log = wanted.get(name, time_column)
-        # Where axes are exchanged, a name of the contract may be another column of the log.
-        given = units.get(in_log, unit if name in wanted.values() else units.get(name, unit))
-        factors = FACTORS[unit]
-        if given not in factors:
-            raise InputError(
-                f"{path}: unit of column '{in_log}': expected one of {', '.join(factors)}, found '{given}'; correct it"
-            )
-        return table[in_log] * factors[given]
+    def where(row: int) -> str:
+        return log.place(row, part)
 
-    time = np.arange(n, dtype=np.float64) if static else column("t", "s")
+    time = np.arange(n, dtype=np.float64) if static else table[wanted["t"]] * names.factor("t", "s")
     if not static:
-        _check_time(path, time_column, time)
-        _check_rate(path, time_column, time)
-    values = {
-        quantity.name: _rotations(path, form, [column(c, _column_unit(c, quantity)) for c in form])
-        if quantity.rotation
-        else np.column_stack([column(c, quantity.unit) for c in form])
-        for quantity, form in quantities
-    }
-    return Stream(time, values, str(path))
+        _check_time(where, wanted["t"], time)
+        _check_rate(path, wanted["t"], time)
+    values: dict[str, Array] = {}
+    angles: dict[str, Array] = {}
+    for quantity, form in quantities:
+        factors = np.array([names.factor(c, _column_unit(c, quantity)) for c in form])
+        raw = table.beside([wanted[c] for c in form])
+        raw = raw if np.all(factors == 1) else raw * factors
+        values[quantity.name] = _rotations(where, form, raw) if quantity.rotation else raw
+        if quantity.rotation and len(form) == 3:
+            angles[quantity.name] = raw
+    return Stream(time, values, str(path), angles)
+
+
+def first_time(place: Place) -> float:
+    """Time of the first row of a log, on its own clock [s].
+
+    Raises:
+        InputError: See :func:`read_stream`.
+    """
+    with open_log(place.path, place.topic) as log:
+        place = _as_named(log, place)
+        names = _Names(log, place, list(log.names))
+        timed = names.of("t")
+        if timed is None:
+            raise InputError(
+                f"{place.path}: expected a column '{place.columns.get('t', 't')}' with the time, found {_listed(log.names)}; name it under 'columns'"
+            )
+        return float(log.read([timed], rows=1)[timed][0] * names.factor("t", "s"))
+
+
+def _as_named(log: Log, place: Place) -> Place:
+    """A place whose columns are called as the log calls them, not as it spells them."""
+    columns = {column: log.spellings.get(name, name) for column, name in place.columns.items()}
+    units = {log.spellings.get(name, name): unit for name, unit in place.units.items()}
+    return replace(place, columns=columns, units=units)
+
+
+class _Names:
+    """Columns of the contract in one log."""
+
+    def __init__(self, log: Log, place: Place, free: Sequence[str]) -> None:
+        self.log, self.place = log, place
+        self.free = dict.fromkeys(free)
+
+    def of(self, column: str) -> str | None:
+        """Name in the log of a column of the contract; None where it is not there."""
+        return column_in(self.log.names if column == "t" else self.free, column, self.place.columns.get(column))
+
+    def asked(self, column: str) -> str:
+        """What the experiment file calls it."""
+        return self.place.columns.get(column, column)
+
+    def check(self, contract: Sequence[str], kind: str) -> None:
+        """See that ``columns`` and ``units`` speak of columns that are read."""
+        path = self.log.path
+        for name in self.place.columns:
+            if name not in contract and name != "t":
+                raise InputError(
+                    f"{path}: 'columns': expected names of the kind '{kind}', found '{name}'; known here: {', '.join(contract)}"
+                )
+        named = {name for c in (*contract, "t") for name in (c, self.asked(c), self.of(c)) if name is not None}
+        for name in self.place.units:
+            if name not in named:
+                raise InputError(
+                    f"{path}: 'units': expected a column that is read, found '{name}'; known here: {', '.join(sorted(named))}"
+                )
+
+    def factor(self, column: str, unit: str) -> float:
+        """From the unit of a column in the log to an SI unit."""
+        units, in_log = self.place.units, str(self.of(column))
+        # Where axes are exchanged, a name of the contract may be another column of the log.
+        taken = column in {self.of(c) for c in self.place.columns} and self.of(column) != column
+        stated = units.get(in_log, units.get(self.asked(column), None if taken else units.get(column)))
+        given = stated if stated is not None else self.log.units.get(in_log, unit)
+        known = canonical_unit(given)
+        factors = FACTORS[unit]
+        if known not in factors:
+            cure = "correct it" if stated is not None else "the log says so itself; state the right one under 'units'"
+            raise InputError(
+                f"{self.log.path}: unit of column '{in_log}': expected one of {', '.join(factors)}, found '{given}'; {cure}"
+            )
+        return factors[known]
 
 
 def _column_unit(column: str, quantity: Quantity) -> str:
-    """Angles have a unit; quaternions and matrices have none."""
-    return quantity.unit if column in {"roll", "pitch", "yaw"} else _UNIT_OF_ANGLE_FREE
+    """Quaternions and matrices have none."""
+    has_one = not quantity.rotation or column in {"roll", "pitch", "yaw"}
+    return quantity.unit if has_one else _UNIT_OF_ANGLE_FREE
 
 
-def _present_quantities(
-    path: Path, instrument: Instrument, m: int, columns: Mapping[str, str], present: list[str]
-) -> list[tuple[Quantity, tuple[str, ...]]]:
+def _present_quantities(names: _Names, instrument: Instrument, m: int) -> list[tuple[Quantity, tuple[str, ...]]]:
     """Which quantities a log has, and in which form."""
     found = []
+    path, present = names.log.path, list(names.free)
     for quantity in instrument.quantities(m):
-        have = {form: [c for c in form if columns.get(c, c) in present] for form in quantity.forms}
+        have = {form: [c for c in form if names.of(c) is not None] for form in quantity.forms}
         complete = next((form for form in quantity.forms if len(have[form]) == len(form)), None)
         if complete:
             found.append((quantity, complete))
             continue
         partial = max(quantity.forms, key=lambda form: len(have[form]))
-        if quantity.required or have[partial]:
-            missing = [columns.get(c, c) for c in partial if c not in have[partial]]
+        if quantity.required or have[partial] or any(c in names.place.columns for c in partial):
+            missing = [names.asked(c) for c in partial if c not in have[partial]]
             per_cable = f" for the {m} cables of the robot" if instrument.kind in {"tension", "length"} else ""
             other = " (or another form of the orientation)" if quantity.rotation and not have[partial] else ""
             raise InputError(
-                f"{path}: expected columns {', '.join(columns.get(c, c) for c in partial)}{per_cable}{other}, found no "
+                f"{path}: expected columns {', '.join(names.asked(c) for c in partial)}{per_cable}{other}, found no "
                 f"{', '.join(missing)} among {_listed(present)}; name them under 'columns'"
             )
     if not found:
@@ -130,15 +212,15 @@ def _present_quantities(
     return found
 
 
-def _check_time(path: Path, name: str, time: Array) -> None:
+def _check_time(where: Callable[[int], str], name: str, time: Array) -> None:
     gaps = np.flatnonzero(np.isnan(time))
     if len(gaps):
-        raise InputError(f"{path}:{gaps[0] + 2}: column '{name}': expected a time, found none; every row needs one")
+        raise InputError(f"{where(int(gaps[0]))}: column '{name}': expected a time, found none; every row needs one")
     back = np.flatnonzero(np.diff(time) < 0)
     if len(back):
-        i = back[0] + 1
+        i = int(back[0]) + 1
         raise InputError(
-            f"{path}:{i + 2}: column '{name}': expected time that never decreases, found {time[i]:.9g} s after {time[i - 1]:.9g} s; "
+            f"{where(i)}: column '{name}': expected time that never decreases, found {time[i]:.9g} s after {time[i - 1]:.9g} s; "
             "sort the rows or correct the clock"
         )
 
@@ -154,39 +236,43 @@ def _check_rate(path: Path, name: str, time: Array) -> None:
         )
 
 
-def _rotations(path: Path, form: tuple[str, ...], columns: list[Array]) -> Array:
-    """Rotation matrices, shape (n, 3, 3), from any form of columns; NaN where a cell is empty."""
-    raw = np.column_stack(columns)
+def _rotations(where: Callable[[int], str], form: tuple[str, ...], raw: Array) -> Array:
+    """Rotation matrices, shape (n, 3, 3), from any form of columns, shape (n, k); NaN where a cell is empty."""
     matrices = np.full((len(raw), 3, 3), np.nan)
-    valid: NDArray[np.bool_] = np.asarray(np.isfinite(raw).all(axis=1))
-    given = raw[valid]
-    if len(form) == 3:
-        matrices[valid] = Rotation.from_euler("ZYX", given[:, ::-1]).as_matrix()
-    elif len(form) == 4:
-        norm = np.linalg.norm(given, axis=1)
-        _check_rotation(path, form, valid, np.abs(norm - 1), "unit quaternions")
-        matrices[valid] = Rotation.from_quat(given, scalar_first=True).as_matrix()
-    else:
-        square = given.reshape(-1, 3, 3)
-        shear = np.abs(square @ square.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-        mirrored = np.where(np.linalg.det(square) > 0, 0.0, 1.0)
-        _check_rotation(path, form, valid, shear + mirrored, "rotation matrices")
-        # The nearest rotation: logs carry few digits.
-        matrices[valid] = Rotation.from_matrix(square).as_matrix()
+    # A few rows at a time: what an hour of them needs in between is a multiple of what comes out.
+    for first in range(0, len(raw), _BLOCK):
+        block = raw[first : first + _BLOCK]
+        rows = np.flatnonzero(np.isfinite(block).all(axis=1))
+        given = block[rows]
+        if len(form) == 3:
+            turned = Rotation.from_euler("ZYX", given[:, ::-1])
+        elif len(form) == 4:
+            norm = np.linalg.norm(given, axis=1)
+            _check_rotation(where, form, first + rows, np.abs(norm - 1), "unit quaternions")
+            turned = Rotation.from_quat(given, scalar_first=True)
+        else:
+            square = given.reshape(-1, 3, 3)
+            shear = np.abs(square @ square.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+            mirrored = np.where(np.linalg.det(square) > 0, 0.0, 1.0)
+            _check_rotation(where, form, first + rows, shear + mirrored, "rotation matrices")
+            # The nearest rotation: logs carry few digits.
+            turned = Rotation.from_matrix(square)
+        matrices[first + rows] = turned.as_matrix()
     return matrices
 
 
-def _check_rotation(path: Path, form: tuple[str, ...], valid: NDArray[np.bool_], error: Array, what: str) -> None:
+def _check_rotation(
+    where: Callable[[int], str], form: tuple[str, ...], rows: NDArray[np.intp], error: Array, what: str
+) -> None:
     wrong = np.flatnonzero(error > _LARGEST_SHEAR)
     if len(wrong):
-        row = int(np.flatnonzero(valid)[wrong[0]])
         raise InputError(
-            f"{path}:{row + 2}: columns {form[0]} to {form[-1]}: expected {what}, found one that is off by {error[wrong[0]]:.2g}; "
+            f"{where(int(rows[wrong[0]]))}: columns {form[0]} to {form[-1]}: expected {what}, found one that is off by {error[wrong[0]]:.2g}; "
             "check the order and the signs of the columns"
         )
 
 
-def _listed(names: list[str]) -> str:
+def _listed(names: Sequence[str]) -> str:
     shown = ", ".join(name if len(name) <= 30 else name[:29] + "…" for name in names[:20])
     return (shown + (", …" if len(names) > 20 else "")) or "no columns"
 

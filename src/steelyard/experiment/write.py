@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
+import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,29 +18,47 @@ from steelyard.experiment.form import FORMAT
 from steelyard.experiment.model import Experiment, Stream
 from steelyard.instruments import Instrument
 from steelyard.robot.file import bundled_names, read_robot, robot_file
+from steelyard.yaml_file import to_yaml
+
+TableFormat = Literal["csv", "parquet"]
+"""How streams are written."""
+_LONGEST_NAME = 100
+"""Characters of a file that is called after something in an experiment."""
+_OURS = frozenset({"experiment.yaml", "robot.yaml", "truth.json"})
+"""Names beside the folders of the runs."""
 
 
-def write_experiment(experiment: Experiment, folder: Path) -> None:
-    """Write ``experiment.yaml``, a CSV file per stream in a folder per run, and the robot file unless it is a bundled one.
+def write_experiment(
+    experiment: Experiment, folder: Path, *, tables: TableFormat = "csv", with_robot: bool = False
+) -> None:
+    """Write ``experiment.yaml``, a table per stream in a folder per run, and the robot file unless it is a bundled one.
 
     Args:
-        experiment: What to write.
+        experiment: What to write; its clocks are known.
         folder: An empty folder that exists.
+        tables: Format of the streams.
+        with_robot: Whether to write the robot file of a bundled robot too, so that the folder says all by itself.
     """
     description = robot_file(experiment.robot)
-    bundled = experiment.robot.name in bundled_names() and description == robot_file(read_robot(experiment.robot.name))
+    bundled = (
+        not with_robot
+        and experiment.robot.name in bundled_names()
+        and description == robot_file(read_robot(experiment.robot.name))
+    )
     if not bundled:
         write_yaml(description, folder / "robot.yaml")
+    places = _places([run.name for run in experiment.runs], "run")
+    names = dict(zip(experiment.instruments, _places(list(experiment.instruments), "instrument"), strict=True))
     runs = []
-    for i, run in enumerate(experiment.runs):
-        place = run.name if re.fullmatch(r"\w[\w .\-]{0,100}", run.name) else f"run-{i + 1}"
+    for run, place in zip(experiment.runs, places, strict=True):
         (folder / place).mkdir()
         entry: dict[str, Any] = {"name": run.name}
         if run.static:
             entry["static"] = True
         for name, stream in run.streams.items():
-            file = f"{place}/{name}.csv"
-            write_stream(stream, experiment.instruments[name], experiment.robot.m, folder / file, timed=not run.static)
+            file = f"{place}/{names[name]}.{tables}"
+            write = write_stream if tables == "csv" else write_parquet_stream
+            write(stream, experiment.instruments[name], experiment.robot.m, folder / file, timed=not run.static)
             entry[name] = file
         if run.sync:
             entry["sync"] = dict(run.sync)
@@ -59,6 +80,20 @@ def write_experiment(experiment: Experiment, folder: Path) -> None:
     write_yaml(values, folder / "experiment.yaml")
 
 
+def _places(names: Sequence[str], what: str) -> list[str]:
+    """A file name for each of several names: itself wherever it can be one, no two of them the same on any disk."""
+    places: list[str] = []
+    taken = {name.casefold() for name in _OURS}
+    for i, name in enumerate(names):
+        fits = re.fullmatch(r"\w([\w .\-]*[\w\-])?", name) and len(name.encode()) <= _LONGEST_NAME
+        place = name if fits and name.casefold() not in taken else f"{what}-{i + 1}"
+        while place.casefold() in taken or (place != name and place in names):
+            place += "-"
+        taken.add(place.casefold())
+        places.append(place)
+    return places
+
+
 def _known(known: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
     """Values known beforehand under the names of the file."""
     nested: dict[str, Any] = {}
@@ -74,21 +109,42 @@ def _known(known: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
 
 def write_yaml(values: Mapping[str, Any], path: Path) -> None:
     """Write plain values as YAML 1.2, lists of numbers in one line."""
-    from ruamel.yaml import YAML
-
-    yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = None
-    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    yaml.width = 120
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        yaml.dump(values, file)
+    path.write_text(to_yaml(values), encoding="utf-8", newline="\n")
 
 
 def write_stream(stream: Stream, instrument: Instrument, m: int, path: Path, *, timed: bool = True) -> None:
     """Write a stream as CSV with the columns of its kind, full precision, empty cells where there is no sample."""
     import polars as pl
 
-    columns: dict[str, Array] = {"t": stream.time} if timed else {}
+    columns = {name: values for name, (values, _) in _columns(stream, instrument, m, timed=timed).items()}
+    with path.open("wb") as file:
+        pl.DataFrame(columns).fill_nan(None).write_csv(file)
+
+
+def write_parquet_stream(stream: Stream, instrument: Instrument, m: int, path: Path, *, timed: bool = True) -> None:
+    """Write a stream as Parquet with the columns of its kind, null where there is no sample.
+
+    Under the key ``steelyard`` the footer has JSON: version, kind, unit of every column, and where the stream came from.
+    """
+    import polars as pl
+
+    columns = _columns(stream, instrument, m, timed=timed)
+    about = {
+        "version": version("steelyard"),
+        "kind": instrument.kind,
+        "units": {name: unit for name, (_, unit) in columns.items()},
+        "source": stream.source,
+    }
+    frame = pl.DataFrame({name: values for name, (values, _) in columns.items()}).fill_nan(None)
+    # Into memory first: names of files are bytes, which the library would have as text.
+    buffer = io.BytesIO()
+    frame.write_parquet(buffer, metadata={"steelyard": json.dumps(about)})
+    path.write_bytes(buffer.getvalue())
+
+
+def _columns(stream: Stream, instrument: Instrument, m: int, *, timed: bool) -> dict[str, tuple[Array, str]]:
+    """Columns of a stream as the contract has them, and their units; shape (n,) each."""
+    columns = {"t": (stream.time, "s")} if timed else {}
     for quantity in instrument.quantities(m):
         if quantity.name not in stream.values:
             continue
@@ -96,18 +152,30 @@ def write_stream(stream: Stream, instrument: Instrument, m: int, path: Path, *, 
         form = quantity.forms[0]
         if quantity.rotation:
             values = _as_columns(values, form)
-        columns.update({name: values[:, i] for i, name in enumerate(form)})
-    with path.open("wb") as file:
-        pl.DataFrame(columns).fill_nan(None).write_csv(file)
+        unit = "1" if len(form) == 4 and quantity.rotation else quantity.unit
+        columns.update({name: (values[:, i], unit) for i, name in enumerate(form)})
+    return columns
 
 
 def _as_columns(rotations: Array, form: tuple[str, ...]) -> Array:
-    """Quaternions (w, x, y, z) with w >= 0, or roll, pitch, yaw [rad], of rotation matrices of shape (n, 3, 3)."""
+    """Quaternions (w, x, y, z) without jumps of sign, the first with w >= 0, or roll, pitch, yaw [rad].
+
+    Args:
+        rotations: Matrices, NaN where there is no sample, shape (n, 3, 3).
+        form: Columns.
+
+    Returns:
+        Shape (n, len(form)).
+    """
     valid = np.isfinite(rotations).all(axis=(1, 2))
     values = np.full((len(rotations), len(form)), np.nan)
     turned = Rotation.from_matrix(rotations[valid])
     if len(form) == 4:
-        values[valid] = turned.as_quat(canonical=True, scalar_first=True)
+        quaternions = turned.as_quat(canonical=True, scalar_first=True)
+        # q and -q are one rotation; of the two, the one closer to the sample before.
+        jumps = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
+        quaternions[1:][np.cumsum(jumps) % 2 == 1] *= -1
+        values[valid] = quaternions
     else:
         values[valid] = turned.as_euler("ZYX")[:, ::-1]
     return values

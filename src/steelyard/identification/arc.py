@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from steelyard.arrays import Array
-from steelyard.identification.smoothing import DEGREE
+from steelyard.smoothing import DEGREE
 
 POSE = 7
 """Numbers in a pose: position and quaternion."""

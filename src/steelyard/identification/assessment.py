@@ -185,6 +185,7 @@ def _proposal(owner: str, key: str) -> str:
     return {
         "gain": f"check this sensor's gain and unit, or state a larger {where}",
         "common_gain": f"check the unit and the calibration of the force sensors, or state a larger {where}",
+        "friction": f"check this roller, its bearing and its swivel, or state a larger {where}",
         "offset": f"check the zero of this sensor, or state a larger {where}",
         LAG: f"check 'sync' and 'clock' of {owner} against those of the motion instruments",
         "delay": "check 'sync' and 'clock', or state a larger 'delay' of the instruments of this clock",

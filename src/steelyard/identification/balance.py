@@ -20,7 +20,7 @@ from steelyard.identification.preparation import Samples, prepare
 from steelyard.identification.sources import choose_sources
 from steelyard.identification.unknowns import ROBOT, Systematic, clock_of
 from steelyard.instruments import Quantity
-from steelyard.instruments.equations import sensitivity
+from steelyard.instruments.equations import sensitivity, sensitivity_to
 from steelyard.robot.cable_inertia import dragging
 from steelyard.robot.geometry import WrenchByGeometry, wrench_by_geometry
 
@@ -46,6 +46,8 @@ class Balance:
     """Derivative of the wrench by the errors of the force instrument, shape (n, 6, e)."""
     places: NDArray[np.intp]
     """Where these errors stand in the vector of all systematic errors, shape (e,)."""
+    turnaround: Array | None = None
+    """Variance that the noise left in velocities brings into tensions read behind rollers [N^2], shape (n, m); None without rollers."""
 
 
 def force_sigma(experiment: Experiment, run: Run, samples: Samples) -> tuple[Array, bool]:
@@ -94,25 +96,32 @@ def balance(experiment: Experiment, run: Run, samples: Samples, systematic: Syst
     unknown = "tension" if samples.structure is not None else "wrench"
     state = {
         key: value
-        for key in ("tension", "wrench", "position", "rotation")
+        for key in ("tension", "wrench", "position", "rotation", "velocity", "omega")
         if (value := getattr(samples, key)) is not None
     }
-    by_reading, by_errors = sensitivity(
-        unknown, instrument, experiment.robot, quantities, state, systematic.of(name, instrument, run.name)
-    )
+    errors = systematic.of(name, instrument, run.name)
+    by_reading, by_errors = sensitivity(unknown, instrument, experiment.robot, quantities, state, errors)
+    turnaround = None
+    for rate in ("velocity", "omega"):
+        follows = sensitivity_to(rate, unknown, instrument, experiment.robot, quantities, state, errors)
+        if follows is not None:
+            own = np.sum((follows * samples.noise.get(rate, 0.0)) ** 2, axis=2)
+            turnaround = own if turnaround is None else turnaround + own
     by_reading = np.broadcast_to(by_reading, (len(samples), *by_reading.shape[1:]))
     by_errors = np.broadcast_to(by_errors, (len(samples), *by_errors.shape[1:]))
     if samples.structure is not None:
         by_reading, by_errors = samples.structure @ by_reading, samples.structure @ by_errors
     places = [systematic.unknowns.place(name, term.key, run.name) for term in instrument.terms(experiment.robot.m)]
     numbers = np.arange(len(systematic.unknowns))
-    return Balance(samples, sigma, by_reading, by_errors, np.concatenate([numbers[place] for place in places]))
+    where = np.concatenate([numbers[place] for place in places])
+    return Balance(samples, sigma, by_reading, by_errors, where, turnaround)
 
 
 def shared_noise(equations: Balance, systematic: Systematic, white: Array) -> Array:
     """Product of the noise in the columns of :attr:`Balance.by_errors` with that of the wrench, summed over the samples, shape (e,).
 
-    A gain multiplies a reading, so that the noise of the reading is in its column; all other columns are free of it.
+    A gain multiplies a reading, so that the noise of the reading is in its column; all other columns are free of it, or have it with the
+    changing sign of a cable's direction.
 
     Args:
         equations: Of one run.
@@ -128,6 +137,12 @@ def shared_noise(equations: Balance, systematic: Systematic, white: Array) -> Ar
     found = np.zeros(len(values))
     gains = [i for i, place in enumerate(equations.places) if keys[place] == "gain"]
     common = [i for i, place in enumerate(equations.places) if keys[place] == "common_gain"]
+    if equations.turnaround is not None and samples.structure is not None:
+        # The filter has let it through. Where a roller turns around, the column of its friction errs with it.
+        turned = np.sum(np.sum((white @ samples.structure) ** 2, axis=1) * equations.turnaround, axis=0)
+        by_reading = by_reading + turned
+        rubbing = [i for i, place in enumerate(equations.places) if keys[place] == "friction"]
+        found[rubbing] = np.divide(turned, values[rubbing], out=np.zeros_like(turned), where=values[rubbing] != 0)
     found[gains] = -by_reading[: len(gains)] / values[gains]
     found[common] = -np.sum(by_reading) / values[common]
     return found
@@ -139,6 +154,16 @@ def freedom(samples: Samples) -> float:
         return float(len(samples))
     length = sum(float(times[-1] - times[0]) + samples.spacing for *_, times in samples.plan.parts)
     return min(len(samples) * samples.share, length / samples.spacing)
+
+
+def passed(samples: Samples) -> float:
+    """Part of the noise of single readings that the filter lets through."""
+    if samples.plan is None:
+        return 1.0
+    # Those of the whole run, where they are a part of it.
+    count = sum(len(times) for *_, times in samples.plan.parts) * samples.share
+    length = sum(float(times[-1] - times[0]) + samples.spacing for *_, times in samples.plan.parts)
+    return min(1.0, length / samples.spacing / count)
 
 
 def motion_errors(experiment: Experiment, run: Run, systematic: Systematic) -> NDArray[np.intp]:
@@ -312,8 +337,12 @@ def whitener(equations: Balance, extra: Array) -> Array:
         extra: Covariance of further noise of a row, as a single reading would have it, shape (6, 6).
     """
     covariance = np.einsum("nkr,r,nlr->nkl", equations.by_reading, equations.sigma**2, equations.by_reading) + extra
+    samples = equations.samples
+    if equations.turnaround is not None and samples.structure is not None:
+        as_read = equations.turnaround / passed(samples)
+        covariance = covariance + np.einsum("nkm,nm,nlm->nkl", samples.structure, as_read, samples.structure)
     # Rows are scaled first: forces and torques have different units and sizes.
     scale = np.sqrt(np.einsum("nkk->nk", covariance))
     normal = covariance / scale[:, :, None] / scale[:, None, :]
     root = np.linalg.cholesky(normal + 1e-12 * np.eye(6))
-    return np.asarray(np.linalg.inv(root) / scale[:, None, :] * np.sqrt(equations.samples.share))
+    return np.asarray(np.linalg.inv(root) / scale[:, None, :] * np.sqrt(samples.share))

@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array, dia_array
 
 from steelyard.arrays import Array
-from steelyard.identification.smoothing import DEGREE, knots
+from steelyard.smoothing import DEGREE, knots
 
 _WIDE = 10.0
 """Prior 1-sigma of what the prior of the derivative leaves open, in units of how far the readings vary."""

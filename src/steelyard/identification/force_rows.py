@@ -26,7 +26,7 @@ from steelyard.identification.motion_rows import AT_ONCE, Arc, Border, Tally, li
 from steelyard.identification.regression import TEN
 from steelyard.identification.sources import Source
 from steelyard.identification.unknowns import DRAG, LAG, ROBOT, Systematic
-from steelyard.instruments.equations import sensitivity, solve_for
+from steelyard.instruments.equations import following, sensitivity, solve_for
 from steelyard.motion.state import State, state_of_pose
 from steelyard.robot.cable_inertia import dragging_wrench
 from steelyard.robot.geometry import cable_wrench
@@ -79,7 +79,7 @@ class Balance:
     time: Array
     """Within the arc [s], shape (n,)."""
     motion: Mapping[str, Array]
-    """Position, rotation, angular velocity and acceleration, specific force of the platform."""
+    """Position, rotation, velocity, angular velocity and acceleration, specific force of the platform."""
     carried: Array
     """``tension`` or ``wrench`` of the fitted readings, shape (n, m) or (n, 6)."""
     wrench: Array
@@ -107,7 +107,7 @@ def _moved(heavy: Robot) -> Batched:
     pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
     gravity, parameters, drag = ca.SX.sym("gravity", 3), ca.SX.sym("parameters", TEN), ca.SX.sym("drag")
     state = state_of_pose(pose, rate, acceleration, gravity)
-    names = ("position", "rotation", "omega", "alpha", "specific_force")
+    names = ("position", "rotation", "velocity", "omega", "alpha", "specific_force")
     moving = newton_euler(parameters, state.specific_force, state.omega, state.alpha) - drag * _dragged(
         heavy, state, gravity
     )
@@ -251,11 +251,12 @@ def balance_of(
     moving = found.pop("wrench")
     errors = systematic.of(felt.name, instrument, arc.run)
     unknown = "tension" if instrument.kind == "tension" else "wrench"
-    place = {"position": found["position"], "rotation": found["rotation"]}
-    carried = solve_for(unknown, instrument, robot, felt.readings, place, errors)
-    structure = _structure(robot, systematic, **place, tension=carried) if unknown == "tension" else None
+    carried = solve_for(unknown, instrument, robot, felt.readings, found, errors)
+    structure = None
+    if unknown == "tension":
+        structure = _structure(robot, systematic, found["position"], found["rotation"], carried)
     wrench = carried if structure is None else np.einsum("nkm,nm->nk", structure, carried)
-    solved, _ = sensitivity(unknown, instrument, robot, tuple(felt.readings), {**place, unknown: carried}, errors)
+    solved, _ = sensitivity(unknown, instrument, robot, tuple(felt.readings), {**found, unknown: carried}, errors)
     by_reading = np.broadcast_to(
         solved if structure is None else structure @ solved, (len(times), 6, felt.left_out.shape[1])
     )
@@ -312,14 +313,16 @@ def force_rows(
         **cables,
     )
     unknown = "wrench" if at.structure is None else "tension"
-    state = {**at.motion, unknown: at.carried}
-    _, by_terms = sensitivity(
-        unknown, instrument, robot, tuple(felt.readings), state, systematic.of(name, instrument, arc.run)
-    )
+    state, errors = {**at.motion, unknown: at.carried}, systematic.of(name, instrument, arc.run)
+    _, by_terms = sensitivity(unknown, instrument, robot, tuple(felt.readings), state, errors)
     by_terms = np.broadcast_to(
         by_terms if at.structure is None else at.structure @ by_terms, (len(at.time), 6, by_terms.shape[2])
     )
     by = (found["by_pose"], found["by_rate"], found["by_acceleration"])
+    # How the rate and the weight of a cable change with an error of the geometry is of no account.
+    moved = following(unknown, instrument, robot, tuple(felt.readings), (pose, rate), at.carried, errors)
+    if moved is not None and at.structure is not None:
+        by = (by[0] + at.structure @ moved[0], by[1] + at.structure @ moved[1], by[2])
     n = len(at.time)
     border = Border(column_of, n, 6)
     border.extend(np.arange(TEN), found["by_parameters"])

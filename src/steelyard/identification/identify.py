@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from steelyard.clocks.offsets import Offset
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.identification.bound import Bound, attainable
@@ -21,6 +22,7 @@ from steelyard.identification.least_squares import LeastSquares
 from steelyard.identification.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.prediction import Prediction, predict_held_out
 from steelyard.identification.study import Study
+from steelyard.identification.synchronisation import synchronise
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import Inertia
 
@@ -49,6 +51,8 @@ class Identification:
     """What could be known at best; None where it was not asked for or cannot be had."""
     motion: tuple[FittedMotion, ...] = ()
     """Of each stretch of the runs, as maximum likelihood has fitted it."""
+    clocks: Mapping[str, tuple[Offset, ...]] = field(default_factory=dict)
+    """Run -> its clocks, where they were found from the data."""
 
     @property
     def result(self) -> str:
@@ -64,6 +68,11 @@ class Identification:
             "result": self.result,
             "estimates": {name: estimate.to_dict() for name, estimate in self.estimates.items()},
             **({"attainable": {"standard_deviation": named(self.bound.standard_deviation)}} if self.bound else {}),
+            **(
+                {"clocks": {run: [o.to_dict() for o in found] for run, found in self.clocks.items()}}
+                if self.clocks
+                else {}
+            ),
             **({"holdout": {p.run: p.to_dict() for p in self.predictions}} if self.predictions else {}),
         }
 
@@ -91,6 +100,8 @@ def identify(
     for name in holdout:
         if name not in names:
             raise InputError(f"--holdout: expected one of {', '.join(names)}, found '{name}'; choose one of these")
+    found = synchronise(experiment, progress)
+    experiment = found.experiment
     predictions = predict_held_out(experiment, frozenset(holdout), progress) if holdout else ()
     used = replace(experiment, runs=tuple(run for run in experiment.runs if run.name not in holdout))
     estimates: list[Estimate] = []
@@ -130,6 +141,7 @@ def identify(
         predictions,
         bound,
         joint.motion if joint else (),
+        found.offsets,
     )
 
 

@@ -27,12 +27,12 @@ from steelyard.identification.preparation import Samples, prepare
 from steelyard.identification.recorded_arcs import Recorded, recorded, resampled
 from steelyard.identification.regression import TEN, Blocks, Prior, Sums, enlarged, solve, together
 from steelyard.identification.rounds import prior_of
-from steelyard.identification.smoothing import DEGREE
 from steelyard.identification.sources import Source
 from steelyard.identification.study import Progress, Study, plausible, sum_up
 from steelyard.identification.unknowns import Systematic, Unknowns, clock_of, gather
 from steelyard.inertia import body_jacobian
 from steelyard.instruments import Command
+from steelyard.smoothing import DEGREE
 
 _FAR_OFF = 10.0
 """Prior 1-sigma beyond which an error, in a fit that did not arrive, is no beginning for another."""
@@ -558,4 +558,5 @@ def _samples(prepared: Samples, own: Sequence[tuple[Balance, Forces]], record: R
         specific_force=joined(at.motion["specific_force"] for at, _ in own),
         position=joined(at.motion["position"] for at, _ in own),
         rotation=joined(at.motion["rotation"] for at, _ in own),
+        velocity=joined(at.motion["velocity"] for at, _ in own),
     )

@@ -19,9 +19,9 @@ from steelyard.identification.arc import POSE, NormalEquations, accumulate
 from steelyard.identification.motion_rows import Arc, Tally, motion_rows
 from steelyard.identification.preparation import Samples
 from steelyard.identification.recorded_arcs import poses_of, readings_between, started
-from steelyard.identification.smoothing import knots
 from steelyard.identification.sources import Source
 from steelyard.identification.unknowns import ROBOT, Systematic, Unknowns, clock_of
+from steelyard.smoothing import knots
 
 _LONGEST = 120.0
 """Length of recording that tells the calibration [s]; constants need no more."""

@@ -29,10 +29,10 @@ from steelyard.identification.arc import (
     motion_at,
     spread,
 )
-from steelyard.identification.smoothing import DEGREE
 from steelyard.identification.sources import Source
 from steelyard.identification.unknowns import ROBOT, Systematic, Unknowns, clock_of
 from steelyard.instruments.equations import linearised
+from steelyard.smoothing import DEGREE
 
 PARTS = {"position": slice(0, 3), "rotation": slice(3, POSE)}
 """Parts of a pose that have a smoothness of their own."""

@@ -19,11 +19,11 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.reading import RunReader, SmoothPart
-from steelyard.identification.smoothing import Samples1D, choose_spacing, pieces, segments
 from steelyard.identification.sources import Acceleration, Source, Sources, choose_sources
 from steelyard.identification.unknowns import Systematic
 from steelyard.motion.state import specific_force_of
 from steelyard.robot.cable_inertia import dragging
+from steelyard.smoothing import Samples1D, choose_spacing, pieces, segments
 
 _FEWEST_SAMPLES = 10
 _WIDEST_SPACING = 0.5
@@ -73,6 +73,8 @@ class Samples:
     """Of the platform origin, world frame [m], shape (n, 3); None where nothing tells it."""
     rotation: Array | None = None
     """R_world_platform, shape (n, 3, 3); None where nothing tells it."""
+    velocity: Array | None = None
+    """Of the platform origin, world frame [m/s], shape (n, 3); None where the force sensors do not ask for it."""
     tension: Array | None = None
     """Of the cables at the platform [N], shape (n, m); None without cables."""
     structure: Array | None = None
@@ -92,7 +94,8 @@ class Samples:
 
     def part(self, rows: slice) -> Samples:
         """Some of the samples."""
-        arrays = ("time", "omega", "alpha", "specific_force", "wrench", "position", "rotation", "tension", "structure")
+        motion = ("position", "rotation", "velocity", "omega", "alpha", "specific_force")
+        arrays = ("time", *motion, "wrench", "tension", "structure")
         given: dict[str, Any] = {key: getattr(self, key) for key in arrays}
         changed: dict[str, Any] = {key: None if value is None else value[rows] for key, value in given.items()}
         return replace(self, **changed)
@@ -164,7 +167,10 @@ def _static(task: RunReader) -> Samples:
         )
     if sources.position and rotation is not None:
         position = task.solve("position", sources.position, raw[sources.position][rows], rotation=rotation)
-    carried: dict[str, Any] = task.carried({k: v[rows] for k, v in forces.items()}, position, rotation)
+    pose = {} if position is None or rotation is None else {"position": position, "rotation": rotation}
+    readings = {k: v[rows] for k, v in forces.items()}
+    felt = task.felt(readings, {**pose, "velocity": still, "omega": still})
+    carried: dict[str, Any] = task.carried(felt, position, rotation)
     return Samples(
         run=task.run.name,
         time=streams[sources.force].time[rows],
@@ -174,6 +180,7 @@ def _static(task: RunReader) -> Samples:
         **carried,
         position=position,
         rotation=rotation,
+        velocity=still if task.behind_rollers else None,
         static=True,
         free_offset=task.free_offset,
         alpha_noise=0.0,
@@ -206,7 +213,7 @@ def _stated_noise(task: RunReader) -> dict[str, float]:
 def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
     run, sources = task.run, task.sources
     everything = [*sources.used(), *((sources.force, quantity) for quantity in run.streams[sources.force].values)]
-    raw = {source: _samples(task, source) for source in everything}
+    raw = {source: samples_of(task, source) for source in everything}
     first = plan is None
     plan = _planned(task, raw, thin=thin) if plan is None else plan
     spacing = plan.spacing
@@ -315,7 +322,7 @@ def _gyro_notes(run: str, omega: Array, omega_of_attitude: Array) -> list[str]:
     return notes
 
 
-def _samples(task: RunReader, source: Source) -> Samples1D:
+def samples_of(task: RunReader, source: Source) -> Samples1D:
     """A quantity with its complete samples on the common clock; rotations already of the platform, as quaternions."""
     name, quantity = source
     stream = task.run.streams[name]

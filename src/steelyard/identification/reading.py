@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.smoothing import Samples1D, Smoothed, fit
 from steelyard.identification.sources import Source, Sources
 from steelyard.identification.unknowns import Systematic, clock_of
-from steelyard.instruments.equations import linearised, means, solve_for
+from steelyard.instruments.equations import linearised, means, needed_for, solve_for
 from steelyard.motion.state import motion_of_quaternions, specific_force_of
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
+from steelyard.smoothing import Samples1D, Smoothed, fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,27 +84,44 @@ class RunReader:
             position = position - step[:, :, 0]
         return position
 
-    def carried(
-        self, readings: Mapping[str, Array], position: Array | None, rotation: Array | None
-    ) -> dict[str, Array]:
-        """What carries the platform, behind the readings of the force instrument.
+    @cached_property
+    def behind_rollers(self) -> bool:
+        """Whether the force sensors read what depends on how the cables move."""
+        name = self.sources.force
+        instrument = self.experiment.instruments[name]
+        quantities = tuple(q.name for q in instrument.quantities(self.robot.m))
+        return instrument.kind == "tension" and "velocity" in needed_for("tension", instrument, self.robot, quantities)
+
+    def felt(self, readings: Mapping[str, Array], motion: Mapping[str, Array]) -> Array:
+        """What is behind the readings of the force instrument: tensions at the platform, shape (n, m), or the wrench on it, shape (n, 6).
+
+        Args:
+            readings: All quantities of it.
+            motion: Parts of the state: pose, velocity and angular velocity, where sensors do not sit at the platform.
+        """
+        name = self.sources.force
+        instrument = self.experiment.instruments[name]
+        unknown = "wrench" if instrument.kind == "wrench" else "tension"
+        return solve_for(unknown, instrument, self.robot, readings, motion, self._errors(name))
+
+    def carried(self, felt: Array, position: Array | None, rotation: Array | None) -> dict[str, Array]:
+        """What carries the platform.
+
+        Args:
+            felt: See :meth:`felt`.
+            position: Of the platform origin, world frame [m], shape (n, 3).
+            rotation: R_world_platform, shape (n, 3, 3).
 
         Returns:
             ``wrench`` on the platform, shape (n, 6); on cables also their ``tension`` [N], shape (n, m), and ``structure``, shape
             (n, 6, m).
         """
-        name = self.sources.force
-        instrument = self.experiment.instruments[name]
-        errors = self._errors(name)
-        if instrument.kind == "wrench":
-            return {"wrench": solve_for("wrench", instrument, self.robot, readings, {}, errors)}
+        if self.experiment.instruments[self.sources.force].kind == "wrench":
+            return {"wrench": felt}
         assert position is not None  # choose_sources() has made sure
         assert rotation is not None
-        # Sensors at the winch need the pose; those at the platform do without.
-        pose = {"position": position, "rotation": rotation}
-        tension = solve_for("tension", instrument, self.robot, readings, pose, errors)
-        structure = cables_at(self.robot, position, rotation, tension).structure
-        return {"wrench": np.einsum("nkm,nm->nk", structure, tension), "tension": tension, "structure": structure}
+        structure = cables_at(self.robot, position, rotation, felt).structure
+        return {"wrench": np.einsum("nkm,nm->nk", structure, felt), "tension": felt, "structure": structure}
 
     @property
     def free_offset(self) -> bool:
@@ -131,6 +148,8 @@ class RunReader:
 _HANGING_STEPS = 12
 _SMALL_TURN = 1e-4
 """By which the lever of a tracked point is found [rad]."""
+_SMALL_STEP = 1e-4
+"""In time, over which the velocity of a lever is found [s]."""
 _EDGE = 1e-4
 """Samples so close outside an interval still belong to it [s]: a clock that is moved a little must not lose one."""
 
@@ -159,7 +178,7 @@ class SmoothPart:
         """Fit, or give the part up."""
         fitted = fit(samples, self.start, self.end, self.spacing, robust=self.robust)
         if fitted is None:
-            raise _UndeterminedError
+            raise UndeterminedError
         return fitted
 
     @cached_property
@@ -264,20 +283,69 @@ class SmoothPart:
         turning = 0.0 if self.attitude is None else 2 * self.attitude.noise(t, order)
         return float(np.hypot(self.position.noise(t, order), self.lever * turning))
 
+    def velocity_noise(self, t: Array, omega: float) -> float:
+        """1-sigma of the noise left in :meth:`velocity` [m/s], with that of the angular velocity [rad/s]."""
+        assert self.reader.sources.position is not None
+        if self.reader.sources.position[1] == "length":
+            return self.position_noise(t, 1)
+        return float(np.hypot(self.tracked.noise(t, 1), self.lever * omega))
+
     @cached_property
     def forces(self) -> dict[str, Smoothed]:
         """Readings of the force instrument."""
         return {q: self.smooth(self.within((name, q))) for name, q in self.raw if name == self.reader.sources.force}
 
+    @cached_property
+    def tension(self) -> Smoothed:
+        """At the platform, of sensors behind rollers, reading by reading: a roller turns its friction around before a filter follows."""
+        read = self.within((self.reader.sources.force, "tension"))
+        return self.smooth(Samples1D(read.time, self.reader.felt({"tension": read.values}, self.moving(read.time))))
+
     def pose(self, t: Array) -> dict[str, Array]:
         """Position and rotation, where they are known."""
         return {**({} if self.position is None else {"position": self.position.at(t)}), **self.rotation(t)}
 
+    def moving(self, t: Array) -> dict[str, Array]:
+        """Pose, velocity and angular velocity."""
+        omega = self.turning(t)["omega"]
+        return {**self.pose(t), "velocity": self.velocity(t, omega), "omega": omega}
+
+    @cached_property
+    def tracked(self) -> Smoothed:
+        """What is read of the place, as it was read: without what the attitude's noise does at the lever of a tracked point."""
+        assert self.reader.sources.position is not None  # choose_sources() has made sure
+        return self.smooth(self.within(self.reader.sources.position))
+
+    def velocity(self, t: Array, omega: Array) -> Array:
+        """Of the platform origin, from how the tracked point moves and how the platform turns [m/s], shape (n, 3)."""
+        source = self.reader.sources.position
+        assert source is not None  # choose_sources() has made sure
+        assert self.position is not None
+        if source[1] == "length":
+            return self.position.at(t, 1)
+        rotation = Rotation.from_matrix(self.rotation(t)["rotation"])
+        place, rate = self.tracked.at(t), self.tracked.at(t, 1)
+        before, after = (
+            self.reader.solve(
+                "position",
+                source,
+                place + step * rate,
+                rotation=(rotation * Rotation.from_rotvec(step * omega)).as_matrix(),
+            )
+            for step in (-_SMALL_STEP, _SMALL_STEP)
+        )
+        return np.asarray((after - before) / (2 * _SMALL_STEP))
+
     def carried(self, t: Array) -> dict[str, Array]:
         """What carries the platform."""
+        if self.reader.behind_rollers:
+            motion = self.moving(t)
+            felt = self.tension.at(t)
+            return {**motion, **self.reader.carried(felt, motion["position"], motion["rotation"])}
         readings = {q: smoothed.at(t) for q, smoothed in self.forces.items()}
         pose = self.pose(t)
-        return {**pose, **self.reader.carried(readings, pose.get("position"), pose.get("rotation"))}
+        felt = self.reader.felt(readings, pose)
+        return {**pose, **self.reader.carried(felt, pose.get("position"), pose.get("rotation"))}
 
     def motion(self, t: Array) -> dict[str, Array]:
         """How the platform moves."""
@@ -290,23 +358,25 @@ class SmoothPart:
     def noise(self, t: Array) -> dict[str, float]:
         """1-sigma of the noise left in the motion, and of single force readings about their spline."""
         omega, alpha = self.turning_noise(t)
+        felt = {"tension": self.tension} if self.reader.behind_rollers else self.forces
         return {
             "omega": omega,
             "alpha": alpha,
             "specific_force": self.specific_force_noise(t),
+            **({"velocity": self.velocity_noise(t, omega)} if self.reader.behind_rollers else {}),
             "position": 0.0 if self.position is None else self.position_noise(t, 0),
             # A quaternion turns half as fast as the rotation vector.
             "rotation": 0.0 if self.attitude is None else 2 * self.attitude.noise(t, 0),
-            **{quantity: smoothed.sigma for quantity, smoothed in self.forces.items()},
+            **{quantity: smoothed.sigma for quantity, smoothed in felt.items()},
         }
 
     def state(self, t: Array) -> tuple[dict[str, Array], dict[str, float]] | None:
         """All of it at times, and its noise; None where the samples do not determine it."""
         try:
             return {"time": t, **self.motion(t), **self.carried(t)}, self.noise(t)
-        except _UndeterminedError:
+        except UndeterminedError:
             return None
 
 
-class _UndeterminedError(Exception):
+class UndeterminedError(Exception):
     """A stream has too few samples in a part for its spline."""

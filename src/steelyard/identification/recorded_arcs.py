@@ -17,10 +17,10 @@ from steelyard.identification.evidence import Channelled, best_spacing
 from steelyard.identification.force_rows import Forces
 from steelyard.identification.motion_rows import PARTS, Arc, Reading, jerk_matrices
 from steelyard.identification.preparation import Samples, quaternions_of
-from steelyard.identification.smoothing import DEGREE, Samples1D, fit, knots
 from steelyard.identification.smoothness import LOOSER
 from steelyard.identification.unknowns import Systematic, clock_of
 from steelyard.instruments import Command, Length
+from steelyard.smoothing import DEGREE, Samples1D, fit, knots
 
 _LEAST_NOISE = 1e-4
 """Of a quantity that scatters by nothing but rounding, as a part of how much it varies: no sensor resolves more."""

@@ -26,7 +26,7 @@ DRAG = "cable_inertia"
 _DRAGGED = 0.5
 """Its mean and its 1-sigma: cables that swing, creep over rollers or are simulated without inertia feel less than theory says."""
 _AXES = "xyz"
-_PER_CABLE = frozenset({"offset", "gain"})
+_PER_CABLE = frozenset({"offset", "gain", "friction"})
 _OFFSET_SHARE = 0.01
 """Default 1-sigma of the offset of a force sensor, as a part of the median tension."""
 

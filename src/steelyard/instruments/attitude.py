@@ -27,7 +27,9 @@ class AttitudeCalibration(Calibration):
     """Systematic errors, 1-sigma."""
 
     misalignment: Prior = sigma(0.05)
+    """Small rotation of the instrument in the platform [rad]."""
     reference: Prior = sigma(0.02)
+    """Small rotation of its reference frame against the world [rad]."""
 
 
 class Attitude(Instrument):
@@ -37,6 +39,7 @@ class Attitude(Instrument):
     rpy_deg: Vector = (0.0, 0.0, 0.0)
     """Instrument frame to platform frame [deg]."""
     noise: Sigma | None = None
+    """1-sigma per sample and axis [rad]."""
     calibration: AttitudeCalibration = AttitudeCalibration()
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:

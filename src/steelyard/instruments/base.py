@@ -139,6 +139,7 @@ class Instrument(FileModel, ABC):
     rate: Annotated[float, Field(gt=0, le=100_000)] | None = None
     """[Hz]; for simulation and design."""
     calibration: Calibration = Calibration()
+    """1-sigma of its systematic errors."""
 
     @abstractmethod
     def quantities(self, m: int) -> tuple[Quantity, ...]:

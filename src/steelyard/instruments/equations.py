@@ -62,7 +62,7 @@ def solve_for(
     given: Mapping[str, Array],
     calibration: Mapping[str, Array] | None = None,
 ) -> Array:
-    """The part of the platform's state that gives the readings of an instrument, which must be linear in it.
+    """The part of the platform's state that gives the readings of an instrument, which must be linear in it, or nearly equal to it.
 
     Args:
         unknown: Name of a field of :class:`State`.
@@ -78,9 +78,8 @@ def solve_for(
     Raises:
         InputError: The equation needs a part of the state that is not given.
     """
-    inverse_of, at_zero_of = _linear_form(unknown, instrument, robot, tuple(readings))
-    needed = [name for name in dict.fromkeys((*inverse_of.inputs, *at_zero_of.inputs)) if name in _FIELDS]
-    missing = [name for name in needed if name not in given]
+    form = _form(unknown, instrument, robot, tuple(readings))
+    missing = [name for name in form.given if name not in given]
     if missing:
         raise InputError(
             f"instrument of kind '{instrument.kind}': expected the platform's {' and '.join(missing)} beside its "
@@ -89,12 +88,16 @@ def solve_for(
     known = means(instrument, robot.m) if calibration is None else calibration
     values = {**{f"term_{key}": value for key, value in known.items()}, **given}
     measured = np.hstack([_columns(np.asarray(value, dtype=np.float64)) for value in readings.values()])
-    at_zero = at_zero_of.evaluate(values)
-    difference = measured - at_zero.reshape(len(at_zero), -1)
-    inverse = inverse_of.evaluate(values)
-    inverse = inverse.reshape(len(inverse), -1, measured.shape[1])
-    # The matrix mostly depends on no sample; then it has been inverted once and not a million times.
-    solved = difference @ inverse[0].T if len(inverse) == 1 else np.einsum("nij,nj->ni", inverse, difference)
+    if form.linear:
+        solved = form.step(measured, values)
+    else:
+        # Readings in the unit of the unknown are where to begin.
+        solved, close = measured, _CLOSE * float(np.abs(measured).max(initial=0.0))
+        for _ in range(_STEPS):
+            step = form.step(measured, {**values, unknown: solved})
+            solved = solved + step
+            if not np.abs(step).max(initial=0.0) > close:
+                break
     return np.ascontiguousarray(solved.reshape(-1, 3, 3).transpose(0, 2, 1) if unknown == "rotation" else solved)
 
 
@@ -104,6 +107,10 @@ def _columns(values: Array) -> Array:
 
 
 _FIELDS = frozenset(f.name for f in fields(State))
+_STEPS = 4
+"""Of Newton's method for readings that are nearly linear in the unknown: two reach rounding."""
+_CLOSE = 1e-12
+"""A step so much smaller than the largest reading is the last one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,30 +124,70 @@ class _Part:
         return self.batched(**{name: values[name] for name in self.inputs})["value"]
 
 
-@lru_cache(maxsize=128)
-def _linear_form(
-    unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
-) -> tuple[_Part, _Part]:
-    """Readings as a linear function of the unknown: the inverse of its matrix, and its value at zero."""
-    state = symbols(robot.m)
-    terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
-    stated = instrument.predict(state, terms, robot)
-    predicted = ca.vertcat(*[ca.vec(stated[name]) for name in quantities])
-    column = ca.vec(getattr(state, unknown))
+def _part(expression: Symbol, state: State, terms: Mapping[str, Symbol]) -> _Part:
+    dense = ca.densify(expression)
     behind = {
         **{f"term_{key}": symbol for key, symbol in terms.items()},
         **{f.name: getattr(state, f.name) for f in fields(State)},
     }
+    inputs = {key: s for key, s in behind.items() if s.numel() and ca.depends_on(dense, ca.vec(s))}
+    return _Part(Batched("part", inputs, {"value": dense}), tuple(inputs))
 
-    def part(expression: Symbol) -> _Part:
-        dense = ca.densify(expression)
-        inputs = {key: s for key, s in behind.items() if s.numel() and ca.depends_on(dense, ca.vec(s))}
-        return _Part(Batched("part", inputs, {"value": dense}), tuple(inputs))
 
-    return (
-        part(ca.inv(ca.jacobian(predicted, column))),
-        part(ca.substitute(predicted, column, ca.DM.zeros(column.numel()))),
-    )
+@dataclass(frozen=True, eq=False)
+class _Form:
+    """Readings as a function of the unknown: about zero where they are linear in it, else about present values of it."""
+
+    inverse: _Part
+    """Of the derivative by the unknown."""
+    value: _Part
+    unknown: str
+
+    @property
+    def linear(self) -> bool:
+        """Whether the derivative does not depend on the unknown."""
+        return self.unknown not in self.inverse.inputs
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Other parts of the state that it takes."""
+        inputs = dict.fromkeys((*self.inverse.inputs, *self.value.inputs))
+        return tuple(name for name in inputs if name in _FIELDS and name != self.unknown)
+
+    def step(self, measured: Array, values: Mapping[str, Array]) -> Array:
+        """What is to be added to zero, or to present values, so that the readings are as measured, shape (n, k)."""
+        value = self.value.evaluate(values)
+        difference = measured - value.reshape(len(value), -1)
+        inverse = self.inverse.evaluate(values)
+        inverse = inverse.reshape(len(inverse), -1, measured.shape[1])
+        # The matrix mostly depends on no sample; then it has been inverted once and not a million times.
+        step: Array = difference @ inverse[0].T if len(inverse) == 1 else np.einsum("nij,nj->ni", inverse, difference)
+        return step
+
+
+def _predicted(
+    instrument: Instrument, robot: Robot, quantities: tuple[str, ...], state: State
+) -> tuple[Symbol, dict[str, Symbol]]:
+    """Readings of some quantities in one column, and the symbols of the systematic errors that they are stated with."""
+    terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
+    stated = instrument.predict(state, terms, robot)
+    return ca.vertcat(*[ca.vec(stated[name]) for name in quantities]), terms
+
+
+@lru_cache(maxsize=128)
+def _form(unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]) -> _Form:
+    state = symbols(robot.m)
+    predicted, terms = _predicted(instrument, robot, quantities, state)
+    column = ca.vec(getattr(state, unknown))
+    slope = ca.jacobian(predicted, column)
+    linear = not ca.depends_on(slope, column)
+    value = ca.substitute(predicted, column, ca.DM.zeros(column.numel())) if linear else predicted
+    return _Form(_part(ca.inv(slope), state, terms), _part(value, state, terms), unknown)
+
+
+def needed_for(unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]) -> tuple[str, ...]:
+    """Other parts of the state that :func:`solve_for` takes to find one from the readings of some quantities."""
+    return _form(unknown, instrument, robot, quantities).given
 
 
 def _symbol_like(name: str, expression: Symbol) -> Symbol:
@@ -215,14 +262,59 @@ def linearised(
 
 
 @lru_cache(maxsize=64)
+def following_of(unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]) -> Batched | None:
+    """Expressions behind :func:`following`; None where readings say the same whatever the motion."""
+    pose, rate = ca.SX.sym("pose", 7), ca.SX.sym("rate", 7)
+    sought = getattr(symbols(robot.m), unknown)
+    state = replace(state_of_pose(pose, rate, ca.SX.zeros(7), ca.SX.zeros(3)), **{unknown: sought})
+    predicted, terms = _predicted(instrument, robot, quantities, state)
+    moved = {"by_pose": ca.jacobian(predicted, pose), "by_rate": ca.jacobian(predicted, rate)}
+    if not any(each.nnz() for each in moved.values()):
+        return None
+    inverse = ca.inv(ca.jacobian(predicted, ca.vec(sought)))
+    outputs = [ca.densify(-inverse @ each) for each in moved.values()]
+    inputs = {"pose": pose, "rate": rate, unknown: sought, **{f"term_{key}": each for key, each in terms.items()}}
+    return Batched("following", inputs, dict(zip(moved, ca.cse(outputs), strict=True)))
+
+
+def following(
+    unknown: str,
+    instrument: Instrument,
+    robot: Robot,
+    quantities: tuple[str, ...],
+    motion: tuple[Array, Array],
+    found: Array,
+    calibration: Mapping[str, Array],
+) -> tuple[Array, Array] | None:
+    """How what :func:`solve_for` gives follows the motion for the same readings, by the implicit function theorem.
+
+    Args:
+        unknown: Name of a field of :class:`State`, of k numbers.
+        instrument: Any kind that feels forces.
+        robot: Its cables.
+        quantities: That determine the unknown.
+        motion: Position [m] over quaternion and its time derivative, shape (n, 7) each.
+        found: The unknown, shape (n, k).
+        calibration: Systematic errors, one array for each of :meth:`Instrument.terms`.
+
+    Returns:
+        Derivative by pose and by rate, shape (n, k, 7) each; None where it does not follow.
+    """
+    batched = following_of(unknown, instrument, robot, quantities)
+    if batched is None:
+        return None
+    errors = {f"term_{key}": value for key, value in calibration.items()}
+    values = batched(pose=motion[0], rate=motion[1], **{unknown: found}, **errors)
+    return values["by_pose"], values["by_rate"]
+
+
+@lru_cache(maxsize=64)
 def sensitivity_of(
     unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
 ) -> tuple[Batched, list[str]]:
     """Expressions behind :func:`sensitivity`, and which parts of state and ``term_…`` they take."""
     state = symbols(robot.m)
-    terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
-    stated = instrument.predict(state, terms, robot)
-    predicted = ca.vertcat(*[ca.vec(stated[name]) for name in quantities])
+    predicted, terms = _predicted(instrument, robot, quantities, state)
     inverse = ca.inv(ca.jacobian(predicted, ca.vec(getattr(state, unknown))))
     outputs = {
         "by_reading": ca.densify(inverse),
@@ -262,3 +354,33 @@ def sensitivity(
     errors = {name: calibration[name.removeprefix("term_")] for name in inputs if name.startswith("term_")}
     values = batched(**errors, **{name: state[name] for name in inputs if name in _FIELDS})
     return values["by_reading"], values["by_terms"]
+
+
+@lru_cache(maxsize=64)
+def _sensitivity_to(
+    given: str, unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
+) -> _Part | None:
+    state = symbols(robot.m)
+    predicted, terms = _predicted(instrument, robot, quantities, state)
+    by_given = ca.jacobian(predicted, getattr(state, given))
+    if not by_given.nnz():
+        return None
+    return _part(-ca.inv(ca.jacobian(predicted, ca.vec(getattr(state, unknown)))) @ by_given, state, terms)
+
+
+def sensitivity_to(
+    given: str,
+    unknown: str,
+    instrument: Instrument,
+    robot: Robot,
+    quantities: tuple[str, ...],
+    state: Mapping[str, Array],
+    calibration: Mapping[str, Array],
+) -> Array | None:
+    """How what :func:`solve_for` gives follows a vector of the state that is given; arguments as of :func:`sensitivity`.
+
+    Returns:
+        Derivative by the l numbers of that field, shape (n, k, l); None where it does not follow.
+    """
+    part = _sensitivity_to(given, unknown, instrument, robot, quantities)
+    return None if part is None else part.evaluate({**{f"term_{k}": v for k, v in calibration.items()}, **state})

@@ -31,18 +31,26 @@ class ImuNoise(FileModel):
     """1-sigma per sample and axis [rad/s], [m/s^2], [rad]."""
 
     angular_velocity: Sigma | None = None
+    """[rad/s]"""
     specific_force: Sigma | None = None
+    """[m/s^2]"""
     orientation: Sigma | None = None
+    """[rad]"""
 
 
 class ImuCalibration(Calibration):
     """Systematic errors, 1-sigma."""
 
     gyro_bias: Prior = sigma(0.02)
+    """Added to each axis [rad/s]."""
     accelerometer_bias: Prior = sigma(0.5)
+    """Added to each axis [m/s^2]."""
     position: Prior = sigma(0.005)
+    """Its place in the platform [m]."""
     misalignment: Prior = sigma(0.05)
+    """Small rotation of the instrument in the platform [rad]."""
     reference: Prior = sigma(0.02)
+    """Small rotation of its reference frame against the world [rad]."""
 
 
 class Imu(Instrument):

@@ -18,6 +18,7 @@ class LengthCalibration(Calibration):
     """Systematic errors, 1-sigma."""
 
     offset: Prior = sigma(1.0)
+    """Added to each cable [m]."""
 
 
 class Length(Instrument):
@@ -25,6 +26,7 @@ class Length(Instrument):
 
     kind: Literal["length"]
     noise: Sigma | None = None
+    """1-sigma per sample [m]."""
     calibration: LengthCalibration = LengthCalibration()
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:

@@ -30,14 +30,18 @@ class PoseNoise(FileModel):
     """1-sigma per sample and axis [m], [rad]."""
 
     position: Sigma | None = None
+    """[m]"""
     rotation: Sigma | None = None
+    """[rad]"""
 
 
 class PoseCalibration(Calibration):
     """Systematic errors, 1-sigma."""
 
     misalignment: Prior = sigma(0.05)
+    """Small rotation of the tracked frame in the platform [rad]."""
     target: Prior = sigma(0.005)
+    """Place of the tracked frame in the platform [m]."""
     frame: FrameCalibration = FrameCalibration()
 
 

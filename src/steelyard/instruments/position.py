@@ -30,13 +30,16 @@ class FrameCalibration(FileModel):
     """Error of the stated tracker frame, 1-sigma [m], [rad]."""
 
     position: Prior = sigma(0.002)
+    """[m]"""
     rotation: Prior = sigma(0.0005)
+    """[rad]"""
 
 
 class PositionCalibration(Calibration):
     """Systematic errors, 1-sigma."""
 
     target: Prior = sigma(0.005)
+    """Place of the target in the platform [m]."""
     frame: FrameCalibration = FrameCalibration()
 
 
@@ -57,6 +60,7 @@ class Position(Instrument):
     """Tracked point in the platform frame [m]."""
     frame: FrameForm = FrameForm()
     noise: Sigma | None = None
+    """1-sigma per sample and axis [m]."""
     calibration: PositionCalibration = PositionCalibration()
     limits: TargetLimits = TargetLimits()
 

@@ -30,22 +30,29 @@ class WrenchNoise(FileModel):
     """1-sigma per sample [N], [N m]."""
 
     force: Sigma | None = None
+    """[N]"""
     torque: Sigma | None = None
+    """[N m]"""
 
 
 class WrenchOffset(FileModel):
     """Added to each axis [N], [N m]."""
 
     force: Prior = _FROM_DATA
+    """[N]; default: the largest reading."""
     torque: Prior = _FROM_DATA
+    """[N m]; default: the largest reading."""
 
 
 class WrenchCalibration(Calibration):
     """Systematic errors, 1-sigma."""
 
     offset: WrenchOffset = WrenchOffset()
+    """Added to each axis."""
     position: Prior = exact()
+    """Its place in the platform [m]."""
     misalignment: Prior = exact()
+    """Small rotation of the instrument in the platform [rad]."""
 
 
 class Wrench(Instrument):

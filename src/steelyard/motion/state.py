@@ -27,6 +27,8 @@ class State:
     """Of the platform origin, world frame [m], shape (3,)."""
     rotation: Any
     """R_world_platform, shape (3, 3)."""
+    velocity: Any
+    """Of the platform origin, world frame [m/s], shape (3,)."""
     omega: Any
     """Angular velocity of the platform in the world, platform frame [rad/s], shape (3,)."""
     specific_force: Any
@@ -46,6 +48,7 @@ def symbols(m: int) -> State:
     return State(
         position=ca.SX.sym("position", 3),
         rotation=ca.SX.sym("rotation", 3, 3),
+        velocity=ca.SX.sym("velocity", 3),
         omega=ca.SX.sym("omega", 3),
         specific_force=ca.SX.sym("specific_force", 3),
         alpha=ca.SX.sym("alpha", 3),
@@ -72,6 +75,7 @@ def state_of_pose(pose: Any, rate: Any, acceleration: Any, gravity: Any) -> Stat
     return State(
         position=pose[:3],
         rotation=R,
+        velocity=rate[:3],
         omega=omega,
         alpha=ca.jtimes(omega, ca.vertcat(pose, rate), ca.vertcat(rate, acceleration)),
         specific_force=specific_force_in_platform(R, acceleration[:3], gravity),
@@ -114,11 +118,13 @@ def motion_of_poses(pose: Array, rate: Array, acceleration: Array, gravity: Arra
         gravity: World frame [m/s^2], shape (3,).
 
     Returns:
-        ``position``, ``rotation``, ``omega``, ``alpha``, ``specific_force`` as in :class:`State`.
+        ``position``, ``rotation``, ``velocity``, ``omega``, ``alpha``, ``specific_force`` as in :class:`State`.
     """
     values = _pose_motion()(pose=pose, rate=rate, acceleration=acceleration, gravity=gravity)
+    shape = (len(values["omega"]), 6)
     return {
-        "position": np.ascontiguousarray(np.broadcast_to(pose, (len(values["omega"]), 6))[:, :3]),
+        "position": np.ascontiguousarray(np.broadcast_to(pose, shape)[:, :3]),
+        "velocity": np.ascontiguousarray(np.broadcast_to(rate, shape)[:, :3]),
         **values,
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,7 +93,7 @@ def summarise(
     return Summary(
         table=Table(title or identification.experiment, tuple(columns)),
         runs=runs,
-        statements=(*_statements(shown), *(str(p) for p in identification.predictions)),
+        statements=(*_statements(shown), *_clocks(identification), *(str(p) for p in identification.predictions)),
     )
 
 
@@ -118,6 +118,18 @@ def _attainable(deviations: Array, shown: Mapping[str, Estimate]) -> Column:
 def _estimated(heading: str, estimate: Estimate, truth: Array | None) -> Column:
     errors = None if truth is None else _scaled(estimate.value - truth)
     return Column(heading, _scaled(estimate.value), _scaled(estimate.standard_deviation), errors)
+
+
+def _clocks(identification: Identification) -> Iterator[str]:
+    """Clocks that were found from the data, against that of the forces."""
+    for run, (first, *others) in identification.clocks.items():
+        found = [
+            f"{' and '.join(o.instruments)} {o.value:+.4f} s ± {o.sigma * 1e3:.1f} ms"
+            + (f" (runs {o.drift * 1e6:+.0f} parts per million fast)" if o.drift else "")
+            for o in others
+        ]
+        if found:
+            yield f"run '{run}': clocks found from the data, against {' and '.join(first.instruments)}: {', '.join(found)}"
 
 
 def _statements(estimates: Mapping[str, Estimate]) -> list[str]:

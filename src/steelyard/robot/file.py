@@ -27,14 +27,18 @@ class PulleyForm(FileModel):
     """A swivelling roller at the anchor."""
 
     radius: NotNegative
+    """[m]"""
     axis: Vector = (0.0, 0.0, 1.0)
+    """Direction of travel of the cable where it enters the roller, world frame."""
 
 
 class CableForm(FileModel):
     """One cable."""
 
     anchor: Vector
+    """Where the cable leaves the frame or enters its roller, world frame [m]."""
     attachment: Vector
+    """Where it is fixed to the platform, platform frame [m]."""
     pulley: PulleyForm | None = None
 
 
@@ -42,28 +46,41 @@ class CablePropertiesForm(FileModel):
     """What the cables are made of."""
 
     diameter: Positive | None = None
+    """[m]"""
     axial_stiffness: Positive | None = None
+    """EA [N]; without it the cable does not stretch."""
     linear_density: NotNegative | None = None
+    """[kg/m]; without it the cable is straight."""
     damping_ratio: Annotated[float, Field(ge=0, le=1)] = 0.02
+    """Of each cable as a spring with a quarter of the platform's mass; for simulation only."""
 
 
 class TensionForm(FileModel):
     """Allowed tensions [N]."""
 
     min: NotNegative
+    """[N]"""
     max: Positive
+    """[N]"""
 
 
 class LimitsForm(FileModel):
     """What a motion must keep to."""
 
     position: tuple[Vector, Vector] | None = None
+    """Lowest and highest position of the platform origin, world frame [m]."""
     rpy_deg: tuple[Vector, Vector] | None = None
+    """Lowest and highest roll, pitch, yaw [deg]."""
     speed: Positive | None = None
+    """[m/s]"""
     acceleration: Positive | None = None
+    """[m/s^2]"""
     angular_speed: Positive | None = None
+    """[rad/s]"""
     angular_acceleration: Positive | None = None
+    """[rad/s^2]"""
     cable_speed: Positive | None = None
+    """At which winches feed a cable [m/s]."""
 
 
 class MomentsForm(FileModel):
@@ -81,20 +98,28 @@ class PlatformForm(FileModel):
     """Nominal body."""
 
     mass: Positive
+    """[kg]"""
     center_of_gravity: Vector
+    """Platform frame [m]."""
     inertia: MomentsForm
+    """About the centre of gravity, platform axes [kg m^2]."""
 
 
 class RobotForm(FileModel):
-    """The whole file."""
+    """A cable-driven parallel robot and its platform."""
 
     name: str
     gravity: Positive | Vector = 9.81
+    """Downwards, or a vector in the world frame where that is tilted [m/s^2]."""
     cables: tuple[CableForm, ...] = Field(max_length=_MOST_CABLES)
+    """In the order of the force sensors; [] is a body on a wrench sensor."""
     cable: CablePropertiesForm = CablePropertiesForm()
+    """What all cables are made of."""
     tension: TensionForm | None = None
+    """Allowed tensions [N]."""
     limits: LimitsForm = LimitsForm()
     platform: PlatformForm | None = None
+    """Nominal body, to compare with and to simulate."""
 
 
 def bundled_names() -> list[str]:

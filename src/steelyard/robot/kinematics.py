@@ -58,6 +58,27 @@ def shapes(
     ]
 
 
+def paid_out(robot: Robot, position: Symbol, rotation: Symbol, velocity: Symbol, omega: Symbol) -> Symbol:
+    """Rates at which the cables between their rollers and the platform get longer, symbolically [m/s], shape (m,).
+
+    Those of straight cables that do not stretch: where a cable moves in earnest, stretch and sag change its length by hundredths of that
+    rate, and where it hardly moves, it is not known which way a roller resists.
+
+    Args:
+        robot: Its cables.
+        position: Of the platform origin, world frame [m], shape (3,).
+        rotation: R_world_platform, shape (3, 3).
+        velocity: Of the platform origin, world frame [m/s], shape (3,).
+        omega: Angular velocity, platform frame [rad/s], shape (3,).
+    """
+    pulls = [c.direction for c in shapes(robot.with_straight_cables(), position, rotation, ca.SX.ones(robot.m))]
+    corners = ca.DM(robot.attachments.T)
+    # A roller turns with its cable, and a cable that leaves it tangentially grows as its free end moves away.
+    return ca.vertcat(
+        *[-ca.dot(pull, velocity + rotation @ ca.cross(omega, corners[:, i])) for i, pull in enumerate(pulls)]
+    )
+
+
 @lru_cache(maxsize=32)
 def _batched(robot: Robot, steps: int) -> Batched:
     position, rotation = ca.SX.sym("position", 3), ca.SX.sym("rotation", 3, 3)

@@ -104,6 +104,7 @@ class ElasticMotion:
         return State(
             position=x[:, :3],
             rotation=Rotation.from_quat(x[:, 3:7], scalar_first=True).as_matrix(),
+            velocity=x[:, 7:10],
             omega=x[:, 10:13],
             specific_force=values["specific_force"],
             alpha=values["alpha"],

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError, InputError
-from steelyard.experiment.streams import read_stream
+from steelyard.experiment.streams import Place, read_stream
 from steelyard.instruments import Command
 from steelyard.motion.limits import check_times, commanded_tensions, motion_extremes
 from steelyard.motion.trajectory import Repeated, RestToRest, Sampled, Trajectory, multisine
@@ -187,7 +187,7 @@ def from_file(path: Path, robot: Robot) -> Sampled:
     Raises:
         InputError: The file is wrong.
     """
-    stream = read_stream(path, Command(kind="command"), robot.m, columns={}, units={}, static=False)
+    stream = read_stream(Place(path), Command(kind="command"), robot.m, static=False)
     time, first = np.unique(stream.time, return_index=True)
     if len(time) < 4:
         raise InputError(

@@ -1,0 +1,1 @@
+"""A first experiment file from a heap of logs: what each column may be, which unit it may have, which logs belong together."""

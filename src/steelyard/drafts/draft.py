@@ -1,0 +1,211 @@
+"""From a heap of logs to a first experiment: what it holds, what was guessed, what is left to check."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from steelyard.drafts.arrange import DraftRun, Group, groups_of, runs_of
+from steelyard.drafts.clocks import one_clock
+from steelyard.drafts.compare import compared
+from steelyard.drafts.survey import Found, Unused, hints_of, name_of, streams_in
+from steelyard.drafts.topics import topics_of
+from steelyard.errors import InputError
+from steelyard.logs.formats import FORMATS, ending_of
+from steelyard.robot.model import Robot
+
+_OF_THE_DEVICE = {"acts_on", "gravity", "rpy_deg"}
+"""Keys that one recording may tell and another of the same device may not."""
+_ORDER = ("tension", "wrench", "imu", "attitude", "position", "pose", "length", "command")
+MOST_LOGS = 1000
+MOST_STREAMS = 2000
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """A first experiment."""
+
+    instruments: Mapping[str, Mapping[str, Any]]
+    """Name -> keys as they stand in the file, ``kind`` first."""
+    runs: tuple[DraftRun, ...]
+    unused: tuple[Unused, ...]
+
+
+def draft(logs: Sequence[Path], robot: Robot, progress: Progress | None = None) -> Draft:
+    """Guess the experiment that logs were recorded in.
+
+    Args:
+        logs: Files, or folders with files in them or one level below.
+        robot: What they were recorded on.
+        progress: Is told what is being done.
+
+    Raises:
+        InputError: A log is not there, or no run has both forces and motion.
+    """
+    paths, unused = logs_in(logs)
+    found: list[Found] = []
+    for i, path in enumerate(paths):
+        if progress is not None:
+            progress(f"reading {path.name}", i / len(paths))
+        streams, left = _look(path, robot)
+        found += streams
+        unused += left
+        if len(found) > MOST_STREAMS:
+            raise InputError(
+                f"{path}: expected at most {MOST_STREAMS} streams in all logs, found more; name fewer logs"
+            )
+    groups, left = groups_of(found)
+    unused += left
+    groups = [
+        replace(g, streams=compared(g.streams, robot.m, agree=g.static or one_clock(g.streams)[0])) for g in groups
+    ]
+    if not groups:
+        raise InputError(f"{_places(logs)}: {_nothing(paths, found, unused)}")
+    groups = _agreed(groups)
+    runs = runs_of(groups)
+    return Draft(_instruments(runs), tuple(runs), tuple(unused))
+
+
+def logs_in(places: Sequence[Path]) -> tuple[list[Path], list[Unused]]:
+    """Logs among files and folders, each once, in the order of their names, and the files that are none.
+
+    Raises:
+        InputError: A place is not there, or there are too many.
+    """
+    paths: list[Path] = []
+    unused: list[Unused] = []
+    for place in places:
+        if not place.exists():
+            raise InputError(
+                f"{place}: expected a log or a folder with logs, found nothing of that name; check the path"
+            )
+        if not place.is_dir() or _is_bag(place):
+            if _is_bag(place) or ending_of(place) is not None:
+                paths.append(place)
+            else:
+                unused.append(Unused(f"{place}", f"none of the formats {', '.join(FORMATS)}"))
+            continue
+        for entry in _entries(place):
+            inner = [entry] if not entry.is_dir() or _is_bag(entry) else _entries(entry)
+            paths += [path for path in inner if _is_bag(path) or (path.is_file() and ending_of(path) is not None)]
+        if len(paths) > MOST_LOGS:
+            raise InputError(f"{place}: expected at most {MOST_LOGS} logs, found more; name fewer folders")
+    return list({path.resolve(): path for path in paths}.values()), unused
+
+
+def _entries(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+
+
+def _is_bag(path: Path) -> bool:
+    return path.is_dir() and (path / "metadata.yaml").is_file()
+
+
+def _look(path: Path, robot: Robot) -> tuple[list[Found], list[Unused]]:
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return [], [Unused(f"{path}", "its name is no text that a file could say; rename it")]
+    try:
+        topics = topics_of(path)
+    except InputError as error:
+        return [], [Unused(f"{path}", str(error))]
+    found: list[Found] = []
+    unused: list[Unused] = []
+    for topic in topics:
+        streams, left = streams_in(path, topic, robot, hints_of(path, topic))
+        found += streams
+        unused += left
+    return found, unused
+
+
+def _agreed(groups: Sequence[Group]) -> list[Group]:
+    """Settings that one run tells and another cannot are those of both, where no two runs contradict each other."""
+    told: dict[tuple[tuple[str, tuple[str, ...]], str], list[Any]] = {}
+    for group in groups:
+        for found in group.streams:
+            for key in _OF_THE_DEVICE & found.settings.keys():
+                told.setdefault(((found.kind, found.label), key), []).append(found.settings[key])
+    alike = {place: values[0] for place, values in told.items() if all(value == values[0] for value in values)}
+
+    def settled(found: Found) -> Found:
+        known = {
+            key: value
+            for (device, key), value in alike.items()
+            if device == (found.kind, found.label) and key not in found.settings
+        }
+        checks = tuple(check for check in found.checks if not any(key in check for key in known))
+        return replace(found, settings={**found.settings, **known}, checks=checks) if known else found
+
+    return [replace(group, streams=tuple(settled(found) for found in group.streams)) for group in groups]
+
+
+def _instruments(runs: Sequence[DraftRun]) -> dict[str, dict[str, Any]]:
+    """Instruments in the order of the contract, forces first; those that always share a file share a clock."""
+    names = dict.fromkeys(name for run in runs for name in run.streams)
+    found = {name: next(run.streams[name] for run in runs if name in run.streams) for name in names}
+    order = sorted(names, key=lambda name: _ORDER.index(found[name].kind))
+    instruments: dict[str, dict[str, Any]] = {
+        name: {"kind": found[name].kind, **found[name].settings} for name in order
+    }
+    clocks: list[list[str]] = []
+    for name in order:
+        home = next((clock for clock in clocks if _share(clock[0], name, runs)), None)
+        if home is None:
+            clocks.append([name])
+        else:
+            home.append(name)
+    for i, clock in enumerate(clock for clock in clocks if len(clock) > 1):
+        for name in clock:
+            instruments[name]["clock"] = "recorder" if i == 0 else f"recorder-{i + 1}"
+    return instruments
+
+
+def _share(one: str, other: str, runs: Sequence[DraftRun]) -> bool:
+    """Whether two instruments stand in the same file wherever both are, with the same time."""
+    both = [
+        (r.streams[one].place, r.streams[other].place)
+        for r in runs
+        if {one, other} <= r.streams.keys() and not r.static
+    ]
+    return bool(both) and all(
+        (a.path, a.topic, a.columns.get("t")) == (b.path, b.topic, b.columns.get("t")) for a, b in both
+    )
+
+
+def _places(logs: Sequence[Path]) -> str:
+    return f"{logs[0]}" if len(logs) == 1 else f"{logs[0]} and {len(logs) - 1} more"
+
+
+def _nothing(paths: Sequence[Path], found: Sequence[Found], unused: Sequence[Unused]) -> str:
+    """Why there is no run."""
+    if not paths:
+        return f"expected logs in one of the formats {', '.join(FORMATS)}, found none; name files or folders with recordings"
+    kinds = sorted({each.kind for each in found})
+    refused = next((each for each in unused if "expected" in each.what), None)
+    first = f" ({refused.log}: {refused.what})" if refused else ""
+    if kinds:
+        return (
+            f"expected logs of forces (tension, wrench) and of motion (imu, attitude, position, pose) that belong together, found {', '.join(kinds)}"
+            f"{first}; add what is missing, or write the experiment file by hand"
+        )
+    first = first or (f" ({unused[0].log}: {unused[0].what})" if unused else "")
+    return f"expected columns of an instrument, found none that is known{first}; rename columns as in the contract"
+
+
+def describe(found: Found) -> dict[str, Any]:
+    """A stream as plain values."""
+    return {
+        "log": name_of(found.place.path, None),
+        "topic": found.place.topic,
+        "kind": found.kind,
+        "columns": list(found.used),
+        "units": {**found.stated, **found.place.units},
+        "rate": None if found.rate is None else float(f"{found.rate:.4g}"),
+        "samples": len(found.times),
+        "why": list(found.why),
+        "check": list(found.checks),
+    }

@@ -1,0 +1,205 @@
+"""From the values of columns to their units: what a platform can do tells milliseconds from seconds, and g from m/s^2."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.robot.model import Robot
+
+_STEPS = 1e-5, 10.0
+"""Median time between samples that a reader takes [s]."""
+_SINCE_1970 = (("ns", 1e17, 1e-9), ("us", 1e14, 1e-6), ("ms", 1e11, 1e-3), ("s", 1e8, 1.0))
+"""Unit, the least that a time since 1970 is in it (1973), and its factor."""
+_GRAVITIES = (("g", 0.75, 1.35), ("m/s^2", 7.5, 12.6), ("mg", 750.0, 1260.0))
+_FAST = 5.0
+"""What a platform hardly exceeds, where its robot file states no limit [rad/s]."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Units that the values of an instrument's columns seem to have, and what else they tell."""
+
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Column of the contract -> unit, where it is not SI."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Keys of the instrument."""
+    why: tuple[str, ...] = ()
+    checks: tuple[str, ...] = ()
+
+
+def time_unit(time: Array) -> tuple[str, str]:
+    """Unit of times by their steps and size, and why."""
+    steps = np.diff(time)
+    steps = steps[steps > 0]
+    if not len(steps):
+        return "s", ""
+    step, size = float(np.median(steps)), abs(float(time[0]))
+    for unit, least, factor in _SINCE_1970:
+        if size >= least and _STEPS[0] <= step * factor <= _STEPS[1]:
+            return unit, f"times since 1970 in {unit}"
+    whole = bool(np.all(time == np.round(time)))
+    if step < 2 and not (whole and len(time) > 100):
+        return "s", ""
+    unit = "ms" if step < 500 else "us" if step < 5e5 else "ns"
+    return unit, f"steps of {step:.4g} are likeliest {unit}"
+
+
+def scale_of(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale:
+    """Guess the units of an instrument.
+
+    Args:
+        kind: Of the instrument.
+        values: Column of the contract -> values as they stand in the log, in units that nobody states, shape (n,).
+        robot: What it is on.
+    """
+    parts = [part for part in (guess(kind, values, robot) for guess in _GUESSES) if part is not None]
+    return Scale(
+        {name: unit for part in parts for name, unit in part.units.items()},
+        {key: value for part in parts for key, value in part.settings.items()},
+        tuple(text for part in parts for text in part.why),
+        tuple(text for part in parts for text in part.checks),
+    )
+
+
+def _vector(values: Mapping[str, Array], names: Sequence[str]) -> Array | None:
+    """Rows of a vector without gaps, shape (n, k); None where it is not there."""
+    if not names or not all(name in values for name in names):
+        return None
+    rows = np.column_stack([values[name] for name in names])
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    return rows if len(rows) else None
+
+
+def _acceleration(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    names = ("ax", "ay", "az")
+    rows = _vector(values, names)
+    if kind != "imu" or rows is None:
+        return None
+    norms = np.linalg.norm(rows, axis=1)
+    typical = float(np.median(norms))
+    steady = float(np.std(norms)) < 0.25 * typical or float(np.linalg.norm(rows.mean(axis=0))) > 0.8 * float(
+        norms.mean()
+    )
+    for unit, low, high in _GRAVITIES if steady else ():
+        if low <= typical <= high:
+            units = {} if unit == "m/s^2" else dict.fromkeys(names, unit)
+            return Scale(
+                units, {"gravity": "included"}, why=(f"readings of {typical:.4g} at rest are gravity in {unit}",)
+            )
+    if typical < (0.3 if steady else 3.0):
+        text = f"readings of {typical:.2g} in the middle hold no gravity"
+        return Scale({}, {"gravity": "removed"}, (text,), ("gravity: removed, and whether the unit is m/s^2",))
+    return Scale(checks=(f"the unit of the accelerometer: its readings are {typical:.3g} in the middle",))
+
+
+def _gyro(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    names = ("wx", "wy", "wz")
+    rows = _vector(values, names)
+    if kind != "imu" or rows is None:
+        return None
+    fastest = float(np.percentile(np.linalg.norm(rows, axis=1), 99))
+    limit = robot.limits.angular_speed or _FAST
+    if fastest > 3 * limit:
+        text = f"rates up to {fastest:.3g} are too fast for rad/s"
+        return Scale(dict.fromkeys(names, "deg/s"), why=(text,), checks=("that the gyro reads deg/s",))
+    return Scale()
+
+
+def _angles(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    names = ("roll", "pitch", "yaw")
+    rows = _vector(values, names)
+    if rows is None:
+        return None
+    largest = float(np.abs(rows).max())
+    tilt = float(np.percentile(np.abs(rows[:, :2]), 99))
+    limit = 3 * float(np.abs(robot.limits.rpy).max()) if robot.limits.rpy else np.inf
+    if largest > 2 * np.pi * 1.01 or tilt > limit:
+        return Scale(dict.fromkeys(names, "deg"), why=(f"angles up to {largest:.3g} are degrees",))
+    return Scale(checks=("that roll, pitch, yaw are radians",) if largest > 1 else ())
+
+
+def _position(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    names = ("x", "y", "z")
+    rows = _vector(values, names)
+    if kind not in {"position", "pose", "command"} or rows is None:
+        return None
+    largest = float(np.abs(rows).max())
+    if largest > 100:
+        return Scale(dict.fromkeys(names, "mm"), why=(f"positions up to {largest:.4g} are mm",))
+    return Scale()
+
+
+def _tension(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    names = [f"f{i + 1}" for i in range(robot.m)]
+    rows = _vector(values, names)
+    if kind != "tension" or rows is None:
+        return None
+    settings: dict[str, Any] = {}
+    checks: list[str] = []
+    why: list[str] = []
+    if float(np.median(rows)) < 0:
+        # A reading is gain x true.
+        settings["calibration"] = {"gain": {"value": -1.0, "sigma": 0.01}}
+        why.append("readings are negative: a gain of -1 makes tensions that pull positive")
+        checks.append("that the sensors read negative when the cables pull")
+    total = float(np.median(np.abs(rows.sum(axis=1))))
+    weight = robot.platform.mass * float(np.linalg.norm(robot.gravity)) if robot.platform else None
+    highest = robot.tension_limits[1] * robot.m if np.isfinite(robot.tension_limits[1]) else None
+    units, text = _force_unit(total, weight, highest)
+    if text:
+        why.append(text)
+        checks.append("the unit of the forces")
+    return Scale(dict.fromkeys(names, units) if units != "N" else {}, settings, tuple(why), tuple(checks))
+
+
+def _force_unit(total: float, weight: float | None, highest: float | None) -> tuple[str, str]:
+    """Unit of tensions by their sum, which is at least the weight of the platform and at most what the cables may bear."""
+    if weight:
+        beside = f"together they are {total:.3g}, the platform weighs {weight:.3g} N"
+        if total < 0.05 * weight:
+            return "kN", f"{beside}: kN"
+        if total < 0.8 * weight:
+            return "kgf", f"{beside}: kgf"
+        return ("mN", f"{beside}: mN") if total > 300 * weight else ("N", "")
+    if highest and total < 0.005 * highest:
+        return "kN", f"together they are {total:.3g}, the cables may bear {highest:.3g} N: kN"
+    return "N", ""
+
+
+def _length(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    names = [f"l{i + 1}" for i in range(robot.m)]
+    rows = _vector(values, names)
+    if kind != "length" or rows is None:
+        return None
+    reach = float(np.mean(np.linalg.norm(robot.anchors - robot.anchors.mean(axis=0), axis=1)))
+    typical = max(float(np.median(np.abs(rows))), float(np.ptp(rows, axis=0).max()))
+    checks = (
+        "that these are lengths fed out, growing as the cable gets longer, and no angles or counts of the winches",
+    )
+    if typical > 100 * reach:
+        return Scale(
+            dict.fromkeys(names, "mm"),
+            why=(f"lengths of {typical:.3g} on a frame of {reach:.3g} m are mm",),
+            checks=checks,
+        )
+    return Scale(checks=checks)
+
+
+def _wrench(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    force, torque = _vector(values, ("fx", "fy", "fz")), _vector(values, ("tx", "ty", "tz"))
+    if kind != "wrench" or force is None or torque is None:
+        return None
+    lever = float(np.median(np.linalg.norm(torque, axis=1)) / max(np.median(np.linalg.norm(force, axis=1)), 1e-12))
+    if lever > 20:
+        return Scale(
+            dict.fromkeys(("tx", "ty", "tz"), "N mm"), why=(f"torques {lever:.3g} times as large as forces are N mm",)
+        )
+    return Scale()
+
+
+_GUESSES = (_acceleration, _gyro, _angles, _position, _tension, _length, _wrench)

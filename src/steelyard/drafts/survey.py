@@ -1,0 +1,240 @@
+"""What is in a heap of logs: every stream that an instrument may have recorded, read once, and all that is none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from steelyard.arrays import Array
+from steelyard.drafts.columns import Claim, claims_of
+from steelyard.drafts.scales import scale_of, time_unit
+from steelyard.drafts.vectors import GRAVITY_OR_GYRO
+from steelyard.drafts.words import words_of
+from steelyard.errors import InputError
+from steelyard.experiment.fields import column_in
+from steelyard.experiment.model import Stream
+from steelyard.experiment.streams import Place, needed_columns, read_stream
+from steelyard.instruments import AnyInstrument, Instrument
+from steelyard.logs.formats import open_log
+from steelyard.logs.log import Log
+from steelyard.robot.model import Robot
+
+_MOST_INSTRUMENTS = 64
+"""Of one table."""
+_INSTRUMENT: TypeAdapter[Instrument] = TypeAdapter(AnyInstrument)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A stream, as far as it is known what it is."""
+
+    place: Place
+    kind: str
+    label: tuple[str, ...]
+    """Words that tell its instrument from others of its kind."""
+    settings: Mapping[str, Any]
+    """Keys of its instrument that the values tell."""
+    static: bool
+    stream: Stream
+    used: tuple[str, ...]
+    """Columns of the log that it has."""
+    stated: Mapping[str, str] = field(default_factory=dict)
+    """Column of the log -> unit that the log states."""
+    why: tuple[str, ...] = ()
+    checks: tuple[str, ...] = ()
+
+    @property
+    def times(self) -> Array:
+        """Of rows with a sample: tables that hold several instruments have gaps [s], shape (n,)."""
+        there = np.zeros(len(self.stream), dtype=bool)
+        for values in self.stream.values.values():
+            there |= np.isfinite(values).reshape(len(values), -1).any(axis=1)
+        return self.stream.time[there]
+
+    @property
+    def rate(self) -> float | None:
+        """Median rate [Hz]; None: of poses at rest."""
+        steps = np.diff(self.times)
+        steps = steps[steps > 0]
+        return None if self.static or not len(steps) else 1 / float(np.median(steps))
+
+    @property
+    def instrument(self) -> Instrument:
+        """With all that is known of it."""
+        return instrument_of(self.kind, self.settings)
+
+
+@dataclass(frozen=True)
+class Unused:
+    """A log, or columns of one, that no instrument has."""
+
+    log: str
+    what: str
+    """Why, or which columns."""
+
+
+def instrument_of(kind: str, settings: Mapping[str, Any]) -> Instrument:
+    """An instrument of a kind with some of its keys."""
+    return _INSTRUMENT.validate_python({"kind": kind, **settings})
+
+
+def name_of(path: Path, topic: str | None) -> str:
+    """A log and its topic, for people."""
+    return f"{path}" if topic is None else f"{path} {topic}"
+
+
+def streams_in(path: Path, topic: str | None, robot: Robot, hints: Sequence[str]) -> tuple[list[Found], list[Unused]]:
+    """Look through one topic of one log.
+
+    Args:
+        path: Of the log.
+        topic: Which of its topics; None: it has but one.
+        robot: What the instruments are on.
+        hints: Words of its name.
+    """
+    try:
+        with open_log(path, topic) as log:
+            unused: list[Unused] = []
+            names = log.names
+            claims = claims_of(names, robot.m, hints)
+            if len(claims) > _MOST_INSTRUMENTS:
+                text = f"columns of {len(claims)} instruments, where at most {_MOST_INSTRUMENTS} are looked at"
+                return [], [Unused(name_of(path, topic), text)]
+            if not claims:
+                return [], [Unused(name_of(path, topic), f"no instrument has columns like {_some(log.names)}")]
+            shares = [(claim, _claimed(claims, claim, robot.m)) for claim in claims]
+            drafts = []
+            for claim, claimed in shares:
+                try:
+                    drafts.append((_draft(log, topic, claim, robot), claimed))
+                except InputError as error:
+                    unused.append(Unused(name_of(path, topic), f"{claim.kind}: {error}"))
+    except InputError as error:
+        return [], [Unused(name_of(path, topic), str(error))]
+    found = []
+    for draft, claimed in drafts:
+        try:
+            found.append(read_again(draft, robot.m, claimed=claimed))
+        except InputError as error:
+            unused.append(Unused(name_of(path, topic), f"{draft.kind}: {error}"))
+    used = {column for each in found for column in each.used}
+    free = [name for name in names if name not in used]
+    if found and free:
+        unused.append(Unused(name_of(path, topic), f"columns {_some(free)}"))
+    return found, unused
+
+
+def read_again(found: Found, m: int, *, claimed: frozenset[str] = frozenset(), **changes: Any) -> Found:
+    """A stream read as it is described now.
+
+    Raises:
+        InputError: It cannot be read so.
+    """
+    found = replace(found, **changes)
+    stream = read_stream(found.place, found.instrument, m, static=found.static, claimed=claimed)
+    return replace(found, stream=stream)
+
+
+def _claimed(claims: Iterable[Claim], claim: Claim, m: int) -> frozenset[str]:
+    """Columns that the other instruments of a log need."""
+    others = (other for other in claims if other is not claim)
+    return frozenset().union(*(needed_columns(instrument_of(o.kind, {}), m, o.columns) for o in others))
+
+
+def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> Found:
+    """What a claim comes to, once its values have been looked at; the stream is still to be read."""
+    table = log.read([*claim.columns.values()])
+    columns, checks = dict(claim.columns), list(claim.checks)
+    if GRAVITY_OR_GYRO in checks and _is_gravity(table, columns):
+        columns = {name: column for name, column in columns.items() if name[0] != "w"}
+        checks.remove(GRAVITY_OR_GYRO)
+        if not columns:
+            raise InputError("expected rates of a gyro, found gravity; nothing needs it")
+    timed, time = _time(log, claim, len(next(iter(table.values()))))
+    stated = {column: unit for column, unit in log.units.items() if column in {*columns.values(), timed}}
+    units = {column: unit for column, unit in claim.units.items() if column not in stated}
+    open_ones = {n: table[c] for n, c in columns.items() if c not in stated and c not in units}
+    scale = scale_of(claim.kind, open_ones, robot)
+    units = {column: unit for column, unit in units.items() if column in {*columns.values(), timed}}
+    units.update({columns[name]: unit for name, unit in scale.units.items()})
+    why = list(scale.why)
+    if timed is not None and time is not None and timed not in stated and timed not in units:
+        unit, reason = time_unit(time)
+        if unit != "s":
+            units[timed] = unit
+            why.append(reason)
+    columns, turned = _quaternion(columns, table)
+    if timed is not None:
+        columns = {"t": timed, **columns}
+    named = {name: column for name, column in columns.items() if column_in(log.names, name, None) != column}
+    return Found(
+        place=Place(log.path, topic, named, units),
+        kind=claim.kind,
+        label=claim.label,
+        settings=scale.settings,
+        static=timed is None,
+        stream=Stream(np.zeros(0), {}, str(log.path)),
+        used=tuple(columns.values()),
+        stated=stated,
+        why=tuple(why),
+        checks=(*checks, *turned, *scale.checks),
+    )
+
+
+def _time(log: Log, claim: Claim, rows: int) -> tuple[str | None, Array | None]:
+    """The first column that can be the time of a claim: every row has one, and it never decreases."""
+    problem: InputError | None = None
+    for column in claim.times:
+        try:
+            time = log.read([column])[column]
+        except InputError as error:
+            problem = error
+            continue
+        if len(time) != rows:
+            problem = InputError(f"expected a time in every row, found column '{column}' with {len(time)} of {rows}")
+        elif np.isnan(time).any():
+            problem = InputError(f"expected a time in every row, found column '{column}' with gaps")
+        elif (np.diff(time) < 0).any():
+            row = int(np.flatnonzero(np.diff(time) < 0)[0]) + 1
+            problem = InputError(
+                f"{log.place(row)}: expected time that never decreases, found column '{column}' going back"
+            )
+        else:
+            return column, time
+    if problem is not None:
+        raise problem
+    return None, None
+
+
+def _is_gravity(table: Mapping[str, Array], columns: Mapping[str, str]) -> bool:
+    """Whether what may be a gyro reads the same size all the time, that of gravity."""
+    norms = np.linalg.norm(np.column_stack([table[columns[f"w{axis}"]] for axis in "xyz"]), axis=1)
+    typical = float(np.nanmedian(norms))
+    return bool(np.nanstd(norms) < 0.05 * typical and (9.5 < typical < 10.1 or 0.95 < typical < 1.05))
+
+
+def _quaternion(columns: Mapping[str, str], table: Mapping[str, Array]) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Numbered quaternions with their scalar part where the values say it is."""
+    named = [columns.get(f"q{axis}", "") for axis in "wxyz"]
+    if not all(named) or not all(column.rstrip("])").endswith(tuple("01234")) for column in named):
+        return dict(columns), ()
+    parts = [float(np.nanmedian(np.abs(table[column]))) for column in named]
+    if parts[3] > 0.7 > parts[0]:
+        order = dict(zip(("qx", "qy", "qz", "qw"), named, strict=True))
+        return {**columns, **order}, ("that the scalar part of the quaternion comes last",)
+    return dict(columns), ()
+
+
+def _some(names: Sequence[str]) -> str:
+    shown = ", ".join(name if len(name) <= 40 else name[:39] + "…" for name in names[:8])
+    return shown + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+
+
+def hints_of(path: Path, topic: str | None) -> list[str]:
+    """Words of the names of topic and file."""
+    return [*words_of(topic or ""), *words_of(path.name.split(".")[0])]

@@ -1,0 +1,232 @@
+"""The text of a first experiment file: what was guessed and why, what to check, and all that one may want to fill in."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from steelyard.drafts.arrange import DraftRun
+from steelyard.drafts.draft import Draft
+from steelyard.drafts.survey import Found, instrument_of
+from steelyard.experiment.form import FORMAT, UncertaintyForm
+from steelyard.instruments.base import DEFAULT_DELAY
+from steelyard.robot.model import Robot
+
+SCHEMA = "experiment.schema.json"
+"""Beside an experiment file, for editors."""
+_PLAIN = re.compile(r"(\.{1,2}/)*[A-Za-z_][\w./\-]*", re.ASCII)
+_WORDS = frozenset(["true", "false", "null", "yes", "no", "on", "off", "nan", "inf", "y", "n"])
+_WIDTH = 110
+_GIVEN = {
+    "tension": (
+        ("end", "winch", "where the sensors sit at the winches; default: platform"),
+        ("noise", "5.0", "1-sigma per sample [N]; default: estimated"),
+    ),
+    "wrench": (
+        ("position", "[0.0, 0.0, 0.0]", "origin of the sensor in the platform frame [m]"),
+        ("rpy_deg", "[0.0, 0.0, 0.0]", "sensor frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]"),
+        ("acts_on", "body", "whose load the log has: body, or sensor"),
+        ("noise", "{force: 0.1, torque: 0.01}", "1-sigma per sample [N], [N m]; default: estimated"),
+    ),
+    "imu": (
+        ("position", "[0.0, 0.0, 0.0]", "origin of the instrument in the platform frame [m]"),
+        ("rpy_deg", "[0.0, 0.0, 0.0]", "instrument frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]"),
+        ("gravity", "included", "removed, where the device took it out"),
+        (
+            "noise",
+            "{angular_velocity: 0.002, specific_force: 0.03, orientation: 0.005}",
+            "1-sigma per sample [rad/s], [m/s^2], [rad]; default: estimated",
+        ),
+    ),
+    "attitude": (
+        ("rpy_deg", "[0.0, 0.0, 0.0]", "instrument frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]"),
+        ("noise", "0.005", "1-sigma per sample [rad]; default: estimated"),
+    ),
+    "position": (
+        ("target", "[0.0, 0.0, 0.0]", "tracked point in the platform frame [m]"),
+        ("frame", "{position: [0, 0, 0], rpy_deg: [0, 0, 0]}", "tracker frame in the world frame [m], [deg]"),
+        ("noise", "0.0005", "1-sigma per sample [m]; default: estimated"),
+    ),
+    "pose": (
+        ("position", "[0.0, 0.0, 0.0]", "origin of the tracked frame in the platform frame [m]"),
+        ("rpy_deg", "[0.0, 0.0, 0.0]", "tracked frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]"),
+        ("frame", "{position: [0, 0, 0], rpy_deg: [0, 0, 0]}", "tracker frame in the world frame [m], [deg]"),
+        ("noise", "{position: 0.0005, rotation: 0.001}", "1-sigma per sample [m], [rad]; default: estimated"),
+    ),
+    "length": (("noise", "0.001", "1-sigma per sample [m]; default: estimated"),),
+    "command": (
+        ("noise", "{position: 0.01, rotation: 0.01}", "how far the platform may be from it [m], [rad]; default: no measurement"),
+    ),
+}  # fmt: skip
+"""Kind -> keys that a person fills in: an example or the default, and what it means."""
+_GEOMETRY = {
+    "wrench": "position and rpy_deg: where the sensor sits",
+    "imu": "position and rpy_deg: where the IMU sits",
+    "attitude": "rpy_deg: how its frame stands in the platform",
+    "position": "target: where the tracked point sits; frame: where the tracker stands",
+    "pose": "position and rpy_deg: where the tracked frame sits; frame: where the tracker stands",
+}
+
+
+def as_text(
+    draft: Draft, robot: Robot, *, name: str, robot_place: str, files: Mapping[str, str], with_schema: bool
+) -> str:
+    """The file of a draft.
+
+    Args:
+        draft: What was guessed.
+        robot: What the instruments are on.
+        name: Of the experiment.
+        robot_place: Bundled name, or path of the robot file relative to the file.
+        files: Path of a log -> the same relative to the file.
+        with_schema: Whether a schema for editors lies beside it.
+    """
+    return "\n".join(_lines(draft, robot, name, robot_place, files, with_schema)) + "\n"
+
+
+def _lines(
+    draft: Draft, robot: Robot, name: str, robot_place: str, files: Mapping[str, str], with_schema: bool
+) -> Iterator[str]:
+    if with_schema:
+        yield f"# yaml-language-server: $schema={SCHEMA}"
+    yield "# A first experiment file, drafted by 'steelyard init' from logs. What was guessed says why; look at every 'check'."
+    yield f"format: {FORMAT}"
+    yield f"name: {scalar(name)}"
+    yield f"robot: {scalar(robot_place)}"
+    yield "# known: {mass: {value: 100.0, sigma: 0.1}}    # known beforehand [kg]; also center_of_gravity: {x: …} [m], inertia: {xx: …} [kg m^2]"
+    defaults = ", ".join(f"{key}: {value:g}" for key, value in UncertaintyForm().model_dump().items())
+    yield f"# uncertainty: {{{defaults}}}    # 1-sigma of the robot file [m], [m], [m/s^2]; the defaults"
+    yield "instruments:"
+    for each, keys in draft.instruments.items():
+        yield from _instrument(each, keys, draft.runs, robot.m)
+    yield "runs:"
+    for run in draft.runs:
+        yield from _run(run, draft, files)
+    for unused in draft.unused:
+        yield f"# not used: {comment(f'{unused.log}: {unused.what}')}"
+
+
+def _instrument(name: str, keys: Mapping[str, Any], runs: Sequence[DraftRun], m: int) -> Iterator[str]:
+    found = [run.streams[name] for run in runs if name in run.streams]
+    kind = str(keys["kind"])
+    yield f"  {scalar(name)}:"
+    for key, value in keys.items():
+        yield f"    {key}: {flow(value)}"
+    rate = next((each.rate for each in found if each.rate), None)
+    if rate is not None:
+        yield f"    rate: {rate:.4g}    # [Hz], as recorded; read by simulate and design"
+    for check in ([_GEOMETRY[kind]] if kind in _GEOMETRY else []) + list(
+        dict.fromkeys(c for f in found for c in f.checks)
+    ):
+        yield f"    # check: {comment(check)}"
+    for key, example, meaning in _GIVEN[kind]:
+        if key not in keys:
+            yield f"    # {key}: {example}    # {meaning}"
+    yield f"    # {_calibration(name, keys, m)}"
+    if "clock" not in keys:
+        yield "    # clock: recorder    # instruments with the same clock share its error"
+
+
+def _calibration(name: str, keys: Mapping[str, Any], m: int) -> str:
+    """Systematic errors with their defaults, as they would stand in the file."""
+    nested: dict[str, Any] = {}
+    units = []
+    for term in instrument_of(str(keys["kind"]), {k: v for k, v in keys.items() if k not in {"kind", "clock"}}).terms(
+        m
+    ):
+        deviation = term.deviation
+        if deviation is None or term.key in keys.get("calibration", {}):
+            continue
+        group, _, key = term.key.rpartition(".")
+        (nested.setdefault(group, {}) if group else nested)[key] = float(deviation[0])
+        units.append(f"[{term.unit}]")
+    nested["delay"] = DEFAULT_DELAY
+    extra = "; more of them beside what stands above" if "calibration" in keys else ""
+    return f"calibration: {flow(nested)}    # 1-sigma {', '.join([*units, '[s]'])}; the defaults (delay: 0 for the clock of the forces){extra}"
+
+
+def _run(run: DraftRun, draft: Draft, files: Mapping[str, str]) -> Iterator[str]:
+    yield f"  - name: {scalar(run.name)}"
+    if run.static:
+        yield "    static: true    # no column of time: rows are poses at rest"
+    for name in draft.instruments:
+        if name in run.streams:
+            yield from _stream(name, run.streams[name], files)
+    if run.static:
+        return
+    shared = "{" + ", ".join(f"{scalar(name)}: 0.0" for name in draft.instruments if name in run.streams) + "}"
+    if run.agree:
+        yield f"    # check: that the clocks agree: {comment(run.why)}"
+        yield f"    # sync: {shared}    # else: time of one common event on each clock [s], or auto"
+    else:
+        yield f"    sync: auto    # {comment(run.why)}"
+        yield f"    # sync: {shared}    # better, if known: time of one common event on each clock [s]"
+    longest = max(float(found.stream.time[-1] - found.stream.time[0]) for found in run.streams.values())
+    yield f"    # window: [0.5, {max(longest - 0.5, 1):.1f}]    # part to use [s], after that event (without sync: after the first force sample)"
+
+
+def _stream(name: str, found: Found, files: Mapping[str, str]) -> Iterator[str]:
+    place = found.place
+    file = scalar(files[str(place.path)])
+    rate = "poses" if found.static else f"samples, {found.rate:.4g} Hz" if found.rate else "samples"
+    told = f"{len(found.times)} {rate}"
+    if not (place.topic or place.columns or place.units):
+        yield f"    {scalar(name)}: {file}    # {told}"
+    else:
+        yield f"    {scalar(name)}:    # {told}"
+        yield f"      file: {file}"
+        if place.topic is not None:
+            yield f"      topic: {scalar(place.topic)}"
+        if place.columns:
+            yield from _mapping("columns", place.columns)
+        if place.units:
+            yield from _mapping("units", place.units)
+    for why in found.why:
+        yield f"      # {comment(why)}"
+    if found.stated:
+        units = ", ".join(dict.fromkeys(found.stated.values()))
+        yield f"      # the log itself states units: {comment(units)}"
+
+
+def _mapping(key: str, values: Mapping[str, str]) -> Iterator[str]:
+    """A mapping in one line where it fits, else a line for each entry."""
+    short = f"      {key}: {flow(values)}"
+    if len(short) <= _WIDTH:
+        yield short
+        return
+    yield f"      {key}:"
+    for name, value in values.items():
+        yield f"        {scalar(name)}: {scalar(value)}"
+
+
+def flow(value: Any) -> str:
+    """A value in one line."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{scalar(str(key))}: {flow(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(flow(entry) for entry in value) + "]"
+    return scalar(value) if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def scalar(text: str) -> str:
+    """A text as YAML: plain where that is certainly what it means, else quoted with all that might steer a reader escaped."""
+    if _PLAIN.fullmatch(text) and text.lower() not in _WORDS:
+        return text
+    escaped = "".join(
+        f"\\{c}"
+        if c in '"\\'
+        else c
+        if c.isprintable()
+        else f"\\U{ord(c):08X}"
+        if ord(c) > 0xFFFF
+        else f"\\u{ord(c):04X}"
+        for c in text
+    )
+    return f'"{escaped}"'
+
+
+def comment(text: str) -> str:
+    """A text as part of a comment: one line, nothing but what can be seen."""
+    line = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split()))
+    return line if len(line) <= 300 else line[:299] + "…"

@@ -1,0 +1,1 @@
+"""Robot files from the formats of other programs: one module per format, and a table of them."""

@@ -1,0 +1,144 @@
+"""From what files of another program say of a robot to a robot file; what is taken, left out and assumed is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from steelyard.errors import InputError
+from steelyard.imports.description import Cable, Convention, Description, Point
+from steelyard.imports.imported import Imported
+from steelyard.imports.nominal_body import nominal_body
+from steelyard.imports.sources import printable
+from steelyard.inertia import Inertia, six
+from steelyard.robot.file import robot_of
+from steelyard.robot.model import Robot
+from steelyard.yaml_file import Document
+
+_GRAVITY = 9.81  # [m/s^2], of robot files that do not say
+_CLOSEST_ANCHORS = 1e-6  # [m], as in robot files
+_LONGEST_NAME = 100
+
+
+def assemble(description: Description, *, products: Convention | None, about: Point | None) -> Imported:
+    """Make a robot file.
+
+    Args:
+        description: What the files say.
+        products: What the products of inertia are, above what the format says.
+        about: About which point the inertia is, where the format does not say.
+
+    Raises:
+        InputError: This can be no robot file, or something must be said that the files do not say.
+    """
+    cables = description.cables
+    _check_anchors(description)
+    tension, tension_notes = _tension(cables)
+    properties, property_notes = _properties(cables)
+    body = None if description.body is None else nominal_body(description.body, products=products, about=about)
+    x, y, z = description.gravity or (0.0, 0.0, -_GRAVITY)
+    values: dict[str, Any] = {
+        "name": printable(description.name, _LONGEST_NAME) or printable(description.files[0].stem),
+        "gravity": -z if x == y == 0 and z < 0 else [x, y, z],
+        "cables": [_cable(each) for each in cables],
+        "cable": properties,
+        "tension": tension,
+        "limits": dict(description.limits),
+        "platform": None if body is None else _platform(body.inertia),
+    }
+    values = {key: value for key, value in values.items() if value}
+    robot = robot_of(Document(description.files[0], values, {}))
+    assumed = () if description.gravity else (f"gravity {_GRAVITY} m/s^2 along -z is assumed: the files do not say",)
+    return Imported(
+        format=description.format,
+        files=description.files,
+        values=values,
+        robot=robot,
+        convention=None if body is None else body.convention,
+        notes=(
+            *description.notes,
+            *assumed,
+            *(() if body is None else body.notes),
+            *tension_notes,
+            *property_notes,
+            *_missing(robot),
+        ),
+    )
+
+
+def _check_anchors(description: Description) -> None:
+    cables = description.cables
+    if not cables:
+        raise InputError(f"{description.files[0]}: expected cables, found none; check that this is the whole robot")
+    for i, one in enumerate(cables):
+        for j, other in enumerate(cables[:i]):
+            if np.linalg.norm(np.subtract(one.anchor, other.anchor)) < _CLOSEST_ANCHORS:
+                raise InputError(
+                    f"{one.where}: expected anchors that differ, found cable {i + 1} at the anchor of cable {j + 1}; move one of them a little, as it "
+                    "is in reality"
+                )
+
+
+def _cable(cable: Cable) -> dict[str, Any]:
+    entry: dict[str, Any] = {"anchor": list(cable.anchor), "attachment": list(cable.attachment)}
+    if cable.radius:
+        entry["pulley"] = {"radius": cable.radius, "axis": list(cable.axis)}
+    return entry
+
+
+def _tension(cables: Sequence[Cable]) -> tuple[dict[str, float] | None, tuple[str, ...]]:
+    """What all cables allow [N]."""
+    highest = [each.highest_tension for each in cables if each.highest_tension is not None]
+    lowest = [each.lowest_tension for each in cables if each.lowest_tension is not None]
+    if len(highest) < len(cables):
+        return None, (("lowest tension left out: there is no highest one",) if lowest else ())
+    notes = []
+    low, high = max([0.0, *lowest]), min(highest)
+    if len(lowest) < len(cables):
+        notes.append("lowest tension 0 N is assumed where the files do not say")
+    if len(set(highest)) > 1 or len(set(lowest)) > 1:
+        notes.append(f"tension {low:g} to {high:g} N is what all cables allow: their limits differ")
+    if lowest and min(lowest) < 0:
+        notes.append(f"lowest tension {min(lowest):g} N is read as 0: a cable cannot push")
+    if low >= high:
+        return None, (f"tension left out: no tension is allowed in all cables (at least {low:g}, at most {high:g} N)",)
+    return {"min": low, "max": high}, tuple(notes)
+
+
+def _properties(cables: Sequence[Cable]) -> tuple[dict[str, float], tuple[str, ...]]:
+    """What all cables have alike, and what they have not."""
+    properties, notes = {}, []
+    for key in ("diameter", "axial_stiffness"):
+        found = {getattr(each, key) for each in cables}
+        told = sorted(value for value in found if value is not None)
+        if len(found) > 1:
+            notes.append(f"{key} left out: it differs between the cables ({told[0]:g} to {told[-1]:g})")
+        elif told:
+            properties[key] = told[0]
+    return properties, tuple(notes)
+
+
+def _platform(body: Inertia) -> dict[str, Any]:
+    xx, yy, zz, yz, xz, xy = (float(v) + 0.0 for v in six(body.inertia))
+    return {
+        "mass": body.mass,
+        "center_of_gravity": body.center_of_gravity.tolist(),
+        "inertia": {"xx": xx, "yy": yy, "zz": zz, "yz": yz, "xz": xz, "xy": xy},
+    }
+
+
+def _missing(robot: Robot) -> tuple[str, ...]:
+    """What a robot file may have and these files do not tell."""
+    lacking: list[tuple[str, Callable[[Robot], bool]]] = [
+        ("tension", lambda r: not np.isfinite(r.tension_limits[1])),
+        ("cable.axial_stiffness (cables do not stretch)", lambda r: r.cable.axial_stiffness is None),
+        ("cable.linear_density (cables are straight)", lambda r: r.cable.linear_density is None),
+        ("pulley (cables leave from points)", lambda r: not r.pulley_radius.any()),
+        ("limits.position", lambda r: r.limits.position is None),
+        ("limits.rpy_deg", lambda r: r.limits.rpy is None),
+        ("limits.speed and others", lambda r: r.limits.speed is None),
+    ]
+    missing = [what for what, lacks in lacking if lacks(robot)]
+    return (f"not told, add what you know: {', '.join(missing)}",) if missing else ()

@@ -1,0 +1,157 @@
+"""Stretches in which something else than the body pulled or pushed: forces that no body explains, while one explains the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array, stretches
+from steelyard.inspection.agreement import BAD, Relation
+from steelyard.inspection.carrying import Weighed, carrying_relations, weighed
+from steelyard.inspection.frames import mounting
+from steelyard.inspection.picture import Picture
+
+_ROUNDS = 40
+_FAR = 4.0
+"""Ratio of what is left to what is allowed, of one instant, that something has touched the platform."""
+_PAUSE = 0.3
+"""Longest pause within one contact [s]."""
+_SHORTEST = 0.15
+"""[s]"""
+_LEAST_CLEAN = 0.15
+"""Part of the run that one body must explain: else the forces are wrong, and nothing has touched."""
+_KNOWN = 5.0
+"""By how much less a body of other runs is trusted than these say."""
+_SHARE = 0.4
+"""Of the largest, that a channel must show to be named."""
+_TEN = 10
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One stretch."""
+
+    run: str
+    start: float
+    """Common time [s]."""
+    end: float
+    instrument: str
+    channels: tuple[str, ...]
+    """Columns in which it shows most; of cables the axes of the platform."""
+    force: float
+    """Largest in the stretch [N]."""
+    torque: float
+    """[N m]"""
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """What no body explains of the forces of one run."""
+
+    run: str
+    instrument: str
+    time: Array
+    """Common time [s], shape (n,)."""
+    left: Array
+    """Force [N] over torque [N m] in the axes of the sensor, of cables in those of the platform, shape (n, 6)."""
+    size: Array
+    """As a part of what is allowed, shape (n,)."""
+    names: tuple[str, ...]
+
+
+def unexplained(pictures: Sequence[Picture], worst: Mapping[str, float]) -> tuple[list[Residual], list[Contact]]:
+    """Forces that a body leaves over which explains most of all runs.
+
+    Args:
+        pictures: Of the runs.
+        worst: Run -> ratio of the worst agreement of its forces.
+    """
+    fits = {}
+    for picture in pictures:
+        relation = _relation(picture)
+        if relation is not None and not picture.static and (found := weighed(picture, relation)) is not None:
+            fits[picture.run.name] = (picture, relation, found)
+    sound = [found for run, (_, _, found) in fits.items() if worst.get(run, 0.0) < BAD]
+    residuals, contacts = [], []
+    for picture, relation, found in fits.values():
+        others = [each for each in sound if each is not found]
+        residual = _residual(picture, relation, found, others)
+        residuals.append(residual)
+        far = residual.size > _FAR
+        if far.mean() < 1 - _LEAST_CLEAN:
+            contacts += _contacts(residual, far)
+    return residuals, contacts
+
+
+def _relation(picture: Picture) -> Relation | None:
+    """The account of the motion to go by: an accelerometer feels what the platform does, others only where it is."""
+    relations = [r for r in carrying_relations(picture) if r[0] in {"cables", "wrench"}]
+    felt = [r for r in relations if any(q == "specific_force" for _, q in r[1])]
+    return next(iter(felt or relations), None)
+
+
+def _residual(picture: Picture, relation: Relation, found: Weighed, others: Sequence[Weighed]) -> Residual:
+    """What a body leaves that is chosen so as to explain as many instants as possible, near that of sound runs."""
+    A, b = found.white, found.target
+    k = A.shape[2]
+    precision, pull = np.eye(k), np.zeros(k)
+    if others:
+        body = np.mean([each.parameters for each in others], axis=0) / found.scale[:_TEN]
+        sigma = _KNOWN * np.mean([each.sigma for each in others], axis=0) / found.scale[:_TEN]
+        precision[:_TEN, :_TEN] = np.diag(1 / np.maximum(sigma, 1e-9) ** 2)
+        pull[:_TEN] = body / np.maximum(sigma, 1e-9) ** 2
+    weight = np.ones(len(b))
+    for _ in range(_ROUNDS):
+        W = weight[:, None, None] * A
+        value = np.linalg.solve(np.einsum("nki,nkj->ij", W, A) + precision, np.einsum("nki,nk->i", W, b) + pull)
+        left = b - np.einsum("nki,i->nk", A, value)
+        # What is far counts less and less: a contact is no noise.
+        weight = 1 / (1 + np.mean(left**2, axis=1)) ** 2
+    size = np.sqrt(np.mean(left**2, axis=1))
+    whole = left * found.allowed
+    name = relation[1][0][0]
+    instrument = picture.instruments[name]
+    if instrument.kind == "wrench":
+        R = mounting(picture, name)
+        sign = 1.0 if instrument.acts_on == "body" else -1.0  # type: ignore[attr-defined]
+        whole = sign * np.hstack([whole[:, :3] @ R, whole[:, 3:] @ R])
+        names: tuple[str, ...] = ("fx", "fy", "fz", "tx", "ty", "tz")
+    else:
+        names = tuple(f"{what} {axis} of the platform" for what in ("force", "torque") for axis in "xyz")
+    return Residual(picture.run.name, name, picture.time, whole, size, names)
+
+
+def _contacts(residual: Residual, far: NDArray[np.bool_]) -> list[Contact]:
+    time = residual.time
+    found: list[tuple[int, int]] = []
+    for first, last in stretches(far):
+        if found and time[first] - time[found[-1][1] - 1] < _PAUSE:
+            found[-1] = (found[-1][0], last)
+        else:
+            found.append((first, last))
+    step = float(np.median(np.diff(time)))
+    return [
+        _contact(residual, first, last) for first, last in found if time[last - 1] - time[first] + step >= _SHORTEST
+    ]
+
+
+def _contact(residual: Residual, first: int, last: int) -> Contact:
+    """Which channels, in units of what they are elsewhere."""
+    inside = residual.left[first:last]
+    names: list[str] = []
+    for part in (slice(0, 3), slice(3, 6)):
+        size = np.sqrt(np.mean(inside[:, part] ** 2, axis=0))
+        order = np.argsort(-size)
+        names += [residual.names[part.start + i] for i in order if size[i] > _SHARE * size.max()]
+    return Contact(
+        residual.run,
+        float(residual.time[first]),
+        float(residual.time[last - 1]),
+        residual.instrument,
+        tuple(names),
+        float(np.linalg.norm(inside[:, :3], axis=1).max()),
+        float(np.linalg.norm(inside[:, 3:], axis=1).max()),
+    )

@@ -1,0 +1,284 @@
+"""Everything there is to see in the recordings of an experiment, as one value."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from steelyard.errors import InputError
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.classical import NoBalanceError
+from steelyard.identification.joint_study import Joint, joint_study
+from steelyard.identification.preparation import prepare
+from steelyard.identification.synchronisation import synchronise
+from steelyard.inspection.agreement import BAD, Agreement
+from steelyard.inspection.contact import Contact, Residual, unexplained
+from steelyard.inspection.delays import Delay, of_joint, of_pictures
+from steelyard.inspection.excitation import Excitation, excitation
+from steelyard.inspection.mistakes import Judged, Mistake, mistakes
+from steelyard.inspection.mistakes import judged as judge
+from steelyard.inspection.part import part_of
+from steelyard.inspection.picture import Picture, pictures
+from steelyard.inspection.remarks import constant_channels, of_noise, of_times
+from steelyard.inspection.streams import StreamReport, as_dict, stream_reports
+
+FORMAT = "steelyard-inspection/1"
+_MOST_RUNS = 8
+"""Runs whose agreements are looked at."""
+_MOST_FITTED = 3
+"""Runs in motion that are fitted as a whole."""
+
+Tell = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """What was found."""
+
+    experiment: Experiment
+    streams: tuple[StreamReport, ...]
+    delays: tuple[Delay, ...]
+    agreements: tuple[tuple[str, Agreement], ...]
+    """Run and agreement, as described."""
+    mistakes: tuple[Mistake, ...]
+    """Each once, in the run where it shows most."""
+    runs_of: tuple[tuple[str, ...], ...]
+    """Of each mistake the runs that show it."""
+    contacts: tuple[Contact, ...]
+    residuals: tuple[Residual, ...]
+    """What a body leaves of the forces, over time."""
+    excitation: Excitation | None
+    """None where it could not be looked at; a remark says why."""
+    remarks: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "format": FORMAT,
+            "experiment": self.experiment.name,
+            "streams": [as_dict(each) for each in self.streams],
+            "delays": [each.to_dict() for each in self.delays],
+            "agreements": [_agreement_dict(run, each) for run, each in self.agreements],
+            "mistakes": [_mistake_dict(each, runs) for each, runs in zip(self.mistakes, self.runs_of, strict=True)],
+            "contacts": [{**vars(each), "channels": list(each.channels)} for each in self.contacts],
+            "excitation": None if self.excitation is None else _excitation_dict(self.excitation),
+            "remarks": list(self.remarks),
+        }
+
+
+def _agreement_dict(run: str, agreement: Agreement) -> dict[str, Any]:
+    return {
+        "run": run,
+        "between": agreement.name,
+        "agrees": agreement.worst <= BAD,
+        "channels": {
+            channel: {"left": float(left), "allowed": float(allowed)}
+            for channel, left, allowed in zip(agreement.channels, agreement.left, agreement.allowed, strict=True)
+        },
+    }
+
+
+def _mistake_dict(mistake: Mistake, runs: Sequence[str]) -> dict[str, Any]:
+    amendment = mistake.amendment
+    return {
+        "kind": amendment.kind,
+        "subject": amendment.subject,
+        "channel": amendment.channel,
+        "mistake": f"{amendment.subject}: {amendment.what}",
+        "proposal": amendment.proposal,
+        "evidence": mistake.evidence,
+        "runs": list(runs),
+        "or": list(mistake.others),
+    }
+
+
+def _excitation_dict(found: Excitation) -> dict[str, Any]:
+    def numbers(each: Any) -> dict[str, Any]:
+        values = {key: value for key, value in vars(each).items() if key != "name"}
+        return {key: None if isinstance(v, float) and not np.isfinite(v) else v for key, v in values.items()}
+
+    return {
+        "body": {each.name: numbers(each) for each in found.body},
+        "calibration": {each.name: numbers(each) for each in found.calibration},
+    }
+
+
+def inspect(experiment: Experiment, progress: Callable[[str, float], None] | None = None) -> Inspection:
+    """Look at the recordings of an experiment.
+
+    Args:
+        experiment: With at least one run.
+        progress: Is told what is being done and the fraction that is done.
+
+    Raises:
+        InputError: What an estimator would fail on.
+    """
+    tell: Tell = progress or (lambda what, fraction: None)
+    tell("finding the clocks", 0.0)
+    hints = tuple(text for run in experiment.runs for text in of_times(experiment, run))
+    try:
+        experiment = synchronise(experiment, progress).experiment
+        tell("reading the streams", 0.1)
+        with np.errstate(all="ignore"):
+            shown = list(pictures(experiment, _MOST_RUNS))
+        _enter(experiment, shown)
+    except InputError as error:
+        # The sentence of the estimator, and what physics says of its cause.
+        raise InputError("; ".join([str(error), *hints])) from error
+    reports = tuple(each for run in experiment.runs for each in stream_reports(experiment, run))
+    with np.errstate(all="ignore"):
+        judged, found = _judge(shown, tell)
+        named, runs_of = _merged(found)
+        worst = {
+            j.picture.run.name: max(
+                (a.worst for r, a in j.agreements.items() if r[0] in {"cables", "wrench"}), default=0.0
+            )
+            for j in judged
+        }
+        amended = _corrected(shown, found)
+        residuals, contacts = unexplained(amended, worst if not named else {})
+        delays, joint, remarks = _fitted(experiment, shown, bool(named), contacts, tell)
+    remarks = [*hints, *constant_channels(experiment), *of_noise(experiment, reports), *remarks]
+    if not named and any(j.bad for j in judged) and not contacts:
+        remarks.append(_unexplained(judged))
+    contacts += _joint_contacts(joint, residuals, contacts)
+    tell("done", 1.0)
+    return Inspection(
+        experiment=experiment,
+        streams=reports,
+        delays=tuple(delays),
+        agreements=tuple((j.picture.run.name, a) for j in judged for a in j.agreements.values()),
+        mistakes=named,
+        runs_of=runs_of,
+        contacts=tuple(sorted(contacts, key=lambda c: (c.run, c.start))),
+        residuals=tuple(residuals),
+        excitation=None if joint is None else excitation(joint),
+        remarks=tuple(dict.fromkeys(remarks)),
+    )
+
+
+def _enter(experiment: Experiment, shown: Sequence[Picture]) -> None:
+    """What every estimator begins with, on a part of long runs; raises what it would."""
+    parts = {picture.run.name: picture for picture in shown if not picture.static}
+    for run in experiment.runs:
+        picture = parts.get(run.name)
+        window = run.window
+        if picture is not None:
+            first, last = run.window or (-np.inf, np.inf)
+            start, end = float(picture.time[0]) - picture.spacing, float(picture.time[-1]) + picture.spacing
+            window = (max(start, first), min(end, last))
+        prepare(experiment, replace(run, window=window), thin=True, commanded=True)
+
+
+def _judge(shown: Sequence[Picture], tell: Tell) -> tuple[list[Judged], list[list[Mistake]]]:
+    """Agreements of every run as described, and the mistakes that each gives away."""
+    judged, found = [], []
+    for i, picture in enumerate(shown):
+        tell(f"holding the instruments of {picture.run.name} against each other", 0.15 + 0.35 * i / len(shown))
+        judged.append(judge(picture))
+        found.append(mistakes(picture)[0])
+    return judged, found
+
+
+def _merged(found: Sequence[Sequence[Mistake]]) -> tuple[tuple[Mistake, ...], tuple[tuple[str, ...], ...]]:
+    """Each mistake once, with all runs that show it; first those that explain most."""
+    groups: dict[tuple[str, str, str], list[Mistake]] = {}
+    for own in found:
+        for mistake in own:
+            a = mistake.amendment
+            groups.setdefault((a.subject, a.kind, a.proposal), []).append(mistake)
+    best = [(max(group, key=lambda m: m.gain), tuple(m.run for m in group)) for group in groups.values()]
+    best.sort(key=lambda pair: -pair[0].gain)
+    return tuple(m for m, _ in best), tuple(runs for _, runs in best)
+
+
+def _corrected(shown: Sequence[Picture], found: Sequence[Sequence[Mistake]]) -> list[Picture]:
+    """Pictures with their mistakes taken back."""
+    amended = []
+    for picture, own in zip(shown, found, strict=True):
+        for mistake in own:
+            picture = mistake.amendment.change(picture)
+        amended.append(picture)
+    return amended
+
+
+def _fitted(
+    experiment: Experiment, shown: Sequence[Picture], wrong: bool, contacts: Sequence[Contact], tell: Tell
+) -> tuple[list[Delay], Joint | None, list[str]]:
+    """Delays, a fit of everything, and what to say of it."""
+    delays: list[Delay] = []
+    moving = [run for run in experiment.runs if not run.static]
+    if wrong:
+        return delays, None, ["delays and what the recording can tell are looked at once the mistakes are corrected"]
+    touched = {contact.run for contact in contacts}
+    clean = [p for p in shown if p.run.name not in touched] or list(shown)
+    few = [p for p in clean if not p.static][:_MOST_FITTED] + [p for p in clean if p.static]
+    tell("fitting everything at once", 0.55)
+    joint, remarks = _joint(part_of(experiment, few), lambda what, part: tell(what, 0.55 + 0.35 * part))
+    trusted = joint is not None and joint.fit.converged and experiment.robot.m > 0
+    fitted = {p.run.name for p in few} if trusted else set[str]()
+    tell("delays", 0.92)
+    for run in moving[:_MOST_RUNS]:
+        if joint is not None and run.name in fitted:
+            own = of_joint(joint, _run(joint, run))
+            delays += [replace(each, run=run.name) for each in own]
+        else:
+            delays += of_pictures(experiment, run)
+    for each in delays:
+        if each.surprising:
+            late = "late" if each.value > 0 else "early"
+            remarks.append(
+                f"run '{each.run}': the clock of {' and '.join(each.instruments)} is {late} by {abs(each.value) * 1e3:.0f} ms, more than its prior of "
+                f"{each.prior[1] * 1e3:.0f} ms allows; correct 'sync', or state calibration: {{delay: {{value: {each.value:.4f}, sigma: {max(each.sigma, 1e-3):.4f}}}}}"
+            )
+    return delays, joint, remarks
+
+
+def _run(joint: Joint, run: Run) -> Run:
+    return next(each for each in joint.study.experiment.runs if each.name == run.name)
+
+
+def _joint(part: Experiment, tell: Tell) -> tuple[Joint | None, list[str]]:
+    try:
+        joint = joint_study(part, tell)
+    except (NoBalanceError, InputError) as error:
+        return None, [f"what the recording can tell was not looked at: {error}"]
+    converged = [] if joint.fit.converged else ["the fit of everything at once did not settle: its figures are rough"]
+    return joint, [*joint.study.notes, *converged]
+
+
+def _joint_contacts(joint: Joint | None, residuals: Sequence[Residual], known: Sequence[Contact]) -> list[Contact]:
+    """Contacts that only the fit of everything has seen."""
+    found = []
+    for run, stretches in (joint.contacts if joint else {}).items():
+        residual = next((r for r in residuals if r.run == run), None)
+        for start, end in stretches:
+            if any(c.run == run and c.start < end and c.end > start for c in known) or residual is None:
+                continue
+            inside = (residual.time >= start) & (residual.time <= end)
+            left = residual.left[inside] if inside.any() else np.zeros((1, 6))
+            size = np.sqrt(np.mean(left**2, axis=0))
+            names = (residual.names[int(np.argmax(size[:3]))], residual.names[3 + int(np.argmax(size[3:]))])
+            force, torque = (float(np.linalg.norm(left[:, part], axis=1).max()) for part in (slice(0, 3), slice(3, 6)))
+            found.append(Contact(run, float(start), float(end), residual.instrument, names, force, torque))
+    return found
+
+
+def _unexplained(judged: Sequence[Judged]) -> str:
+    """Where instruments contradict each other and no simple mistake explains it."""
+    run, worst = max(((j.picture.run.name, a) for j in judged for a in j.bad), key=lambda pair: pair[1].worst)
+    i = int(np.argmax(worst.ratio))
+    return (
+        f"run '{run}': {worst.name}: {worst.channels[i]} is off by {worst.ratio[i]:.2g} times what is allowed, and no simple mistake explains it; "
+        "look at these instruments and the geometry of the robot"
+    )
+
+
+def spoken(mistake: Mistake, runs: Sequence[str], several: bool) -> Mapping[str, str]:
+    """A mistake in words, for tables."""
+    a = mistake.amendment
+    where = f" (runs {', '.join(runs)})" if several else ""
+    return {"what": f"{a.subject}: {a.what}{where}", "do": a.proposal, "because": mistake.evidence}

@@ -1,0 +1,92 @@
+"""A part of an experiment that a fit gets through quickly, and that tells the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.inspection.picture import Picture
+from steelyard.instruments import Command, Instrument
+
+_FASTEST, _FASTEST_ON_SENSOR = 130.0, 30.0
+"""Rate beyond which samples are averaged [Hz]: what platforms do on purpose is slower."""
+
+
+def part_of(experiment: Experiment, pictures: list[Picture]) -> Experiment:
+    """Some runs, of each what a picture shows, fast streams averaged.
+
+    Args:
+        experiment: The whole.
+        pictures: Of some of its runs.
+    """
+    shown = {picture.run.name: picture for picture in pictures}
+    runs = [run for run in experiment.runs if run.name in shown]
+    fastest = _FASTEST if experiment.robot.m else _FASTEST_ON_SENSOR
+    often = {
+        name: max(1, int(_rate(runs, name) / fastest))
+        for name, instrument in experiment.instruments.items()
+        if not isinstance(instrument, Command)
+    }
+    instruments = {name: _averaged_noise(each, often.get(name, 1)) for name, each in experiment.instruments.items()}
+    return replace(
+        experiment,
+        instruments=instruments,
+        runs=tuple(run if run.static else _cut(experiment, run, shown[run.name], often) for run in runs),
+    )
+
+
+def _rate(runs: list[Run], name: str) -> float:
+    steps = [
+        float(np.median(np.diff(r.streams[name].time)))
+        for r in runs
+        if not r.static and name in r.streams and len(r.streams[name]) > 2
+    ]
+    steps = [step for step in steps if step > 0]
+    return 1 / min(steps) if steps else 0.0
+
+
+def _cut(experiment: Experiment, run: Run, picture: Picture, often: dict[str, int]) -> Run:
+    start, end = float(picture.time[0]) - picture.spacing, float(picture.time[-1]) + picture.spacing
+    first, last = run.window or (-np.inf, np.inf)
+    window = (max(start, first), min(end, last))
+    streams = {name: _averaged(stream, often.get(name, 1)) for name, stream in run.streams.items()}
+    # Averaging moves the first force sample, by which times without 'sync' are counted.
+    sync = run.sync or dict.fromkeys(run.streams, float(_first(experiment, run)))
+    return replace(run, streams=streams, sync=sync, window=window)
+
+
+def _first(experiment: Experiment, run: Run) -> float:
+    name = experiment.force_instrument(run)
+    return float(run.streams[name].time[0]) if name else 0.0
+
+
+def _averaged(stream: Stream, often: int) -> Stream:
+    if often == 1:
+        return stream
+    n = len(stream) // often * often
+
+    def mean(values: Array) -> Array:
+        blocks = values[:n].reshape(-1, often, *values.shape[1:])
+        found = blocks.mean(axis=1)
+        if values.ndim == 3:
+            there = np.isfinite(found).all(axis=(1, 2))
+            found[there] = Rotation.from_matrix(found[there]).as_matrix()
+        return np.asarray(found)
+
+    return Stream(mean(stream.time), {q: mean(v) for q, v in stream.values.items()}, stream.source)
+
+
+def _averaged_noise(instrument: Instrument, often: int) -> Instrument:
+    """With the noise of averages."""
+    noise = getattr(instrument, "noise", None)
+    if often == 1 or noise is None:
+        return instrument
+    root = float(np.sqrt(often))
+    if isinstance(noise, float | int):
+        return instrument.model_copy(update={"noise": noise / root})
+    stated = {key: value / root for key, value in noise.model_dump().items() if value is not None}
+    return instrument.model_copy(update={"noise": noise.model_copy(update=stated)})

@@ -1,0 +1,246 @@
+"""A part of one run as all instruments saw it: every quantity smooth, on one time base, as its log has it.
+
+This is what descriptions are held against: it is quick to change a sign or an axis in it and look again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.sources import Source
+from steelyard.instruments import Instrument
+from steelyard.robot.model import Robot
+from steelyard.smoothing import Samples1D, fit, segments
+
+LONGEST = 30.0
+"""Of a run that is looked at [s]."""
+_SHORTEST = 0.5
+_MARGIN = 10.0
+"""Of a stream beside that part, so that clocks may be moved [s]."""
+_FINEST = 0.1
+"""Spacing of the knots [s]: what platforms do on purpose is slower."""
+_SAMPLES_PER_KNOT = 3.0
+_MOST = 160
+"""Instants that are looked at."""
+_BIN = 0.25
+"""Of which means are taken to see where most happens [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One quantity at n instants, in the axes and units that the log is said to have."""
+
+    value: Array
+    """Shape (n, k), or (n, 3, 3) of rotations."""
+    rate: Array
+    """Its derivative [1/s]."""
+    bend: Array
+    """The second one [1/s^2]."""
+    noise: tuple[float, float, float]
+    """1-sigma of the noise left in each of the three, of one number."""
+    spline: BSpline | None = None
+    """None of poses at rest."""
+    span: tuple[float, float] = (-np.inf, np.inf)
+    """Of the spline, on common time [s]."""
+
+    def mapped(self, matrix: Array) -> Seen:
+        """Vectors in other axes or units: ``matrix`` times them."""
+        # One channel in another unit says nothing of the noise of the others.
+        size = float(np.median(np.sqrt(np.sum(matrix**2, axis=1))))
+        return replace(
+            self,
+            value=self.value @ matrix.T,
+            rate=self.rate @ matrix.T,
+            bend=self.bend @ matrix.T,
+            noise=(size * self.noise[0], size * self.noise[1], size * self.noise[2]),
+        )
+
+    def plus(self, value: Array) -> Seen:
+        """Vectors with something added to them, whose derivatives are not looked at."""
+        return replace(self, value=self.value + value)
+
+    def between(self, left: Array, right: Array) -> Seen:
+        """Rotations: ``left`` times them times ``right``."""
+        return replace(
+            self, value=left @ self.value @ right, rate=left @ self.rate @ right, bend=left @ self.bend @ right
+        )
+
+    def transposed(self) -> Seen:
+        """Rotations the other way round."""
+        value, rate, bend = (each.swapaxes(1, 2) for each in (self.value, self.rate, self.bend))
+        return replace(self, value=value, rate=rate, bend=bend)
+
+    def later(self, times: Array, delay: float) -> Seen:
+        """At instants of common time, of a stream that is late; beyond its ends it stays as it was there."""
+        if self.spline is None:
+            return self
+        at = np.clip(times + delay, *self.span)
+        value, rate, bend = (self.spline(at, nu=order)[:, : self.value[0].size] for order in range(3))
+        shape = self.value.shape
+        return replace(self, value=value.reshape(shape), rate=rate.reshape(shape), bend=bend.reshape(shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A part of one run, as it is described."""
+
+    experiment: Experiment
+    run: Run
+    time: Array
+    """Common time [s], shape (n,); of poses at rest their numbers."""
+    robot: Robot
+    instruments: Mapping[str, Instrument]
+    seen: Mapping[Source, Seen]
+    spacing: float
+    """Of the knots [s]; 0 of poses at rest."""
+    unread: frozenset[int] = frozenset()
+    """Cables whose sensors are not believed."""
+
+    @property
+    def static(self) -> bool:
+        """Whether these are poses at rest."""
+        return self.run.static
+
+    def with_seen(self, changed: Mapping[Source, Seen]) -> Picture:
+        """With other readings."""
+        return replace(self, seen={**self.seen, **changed})
+
+    def with_instrument(self, name: str, **keys: object) -> Picture:
+        """With another description of one instrument."""
+        changed = self.instruments[name].model_copy(update=keys)
+        return replace(self, instruments={**self.instruments, name: changed})
+
+    def quantity(self, quantity: str, *kinds: str) -> list[Source]:
+        """Who reads it, of some kinds of instruments."""
+        return [s for s in self.seen if s[1] == quantity and (not kinds or self.instruments[s[0]].kind in kinds)]
+
+    def refitted(self, source: Source, values: Array) -> Seen:
+        """Other samples of a quantity, smoothed like those that are there.
+
+        Args:
+            source: Instrument and quantity.
+            values: At the samples of its stream, shape (n, …).
+        """
+        if self.static:
+            return _at_rest(values)
+        common = self.experiment.common_time(self.run, source[0])
+        found = _smoothed(common, values, self.time, self.spacing)
+        return self.seen[source] if found is None else found
+
+
+def picture(experiment: Experiment, run: Run, finest: float = _FINEST, most: int = _MOST) -> Picture | None:
+    """Look at the liveliest part of a run; None where its streams have too little in common.
+
+    Args:
+        experiment: With its instruments.
+        run: One of its runs.
+        finest: Least spacing of the knots [s].
+        most: Instants that are looked at.
+    """
+    if run.static:
+        return _poses(experiment, run)
+    times = {name: experiment.common_time(run, name) for name in run.streams}
+    part = _part(run, times, finest)
+    if part is None:
+        return None
+    start, end, spacing = part
+    inside = np.linspace(start + spacing / 2, end - spacing / 2, min(most, int(2 * (end - start) / spacing)))
+    seen = {}
+    for name, stream in run.streams.items():
+        for quantity, values in stream.values.items():
+            found = _smoothed(times[name], values, inside, spacing)
+            if found is not None:
+                seen[name, quantity] = found
+    return Picture(experiment, run, inside, experiment.robot, experiment.instruments, seen, spacing)
+
+
+def _part(run: Run, times: Mapping[str, Array], finest: float) -> tuple[float, float, float] | None:
+    """Beginning, end and spacing of the knots of what is looked at [s]."""
+    start, end = run.window or (-np.inf, np.inf)
+    start, end = max(start, *(float(t[0]) for t in times.values())), min(end, *(float(t[-1]) for t in times.values()))
+    if end - start < _SHORTEST:
+        return None
+    steps = [float(np.median(np.diff(t))) for t in times.values() if len(t) > 2]
+    spacing = max(finest, _SAMPLES_PER_KNOT * max(steps))
+    parts = segments(list(times.values()), start, end, spacing)
+    if not parts:
+        return None
+    start, end = max(parts, key=lambda part: part[1] - part[0])
+    if end - start > LONGEST:
+        start = _liveliest(run, times, start, end)
+        end = start + LONGEST
+    return (start, end, spacing) if end - start > max(_SHORTEST, 6 * spacing) else None
+
+
+def _liveliest(run: Run, times: Mapping[str, Array], start: float, end: float) -> float:
+    """Where most happens within a long interval [s]."""
+    edges = np.arange(start, end, _BIN)
+    happens = np.zeros(len(edges))
+    for name, stream in run.streams.items():
+        for values in stream.values.values():
+            flat = np.nan_to_num(values.reshape(len(values), -1))
+            bins = np.searchsorted(edges, times[name], side="right") - 1
+            use = (bins >= 0) & (times[name] <= end)
+            count = np.maximum(np.bincount(bins[use], minlength=len(edges)), 1)
+            scale = float(flat[use].std()) or 1.0
+            for column in flat[use].T:
+                mean = np.bincount(bins[use], column / scale, minlength=len(edges)) / count
+                happens[1:] += np.diff(mean) ** 2
+    width = int(LONGEST / _BIN)
+    total = np.concatenate([[0.0], np.cumsum(np.minimum(happens, 25 * np.median(happens) + 1e-12))])
+    return float(edges[int(np.argmax(total[width:] - total[:-width]))]) if len(total) > width else start
+
+
+def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Seen | None:
+    """One quantity at instants; None where its samples do not tell it."""
+    flat = values.reshape(len(values), -1)
+    complete = np.isfinite(flat).all(axis=1)
+    if complete.sum() < 4:
+        return None
+    time, flat = time[complete], flat[complete]
+    for margin in (_MARGIN, spacing):
+        start, end = max(time[0], inside[0] - margin), min(time[-1], inside[-1] + margin)
+        found = fit(Samples1D(time, flat), start, end, spacing, robust=True) if end > start else None
+        if found is not None:
+            break
+    else:
+        return None
+    shape = (len(inside), *values.shape[1:])
+    at = np.clip(inside, start, end)
+    value, rate, bend = (found.at(at, order).reshape(shape) for order in range(3))
+    noise = found.noise(at, 0), found.noise(at, 1), found.noise(at, 2)
+    return Seen(value, rate, bend, noise, found.spline, (start, end))
+
+
+def _poses(experiment: Experiment, run: Run) -> Picture | None:
+    everything = [v.reshape(len(v), -1) for stream in run.streams.values() for v in stream.values.values()]
+    rows = np.all([np.isfinite(v).all(axis=1) for v in everything], axis=0)
+    if rows.sum() < 3:
+        return None
+    seen = {
+        (name, quantity): _at_rest(values[rows])
+        for name, stream in run.streams.items()
+        for quantity, values in stream.values.items()
+    }
+    numbers = np.flatnonzero(rows).astype(np.float64)
+    return Picture(experiment, run, numbers, experiment.robot, experiment.instruments, seen, 0.0)
+
+
+def _at_rest(values: Array) -> Seen:
+    nothing = np.zeros_like(values)
+    return Seen(values, nothing, nothing, (0.0, 0.0, 0.0))
+
+
+def pictures(experiment: Experiment, most: int) -> Sequence[Picture]:
+    """Of a few runs: those in motion first, spread over the experiment."""
+    moving = [run for run in experiment.runs if not run.static]
+    chosen = [moving[i] for i in sorted({round(k) for k in np.linspace(0, len(moving) - 1, min(most, len(moving)))})]
+    chosen += [run for run in experiment.runs if run.static][:1]
+    found = (picture(experiment, run) for run in chosen)
+    return [each for each in found if each is not None]

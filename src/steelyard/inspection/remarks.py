@@ -1,0 +1,72 @@
+"""What a stream shows by itself: a unit of time that was forgotten, a dead channel, noise that is none of the stated one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from steelyard.experiment.faults import channels
+from steelyard.experiment.model import Experiment, Run
+from steelyard.inspection.streams import StreamReport
+from steelyard.units import FACTORS
+
+_TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+_LIKE = 0.15
+"""Logarithm within which two lengths of recording are the same."""
+_FAR = 4.0
+"""Factor between stated and found noise that is worth a remark."""
+_NEAR_UNIT = 0.35
+"""Logarithm within which that factor may be one of a unit."""
+
+
+def of_times(experiment: Experiment, run: Run) -> Iterator[str]:
+    """Streams whose recording is a thousand times longer or shorter than that of the others."""
+    if run.static or len(run.streams) < 2:
+        return
+    lengths = {name: float(s.time[-1] - s.time[0]) for name, s in run.streams.items() if len(s) > 1}
+    for name, length in lengths.items():
+        others = [other for n, other in lengths.items() if n != name and other > 0]
+        if not others or length <= 0:
+            continue
+        ratio = length / float(np.median(others))
+        for unit, factor in _TIME_UNITS.items():
+            if abs(np.log(ratio * factor)) < _LIKE:
+                yield f"run '{run.name}': the time of {name} seems to be in {unit}, not in s: state units: {{t: {unit}}}"
+            elif abs(np.log(ratio / factor)) < _LIKE:
+                yield f"run '{run.name}': the time of {name} seems to be in s, not in {unit}: correct 'units' of its column t"
+
+
+def constant_channels(experiment: Experiment) -> Iterator[str]:
+    """Channels that never change while others of their instrument do."""
+    for run in experiment.runs:
+        for name, stream in run.streams.items():
+            if experiment.instruments[name].kind == "command":
+                continue
+            rows = [(label, quantity, values) for label, quantity, i, values in channels(stream) if i is not None]
+            spread = {
+                label: float(np.nanmax(v) - np.nanmin(v)) if np.isfinite(v).any() else 0.0 for label, _, v in rows
+            }
+            for label, quantity, _ in rows:
+                fellows = [spread[other] for other, q, _ in rows if q == quantity and other != label]
+                if spread[label] == 0 and fellows and min(fellows) > 0:
+                    yield f"run '{run.name}': {label} of {name} never changes: a dead channel; look at its sensor and cable"
+
+
+def of_noise(experiment: Experiment, reports: Sequence[StreamReport]) -> Iterator[str]:
+    """Noise that is far from what is stated, and whether a unit would explain it."""
+    for report in reports:
+        for q in report.quantities:
+            found = q.noise_at_rest if q.noise_at_rest is not None else q.noise_in_motion
+            if not q.stated or not found:
+                continue
+            ratio = found / q.stated
+            if not 1 / _FAR < ratio < _FAR:
+                what = f"run '{report.run}': {q.name.replace('_', ' ')} of {report.instrument} scatters by {found:.2g} {q.unit}, {ratio:.2g} times the stated noise"
+                units = [
+                    unit
+                    for unit, factor in FACTORS.get(q.unit, {}).items()
+                    if factor != 1 and abs(np.log(ratio * factor)) < _NEAR_UNIT
+                ]
+                hint = f"; as if it read in {' or '.join(units[:3])}" if units and ratio < 1 else ""
+                yield f"{what}{hint}: check its unit, or correct 'noise'"

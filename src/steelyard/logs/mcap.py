@@ -1,0 +1,240 @@
+"""MCAP files: messages in JSON or of ROS."""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from steelyard.errors import InputError
+from steelyard.logs.compressed import LARGEST_BLOCK, MOST_UNPACKED, unpacked
+from steelyard.logs.json_message import decode_json
+from steelyard.logs.log import Log
+from steelyard.logs.messages import Decoder, Message, Recording, in_time_order, log_of_topic
+from steelyard.logs.packages import require_package, shown
+from steelyard.logs.ros_message import cdr_decoder, ros1_decoder
+from steelyard.logs.ros_types import types_of
+from steelyard.logs.size import check_unpacked
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, Schema
+
+MAGIC = b"\x89MCAP0\r\n"
+_HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_CHUNK = struct.Struct("<QQQII")
+_REGION = 1 << 22
+"""Bytes of messages outside of chunks that are read at once."""
+_FORMS = {"": "", "ros2msg": "msg", "ros1msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
+
+
+@contextmanager
+def opened(path: Path, topic: str | None) -> Iterator[Log]:
+    """Open a topic of an MCAP file.
+
+    Raises:
+        InputError: The file is damaged or cut off, or has no such topic, or messages that cannot be read.
+    """
+    with path.open("rb") as file:
+        yield log_of_topic(recording_of(path, file), topic)
+
+
+def recording_of(path: Path, file: IO[bytes]) -> Recording:
+    """The messages of an MCAP file that is open.
+
+    Raises:
+        InputError: It is damaged or cut off.
+    """
+    require_package(path, "mcap", "mcap", "MCAP")
+    contents = _Contents(path, file)
+    try:
+        contents.look_through()
+    except (ValueError, struct.error) as error:
+        raise _damaged(path, error) from None
+    topics = {}
+    for channel in contents.channels.values():
+        schema = contents.schemas.get(channel.schema_id)
+        topics[channel.topic] = schema.name if schema and schema.name else channel.message_encoding
+    return Recording(path, topics, contents.messages, contents.decoder)
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A chunk, or messages in a row outside of chunks."""
+
+    start: int
+    """When the first message was received [ns]."""
+    place: int
+    """Of its records, packed or not."""
+    length: int
+    compression: str = ""
+    size: int = 0
+    """Bytes, unpacked."""
+    crc: int = 0
+    """Of the bytes, unpacked; 0: none is stated."""
+
+
+@dataclass(eq=False)
+class _Contents:
+    """What an MCAP file holds, as far as it has been looked through."""
+
+    path: Path
+    file: IO[bytes]
+    channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    pieces: list[_Piece] = field(default_factory=list)
+    """With the channels that each holds, where an index says so."""
+    held: dict[int, set[int]] = field(default_factory=dict)
+    """Place of a chunk -> channels in it, where the file says so."""
+
+    def look_through(self) -> None:
+        """Find chunks, channels and schemas; nothing is unpacked yet.
+
+        Raises:
+            InputError: The file is cut off, or unpacks to too much.
+            ValueError: It is damaged.
+            struct.error: It is damaged.
+        """
+        from mcap.opcode import Opcode
+
+        size = os.fstat(self.file.fileno()).st_size
+        self.file.seek(0)
+        if self.file.read(len(MAGIC)) != MAGIC:
+            raise ValueError("another beginning")
+        self.file.seek(max(size - len(MAGIC), 0))
+        if size < 2 * len(MAGIC) or self.file.read(len(MAGIC)) != MAGIC:
+            raise self._cut_off()
+        place, end, ended = len(MAGIC), size - len(MAGIC), False
+        region: list[tuple[int, int, int]] = []
+        while place < end:
+            self.file.seek(place)
+            opcode, length = _HEAD.unpack(self.file.read(_HEAD.size))
+            begin, place = place + _HEAD.size, place + _HEAD.size + length
+            if place > end:
+                raise ValueError(f"a record of {length} bytes that runs over the end")
+            if opcode == Opcode.MESSAGE:
+                region.append((_MESSAGE.unpack(self.file.read(_MESSAGE.size))[2], begin - _HEAD.size, place))
+            if region and (opcode != Opcode.MESSAGE or place - region[0][1] > _REGION):
+                self.pieces.append(_region(region))
+                region = []
+            if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+                self._define(opcode, self.file.read(length))
+            elif opcode == Opcode.CHUNK:
+                self.pieces.append(self._chunk(begin, length))
+            elif opcode == Opcode.MESSAGE_INDEX and self.pieces:
+                self.held.setdefault(self.pieces[-1].place, set()).add(struct.unpack("<H", self.file.read(2))[0])
+            ended = opcode == Opcode.FOOTER
+        if not ended:
+            raise ValueError("no footer at its end")
+        check_unpacked(self.path, sum(piece.size for piece in self.pieces), size, always=MOST_UNPACKED)
+        known = set().union(*self.held.values()) <= self.channels.keys()
+        if not known or not self.channels:
+            # Channels need not be repeated outside of the chunks.
+            for piece in self.pieces:
+                for opcode, record in _records(self._read(piece)):
+                    if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+                        self._define(opcode, bytes(record))
+
+    def _define(self, opcode: int, record: bytes) -> None:
+        from mcap.data_stream import ReadDataStream
+        from mcap.exceptions import McapError
+        from mcap.opcode import Opcode
+        from mcap.records import Channel, Schema
+
+        stream = ReadDataStream(io.BytesIO(record))
+        try:
+            if opcode == Opcode.SCHEMA:
+                schema = Schema.read(stream)
+                self.schemas[schema.id] = schema
+            else:
+                channel = Channel.read(stream)
+                self.channels[channel.id] = channel
+        except McapError as error:
+            raise ValueError(str(error) or "a record that is cut off") from None
+
+    def _chunk(self, begin: int, length: int) -> _Piece:
+        start, _, size, crc, text = _CHUNK.unpack(self.file.read(_CHUNK.size))
+        if text > 32:
+            raise ValueError("a chunk with a name of its compression that is too long")
+        compression = self.file.read(text).decode()
+        packed = struct.unpack("<Q", self.file.read(8))[0]
+        if size > LARGEST_BLOCK or _CHUNK.size + text + 8 + packed != length:
+            raise ValueError(f"a chunk of {size} bytes, packed into {packed}, in a record of {length}")
+        return _Piece(start, begin + _CHUNK.size + text + 8, packed, compression, size, crc)
+
+    def _read(self, piece: _Piece) -> bytes:
+        self.file.seek(piece.place)
+        block = unpacked(self.file.read(piece.length), piece.compression, piece.size)
+        if piece.crc and zlib.crc32(block) != piece.crc:
+            raise ValueError("a chunk whose checksum does not fit")
+        return block
+
+    def messages(self, topic: str) -> Iterator[Message]:
+        """Messages of a topic in the order in which they were received."""
+        channels = {number for number, channel in self.channels.items() if channel.topic == topic}
+        pieces = [piece for piece in self.pieces if self.held.get(piece.place, channels) & channels]
+        return in_time_order((piece.start, partial(self._messages, piece, channels)) for piece in pieces)
+
+    def _messages(self, piece: _Piece, channels: set[int]) -> list[Message]:
+        found = []
+        try:
+            for opcode, record in _records(self._read(piece)):
+                if opcode == 5 and (head := _MESSAGE.unpack_from(record))[0] in channels:
+                    found.append(Message(head[2], head[3], head[0], bytes(record[_MESSAGE.size :])))
+        except (ValueError, struct.error) as error:
+            raise _damaged(self.path, error) from None
+        return found
+
+    def decoder(self, number: int) -> Decoder:
+        """Decoder of the messages of a channel."""
+        channel = self.channels[number]
+        schema = self.schemas.get(channel.schema_id)
+        if channel.message_encoding == "json":
+            return decode_json
+        make = _DECODERS.get(channel.message_encoding)
+        if make is None or schema is None or schema.encoding not in _FORMS:
+            raise InputError(
+                f"{self.path}: topic '{shown(channel.topic)}': expected messages in JSON or of ROS (cdr, ros1), found "
+                f"'{shown(channel.message_encoding)}' with a schema in '{shown(schema.encoding if schema else '')}'; convert them to JSON"
+            )
+        definition = schema.data.decode("utf-8", "replace")
+        ros1 = channel.message_encoding == "ros1"
+        return make(types_of(self.path, schema.name, _FORMS[schema.encoding], definition, ros1=ros1), schema.name)
+
+    def _cut_off(self) -> InputError:
+        return InputError(
+            f"{self.path}: expected an MCAP file with its end, found one that is cut off; copy it again, or, where the recorder was "
+            f"stopped, repair it with: mcap recover {shown(self.path.name)} -o repaired.mcap"
+        )
+
+
+_DECODERS: dict[str, Callable[[Any, str], Decoder]] = {"cdr": cdr_decoder, "ros1": ros1_decoder}
+
+
+def _region(messages: list[tuple[int, int, int]]) -> _Piece:
+    begin, end = messages[0][1], messages[-1][2]
+    return _Piece(min(time for time, _, _ in messages), begin, end - begin, size=end - begin)
+
+
+def _records(block: bytes) -> Iterator[tuple[int, memoryview]]:
+    """Records of a chunk: opcode and content."""
+    view, place = memoryview(block), 0
+    while place < len(view):
+        opcode, length = _HEAD.unpack_from(view, place)
+        place += _HEAD.size + length
+        if place > len(view):
+            raise ValueError("a record that runs over the end of its chunk")
+        yield opcode, view[place - length : place]
+
+
+def _damaged(path: Path, error: Exception) -> InputError:
+    return InputError(
+        f"{path}: expected an MCAP file, found one that is damaged ({shown(str(error), 120)}); copy it again"
+    )

@@ -1,0 +1,208 @@
+"""Trees of arrays as tables: what HDF5, MATLAB, TDMS and NumPy files hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.errors import InputError
+from steelyard.logs.log import Log, Part
+from steelyard.logs.packages import listed, shown
+from steelyard.logs.size import check_unpacked
+
+MOST_ELEMENTS = 1000
+"""Numbers of one instant that one array may hold; what holds more is an image or a cloud of points."""
+_PIECE = 1 << 20
+"""Numbers that are read at once."""
+
+Key = tuple[str, ...]
+"""Names of an array, from the outermost group to its own."""
+
+
+class Sliceable(Protocol):
+    """An array, or what reads one from a file: rows along its first axis."""
+
+    def __getitem__(self, rows: slice, /) -> NDArray[Any]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """An array of a file."""
+
+    shape: tuple[int, ...]
+    """Rows along its first axis."""
+    dtype: np.dtype[Any]
+    open: Callable[[], Sliceable]
+    """The array, or what reads rows of it from the file."""
+    unit: str | None = None
+    """As the file states it."""
+
+    @property
+    def elements(self) -> int:
+        """Numbers of one row."""
+        return math.prod(self.shape[1:])
+
+    @property
+    def size(self) -> int:
+        """Bytes, unpacked."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+
+def is_number(dtype: np.dtype[Any]) -> bool:
+    """Whether values are real numbers, truth values, instants or durations."""
+    return dtype.kind in "biuf" or (dtype.kind in "mM" and np.datetime_data(dtype)[0] not in {"generic", "Y", "M"})
+
+
+def with_rows_first(shape: tuple[int, ...], dtype: np.dtype[Any], read: Callable[[], NDArray[Any]]) -> Source:
+    """An array in memory; a row vector, shape (1, n), is meant as a column."""
+    if is_row(shape):
+        return Source(shape[1:], dtype, lambda: read()[0])
+    return Source(shape, dtype, read)
+
+
+def is_row(shape: tuple[int, ...]) -> bool:
+    """Whether an array is a row vector, shape (1, n)."""
+    return len(shape) == 2 and shape[0] == 1 and shape[1] > 1
+
+
+def log_of_arrays(
+    path: Path,
+    sources: Mapping[Key, Source],
+    topic: str | None,
+    *,
+    what: str,
+    whole: bool = False,
+    others: Sequence[str] = (),
+) -> Log:
+    """A table of the arrays of a file.
+
+    Args:
+        path: Of the file.
+        sources: Its arrays of real numbers.
+        topic: Group that the table is made of; None: the only one that holds arrays.
+        what: Groups, as the format calls them.
+        whole: Whether, without a topic, several groups make one table.
+        others: What else there is and why it is left out, for the message where there is nothing to read.
+
+    Raises:
+        InputError: There is no such group, or several and none is named, or nothing to read.
+    """
+    wide = [".".join(key) for key, source in sources.items() if source.elements > MOST_ELEMENTS]
+    sources = {key: source for key, source in sources.items() if source.elements <= MOST_ELEMENTS}
+    if not sources:
+        others = [*(f"{name}: more than {MOST_ELEMENTS} numbers at an instant" for name in wide), *others]
+        raise InputError(
+            f"{path}: expected arrays of numbers with an instant per row, found none{f' (left out: {listed(others)})' if others else ''}; "
+            "check the recording"
+        )
+    group = _only_group(path, sources, what, whole) if topic is None else _group(path, sources, topic, what)
+    columns = {key[len(group) :]: source for key, source in sources.items() if key[: len(group)] == group}
+    table = _Table(path, dict(_elements(columns)))
+    units = {name: source.unit for name, (source, _) in table.columns.items() if source.unit}
+    names = tuple(name for name, _ in _elements(columns))
+    return Log(path, names, table.load, units)
+
+
+def _groups(sources: Mapping[Key, Source]) -> dict[Key, None]:
+    """Groups with an array anywhere below them, the file itself among them."""
+    return dict.fromkeys(key[:depth] for key in sources for depth in range(len(key)))
+
+
+def _only_group(path: Path, sources: Mapping[Key, Source], what: str, whole: bool) -> Key:
+    group: Key = ()
+    groups = _groups(sources)
+    while not any(key[:-1] == group for key in sources):
+        inner = [other for other in groups if len(other) == len(group) + 1 and other[:-1] == group]
+        if len(inner) > 1:
+            if whole:
+                break
+            raise InputError(
+                f"{path}: expected 'topic' to say which of its {what}s to read, found {listed('.'.join(g) for g in inner)}; name one"
+            )
+        group = inner[0]
+    return group
+
+
+def _group(path: Path, sources: Mapping[Key, Source], topic: str, what: str) -> Key:
+    groups = _groups(sources)
+    wanted = topic.strip("/").replace("/", ".")
+    for group in groups:
+        if group and ".".join(group) in {topic, wanted}:
+            return group
+    there = listed(".".join(group) for group in groups if group)
+    raise InputError(f"{path}: expected a {what} '{shown(topic)}', found {there}; correct 'topic'")
+
+
+def _elements(sources: Mapping[Key, Source]) -> Iterator[tuple[str, tuple[Source, tuple[int, ...]]]]:
+    """Names of columns, the arrays they are in and where in a row they stand."""
+    for key, source in sources.items():
+        name = ".".join(key)
+        if source.elements == 1:
+            yield name, (source, (0,) * (len(source.shape) - 1))
+            continue
+        for index in product(*(range(n) for n in source.shape[1:])):
+            yield name + "".join(f"[{i}]" for i in index), (source, index)
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Columns of arrays that may be larger than the memory."""
+
+    path: Path
+    columns: Mapping[str, tuple[Source, tuple[int, ...]]]
+
+    def load(self, names: Sequence[str], part: Part | None, rows: int | None) -> Mapping[str, Array]:
+        wanted = list(dict.fromkeys([*names, *([part.column] if part else [])]))
+        n = self._rows(wanted)
+        packed = self.path.stat().st_size
+        sources = {id(self.columns[name][0]): self.columns[name][0] for name in wanted}
+        check_unpacked(self.path, sum(source.size for source in sources.values()) + 8 * n * len(wanted), packed)
+        if part is None:
+            return self._read(names, 0, n if rows is None else min(n, rows))
+        by = self._read([part.column], 0, n)[part.column]
+        inside = np.flatnonzero((by >= part.start) & (by <= part.end))[:rows]
+        if not len(inside):
+            return {name: np.empty(0) for name in names}
+        first, last = int(inside[0]), int(inside[-1]) + 1
+        return {name: values[inside - first] for name, values in self._read(names, first, last).items()}
+
+    def _rows(self, names: Sequence[str]) -> int:
+        lengths = {name: self.columns[name][0].shape[0] for name in names}
+        if len(set(lengths.values())) > 1:
+            found = ", ".join(f"'{shown(name)}' with {n}" for name, n in list(lengths.items())[:10])
+            raise InputError(
+                f"{self.path}: expected columns of one length, found {found} rows; name columns that belong together"
+            )
+        return next(iter(lengths.values()), 0)
+
+    def _read(self, names: Sequence[str], start: int, stop: int) -> dict[str, Array]:
+        """Rows from start to stop, array by array and piece by piece."""
+        result = {name: np.empty(stop - start) for name in dict.fromkeys(names)}
+        sources = {id(self.columns[name][0]): self.columns[name][0] for name in result}
+        for key, source in sources.items():
+            array = source.open()
+            step = max(1, _PIECE // source.elements)
+            for place in range(start, stop, step):
+                piece: Any = np.asarray(array[place : min(place + step, stop)])
+                for name, values in result.items():
+                    if id(self.columns[name][0]) == key:
+                        _, index = self.columns[name]
+                        values[place - start : place - start + len(piece)] = _numbers(piece[(slice(None), *index)])
+        return result
+
+
+def _numbers(values: NDArray[Any]) -> Array:
+    """Values as float64: instants in seconds since 1970, durations in seconds, NaN where they are none, shape (n,)."""
+    if values.dtype.kind == "M":
+        values = values - np.zeros((), values.dtype)
+    if values.dtype.kind == "m":
+        return np.asarray(values / np.timedelta64(1, "s"), dtype=np.float64)
+    return values.astype(np.float64)

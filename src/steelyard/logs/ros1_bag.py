@@ -1,0 +1,219 @@
+"""Bags of ROS 1, in version 2.0 of their format."""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import IO
+
+from steelyard.errors import InputError
+from steelyard.logs.compressed import LARGEST_BLOCK, MOST_UNPACKED, unpacked
+from steelyard.logs.messages import Decoder, Message, Recording, in_time_order
+from steelyard.logs.packages import require_package, shown
+from steelyard.logs.ros_message import ros1_decoder
+from steelyard.logs.ros_types import full_name, types_of
+from steelyard.logs.size import check_unpacked
+
+_MAGIC = b"#ROSBAG V2.0\n"
+_MESSAGE, _HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
+_LENGTH = struct.Struct("<I")
+_TIME = struct.Struct("<II")
+_LONGEST_HEADER = 1 << 20
+
+Fields = dict[bytes, bytes]
+"""Of the header of a record."""
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Recording]:
+    """Open a bag of ROS 1.
+
+    Raises:
+        InputError: It is damaged or cut off.
+    """
+    require_package(path, "rosbags", "rosbags", "ROS 1 bag")
+    with path.open("rb") as file:
+        bag = _Bag(path, file)
+        try:
+            bag.look_through()
+        except (ValueError, KeyError, struct.error) as error:
+            raise _damaged(path, error) from None
+        topics = {each.topic: full_name(each.type) for each in bag.connections.values()}
+        yield Recording(path, topics, bag.messages, bag.decoder)
+
+
+@dataclass(frozen=True)
+class _Connection:
+    topic: str
+    type: str
+    definition: str
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    start: int
+    """When the first message was received [ns]."""
+    place: int
+    """Of its data."""
+    length: int
+    compression: str
+    size: int
+    """Bytes, unpacked."""
+    connections: frozenset[int]
+    """That have messages in it."""
+
+
+class _Bag:
+    """What a bag holds, as far as it has been looked through."""
+
+    def __init__(self, path: Path, file: IO[bytes]) -> None:
+        self.path, self.file = path, file
+        self.size = os.fstat(file.fileno()).st_size
+        self.connections: dict[int, _Connection] = {}
+        self.chunks: list[_Chunk] = []
+
+    def look_through(self) -> None:
+        """Find connections and chunks by the index at the end; nothing is unpacked yet.
+
+        Raises:
+            InputError: The bag is cut off, or unpacks to too much.
+            KeyError: It is damaged.
+            ValueError: It is damaged.
+            struct.error: It is damaged.
+        """
+        if self.file.read(len(_MAGIC)) != _MAGIC:
+            raise ValueError("another version than 2.0")
+        header = self._fields(_HEADER)
+        index = struct.unpack("<Q", header[b"index_pos"])[0]
+        if not 0 < index <= self.size:
+            raise self._cut_off()
+        connections, chunks = (_LENGTH.unpack(header[key])[0] for key in (b"conn_count", b"chunk_count"))
+        self.file.seek(index)
+        try:
+            for _ in range(connections):
+                self._add_connection()
+            places = dict(self._chunk_info() for _ in range(chunks))
+        except struct.error:
+            raise self._cut_off() from None
+        end = len(_MAGIC)
+        for place, (start, held) in sorted(places.items()):
+            # One after the other: overlapping ones would be read again and again.
+            if not end <= place < index:
+                raise ValueError("chunks that overlap")
+            chunk = self._chunk(place, start, held)
+            self.chunks.append(chunk)
+            end = chunk.place + chunk.length
+        if end > index or len(places) != chunks:
+            raise ValueError("chunks that overlap the index")
+        check_unpacked(self.path, sum(chunk.size for chunk in self.chunks), self.size, always=MOST_UNPACKED)
+
+    def messages(self, topic: str) -> Iterator[Message]:
+        """Messages of a topic in the order in which they were received."""
+        wanted = {number for number, each in self.connections.items() if each.topic == topic}
+        chunks = [chunk for chunk in self.chunks if chunk.connections & wanted]
+        return in_time_order((chunk.start, partial(self._messages, chunk, wanted)) for chunk in chunks)
+
+    def decoder(self, number: int) -> Decoder:
+        """Decoder of the messages of a connection."""
+        each = self.connections[number]
+        return ros1_decoder(types_of(self.path, each.type, "msg", each.definition, ros1=True), each.type)
+
+    def _messages(self, chunk: _Chunk, wanted: set[int]) -> list[Message]:
+        self.file.seek(chunk.place)
+        found = []
+        try:
+            block = unpacked(self.file.read(chunk.length), chunk.compression, chunk.size)
+            place = 0
+            while place < len(block):
+                fields, place = _header(block, place)
+                length = _LENGTH.unpack_from(block, place)[0]
+                place += 4 + length
+                if place > len(block):
+                    raise ValueError("a record that runs over the end of its chunk")
+                if fields[b"op"][0] == _MESSAGE and (number := _LENGTH.unpack(fields[b"conn"])[0]) in wanted:
+                    found.append(Message(_nanoseconds(fields[b"time"]), None, number, block[place - length : place]))
+        except (ValueError, KeyError, IndexError, struct.error) as error:
+            raise _damaged(self.path, error) from None
+        return found
+
+    def _fields(self, kind: int) -> Fields:
+        """Header of the record of a kind that stands here; its data are next."""
+        length = _LENGTH.unpack(self.file.read(4))[0]
+        if length > _LONGEST_HEADER:
+            raise ValueError(f"a header of {length} bytes")
+        fields = _split(self.file.read(length))
+        if fields[b"op"] != bytes([kind]):
+            raise ValueError(f"a record of kind {fields[b'op'].hex()} instead of {kind:02x}")
+        return fields
+
+    def _data(self) -> bytes:
+        length = _LENGTH.unpack(self.file.read(4))[0]
+        if length > self.size - self.file.tell():
+            raise self._cut_off()
+        return self.file.read(length)
+
+    def _add_connection(self) -> None:
+        head = self._fields(_CONNECTION)
+        about = _split(self._data())
+        topic, kind, definition = (about.get(key, b"").decode() for key in (b"topic", b"type", b"message_definition"))
+        self.connections[_LENGTH.unpack(head[b"conn"])[0]] = _Connection(
+            head[b"topic"].decode() or topic, kind, definition
+        )
+
+    def _chunk_info(self) -> tuple[int, tuple[int, frozenset[int]]]:
+        fields = self._fields(_CHUNK_INFO)
+        pairs = self._data()
+        held = frozenset(number for number, _ in struct.iter_unpack("<II", pairs))
+        return struct.unpack("<Q", fields[b"chunk_pos"])[0], (_nanoseconds(fields[b"start_time"]), held)
+
+    def _chunk(self, place: int, start: int, held: frozenset[int]) -> _Chunk:
+        self.file.seek(place)
+        fields = self._fields(_CHUNK)
+        length = _LENGTH.unpack(self.file.read(4))[0]
+        size = _LENGTH.unpack(fields[b"size"])[0]
+        if size > LARGEST_BLOCK or length > self.size:
+            raise ValueError(f"a chunk of {size} bytes, packed into {length}")
+        return _Chunk(start, self.file.tell(), length, fields[b"compression"].decode(), size, held)
+
+    def _cut_off(self) -> InputError:
+        return InputError(
+            f"{self.path}: expected a bag with an index at its end, found one that is cut off; copy it again, or, where the recorder was "
+            f"stopped, repair it with: rosbag reindex {shown(self.path.name)}"
+        )
+
+
+def _header(block: bytes, place: int) -> tuple[Fields, int]:
+    end = place + 4 + _LENGTH.unpack_from(block, place)[0]
+    if end > len(block):
+        raise ValueError("a header that runs over the end of its chunk")
+    return _split(block[place + 4 : end]), end
+
+
+def _split(data: bytes) -> Fields:
+    """Fields ``name=value`` with their lengths before them."""
+    fields, place = {}, 0
+    while place < len(data):
+        end = place + 4 + _LENGTH.unpack_from(data, place)[0]
+        name, found, value = data[place + 4 : end].partition(b"=")
+        if end > len(data) or not found:
+            raise ValueError("a header that cannot be read")
+        fields[name] = value
+        place = end
+    return fields
+
+
+def _nanoseconds(time: bytes) -> int:
+    seconds, nanoseconds = _TIME.unpack(time)
+    return int(seconds * 10**9 + nanoseconds)
+
+
+def _damaged(path: Path, error: Exception) -> InputError:
+    missing = f"no field {error}" if isinstance(error, KeyError) else str(error)
+    return InputError(
+        f"{path}: expected a bag of ROS 1, found one that is damaged ({shown(missing, 120)}); copy it again"
+    )

@@ -1,0 +1,232 @@
+"""Tables in text files as exporters write them: CSV and its relatives."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeVar
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import InputError
+from steelyard.logs.cells import MISSING, as_instants, as_numbers, stripped
+from steelyard.logs.dialect import dialect_of
+from steelyard.logs.header import header_of
+from steelyard.logs.log import MOST_COLUMNS, Log, Part
+from steelyard.logs.plain import pieces, told
+from steelyard.logs.rows import Lines, RowForm, separated, sound_rows, unquoted
+from steelyard.logs.size import check_unpacked
+from steelyard.logs.table import Table
+
+if TYPE_CHECKING:
+    import polars as pl
+
+_Way = Literal["numbers", "missing", "text"]
+"""How to parse cells: as numbers, as those or one of :data:`MISSING`, or not yet."""
+_Item = TypeVar("_Item")
+
+
+@contextmanager
+def opened(path: Path, topic: str | None) -> Iterator[Log]:
+    """Open a table in a text file, plain or packed by gzip.
+
+    Raises:
+        InputError: A topic is asked for, or it is no text with a table.
+    """
+    if topic is not None:
+        raise InputError(f"{path}: expected no 'topic' for a text file, found '{topic}'; leave it out")
+    table = _Table(path)
+    yield Log(path, table.names, table.load, table.header.units, table.header.spellings, table.line_of)
+
+
+class _Table:
+    """The rows of a text file below its header."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with told(path):
+            self.size = path.stat().st_size
+        lines = _first_lines(path)
+        self.dialect = dialect_of(lines)
+        if self.dialect.width > MOST_COLUMNS:
+            raise InputError(
+                f"{path}: expected at most {MOST_COLUMNS} columns, found {self.dialect.width}; check that rows are instants"
+            )
+        self.header = header_of(path, lines, self.dialect)
+        self.names = self.header.names
+        width = self.dialect.width or len(self.names)
+        separator = "\t" if self.dialect.separator == " " else self.dialect.separator
+        self.form = RowForm(separator.encode(), width, max(width, len(self.names)))
+        # Names for Polars: those of the file may be quoted, padded, empty or there twice.
+        self.places = [f"c{j}" for j in range(self.form.most)]
+
+    def load(self, names: Sequence[str], part: Part | None, rows: int | None) -> Table:
+        """See :attr:`Log.load`."""
+        time, clocks = self._clocks(names)
+        names = list(dict.fromkeys(names))
+        cells, n = np.empty((0, len(names))), 0
+        for found, lines, share in _ahead(self._tables([*names, *clocks], part)):
+            for clock, name in clocks.items():
+                self._check_clock(name, found[clock], time, found[time], lines)
+            end = n + len(lines)
+            check_unpacked(self.path, 8 * end * len(names), self.size)
+            if end > len(cells):
+                # What is not written to takes no memory.
+                room = np.empty((2 * end if part else max(end, int(1.05 * end / share)), len(names)))
+                room[:n] = cells[:n]
+                cells = room
+            for j, name in enumerate(names):
+                cells[n:end, j] = found[name]
+            n = end
+            if rows is not None and n >= rows:
+                n = rows
+                break
+        return Table(names, cells[:n])
+
+    def line_of(self, row: int, part: Part | None) -> int:
+        """See :attr:`Log.line_of`."""
+        for _, lines, _ in self._tables([], part):
+            if row < len(lines):
+                return int(lines[row])
+            row -= len(lines)
+        raise InputError(f"{self.path}: expected the file as it was, found it changed; start again")
+
+    def _tables(self, names: Sequence[str], part: Part | None) -> Iterator[tuple[dict[str, Array], Lines, float]]:
+        """Columns of the rows of a part, piece by piece, with their lines and how much of the file has been read."""
+        line = 1
+        for piece, share in pieces(self.path):
+            start = 0
+            while line <= self.header.first and start < len(piece):
+                start = piece.find(b"\n", start) + 1
+                line += 1
+            text = piece[start:]
+            if self.dialect.separator == " ":
+                text = separated(text)
+            if b'"' in text:
+                text = unquoted(text, self.form.separator)
+            if part is None:
+                found, lines, height = self._columns(text, line, names)
+            else:
+                by, lines, height = self._columns(text, line, [part.column])
+                inside = (by[part.column] >= part.start) & (by[part.column] <= part.end)
+                lines = lines[inside]
+                found = self._columns(text, line, [part.column, *names])[0] if len(lines) else {}
+                found = {name: values[inside] for name, values in found.items()}
+            line += height
+            if len(lines):
+                yield found, lines, share
+
+    def _columns(self, text: bytes, line: int, names: Sequence[str]) -> tuple[dict[str, Array], Lines, int]:
+        """Columns as numbers, NaN where there is no sample, the lines of their rows, and how many lines there are.
+
+        Args:
+            text: Lines below the header.
+            line: Number of the first of them.
+            names: Of the columns.
+
+        Raises:
+            InputError: A cell is no number, or the rows are not of one length.
+        """
+        places = {name: self.names.index(name) for name in names}
+        frame = self._parsed(text, places.values(), "numbers", "missing") if places and b'"' not in text else None
+        if frame is not None and self._is_regular(text, frame) and not _has_empty_row(frame):
+            height, lines = frame.height, np.arange(line, line + frame.height)
+        else:
+            height = text.count(b"\n")
+            text, lines = sound_rows(self.path, text, line, self.form)
+            frame = self._parsed(text, places.values(), "missing", "text")
+        if frame is None or (frame.height != len(lines) and places):
+            raise InputError(
+                f"{self.path}: expected a table from line {line} on, found cells that cannot be told apart; check the quotation marks"
+            )
+        return {name: self._numbers(name, frame[self.places[j]], lines) for name, j in places.items()}, lines, height
+
+    def _is_regular(self, text: bytes, frame: pl.DataFrame) -> bool:
+        """Whether every line has as many cells as there are columns, as in nearly all files."""
+        if frame.width == len(self.places) == self.form.width and not frame[self.places[-1]].null_count():
+            # Polars sees cells that are too many, if only behind the last column that it reads.
+            return True
+        return self.form.are_regular(text)
+
+    def _parsed(self, text: bytes, places: Collection[int], *ways: _Way) -> pl.DataFrame | None:
+        """Columns of these places, in the first way that succeeds; None: none does."""
+        import polars as pl
+
+        # Polars takes points beside decimal commas, too; what they stand for has to be looked at.
+        doubtful = self.dialect.decimal == "," and (self.form.separator == b"," or b"." in text)
+        for way in ways:
+            as_text = way == "text" or doubtful
+            kinds = {j: pl.String() if as_text or self.dialect.is_dated(j) else pl.Float64() for j in places}
+            body = text.replace(b",", b".") if self.dialect.decimal == "," and not as_text else text
+            with suppress(pl.exceptions.PolarsError):
+                return pl.read_csv(
+                    b"".join((self.form.separator.join(place.encode() for place in self.places), b"\n", body)),
+                    columns=[self.places[j] for j in places],
+                    schema={place: kinds.get(j, pl.String()) for j, place in enumerate(self.places)},
+                    separator=self.form.separator.decode(),
+                    quote_char='"' if b'"' in text else None,
+                    null_values=None if way == "numbers" else MISSING,
+                    encoding="utf8-lossy",
+                )
+        return None
+
+    def _numbers(self, name: str, column: pl.Series, lines: Lines) -> Array:
+        """A column as numbers, whether it has been parsed as such or as text."""
+        if column.dtype.is_numeric():
+            return column.to_numpy()
+        dated, cells = self.dialect.is_dated(self.names.index(name)), stripped(column)
+        values = as_instants(cells) if dated else as_numbers(cells, self.dialect.decimal or ".")
+        if values.null_count() > cells.null_count() and self.dialect.decimal is None and not dated:
+            values = as_numbers(cells, ",")
+        wrong = (cells.is_not_null() & values.is_null()).arg_true()
+        if len(wrong):
+            expected = "an instant such as 2024-01-31 12:00:00.5" if dated else "a number"
+            raise InputError(
+                f"{self.path}:{lines[wrong[0]]}: column '{name}': expected {expected}, found '{column[wrong[0]][:40]}'; "
+                "correct the cell or leave it empty"
+            )
+        return values.to_numpy()
+
+    def _clocks(self, names: Sequence[str]) -> tuple[str, dict[str, str]]:
+        """The column of times among some columns, and other times that belong to these -> one of them."""
+        clock_of = self.header.clocks
+        time = next((name for name in names if name in clock_of.values()), "")
+        return time, {clock_of[name]: name for name in names if time and clock_of.get(name, time) != time}
+
+    def _check_clock(self, name: str, own: Array, time: str, times: Array, lines: Lines) -> None:
+        """See that the times of a column are those that it is read with."""
+        apart = np.flatnonzero((own != times) & ~(np.isnan(own) & np.isnan(times)))
+        if len(apart):
+            i = int(apart[0])
+            raise InputError(
+                f"{self.path}:{lines[i]}: column '{name}': expected a sample at the time {times[i]:.9g} of column '{time}', found one at {own[i]:.9g}; "
+                f"read it as a stream of its own with the column '{self.header.clocks[name]}' as t, or export all at the same times"
+            )
+
+
+def _first_lines(path: Path) -> list[str]:
+    """Lines at the beginning of a text file, without their ends."""
+    text = next(pieces(path), (b"", 1.0))[0].removesuffix(b"\n")
+    try:
+        decoded = text.decode()
+    except UnicodeDecodeError:
+        decoded = text.decode("latin-1")
+    return [line.rstrip("\r") for line in decoded.split("\n")]
+
+
+def _ahead(items: Iterator[_Item]) -> Iterator[_Item]:
+    """Items of an iterator, each made in another thread while the one before it is used."""
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(next, items, None)
+        while (item := coming.result()) is not None:
+            coming = pool.submit(next, items, None)
+            yield item
+
+
+def _has_empty_row(frame: pl.DataFrame) -> bool:
+    import polars as pl
+
+    return min(frame.null_count().row(0)) > 0 and bool(frame.select(pl.all_horizontal(pl.all().is_null()).any()).item())

@@ -1,0 +1,185 @@
+"""What was found in recordings, for people: tables and sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from steelyard.inspection.agreement import BAD
+from steelyard.inspection.contact import Contact
+from steelyard.inspection.inspect import Inspection
+from steelyard.inspection.streams import StreamReport
+from steelyard.report.design import Grid
+from steelyard.report.summary import LABELS
+from steelyard.report.terminal import console
+
+_MOST_FAULTS = 12
+"""Faults of one stream that are listed one by one."""
+_WORDS = {
+    "gap": "gap", "dropped": "dropped samples", "late": "late samples", "repeated": "samples at the time of the one before",
+    "stuck": "stuck, left out", "clipped": "at the end of its range", "held": "readings written again before the next one",
+    "missing": "empty cells",
+}  # fmt: skip
+
+
+def grids(found: Inspection) -> tuple[Grid, ...]:
+    """What is shown, as tables."""
+    tables = [_streams(found), _noise(found)]
+    if found.delays:
+        tables.append(_delays(found))
+    if found.agreements:
+        tables.append(_agreements(found))
+    if found.excitation is not None:
+        tables += [_body(found), _calibration(found)]
+    return tuple(tables)
+
+
+def _streams(found: Inspection) -> Grid:
+    rows = [
+        ("run", "instrument", "samples", "rate [Hz]", "jitter [ms]", "dropped", "late", "repeated", "gaps", "faults")
+    ]
+    for each in found.streams:
+        t = each.timing
+        faults = sum(f.kind in {"stuck", "clipped", "held"} for f in each.faults)
+        rows.append(
+            (
+                each.run, each.instrument, str(each.samples),
+                *(("at rest", "", "", "", "", "") if t is None else (
+                    f"{t.rate:.4g}", f"{t.jitter * 1e3:.2g}", _count(t.dropped), _count(t.late), _count(t.repeated), _count(len(t.gaps)),
+                )),
+                _count(faults),
+            )
+        )  # fmt: skip
+    return Grid("Streams", tuple(rows), frozenset(range(2, 10)))
+
+
+def _count(number: int) -> str:
+    return str(number) if number else "-"
+
+
+def _noise(found: Inspection) -> Grid:
+    rows = [("run", "instrument", "quantity", "unit", "at rest", "in motion", "stated")]
+    for each in found.streams:
+        for q in each.quantities:
+            if q.noise_at_rest is not None or q.noise_in_motion is not None:
+                numbers = (_number(q.noise_at_rest), _number(q.noise_in_motion), _number(q.stated))
+                rows.append((each.run, each.instrument, q.name.replace("_", " "), q.unit, *numbers))
+    return Grid("Noise of a sample, 1-sigma", tuple(rows), frozenset(range(4, 7)))
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None or not np.isfinite(value) else f"{value:.3g}"
+
+
+def _delays(found: Inspection) -> Grid:
+    rows = [("run", "clock of", "late by [ms]", "1-sigma [ms]", "beforehand [ms]", "by")]
+    for each in found.delays:
+        value = (f"{each.value * 1e3:.2f}", f"{each.sigma * 1e3:.2g}") if each.told else ("not told", "")
+        prior = f"{each.prior[0] * 1e3:.3g} ± {each.prior[1] * 1e3:.3g}"
+        rows.append((each.run, ", ".join(each.instruments), *value, prior, each.how))
+    return Grid("Clocks against that of the forces", tuple(rows), frozenset({2, 3, 4}))
+
+
+def _agreements(found: Inspection) -> Grid:
+    rows = [("run", "between", "worst", "left / allowed", "")]
+    for run, each in found.agreements:
+        i = int(np.argmax(each.ratio))
+        verdict = "contradict each other" if each.worst > BAD else "agree"
+        rows.append((run, each.name, each.channels[i], f"{each.worst:.2g}", verdict))
+    return Grid("What the instruments say of each other, as described", tuple(rows), frozenset({3}))
+
+
+def _body(found: Inspection) -> Grid:
+    assert found.excitation is not None
+    rows = [("", "unit", "about", "1-sigma at best", "told by")]
+    for finding, (label, unit, factor) in zip(found.excitation.body, LABELS, strict=True):
+        rows.append((label, unit, _number(finding.value * factor), _number(finding.sigma * factor), finding.told))
+    return Grid("What this recording can tell of the body", tuple(rows), frozenset({2, 3}))
+
+
+def _calibration(found: Inspection) -> Grid:
+    assert found.excitation is not None
+    rows = [("systematic error", "unit", "1-sigma at best", "beforehand", "told by")]
+    for each in found.excitation.calibration:
+        rows.append((each.name, each.unit, _number(each.sigma), _number(each.prior), each.told))
+    return Grid("And of the systematic errors", tuple(rows), frozenset({2, 3}))
+
+
+def statements(found: Inspection) -> Iterator[tuple[str, str]]:
+    """What there is to say, one sentence each, with its colour: first what is wrong."""
+    runs = {each.run for each in found.streams}
+    for mistake, where in zip(found.mistakes, found.runs_of, strict=True):
+        a = mistake.amendment
+        which = f" (run{'s' if len(where) > 1 else ''} {', '.join(where)})" if len(runs) > 1 else ""
+        others = f"; it may also be: {' / '.join(mistake.others)}" if mistake.others else ""
+        yield (
+            f"mistake: {a.subject}: {a.what}{which}. Change: {a.proposal}. Evidence: {mistake.evidence}{others}",
+            "red",
+        )
+    for contact in found.contacts:
+        yield contact_words(contact), "yellow"
+    for remark in found.remarks:
+        yield remark, "yellow"
+    for each in found.streams:
+        yield from ((text, "yellow") for text in fault_words(each))
+    if not found.mistakes and not any(a.worst > BAD for _, a in found.agreements):
+        yield "no mistake of sign, unit, axis or order was found: all instruments agree as described", "green"
+    if found.excitation is not None:
+        untold = [label for f, (label, *_) in zip(found.excitation.body, LABELS, strict=True) if f.told == "not at all"]
+        if untold:
+            yield f"this motion does not tell {', '.join(untold)}; `steelyard design` finds one that does", ""
+
+
+def contact_words(contact: Contact) -> str:
+    """A contact as a sentence."""
+    return (
+        f"run '{contact.run}': something else than the body pulled or pushed from {contact.start:.2f} to {contact.end:.2f} s, up to "
+        f"{contact.force:.2g} N and {contact.torque:.2g} N m; most in {', '.join(contact.channels)} of {contact.instrument}"
+    )
+
+
+def fault_words(report: StreamReport) -> Iterator[str]:
+    """Faults of a stream as sentences."""
+    for fault in report.faults[:_MOST_FAULTS]:
+        what = f" {fault.channel}" if fault.channel else ""
+        when = f"{fault.start:.2f} to {fault.end:.2f} s of its clock"
+        yield f"run '{report.run}': {report.instrument}{what.replace('_', ' ')}: {_WORDS[fault.kind]}, {fault.count} samples, {when}"
+    if len(report.faults) > _MOST_FAULTS:
+        yield f"run '{report.run}': {report.instrument}: {len(report.faults) - _MOST_FAULTS} further faults"
+
+
+def show_inspection(found: Inspection) -> None:
+    """Print to standard output."""
+    screen = console()
+    for grid in grids(found):
+        drawn = RichTable(title=Text(grid.title), title_justify="left", title_style="bold", header_style="bold")
+        for i, heading in enumerate(grid.rows[0]):
+            drawn.add_column(Text(heading), justify="right" if i in grid.right else "left")
+        for row in grid.rows[1:]:
+            drawn.add_row(*(Text(each) for each in row))
+        screen.print(drawn)
+    for text, style in statements(found):
+        screen.print(Text(text, style=style))
+
+
+def inspection_markdown(found: Inspection) -> str:
+    """The same as Markdown."""
+    lines = [f"# {_escaped(found.experiment.name)}: what is in the recordings", ""]
+    lines += [f"- {_escaped(text)}" for text, _ in statements(found)]
+    for grid in grids(found):
+        lines += ["", f"## {grid.title}", ""]
+        for i, row in enumerate(grid.rows):
+            lines.append("| " + " | ".join(_escaped(each) for each in row) + " |")
+            if not i:
+                lines.append("|" + "|".join("---:" if k in grid.right else "---" for k in range(len(row))) + "|")
+    return "\n".join(lines) + "\n"
+
+
+_SPECIAL = {ord(character): f"&#{ord(character)};" for character in "\\|<>&*`"}
+
+
+def _escaped(text: str) -> str:
+    return " ".join(text.translate(_SPECIAL).split())

@@ -1,0 +1,255 @@
+"""Mistakes of sign, unit, axis, order and place, made in a sound experiment: what people do to their recordings."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard.experiment.model import Experiment, Stream
+
+G = 9.80665
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One mistake, and the words of which one at least must stand in what is said of it."""
+
+    make: Callable[[Experiment], Experiment]
+    subject: str
+    words: tuple[str, ...]
+    needs: tuple[tuple[str, str], ...]
+    """Instruments and quantities without which it cannot be made."""
+
+
+def with_values(experiment, name, change):
+    """Other readings of one instrument; ``change`` gives those that differ."""
+    runs = []
+    for run in experiment.runs:
+        if name not in run.streams:
+            runs.append(run)
+            continue
+        stream = run.streams[name]
+        values = {**stream.values, **change(stream.values)}
+        runs.append(
+            replace(run, streams={**run.streams, name: Stream(stream.time, values, stream.source, stream.angles)})
+        )
+    return replace(experiment, runs=tuple(runs))
+
+
+def vector(name, quantity, matrix):
+    """Readings of a vector multiplied by a matrix, a diagonal or a number."""
+    m = np.asarray(matrix, dtype=float)
+
+    def make(experiment):
+        def change(values):
+            v = values[quantity]
+            return {quantity: v @ m.T if m.ndim == 2 else v * m}
+
+        return with_values(experiment, name, change)
+
+    return make
+
+
+def rotation(name, change):
+    """Orientations changed one by one."""
+    return lambda e: with_values(e, name, lambda v: {"orientation": change(v["orientation"])})
+
+
+def instrument(name, **keys):
+    """Another description of an instrument."""
+
+    def make(experiment):
+        changed = experiment.instruments[name].model_copy(update=keys)
+        return replace(experiment, instruments={**experiment.instruments, name: changed})
+
+    return make
+
+
+def columns(name, quantity, order):
+    """Columns in another order; ``order`` of the number of columns gives it."""
+    return lambda e: with_values(e, name, lambda v: {quantity: v[quantity][:, order(v[quantity].shape[1])]})
+
+
+def swap(i, k):
+    """Two columns exchanged."""
+
+    def order(m):
+        numbers = list(range(m))
+        numbers[i], numbers[k] = numbers[k], numbers[i]
+        return numbers
+
+    return order
+
+
+def one(i, factor):
+    """A factor on one column."""
+    return lambda e: with_values(
+        e, "cables", lambda v: {"tension": v["tension"] * np.where(np.arange(v["tension"].shape[1]) == i, factor, 1.0)}
+    )
+
+
+def removed(experiment):
+    """An accelerometer whose device has taken gravity out."""
+    runs = []
+    for run in experiment.runs:
+        stream = run.streams["imu"]
+        R = stream.values["orientation"]
+        felt = stream.values["specific_force"] + np.einsum("nji,j->ni", R, experiment.robot.gravity)
+        runs.append(
+            replace(
+                run, streams={**run.streams, "imu": replace(stream, values={**stream.values, "specific_force": felt})}
+            )
+        )
+    return replace(experiment, runs=tuple(runs))
+
+
+def robot(**keys):
+    """Another robot file."""
+    return lambda e: replace(e, robot=replace(e.robot, **{k: v(e.robot) for k, v in keys.items()}))
+
+
+def quaternions(order):
+    """Quaternion read in another order."""
+
+    def change(R):
+        q = Rotation.from_matrix(R).as_quat(scalar_first=True)
+        flips = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)
+        q *= np.concatenate([[1.0], np.cumprod(flips)])[:, None]
+        return Rotation.from_quat(q[:, order], scalar_first=True).as_matrix()
+
+    return change
+
+
+def angles(name, change):
+    """Roll, pitch and yaw that were written otherwise."""
+
+    def make(experiment):
+        runs = []
+        for run in experiment.runs:
+            stream = run.streams[name]
+            rpy = change(Rotation.from_matrix(stream.values["orientation"]).as_euler("ZYX")[:, ::-1])
+            R = Rotation.from_euler("ZYX", rpy[:, ::-1]).as_matrix()
+            changed = replace(stream, values={**stream.values, "orientation": R}, angles={"orientation": rpy})
+            runs.append(replace(run, streams={**run.streams, name: changed}))
+        return replace(experiment, runs=tuple(runs))
+
+    return make
+
+
+def as_xyz(rpy):
+    """The same rotation, written as R = Rx Ry Rz."""
+    return Rotation.from_euler("ZYX", rpy[:, ::-1]).as_euler("XYZ")
+
+
+def late(name, delay):
+    """A clock that is late."""
+
+    def make(experiment):
+        runs = []
+        for run in experiment.runs:
+            stream = run.streams[name]
+            runs.append(replace(run, streams={**run.streams, name: replace(stream, time=stream.time + delay)}))
+        return replace(experiment, runs=tuple(runs))
+
+    return make
+
+
+def exchanged_events(first, second):
+    """Entries of ``sync`` exchanged."""
+
+    def make(experiment):
+        runs = []
+        for run in experiment.runs:
+            sync = {**run.sync, first: run.sync[second], second: run.sync[first]}
+            runs.append(replace(run, sync=sync))
+        return replace(experiment, runs=tuple(runs))
+
+    return make
+
+
+def moved_target(experiment):
+    """A target that sits elsewhere."""
+    old = np.array(experiment.instruments["tracker"].target)
+    return instrument("tracker", target=tuple(old + np.array([0.3, -0.2, -0.4])))(experiment)
+
+
+_ACC, _GYRO, _ATT = ("imu", "specific_force"), ("imu", "angular_velocity"), ("imu", "orientation")
+_TRACKER, _FORCE, _TURN = ("tracker", "position"), ("cables", "tension"), ("command", "orientation")
+_FLIP = np.diag([1.0, -1.0, -1.0])
+
+MISTAKES: Mapping[str, Mistake] = {
+    "accelerometer in g": Mistake(vector("imu", "specific_force", 1 / G), "imu", ("in g,", "ax: g"), (_ACC,)),
+    "accelerometer in mm/s^2": Mistake(vector("imu", "specific_force", 1000.0), "imu", ("mm/s",), (_ACC,)),
+    "gravity removed": Mistake(removed, "imu", ("gravity: removed",), (_ACC, _ATT)),
+    "accelerometer upside down": Mistake(
+        vector("imu", "specific_force", -1.0), "imu", ("wrong sign", "upside"), (_ACC,)
+    ),
+    "ax with the wrong sign": Mistake(
+        vector("imu", "specific_force", [-1, 1, 1]), "imu", ("ax has the wrong sign",), (_ACC,)
+    ),
+    "ay and az exchanged": Mistake(columns("imu", "specific_force", swap(1, 2)), "imu", ("ay: az",), (_ACC,)),
+    "gyro in deg/s": Mistake(vector("imu", "angular_velocity", 180 / np.pi), "imu", ("deg/s",), (_GYRO,)),
+    "gyro y with the wrong sign": Mistake(
+        vector("imu", "angular_velocity", [1, -1, 1]), "imu", ("wy has the wrong sign",), (_GYRO,)
+    ),
+    "gyro with the wrong sign": Mistake(
+        vector("imu", "angular_velocity", -1.0), "imu", ("wx, wy, wz have the wrong sign",), (_GYRO,)
+    ),
+    "wx and wz exchanged": Mistake(columns("imu", "angular_velocity", swap(0, 2)), "imu", ("wx: wz",), (_GYRO,)),
+    "orientation transposed": Mistake(
+        rotation("imu", lambda R: R.transpose(0, 2, 1)), "imu", ("transposed", "conjugate"), (_ATT,)
+    ),
+    "quaternion x y z w": Mistake(rotation("imu", quaternions([1, 2, 3, 0])), "imu", ("quaternion",), (_ATT,)),
+    "angles of the orientation in degrees": Mistake(angles("imu", np.degrees), "imu", ("degrees", "deg"), (_ATT,)),
+    "angles of the orientation in another order": Mistake(angles("imu", as_xyz), "imu", ("another order",), (_ATT,)),
+    "roll and yaw exchanged": Mistake(angles("imu", lambda a: a[:, ::-1]), "imu", ("exchanged",), (_ATT,)),
+    "IMU turned by 90 degrees": Mistake(
+        instrument("imu", rpy_deg=(0.0, 0.0, 90.0)), "imu", ("rpy_deg: [0.0, 0.0, 0.0]",), (_ACC,)
+    ),
+    "IMU turned by 180 degrees": Mistake(
+        instrument("imu", rpy_deg=(180.0, 0.0, 0.0)), "imu", ("rpy_deg: [0.0, 0.0, 0.0]",), (_ACC,)
+    ),
+    "orientation with z down": Mistake(
+        rotation("imu", lambda R: _FLIP @ R @ _FLIP), "imu", ("z down", "both turned"), (_ATT,)
+    ),
+    "left-handed tracker": Mistake(
+        vector("tracker", "position", [1, -1, 1]), "tracker", ("y has the wrong sign",), (_TRACKER,)
+    ),
+    "tracker x and y exchanged": Mistake(columns("tracker", "position", swap(0, 1)), "tracker", ("x: y",), (_TRACKER,)),
+    "tracker in mm": Mistake(vector("tracker", "position", 1000.0), "tracker", ("mm",), (_TRACKER,)),
+    "target elsewhere": Mistake(moved_target, "tracker", ("elsewhere", "target"), (_TRACKER,)),
+    "cables 2 and 5 exchanged": Mistake(
+        columns("cables", "tension", swap(1, 4)), "cables", ("cables 2 and 5",), (_FORCE,)
+    ),
+    "cables 3 and 4 exchanged": Mistake(
+        columns("cables", "tension", swap(2, 3)), "cables", ("cables 3 and 4",), (_FORCE,)
+    ),
+    "cables in reverse": Mistake(
+        columns("cables", "tension", lambda m: list(range(m))[::-1]), "cables", ("reverse",), (_FORCE,)
+    ),
+    "negative tensions": Mistake(vector("cables", "tension", -1.0), "cables", ("wrong sign",), (_FORCE,)),
+    "tensions in daN": Mistake(vector("cables", "tension", 0.1), "cables", ("daN", "kgf"), (_FORCE,)),
+    "tensions in kgf": Mistake(vector("cables", "tension", 1 / G), "cables", ("daN", "kgf"), (_FORCE,)),
+    "tensions in kN": Mistake(vector("cables", "tension", 1e-3), "cables", ("kN",), (_FORCE,)),
+    "one sensor in kgf": Mistake(one(3, 1 / G), "cables", ("f4",), (_FORCE,)),
+    "one sensor with the wrong sign": Mistake(one(6, -1.0), "cables", ("f7",), (_FORCE,)),
+    "one sensor dead": Mistake(one(2, 0.0), "cables", ("f3", "cable 3", "tension 3"), (_FORCE,)),
+    "gravity with the wrong sign": Mistake(robot(gravity=lambda r: -r.gravity), "robot", ("gravity",), ()),
+    "IMU late by half a second": Mistake(late("imu", 0.5), "imu", ("late",), (_ACC,)),
+    "tracker late by 0.3 s": Mistake(late("tracker", 0.3), "tracker", ("late",), (_TRACKER,)),
+    "events of IMU and tracker exchanged": Mistake(
+        exchanged_events("imu", "tracker"), "", ("exchanged", "late", "early"), (_ACC, _TRACKER)
+    ),
+    "command in degrees": Mistake(angles("command", np.degrees), "command", ("degrees", "deg"), (_TURN,)),
+    "command in mm": Mistake(vector("command", "position", 1000.0), "command", ("mm",), (_TURN,)),
+}
+
+
+def possible(mistake, experiment):
+    """Whether all that a mistake needs is there."""
+    return all(
+        name in run.streams and quantity in run.streams[name].values
+        for run in experiment.runs[:1]
+        for name, quantity in mistake.needs
+    )

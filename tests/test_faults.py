@@ -1,0 +1,152 @@
+"""What is wrong with streams themselves, found in made ones where it is known, and not found where nothing is wrong."""
+
+import numpy as np
+import pytest
+from recordings import RUN, save, table, write_small
+from scipy.spatial.transform import Rotation
+
+from steelyard.experiment.faults import clipped, faults_of, held, stuck, timing, without_stuck
+from steelyard.experiment.model import Stream
+from steelyard.experiment.read import read_experiment
+from steelyard.instruments import Position
+
+RATE = 100.0
+TIME = np.arange(0, 10, 1 / RATE)
+SMOOTH = np.column_stack([np.sin(2 * np.pi * f * TIME + f) for f in (0.3, 0.5, 0.7)])
+
+
+def noisy(rng, sigma=0.01):
+    return SMOOTH + rng.normal(0, sigma, SMOOTH.shape)
+
+
+def there_and_back(rest):
+    """One axis that moves smoothly between rests at both ends."""
+    s = np.clip((TIME - rest) / (10 - 2 * rest), 0, 1)
+    return s**3 * (10 - 15 * s + 6 * s**2)
+
+
+class TestTiming:
+    def test_even_sampling_has_no_faults(self):
+        seen = timing(TIME)
+        assert seen.rate == pytest.approx(RATE)
+        assert (seen.repeated, seen.late, seen.dropped, seen.gaps) == (0, 0, 0, ())
+        assert seen.jitter < 1e-9
+
+    def test_dropped_packets_are_counted_and_a_gap_is_placed(self):
+        keep = np.ones(len(TIME), dtype=bool)
+        keep[[100, 101, 300]] = False
+        keep[500:560] = False
+        seen = timing(TIME[keep])
+        assert seen.dropped == 3
+        assert seen.gaps == (pytest.approx((4.99, 5.6)),)
+
+    def test_a_late_sample_is_not_a_dropped_one(self):
+        time = TIME.copy()
+        time[200] += 0.008
+        seen = timing(time)
+        assert (seen.late, seen.dropped) == (1, 0)
+
+    def test_repeated_times_are_counted(self):
+        time = np.sort(np.concatenate([TIME, TIME[[5, 50, 500]]]))
+        assert timing(time).repeated == 3
+
+    def test_jitter_is_that_of_the_clock(self, rng):
+        seen = timing(TIME + rng.normal(0, 5e-4, len(TIME)))
+        assert seen.jitter == pytest.approx(5e-4 * np.sqrt(2), rel=0.1)
+        assert (seen.dropped, seen.late, seen.gaps) == (0, 0, ())
+
+
+class TestStuck:
+    @pytest.mark.parametrize("length", [10, 40, 200])
+    def test_a_noisy_channel_that_stops_is_found_but_for_its_last_reading(self, rng, length):
+        values = noisy(rng)[:, :1]
+        values[301 : 301 + length] = values[300]
+        assert np.flatnonzero(stuck(values)).tolist() == list(range(301, 301 + length))
+
+    def test_a_channel_without_noise_that_stops_and_jumps_is_found(self):
+        values = SMOOTH[:, 2:].copy()
+        values[401:440] = values[400]
+        assert np.flatnonzero(stuck(values)).tolist() == list(range(401, 440))
+
+    def test_a_rotation_that_stops_is_found(self, rng):
+        R = Rotation.from_rotvec(0.3 * noisy(rng)).as_matrix()
+        R[601:650] = R[600]
+        assert np.flatnonzero(stuck(R.reshape(len(R), 9))).tolist() == list(range(601, 650))
+
+    @pytest.mark.parametrize("rest", [1.0, 3.0])
+    def test_a_platform_at_rest_is_no_fault(self, rest):
+        assert not stuck(there_and_back(rest)[:, None]).any()
+
+    def test_an_axis_that_never_moves_is_no_fault(self):
+        assert not stuck(np.zeros((1000, 1))).any()
+
+    def test_an_axis_that_moves_only_in_a_part_is_no_fault(self):
+        moves = np.where(TIME > 5, np.sin(TIME - 5) ** 3, 0.0)
+        assert not stuck(moves[:, None]).any()
+
+    @pytest.mark.parametrize("step", [1e-3, 1e-2, 0.1])
+    def test_a_coarse_converter_is_no_fault(self, rng, step):
+        at_rest = there_and_back(2.0) + rng.normal(0, 0.2 * step, len(TIME))
+        assert not stuck(step * np.round(at_rest / step)[:, None]).any()
+        assert not stuck(step * np.round(SMOOTH[:, :1] / step)).any()
+
+    def test_noise_is_no_fault(self, rng):
+        assert not any(stuck(noisy(rng)[:, i : i + 1]).any() for i in range(3))
+
+    def test_what_stops_is_taken_out_of_a_run_and_kept_in_mind(self, rng):
+        values = noisy(rng)
+        values[301:350, 1] = values[300, 1]
+        tracker = Position(kind="position")
+        streams, faults = without_stuck({"tracker": Stream(TIME, {"position": values}, "log")}, {"tracker": tracker})
+        left = streams["tracker"].values["position"]
+        assert np.isnan(left[301:350, 1]).all()
+        assert np.isfinite(np.delete(left, 1, axis=1)).all()
+        assert np.isnan(left).sum() == 49
+        (fault,) = faults
+        assert (fault.kind, fault.instrument, fault.channel, fault.count) == ("stuck", "tracker", "position 2", 49)
+        assert fault.start == pytest.approx(3.01)
+
+    def test_reading_an_experiment_leaves_it_out(self, tmp_path):
+        path = write_small(tmp_path)
+        log = tmp_path / RUN / "cables.csv"
+        rows = table(log)
+        column = rows[0].index("f3")
+        for row in rows[41:61]:
+            row[column] = rows[40][column]
+        save(log, rows)
+        (run,) = read_experiment(path).runs
+        assert [(f.instrument, f.channel, f.count) for f in run.excluded] == [("cables", "tension 3", 20)]
+        assert np.isnan(run.streams["cables"].values["tension"][40:60, 2]).all()
+
+    def test_reading_a_sound_experiment_changes_nothing(self, tmp_path):
+        (run,) = read_experiment(write_small(tmp_path)).runs
+        assert run.excluded == ()
+        assert all(np.isfinite(v).all() for s in run.streams.values() for v in s.values.values())
+
+
+class TestRange:
+    def test_readings_at_the_end_of_a_range_are_found(self, rng):
+        values = noisy(rng)[:, 0]
+        mask = clipped(np.minimum(values, 0.8))
+        assert np.array_equal(mask, values >= 0.8)
+
+    def test_noise_rest_and_coarse_converters_are_no_fault(self, rng):
+        assert not clipped(noisy(rng)[:, 0]).any()
+        assert not clipped(there_and_back(2.0)).any()
+        assert not clipped(0.05 * np.round(SMOOTH[:, 0] / 0.05)).any()
+
+    def test_a_slow_sensor_that_is_written_often_is_seen(self, rng):
+        assert held(np.repeat(noisy(rng)[:250, :1], 4, axis=0)) == pytest.approx(4.0)
+        assert held(noisy(rng)[:, :1]) == 1.0
+
+
+def test_all_faults_of_a_stream_have_a_place(rng):
+    keep = np.ones(len(TIME), dtype=bool)
+    keep[500:560] = False
+    values = noisy(rng)
+    values[100:110, 0] = np.nan
+    values[:, 1] = np.minimum(values[:, 1], 0.8)
+    faults = list(faults_of("tracker", Stream(TIME[keep], {"position": values[keep]}, "log")))
+    assert {(f.kind, f.channel) for f in faults} == {("gap", ""), ("missing", "position 1"), ("clipped", "position 2")}
+    gap = next(f for f in faults if f.kind == "gap")
+    assert (gap.start, gap.end, gap.count) == (pytest.approx(4.99), pytest.approx(5.6), 60)
