@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -53,6 +53,8 @@ class Identification:
     """Of each stretch of the runs, as maximum likelihood has fitted it."""
     clocks: Mapping[str, tuple[Offset, ...]] = field(default_factory=dict)
     """Run -> its clocks, where they were found from the data."""
+    left_out: tuple[str, ...] = ()
+    """Readings that were taken out when the recording was read, in words."""
 
     @property
     def result(self) -> str:
@@ -142,7 +144,18 @@ def identify(
         bound,
         joint.motion if joint else (),
         found.offsets,
+        tuple(_left_out(used)),
     )
+
+
+def _left_out(experiment: Experiment) -> Iterator[str]:
+    for run in experiment.runs:
+        for fault in run.excluded:
+            channel = f" of {fault.channel}" if fault.channel else ""
+            yield (
+                f"run '{run.name}': {fault.instrument}{channel} repeats its reading from {fault.start:.3f} to {fault.end:.3f} s on its clock while others move "
+                f"({fault.count} samples): left out"
+            )
 
 
 def method_named(name: str) -> Callable[[], Method]:

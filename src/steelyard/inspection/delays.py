@@ -23,11 +23,18 @@ _REACH, _STEP = 0.08, 0.004
 """By how much a clock is moved, and in which steps [s]."""
 _LARGEST_SIGMA = 0.02
 """Of what still counts as told [s]."""
+_COLOUR = 0.5
+"""After which what a body leaves of the forces is something new [s]."""
 _PER_KNOT = 3.0
 _SHAKEN = 0.8
 """Part of the changes of the force that may be left: else the two do not shake together."""
 _CLEAR = 4.0
 """1-sigmas by which a clock must be off to be worth a remark."""
+
+
+_JOINT, _SHAKEN_BY = "everything at once", "vibrations"
+_TRUSTED = frozenset({_JOINT, _SHAKEN_BY})
+"""Ways to find a delay whose 1-sigma contains all that matters."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +57,9 @@ class Delay:
     def surprising(self) -> bool:
         """Whether it is off by more than is stated of it."""
         value, sigma = self.prior
-        return self.told and abs(self.value - value) > _CLEAR * float(np.hypot(sigma, self.sigma))
+        return (
+            self.told and self.how in _TRUSTED and abs(self.value - value) > _CLEAR * float(np.hypot(sigma, self.sigma))
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values; null where it is not told."""
@@ -97,7 +106,7 @@ def of_joint(joint: Joint, run: Run) -> list[Delay]:
         prior = prior_of(experiment, run, names)
         own = float(sigma[place][0])
         told = prior[1] > 0 and own < min(_LARGEST_SIGMA, 0.5 * prior[1])
-        how = "everything at once" if told else "stated" if not prior[1] else "the readings do not tell it"
+        how = _JOINT if told else "stated" if not prior[1] else "the readings do not tell it"
         found.append(Delay(run.name, names, float(systematic.values[place][0]), own, prior, told, how))
     return found
 
@@ -119,7 +128,7 @@ def _best(view: Picture, names: tuple[str, ...]) -> Delay:
     shaken = _by_vibration(view, names)
     if shaken is not None:
         value, sigma = shaken
-        return Delay(view.run.name, names, prior[0] + value, sigma, prior, sigma < _LARGEST_SIGMA, "vibrations")
+        return Delay(view.run.name, names, prior[0] + value, sigma, prior, sigma < _LARGEST_SIGMA, _SHAKEN_BY)
     found = [each for each in (_least(view, names, r) for r in _relations(view, names)) if each is not None]
     if not found:
         return Delay(view.run.name, names, prior[0], np.inf, prior, False, "nothing to hold it against")
@@ -159,8 +168,8 @@ def _least(view: Picture, names: tuple[str, ...], relation: Relation) -> tuple[f
         if bend <= 0:
             return None
         value = float(around[1] - (three[2] - three[0]) / (2 * width) / bend)
-    # The residual is the noise: independent from knot to knot.
-    count = 6.0 * len(view.time) / 2
+    # What is left is mostly imperfect models, which change slowly.
+    count = float(view.time[-1] - view.time[0]) / _COLOUR
     sigma = float(np.sqrt(2 * three[1] / (bend * count)))
     return value, sigma, " and ".join(dict.fromkeys(n for n, _ in relation[1]))
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from steelyard.identification.estimate import plausible_radius, plausible_sizes
 from steelyard.identification.joint_study import Joint
+from steelyard.identification.unknowns import ROBOT, Unknown
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
 Told = Literal["data", "data and prior", "prior", "not at all"]
@@ -32,6 +33,8 @@ class Finding:
     prior: float | None
     """1-sigma beforehand; None where nothing is known."""
     told: Told
+    group: str = ""
+    """What its neighbours share with it: the error of all axes, or of all cables."""
 
 
 @dataclass(frozen=True)
@@ -68,12 +71,17 @@ def excitation(joint: Joint) -> Excitation:
     calibration = [
         Finding(
             names[place], unknown.unit, float(study.systematic.values[place]), float(left[place]),
-            float(unknown.deviation[component]), _told(float(left[place]), float(unknown.deviation[component])),
+            float(unknown.deviation[component]), _told(float(left[place]), float(unknown.deviation[component])), _group(unknown),
         )
         for place, unknown, component in unknowns.components()
         if unknown.deviation[component] > 0
     ]  # fmt: skip
     return Excitation(tuple(findings), tuple(calibration))
+
+
+def _group(unknown: Unknown) -> str:
+    owner = "" if unknown.owner == ROBOT else f"{unknown.owner}."
+    return f"{owner}{unknown.key}" + (f" of run '{unknown.run}'" if unknown.run else "")
 
 
 def _told(sigma: float, prior: float) -> Told:

@@ -137,9 +137,17 @@ def held_against(after: Agreement, before: Agreement) -> Agreement:
         after: With an amended description.
         before: As described.
     """
-    spread = [float(np.sqrt(np.mean(np.var(each.measured, axis=0)))) + 1e-300 for each in (after, before)]
-    most = dict(zip(before.channels, _WIDER * before.allowed * (spread[0] / spread[1]), strict=True))
     axes = after.measured.shape[1]
+    if len(before.allowed) < axes:
+        # Of one account alone, which has limits of its own.
+        return after
+    now, then = (
+        np.append(np.var(each.measured, axis=0), np.mean(np.var(each.measured, axis=0))) for each in (before, after)
+    )
+    grown = np.sqrt(then / (now + 1e-300))
+    # What is compared may have another unit: an axis of it, or all.
+    grown = np.maximum(grown[:-1], grown[-1])
+    most = dict(zip(before.channels, _WIDER * before.allowed[:axes] * grown, strict=False))
     capped = [
         min(float(a), most.get(c, np.inf)) if i < axes else float(a)
         for i, (c, a) in enumerate(zip(after.channels, after.allowed, strict=True))
@@ -169,7 +177,8 @@ def mistakes(picture: Picture, tell: Callable[[str], None] | None = None) -> tup
     while now.bad and len(found) < _MOST:
         if tell is not None:
             tell(f"looking for mistakes in {picture.run.name}")
-        best = _best(now)
+        # Who agrees with nobody first; then everybody who contradicts anyone.
+        best = _best(now, _SUSPECT) or _best(now, 0.0)
         if best is None:
             break
         mistake, now = best
@@ -177,12 +186,12 @@ def mistakes(picture: Picture, tell: Callable[[str], None] | None = None) -> tup
     return found, now
 
 
-def _best(now: Judged) -> tuple[Mistake, Judged] | None:
+def _best(now: Judged, suspected: float) -> tuple[Mistake, Judged] | None:
     """The amendment that helps most, if it helps enough."""
     total = sum(a.cost for a in now.bad)
     wanted = max(_LEAST_GAIN, _SHARE * min(total, 30.0))
     tried: list[tuple[float, Amendment, Picture, dict[Relation, Agreement]]] = []
-    for amendment in _amendments(now):
+    for amendment in _amendments(now, suspected):
         relations = [r for r, a in now.agreements.items() if _touched(r, a, amendment.touches)]
         # What could be gained at best: all that is wrong with these.
         gain = sum(now.agreements[r].cost for r in relations) - amendment.cost
@@ -228,10 +237,10 @@ def _best(now: Judged) -> tuple[Mistake, Judged] | None:
     return None
 
 
-def _amendments(now: Judged) -> Iterator[Amendment]:
+def _amendments(now: Judged, suspected: float) -> Iterator[Amendment]:
     """What could be wrong with the instruments of agreements that are none."""
     picture = now.picture
-    suspects = _suspects(now)
+    suspects = _suspects(now, suspected)
     names = dict.fromkeys(name for name, _ in suspects)
     if not picture.static:
         yield from _clocks(now, set(names))
@@ -262,7 +271,7 @@ def _amendments(now: Judged) -> Iterator[Amendment]:
             yield from of_mounting(picture, name)
 
 
-def _suspects(now: Judged) -> list[Source]:
+def _suspects(now: Judged, suspected: float) -> list[Source]:
     """Sources of which most agreements are none, the worst first: who is wrong agrees with nobody."""
     bad: dict[Source, int] = {}
     all_of: dict[Source, int] = {}
@@ -272,7 +281,7 @@ def _suspects(now: Judged) -> list[Source]:
             bad[source] = bad.get(source, 0) + (agreement.worst > BAD)
     share = {source: bad[source] / count for source, count in all_of.items()}
     most = max(share.values())
-    return sorted((s for s in share if share[s] >= _SUSPECT * most), key=lambda s: -share[s])
+    return sorted((s for s in share if bad[s] and share[s] >= suspected * most), key=lambda s: -share[s])
 
 
 def _wanted_places(picture: Picture, name: str) -> Iterator[Array]:

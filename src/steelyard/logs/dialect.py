@@ -16,8 +16,10 @@ from steelyard.logs.cells import Decimal, is_instant, is_missing, is_number
 SEPARATORS = (",", ";", "\t", "|", " ")
 _DECLARED = re.compile(r"sep=([^\w\s\"]|\t)\s*", re.IGNORECASE | re.ASCII)
 """First line for spreadsheet programs."""
-_FEW, _MANY = 200, 20_000
+_FEW, _MANY = 200, 2_000
 """Lines that are looked at; no header is longer than the latter."""
+_CHARACTERS = 1 << 19
+"""That are looked at, where few lines have many of them."""
 _SHOWN = 20
 
 
@@ -29,6 +31,8 @@ class Dialect:
     """A blank stands for any number of blanks and tabs."""
     decimal: Decimal | None = "."
     """None: the first rows leave it open."""
+    blank: int = 0
+    """Empty lines at the beginning."""
     first: int = 0
     """Lines above the first row that is sound."""
     width: int = 0
@@ -61,16 +65,18 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
     declared = _DECLARED.fullmatch(lines[0]) if lines else None
     separators = (declared[1],) if declared else SEPARATORS
     best = Dialect()
-    for most in (_FEW, _MANY):
-        found = [_reading(lines[:most], separator) for separator in separators]
+    blank = next((i for i, line in enumerate(lines) if line.strip()), len(lines))
+    written = lines[blank : blank + _MANY]
+    length = sum(map(len, written[:_FEW])) // _FEW + 1
+    for most in (max(_SHOWN, min(_FEW, _CHARACTERS // length)), _MANY):
+        found = [_reading(written[:most], separator) for separator in separators]
         best = max(found, key=lambda dialect: dialect.score)
-        if best.width or len(lines) <= most:
+        if best.width or len(written) <= most:
             break
-    if not best.width:
+    if not best.width and written:
         # What the first line, which must be the header, is separated by.
-        i = next((i for i, line in enumerate(lines) if line.strip()), -1)
-        return Dialect(max(separators, key=lines[i].count) if i >= 0 else separators[0], first=i + 1)
-    return best
+        return Dialect(max(separators, key=written[0].count), blank=blank, first=blank + 1)
+    return replace(best, blank=blank, first=blank + best.first)
 
 
 def split(line: str, separator: str) -> list[str]:
@@ -120,7 +126,7 @@ def _rows_of(rows: Sequence[Sequence[str]], separator: str, decimal: Decimal) ->
     worded = [2 * sum(text[i][j] for i in body) > len(body) for j in range(width)]
     first = next((i for i in likely if not any(t and not worded[j] for j, t in enumerate(text[i]))), body[0])
     score = sum(sum(value[i]) - sum(text[i]) for i in likely if i >= first)
-    return Dialect(separator, decimal, first, width, tuple(tuple(rows[i]) for i in body[:_SHOWN]), max(score, 0))
+    return Dialect(separator, decimal, 0, first, width, tuple(tuple(rows[i]) for i in body[:_SHOWN]), max(score, 0))
 
 
 def _last_run(lines: Sequence[int], between: Callable[[int], bool]) -> list[int]:

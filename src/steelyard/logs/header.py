@@ -52,13 +52,14 @@ def header_of(path: Path, lines: Sequence[str], dialect: Dialect) -> Header:
     Raises:
         InputError: It does not have as many names as the rows have cells.
     """
-    lines = lines[: dialect.first]
+    lines = lines[dialect.blank : dialect.first]
     above = [dialect.cells(line) for line in lines]
     scope = scope_columns([cells for cells in above if len(cells) == dialect.width], dialect)
     if scope is not None:
         names, units, clocks = scope
         return Header(dialect.first, names, units, clocks=clocks)
     first, rows = _names_and_above(path, lines, dialect)
+    first += dialect.blank
     below, rows = (rows[0], rows[1:]) if len(rows) > 1 and _are_units(rows[0], rows[1]) else ([], rows)
     width = max([dialect.width, *map(len, rows[:1])])
     called, behind = _names(rows, width)
@@ -72,7 +73,7 @@ def header_of(path: Path, lines: Sequence[str], dialect: Dialect) -> Header:
 
 
 def _names_and_above(path: Path, lines: Sequence[str], dialect: Dialect) -> tuple[int, list[list[str]]]:
-    """Lines above the first row, and the cells of the line of names and of those directly above it, from below."""
+    """How many of some lines stand above the first row, and the cells of the line of names and of those directly above it, from below."""
     kinds = [_kind(line, dialect) for line in lines]
     written = [i for i, kind in enumerate(kinds) if kind in ("names", "other")]
     nearest = written[-1] if written else -1
@@ -90,17 +91,17 @@ def _names_and_above(path: Path, lines: Sequence[str], dialect: Dialect) -> tupl
             return _next(kinds, nearest), [["", *cells]]
         if not _is_title(lines[nearest], dialect):
             raise InputError(
-                f"{path}:{nearest + 1}: expected {dialect.width} names, one for each cell of the rows below, found {len(cells)} "
+                f"{path}:{dialect.blank + nearest + 1}: expected {dialect.width} names, one for each cell of the rows below, found {len(cells)} "
                 f"('{lines[nearest].strip()[:60]}'); correct the header"
             )
     valued = [i for i, kind in enumerate(kinds) if kind == "values" and i > nearest]
     numbered = _fitting(lines[valued[-1]], dialect) if valued else None
     if numbered and not dialect.is_value(numbered[0]):
-        return dialect.first, [numbered]
+        return len(lines), [numbered]
     # Rows that are damaged; keys with a number as their value begin with text.
     while valued and not dialect.is_value(dialect.cells(lines[valued[0]])[0]):
         del valued[0]
-    return valued[0] if valued else dialect.first, []
+    return valued[0] if valued else len(lines), []
 
 
 def _kind(line: str, dialect: Dialect) -> str:

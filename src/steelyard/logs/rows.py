@@ -15,9 +15,10 @@ from steelyard.logs.dialect import split
 Lines = NDArray[np.int64]
 """Numbers of the lines that rows stand in, shape (n,)."""
 
-_COMMENTS = (b"#", b"%", b"//")
 _END = b"EOF"
 """What TwinCAT writes below the last row."""
+_NOTHING = b' \t\r\n"'
+_IS_NOTHING = np.isin(np.arange(256), list(_NOTHING))
 
 
 @dataclass(frozen=True)
@@ -75,37 +76,58 @@ def sound_rows(path: Path, text: bytes, line: int, form: RowForm) -> tuple[bytes
     Raises:
         InputError: A line has more cells than there are columns, less than those around it, or a single quotation mark.
     """
-    nothing = b' \t\r"' + form.separator
-    rows, lines, counts = [], [], []
-    for number, row in enumerate(text.split(b"\n")[:-1], start=line):
-        bare, cells = row.strip(nothing), _count(row, form.separator)
-        if row.count(b'"') % 2:
-            raise InputError(f"{path}:{number}: expected quotation marks in pairs, found one alone; remove it")
-        comment = bare.startswith(_COMMENTS) and (cells != form.width or form.separator not in bare)
-        if not bare or bare == _END or comment:
-            continue
-        if cells > form.most:
-            raise InputError(
-                f"{path}:{number}: expected {form.most} cells as in the header, found {cells}; correct the row (or a decimal comma)"
-            )
-        rows.append(row)
-        lines.append(number)
-        counts.append(cells)
-    count = np.array([form.width, *counts, form.width])
+    if not text.strip(_NOTHING + form.separator):
+        return b"", np.zeros(0, dtype=np.int64)
+    characters = np.frombuffer(text, dtype=np.uint8)
+    ends = np.flatnonzero(characters == ord("\n"))
+    starts = np.concatenate([[0], ends + 1])[:-1]
+    marks = _count(characters == ord('"'), starts)
+    for i in np.flatnonzero(marks % 2)[:1]:
+        raise InputError(f"{path}:{line + i}: expected quotation marks in pairs, found one alone; remove it")
+    cells = 1 + _count(characters == ord(form.separator), starts)
+    for i in np.flatnonzero(marks):
+        cells[i] = _cells_of(text[starts[i] : ends[i]].decode("latin-1"), form.separator.decode())
+    kept = _are_written(characters, starts, ends, cells, form)
+    for i in np.flatnonzero(kept & (cells > form.most))[:1]:
+        raise InputError(
+            f"{path}:{line + i}: expected {form.most} cells as in the header, found {cells[i]}; correct the row (or a decimal comma)"
+        )
+    lines = np.flatnonzero(kept)
+    count = np.concatenate([[form.width], cells[lines], [form.width]])
     # Several rows in a row may leave empty cells at their end out; one alone has lost something.
     short = (count < form.width) & (count != np.roll(count, 1)) & (count != np.roll(count, -1))
-    if short.any():
-        i = int(np.flatnonzero(short)[0]) - 1
+    for i in lines[np.flatnonzero(short)[:1] - 1]:
         raise InputError(
-            f"{path}:{lines[i]}: expected {form.width} cells as in the rows around, found {counts[i]}; complete the row or remove it"
+            f"{path}:{line + i}: expected {form.width} cells as in the rows around, found {cells[i]}; complete the row or remove it"
         )
-    return b"".join(row + b"\n" for row in rows), np.array(lines, dtype=np.int64)
+    return characters[np.repeat(kept, ends + 1 - starts)].tobytes(), line + lines
 
 
-def _count(row: bytes, separator: bytes) -> int:
-    if b'"' not in row:
-        return 1 + row.count(separator)
+def _are_written(
+    characters: NDArray[np.uint8], starts: Lines, ends: Lines, cells: Lines, form: RowForm
+) -> NDArray[np.bool_]:
+    """Which lines have anything in their cells, and are no comments."""
+    written = np.flatnonzero(~_IS_NOTHING[characters] & (characters != ord(form.separator)))
+    first, behind = np.searchsorted(written, starts), np.searchsorted(written, ends)
+    filled = behind > first
+    written = np.append(written, 0)
+    first, last = written[first], written[behind - 1]
+    # No comment are rows like "#N/A,1,2".
+    separators = np.cumsum(characters == ord(form.separator), dtype=np.int32)
+    outside = (cells != form.width) | (separators[first] == separators[last])
+    signs = [np.append(characters, [0, 0])[first + k] for k in range(3)]
+    comment = (signs[0] == ord("#")) | (signs[0] == ord("%")) | ((signs[0] == ord("/")) & (signs[1] == ord("/")))
+    end = (last - first == len(_END) - 1) & np.all([signs[k] == _END[k] for k in range(3)], axis=0)
+    return np.asarray(filled & ~(outside & comment) & ~end)
+
+
+def _count(mask: NDArray[np.bool_], starts: Lines) -> Lines:
+    """How often something holds in each line."""
+    return np.add.reduceat(mask, starts, dtype=np.int64) if len(starts) else starts
+
+
+def _cells_of(row: str, separator: str) -> int:
     try:
-        return len(next(csv.reader([row.decode("latin-1")], delimiter=separator.decode()), []))
+        return len(next(csv.reader([row], delimiter=separator), []))
     except csv.Error:
         return 1 + row.count(separator)

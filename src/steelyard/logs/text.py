@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 _Way = Literal["numbers", "missing", "text"]
 """How to parse cells: as numbers, as those or one of :data:`MISSING`, or not yet."""
 _Item = TypeVar("_Item")
+_RATIO = 30
+"""Bytes of numbers that a byte of a packed file may become: a short one is four of text, and text packs to a tenth."""
 
 
 @contextmanager
@@ -72,10 +74,9 @@ class _Table:
             for clock, name in clocks.items():
                 self._check_clock(name, found[clock], time, found[time], lines)
             end = n + len(lines)
-            check_unpacked(self.path, 8 * end * len(names), self.size)
+            check_unpacked(self.path, 8 * end * len(names), self.size, ratio=_RATIO)
             if end > len(cells):
-                # What is not written to takes no memory.
-                room = np.empty((2 * end if part else max(end, int(1.05 * end / share)), len(names)))
+                room = np.empty((self._room(end, share if part is None else 1.0, len(names)), len(names)))
                 room[:n] = cells[:n]
                 cells = room
             for j, name in enumerate(names):
@@ -85,6 +86,11 @@ class _Table:
                 n = rows
                 break
         return Table(names, cells[:n])
+
+    def _room(self, rows: int, share: float, columns: int) -> int:
+        """Rows to make room for when some part of the file has so many; what is never written to takes no memory."""
+        most = _RATIO * self.size // (8 * columns)
+        return max(min(int(1.05 * rows / share), most), 3 * rows // 2)
 
     def line_of(self, row: int, part: Part | None) -> int:
         """See :attr:`Log.line_of`."""
@@ -131,11 +137,12 @@ class _Table:
             InputError: A cell is no number, or the rows are not of one length.
         """
         places = {name: self.names.index(name) for name in names}
-        frame = self._parsed(text, places.values(), "numbers", "missing") if places and b'"' not in text else None
-        if frame is not None and self._is_regular(text, frame) and not _has_empty_row(frame):
-            height, lines = frame.height, np.arange(line, line + frame.height)
-        else:
-            height = text.count(b"\n")
+        height = text.count(b"\n")
+        lines, frame = np.arange(line, line + height), None
+        # Rows have a character for each cell at least; lines that have less are empty, as millions of them may be.
+        if places and height * self.form.width <= len(text) and b'"' not in text:
+            frame = self._parsed(text, places.values(), "numbers", "missing")
+        if frame is None or not self._is_regular(text, frame) or _has_empty_row(frame):
             text, lines = sound_rows(self.path, text, line, self.form)
             frame = self._parsed(text, places.values(), "missing", "text")
         if frame is None or (frame.height != len(lines) and places):

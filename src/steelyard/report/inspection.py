@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from itertools import groupby
 
 import numpy as np
 from rich.table import Table as RichTable
@@ -103,9 +105,19 @@ def _body(found: Inspection) -> Grid:
 def _calibration(found: Inspection) -> Grid:
     assert found.excitation is not None
     rows = [("systematic error", "unit", "1-sigma at best", "beforehand", "told by")]
-    for each in found.excitation.calibration:
-        rows.append((each.name, each.unit, _number(each.sigma), _number(each.prior), each.told))
+    for name, each in groupby(found.excitation.calibration, key=lambda finding: finding.group):
+        group = list(each)
+        told = Counter(finding.told for finding in group)
+        count = f" ({len(group)})" if len(group) > 1 else ""
+        by = next(iter(told)) if len(told) == 1 else ", ".join(f"{number} {what}" for what, number in told.items())
+        rows.append((name + count, group[0].unit, _range(f.sigma for f in group), _range(f.prior for f in group), by))
     return Grid("And of the systematic errors", tuple(rows), frozenset({2, 3}))
+
+
+def _range(values: Iterable[float | None]) -> str:
+    """One number, or the least and the largest of several."""
+    shown = [_number(value) for value in sorted(v for v in values if v is not None)]
+    return "-" if not shown else shown[0] if shown[0] == shown[-1] else f"{shown[0]} to {shown[-1]}"
 
 
 def statements(found: Inspection) -> Iterator[tuple[str, str]]:

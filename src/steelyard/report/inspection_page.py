@@ -117,13 +117,13 @@ def _bars(found: Inspection) -> Any:
 
     assert found.excitation is not None
     figure = _figure("1-sigma at best, as a part of what was known beforehand", "", "", yaxis_type="log")
-    known = [each for each in found.excitation.calibration if each.prior]
-    figure.add_trace(
-        go.Bar(
-            x=[html.escape(each.name) for each in known],
-            y=[float(f"{max(each.sigma / (each.prior or 1.0), 1e-6):.4g}") for each in known],
-        )
-    )
+    shares: dict[str, list[float]] = {}
+    for each in found.excitation.calibration:
+        if each.prior:
+            shares.setdefault(each.group, []).append(max(each.sigma / each.prior, 1e-6))
+    # Of all axes or cables of an error the middle one.
+    middle = [float(f"{np.median(of):.4g}") for of in shares.values()]
+    figure.add_trace(go.Bar(x=[html.escape(name) for name in shares], y=middle))
     return figure
 
 

@@ -93,7 +93,12 @@ def summarise(
     return Summary(
         table=Table(title or identification.experiment, tuple(columns)),
         runs=runs,
-        statements=(*_statements(shown), *_clocks(identification), *(str(p) for p in identification.predictions)),
+        statements=(
+            *_statements(shown),
+            *identification.left_out,
+            *_clocks(identification),
+            *(str(p) for p in identification.predictions),
+        ),
     )
 
 
