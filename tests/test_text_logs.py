@@ -1,14 +1,23 @@
 """Tables in text files read back as the exporter meant them, or are refused with a sentence that says what to do."""
 
 import codecs
+import gzip
 import math
+import os
+from contextlib import suppress
 from datetime import UTC, datetime
 
 import numpy as np
+import polars as pl
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from steelyard.errors import InputError
+from steelyard.experiment.streams import Place, read_stream
+from steelyard.instruments import Tension
 from steelyard.logs.formats import open_log
+from steelyard.logs.log import NoRowsError, Part
 
 NAN = math.nan
 NOON = datetime(2024, 1, 31, 12, tzinfo=UTC).timestamp()
@@ -21,15 +30,18 @@ def written(folder, content, name="log.csv"):
 
 
 def everything(path):
-    """Columns and units of a log; columns without a name of their own and columns of text are left out."""
+    """Columns that hold numbers, and units, of a log."""
     with open_log(path) as log:
         columns = {}
         for name in log.names:
-            try:
+            with suppress(InputError):
                 columns[name] = log.read([name])[name].tolist()
-            except InputError:
-                continue
         return columns, dict(log.units)
+
+
+def each_column(path):
+    with open_log(path) as log:
+        return {name: log.read([name])[name] for name in log.names}
 
 
 def tabs(text):
@@ -38,7 +50,9 @@ def tabs(text):
 
 def table(columns):
     """Columns of a literal: a name, then its numbers."""
-    return {line.split()[0].replace("·", " "): [float(x) for x in line.split()[1:]] for line in columns.strip().splitlines()}
+    return {
+        line.split()[0].replace("·", " "): [float(x) for x in line.split()[1:]] for line in columns.strip().splitlines()
+    }
 
 
 def example(name, content, columns, **units):
@@ -250,6 +264,7 @@ EXAMPLES = [
              **{f"Cube.Position.{a}": [100.5 + 100 * i, 101.5 + 100 * i] for i, a in enumerate("XYZ")}, "Cube.Mean Marker Error": [0.25, 0.25],
              **{f"Cube:1.Position.{a}": [i + 1, NAN] for i, a in enumerate("XYZ")}},
             **{"Time": "Seconds", **{f"{body}.Position.{a}": "Millimeters" for body in ("Cube", "Cube:1") for a in "XYZ"}}),
+    example("laser tracker, names first", "Name;X [mm];Y [mm]\nA::p1;1,5;2\nA::p2;1,6;2\n", {"X": [1.5, 1.6], "Y": [2, 2]}, X="mm", Y="mm"),
     example("laser tracker", "Collection::Group::Point;X [mm];Y [mm];Z [mm];Timestamp\nA::Main::p1;1,5;2;3;31.01.2024 12:00:00,000\nA::Main::p2;1,6;2;3;31.01.2024 12:00:00,001\n",
             {"X": [1.5, 1.6], "Y": [2, 2], "Z": [3, 3], "Timestamp": [NOON, NOON + 0.001]}, X="mm", Y="mm", Z="mm"),
 ]  # fmt: skip
@@ -262,3 +277,385 @@ def test_every_exporter_is_understood(tmp_path, content, columns, units):
     for name, values in columns.items():
         np.testing.assert_array_equal(found[name], values, err_msg=name)
     assert stated == units
+
+
+# Names and places
+
+
+def test_a_column_may_be_called_as_the_file_spells_it(tmp_path):
+    with open_log(written(tmp_path, "t [s],f1 [kN]\n0,1\n")) as log:
+        assert log.spellings == {"t [s]": "t", "f1 [kN]": "f1"}
+
+
+LONG_HEADER = "".join(f"# line {i}\n" for i in range(40)) + "t,f1\n\ns,N\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        ("t,f1\n0,1\n1,high\n2,3\n", 3),
+        ("t,f1\n0,high\n1,2\n2,3\n", 2),
+        ("0,1\n1,high\n2,3\n", 2),
+        ("t,f1\r\n0,1\r\n\r\n1,high\r\n2,3\r\n", 4),
+        ("t,f1\r0,1\r\r1,high\r2,3\r", 4),
+        (LONG_HEADER + "0,1\n\n# pause\n1,high\n2,3\n", 47),
+        ("sep=;\nt;f1\n0;1,5\n1;high\n2;3\n", 4),
+        ("t  f1\n0  1\n1  high\n2  3\n", 3),
+        ('"t","f1"\n"0","1"\n"1","high"\n"2","3"\n', 3),
+        ("t,f1\n" + "0,1.5\n" * 1_500_000 + "0,high\n" + "0,1.5\n" * 10, 1_500_002),
+        ("t,f1\n" + "0,1.5\n" * 1_000_000 + "\n\n" + "0,1.5\n" * 500_000 + "0,high\n" + "0,1.5\n" * 10, 1_500_004),
+    ],
+    ids=lambda value: "" if isinstance(value, str) else None,
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_the_line_of_a_wrong_cell_is_that_of_the_file(tmp_path, content, line, encoding):
+    path = written(tmp_path, content.encode(encoding))
+    with open_log(path) as log, pytest.raises(InputError, match=rf"log\.csv:{line}: column '(f1|\[1\])': .*'high'"):
+        log.read([log.names[1]])
+
+
+def test_the_line_of_a_row_is_that_of_the_file(tmp_path):
+    with open_log(written(tmp_path, "# by hand\nt,f1\ns,N\n0,1\n\n1,1e40\n\n\n2,3\n3,inf\n")) as log:
+        assert [log.place(i).rsplit(":", 1)[1] for i in range(4)] == ["4", "6", "9", "10"]
+        part = Part("t", 1.5, 9.0)
+        assert [log.place(i, part).rsplit(":", 1)[1] for i in range(2)] == ["9", "10"]
+        with pytest.raises(InputError, match=r"log\.csv:6: column 'f1': .*found 1e\+40"):
+            log.read(["t", "f1"])
+        with pytest.raises(InputError, match=r"log\.csv:10: column 'f1': .*found infinity"):
+            log.read(["t", "f1"], part)
+
+
+def test_a_part_is_what_all_of_it_has_there(tmp_path):
+    rng = np.random.default_rng(0)
+    time = np.arange(200_000) * 1e-3
+    frame = pl.DataFrame({"t": time, **{f"f{i}": rng.normal(size=len(time)) for i in range(4)}})
+    frame.write_csv(tmp_path / "log.csv")
+    with open_log(tmp_path / "log.csv") as log:
+        part = log.read(["f2", "t"], Part("t", 50.0, 60.0))
+        inside = (time >= 50.0) & (time <= 60.0)
+        np.testing.assert_array_equal(part["t"], time[inside])
+        np.testing.assert_array_equal(part["f2"], frame["f2"].to_numpy()[inside])
+        np.testing.assert_array_equal(log.read(["f2"], Part("t", 50.0, 60.0))["f2"], part["f2"])
+        np.testing.assert_array_equal(log.read(["f2"], rows=7)["f2"], frame["f2"].to_numpy()[:7])
+        with pytest.raises(NoRowsError, match="correct the window"):
+            log.read(["t"], Part("t", 500.0, 600.0))
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ("content", "pattern"),
+    [
+        ("t,f1,f2\n0,1,2\n1,2\n2,3,4\n", r"log\.csv:3: expected 3 cells as in other rows, found 2"),
+        ("t,f1,f2\n0,1,2\n1,2,3\n2,3", r"log\.csv:4: expected 3 cells as in other rows, found 2"),
+        ("t,f1,f2\n0,1,2\n1,2\n,3\n2,3,4\n", r"log\.csv:3: expected 3 cells as in other rows, found 2"),
+        ("t,f1,f2\n0,1,2\n1,2,3,4\n2,3,4\n", r"log\.csv:3: expected 3 cells as in the header, found 4"),
+        ("t,f1,f2\n0,1,2,3\n1,2,3\n2,3,4\n", r"log\.csv:2: expected 3 cells as in the header, found 4"),
+        ("t,f1\n0,1\n1,2,5\n2,3\n", r"log\.csv:3: expected 2 cells"),
+        ("t,f1\n0,1\n1,'2'\n", r"log\.csv:3: column 'f1': expected a number, found ''2''"),
+        ("t;f1\n0;1,5\n1;1.234,5\n", r"log\.csv:3: column 'f1': expected a number, found '1\.234,5'"),
+        ("t;f1\n0;1,5\n1;1.234\n", r"log\.csv:3: column 'f1': expected a number, found '1\.234'"),
+        ("t;f1\n0;1.5\n1;2.5\n2;1,5\n", r"log\.csv:4: column 'f1': expected a number, found '1,5'"),
+        ('t,f1\n0,1.5\n1,"1,234.5"\n', r"log\.csv:3: column 'f1': expected a number, found '1,234\.5'"),
+        ('t,f1\n0,1.5\n1,"2"3\n', r"log\.csv:3: column 'f1': expected a number|log\.csv.*: expected .*quotation"),
+        ('t,f1\n0,1.5\n1,2"3"\n', r"log\.csv:3: column 'f1': expected a number"),
+        ("t,f1\n0,1.5\n1,1 000\n", r"log\.csv:3: column 'f1': expected a number, found '1 000'"),
+        ("t,f1\n0,1.5\n1,0x1F\n", r"log\.csv:3: column 'f1': expected a number, found '0x1F'"),
+        ("t,f1\n0,1.5\n1,1_000\n", r"log\.csv:3: column 'f1': expected a number, found '1_000'"),
+        ("t,f1\n0,1.5\n1,1.5N\n", r"log\.csv:3: column 'f1': expected a number, found '1\.5N'"),
+        ("t,f1\n0,1.5\n1,\u0661\n", r"log\.csv:3: column 'f1': expected a number"),
+        ("t,f1\n0,1.5\n1,2\0\0\n", r"log\.csv: expected text"),
+        ("t,f1\n" + "0,1.5\n" * 1000 + "1,2\0\0\n", r"log\.csv:1002: column 'f1': expected a number"),
+        ("f1,t\n1,2024-01-31 12:00:00\n1,2024-02-31 12:00:00\n", r"log\.csv:3: column 't': expected an instant"),
+        ("f1,t\n1,2024-01-31 12:00:00\n1,12:00:01\n", r"log\.csv:3: column 't': expected an instant"),
+        ("f1,t\n1,01/31/2024 12:00:00\n1,01/31/2024 12:00:01\n", r"log\.csv:2: column 't': expected a number"),
+        ("t,f1,f2\n0 1 2\n1 2 3\n", r"log\.csv:1: expected 3 names, .*found 1"),
+        (
+            "t;f1,f2,f3\n0,1,2,3\n1,2,3,4\n",
+            r"log\.csv:1: expected 4 names, one for each cell of the rows below, found 3",
+        ),
+        ("t,force, left,f2\n0,1,2\n1,2,3\n", r"log\.csv:1: expected 3 names, .*found 4"),
+        (
+            SCOPE.replace("0~1,5".replace("~", "\t"), "0\thigh"),
+            r"log\.csv:25: column 'Force1': expected a number, found 'high'",
+        ),
+        (
+            SCOPE.replace("1~-2,5".replace("~", "\t"), "1\thigh"),
+            r"log\.csv:26: column 'Force1': expected a number, found 'high'",
+        ),
+        ("t,t\n0,1\n", r"log\.csv: expected columns of different names, found 't' twice"),
+    ],
+)
+def test_what_is_doubtful_is_refused(tmp_path, content, pattern):
+    path = written(tmp_path, content)
+    with pytest.raises(InputError, match=pattern):
+        each_column(path)
+
+
+def test_times_of_another_group_are_no_times_of_a_column(tmp_path):
+    with open_log(written(tmp_path, SCOPE)) as log:
+        np.testing.assert_array_equal(log.read(["Force1", "ActPos", "t"])["ActPos"], [7, 8, 9])
+    with open_log(written(tmp_path, SLOWER_GROUP)) as log:
+        np.testing.assert_array_equal(log.read(["ActPos", "t[1]"])["t[1]"][:2], [0, 2])
+        with pytest.raises(
+            InputError,
+            match=r"log\.csv:11: column 'ActPos': expected a sample at the time 1 of column 't', found one at 2; .*'t\[1\]' as t",
+        ):
+            log.read(["Force1", "ActPos", "t"])
+
+
+# Any table in any dialect
+
+NUMBERS = st.floats(-1e12, 1e12) | st.integers(-(10**9), 10**9).map(float) | st.floats(-1, 1).map(lambda x: x * 1e-9)
+FORMS = [repr, "{:.6f}".format, "{:+.3e}".format, "{:.12g}".format]
+MISSING_CELLS = ["NaN", "nan", "NULL", "N/A", "-", "#N/A"]
+
+
+@st.composite
+def files(draw):
+    """Bytes of a table, the names of its columns, and the numbers in it, shape (n, k)."""
+    separator = draw(st.sampled_from([",", ";", "\t", "|", " "]))
+    decimal = draw(st.sampled_from([".", ","])) if separator != "," else "."
+    n, k = draw(st.integers(2, 8)), draw(st.integers(2, 5))
+    form = draw(st.sampled_from(FORMS))
+    gaps = draw(st.sampled_from(MISSING_CELLS + ([""] if separator != " " else [])))
+    numbers = draw(st.lists(st.lists(NUMBERS, min_size=k, max_size=k), min_size=n, max_size=n))
+    lost = draw(st.sets(st.tuples(st.integers(1, n - 1), st.integers(1, k - 1)), max_size=3))
+    cells = [[gaps if (i, j) in lost else form(x) for j, x in enumerate(row)] for i, row in enumerate(numbers)]
+    values = np.array([[NAN if (i, j) in lost else float(cells[i][j]) for j in range(k)] for i in range(n)])
+    names = [
+        "t",
+        *draw(st.lists(st.text("abcxyz_", min_size=2, max_size=6), min_size=k - 1, max_size=k - 1, unique=True)),
+    ]
+    quote = draw(st.sampled_from(["", '"']))
+    blanks = draw(st.sampled_from(["", " "]))
+    headed = draw(st.booleans())
+    lines = [[f"{quote}{cell.replace('.', decimal)}{quote}" for cell in row] for row in cells]
+    above = [[f"{quote}{name}{quote}" for name in names]] if headed else []
+    end = draw(st.sampled_from(["\n", "\r\n", "\r"]))
+    last = draw(st.sampled_from(["", separator])) if separator != " " else ""
+    lines = [(separator + blanks).join(row) + last for row in above + lines]
+    if draw(st.booleans()):
+        lines.insert(draw(st.integers(0, len(lines))), "")
+    if headed and draw(st.booleans()):
+        lines.insert(0, "# made by hand")
+    text = end.join(lines) + draw(st.sampled_from(["", end]))
+    encoding = draw(st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "latin-1"]))
+    packed = draw(st.booleans())
+    content = text.encode(encoding)
+    return (
+        (gzip.compress(content, mtime=0) if packed else content),
+        packed,
+        names if headed else [f"[{j}]" for j in range(k)],
+        values,
+    )
+
+
+EASY = settings(
+    deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
+
+
+@settings(EASY, max_examples=150)
+@given(file=files())
+def test_any_table_in_any_dialect_comes_back(tmp_path, file):
+    content, packed, names, values = file
+    with open_log(written(tmp_path, content, "log.csv.gz" if packed else "log.csv")) as log:
+        assert list(log.names[: len(names)]) == names
+        assert all(name == f"[{j}]" for j, name in enumerate(log.names) if j >= len(names))
+        for j, name in enumerate(names):
+            if np.isnan(values[:, j]).all():
+                with pytest.raises(InputError, match="not a single one"):
+                    log.read([name])
+            else:
+                np.testing.assert_array_equal(log.read([name])[name], values[:, j])
+
+
+@settings(EASY, max_examples=150)
+@given(file=files(), data=st.data())
+def test_a_damaged_table_gives_numbers_or_a_sentence(tmp_path, file, data):
+    content, packed, _, _ = file
+    damaged = bytearray(content)
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(damaged)))
+        removed = data.draw(st.sampled_from([0, 1, 1, 5, 40]))
+        damaged[at : at + removed] = data.draw(
+            st.binary(max_size=4) | st.sampled_from([b'"', b"\n", b";", b",", b"\0", b"#", b"-"])
+        )
+    with suppress(InputError):
+        everything(written(tmp_path, bytes(damaged), "log.csv.gz" if packed else "log.csv"))
+
+
+@settings(EASY, max_examples=200)
+@given(data=st.data())
+def test_a_wrong_character_in_one_row_leaves_no_other_row_wrong(tmp_path, data):
+    rng = np.random.default_rng(data.draw(st.integers(0, 9)))
+    values = rng.normal(size=(12, 4)).round(3)
+    text = "t;f1;f2;f3\n" + "".join(";".join(f"{x:.3f}" for x in row) + "\n" for row in values)
+    text = data.draw(
+        st.sampled_from(
+            [text, text.replace(";", ","), text.replace(";", "\t"), text.replace(".", ","), text.replace(";", "  ")]
+        )
+    )
+    at = data.draw(st.integers(text.index("\n") + 1, len(text) - 2))
+    wrong = data.draw(st.sampled_from(list(';,\t .|"#%-+eE0aN\n\r\0')))
+    row = text.count("\n", 0, at) - 1
+    path = written(tmp_path, text[:at] + wrong + text[at + 1 :])
+    names = ["t", "f1", "f2", "f3"]
+    try:
+        with open_log(path) as log:
+            if not {*names} <= {*log.names}:
+                return
+            found = np.column_stack([*log.read(names).values()])
+    except InputError:
+        return
+    others = np.arange(len(values)) != row
+    assert len(found) == len(values)
+    np.testing.assert_array_equal(found[others], values[others])
+
+
+# From the log to the stream
+
+
+def tension(path, span=None, **place):
+    return read_stream(Place(path, **place), Tension(kind="tension"), 2, static=False, span=span)
+
+
+TIMES = np.arange(12) * 0.25
+
+
+def forces(header, time=TIMES):
+    return header + "".join(f"{t:g},{i + 1},{i + 0.5}\n" for i, t in enumerate(time))
+
+
+@pytest.mark.parametrize(
+    ("header", "scale"),
+    [
+        ("t,f1,f2\n", (1, 1)),
+        ("t,f1,f2\ns,N,kN\n", (1, 1000)),
+        ("t [s],f1 [daN],f2 (N)\n", (10, 1)),
+        ("t,f1 [kg],f2 [lbs]\n", (9.80665, 4.4482216152605)),
+    ],
+)
+def test_units_that_a_file_states_are_honoured(tmp_path, header, scale):
+    stream = tension(written(tmp_path, forces(header)))
+    np.testing.assert_array_equal(stream.time, TIMES)
+    expected = np.column_stack([np.arange(12) + 1, np.arange(12) + 0.5]) * scale
+    np.testing.assert_allclose(stream.values["tension"], expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("unit", ["furlong", "V", "m", "mil", "raw"])
+def test_units_that_nobody_knows_are_not_guessed(tmp_path, unit):
+    path = written(tmp_path, forces(f"t,f1 [N],f2 [{unit}]\n"))
+    with pytest.raises(
+        InputError,
+        match=rf"unit of column 'f2': expected one of N, .*found '{unit}'; the log says so itself; .*'units'",
+    ):
+        tension(path)
+    stream = tension(path, units={"f2": "kN"})
+    np.testing.assert_allclose(stream.values["tension"][:, 1], (np.arange(12) + 0.5) * 1000)
+
+
+def test_columns_and_units_may_be_stated_as_the_file_spells_them(tmp_path):
+    path = written(tmp_path, forces("Time (s),Force A [?],Force B [N]\n"))
+    columns = {"t": "Time (s)", "f1": "Force A [?]", "f2": "Force B"}
+    stream = tension(path, columns=columns, units={"Force A [?]": "kN"})
+    np.testing.assert_allclose(stream.values["tension"][1], [2000, 1.5])
+
+
+def test_times_of_the_exporter_are_seconds(tmp_path):
+    scope = written(
+        tmp_path,
+        SCOPE.replace("ActPos", "f1")
+        .replace("Force2", "f2")
+        .replace("MAIN.fb.f2", "")
+        .replace("(None)", "N")
+        .replace("mm", "kN"),
+    )
+    stream = tension(scope)
+    np.testing.assert_allclose(stream.time, [0, 1e-3, 2e-3])
+    np.testing.assert_allclose(stream.values["tension"], [[7000, 2], [8000, 3.25], [9000, 4]])
+
+
+def test_a_window_is_part_of_the_whole(tmp_path):
+    path = written(tmp_path, forces("t [ms],f1,f2\n", TIMES * 1e3))
+    whole, part = tension(path), tension(path, span=(0.5, 1.25))
+    np.testing.assert_array_equal(part.time, [0.5, 0.75, 1.0, 1.25])
+    np.testing.assert_array_equal(part.values["tension"], whole.values["tension"][2:6])
+
+
+# What is made to do harm
+
+ROW = "0,1,2\n"
+
+
+def gzipped(*parts, level=6):
+    return gzip.compress(b"".join(parts), level, mtime=0)
+
+
+HOSTILE = {
+    "a bomb of rows": lambda: gzipped(b"t,f1,f2\n", b"0,0,0\n" * 20_000_000, level=9),
+    "a bomb without a newline": lambda: gzipped(b"0," * 50_000_000, level=1),
+    "a bomb of newlines": lambda: gzipped(b"t,f1,f2\n", b"\n" * 80_000_000, level=1),
+    "a bomb of comments": lambda: gzipped(b"t,f1,f2\n0,1,2\n", b"# x\n" * 20_000_000, level=1),
+    "many empty members": lambda: gzip.compress(b"", mtime=0) * 200_000 + gzipped(ROW.encode()),
+    "packed twice": lambda: gzip.compress(gzipped(ROW.encode() * 100)),
+    "cut off": lambda: gzipped(np.random.default_rng(0).bytes(1000).hex().encode())[:-9],
+    "nothing but a mark": lambda: b"\x1f\x8b",
+    "100000 columns": lambda: (",".join(f"c{i}" for i in range(100_000)) + "\n" + ("0," * 99_999 + "0\n") * 5).encode(),
+    "a header of 6 MB": lambda: ("n" * 600 + ",").encode() * 10_000 + b"\n" + ROW.encode(),
+    "a line of 100 MB": lambda: b"0," * 50_000_000,
+    "bytes that are no text": lambda: bytes(range(256)) * 1000,
+    "NUL bytes": lambda: b"\0" * 10_000_000,
+    "NUL bytes behind a recording": lambda: b"t,f1,f2\n" + ROW.encode() * 5000 + b"\0" * 5000,
+    "quotation marks that never close": lambda: b"t,f1,f2\n" + b'"0,1,2\n' * 100_000,
+    "half a character of UTF-16": lambda: codecs.BOM_UTF16_LE + "t,f1,f2\n0,1,2\n".encode("utf-16-le") + b"\x00\xd8" * 9,
+    "digits without end": lambda: b"t,f1,f2\n" + b"1" * 3_000_000 + b",1,2\n",
+    "an empty file": lambda: b"",
+    "empty lines": lambda: b"\n" * 3_000_000,
+    "lines of separators": lambda: b"t,f1,f2\n" + b",,\n" * 1_000_000,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("content", HOSTILE.values(), ids=HOSTILE.keys())
+def test_harm_is_refused(tmp_path, content):
+    made = content()
+    path = written(tmp_path, made, "log.csv.gz" if made.startswith(b"\x1f\x8b") else "log.csv")
+    with pytest.raises(InputError, match=r"log\.csv.*: expected .*found ") as caught:
+        tension(path)
+    assert len(str(caught.value)) < 600
+
+
+def test_many_empty_lines_are_nothing(tmp_path):
+    content = forces("\n" * 1_000_000 + "t,f1,f2\n" + "\n" * 1_000_000)
+    assert len(tension(written(tmp_path, content))) == 12
+
+
+def test_names_may_be_long_and_full_of_signs(tmp_path):
+    content = (
+        "t,f1,f2,\x1b[31mred\x07,\u202e,'," + "n" * 1_000_000 + "\n" + "".join(f"{t},1,2,3,4,5,6\n" for t in TIMES)
+    )
+    assert len(tension(written(tmp_path, content))) == 12
+
+
+def test_ten_thousand_columns_are_read(tmp_path):
+    names = ",".join(["t", "f1", "f2", *(f"c{i}" for i in range(9_997))])
+    content = names + "\n" + "".join(f"{t:g}," + ",".join(["1"] * 9_999) + "\n" for t in TIMES)
+    assert len(tension(written(tmp_path, content))) == 12
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "link to itself", "gone"])
+def test_what_is_no_file_is_refused(tmp_path, kind):
+    path = tmp_path / "log.csv"
+    {"pipe": lambda: os.mkfifo(path), "device": lambda: path.symlink_to("/dev/zero"), "link to itself": lambda: path.symlink_to(path), "gone": lambda: None}[kind]()  # fmt: skip
+    with pytest.raises(InputError, match=r"log\.csv: expected a log, found "):
+        tension(path)
+
+
+def test_a_file_that_vanishes_is_refused(tmp_path):
+    path = written(tmp_path, "t,f1\n0,1\n")
+    with open_log(path) as log:
+        path.unlink()
+        with pytest.raises(InputError, match=r"log\.csv: expected a file that can be read, found 'No such file"):
+            log.read(["t"])

@@ -189,9 +189,7 @@ def identify(
 )
 @click.option("--force", is_flag=True, help="Replace files of the same names.")
 @_common
-def inspect(
-    experiment: Path, runs: tuple[str, ...], out: Path | None, force: bool, as_json: bool, quiet: bool
-) -> None:
+def inspect(experiment: Path, runs: tuple[str, ...], out: Path | None, force: bool, as_json: bool, quiet: bool) -> None:
     """Say what is in the recordings that EXPERIMENT lists: rates, gaps, noise, clocks, mistakes of sign and unit, what can be found.
 
     Ends with status 0 also where it names mistakes.
@@ -423,6 +421,14 @@ def init(logs: tuple[Path, ...], robot: str, out: Path, force: bool, as_json: bo
 
 def main() -> None:
     """Run the command line and end with the exit status of the contract."""
+    try:
+        _run()
+    except KeyboardInterrupt:
+        # Also where it reaches us before the work has begun, or while an error is being said.
+        _fail("interrupted; nothing was written", 130)
+
+
+def _run() -> None:
     # Many small matrices: threads of the linear algebra cost more than they do. Before NumPy is loaded, and only in this process.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # A polite kill unwinds like Ctrl-C, so that nothing half-written is left behind.

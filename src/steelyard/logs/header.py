@@ -54,10 +54,11 @@ def header_of(path: Path, lines: Sequence[str], dialect: Dialect) -> Header:
     """
     lines = lines[dialect.blank : dialect.first]
     above = [dialect.cells(line) for line in lines]
-    scope = scope_columns([cells for cells in above if len(cells) == dialect.width], dialect)
+    scope = scope_columns(above, dialect)
     if scope is not None:
         names, units, clocks = scope
-        return Header(dialect.first, names, units, clocks=clocks)
+        last = max(i for i, cells in enumerate(above) if cells and cells[0] and not dialect.is_value(cells[0]))
+        return Header(dialect.blank + last + 1, names, units, clocks=clocks)
     first, rows = _names_and_above(path, lines, dialect)
     first += dialect.blank
     below, rows = (rows[0], rows[1:]) if len(rows) > 1 and _are_units(rows[0], rows[1]) else ([], rows)
@@ -82,7 +83,7 @@ def _names_and_above(path: Path, lines: Sequence[str], dialect: Dialect) -> tupl
         for i in range(nearest, -1, -1):
             if kinds[i] == "names":
                 rows.append(_fitting(lines[i], dialect) or [])
-            elif kinds[i] != "values":
+            elif kinds[i] == "other":
                 break
         return _next(kinds, nearest), rows
     if nearest >= 0:
@@ -155,17 +156,15 @@ def _splits(line: str, separator: str) -> Iterator[list[str]]:
 def _is_title(line: str, dialect: Dialect) -> bool:
     """Whether a line is a title, or a key and its value, rather than names."""
     misread = any(len(split(line, separator)) == dialect.width for separator in SEPARATORS if separator != " ")
-    return dialect.separator == " " or (len(list(filter(None, dialect.cells(line)))) <= 2 and not misread)
+    return not misread and (dialect.separator == " " or len(list(filter(None, dialect.cells(line)))) <= 2)
 
 
 def _is_counted(dialect: Dialect) -> bool:
     """Whether the first column has names of rows, as R writes them without a name of their own."""
-    counts = [row[0] for row in dialect.rows]
-    return (
-        counts == [str(int(counts[0]) + i) for i in range(len(counts))]
-        if counts[0].isdecimal()
-        else not any(map(dialect.is_value, counts))
-    )
+    names = [row[0] for row in dialect.rows]
+    if names[0].isdecimal():
+        return names == [str(int(names[0]) + i) for i in range(len(names))]
+    return not any(map(dialect.is_value, names))
 
 
 def _are_units(cells: Sequence[str], names: Sequence[str]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ Lines = NDArray[np.int64]
 
 _END = b"EOF"
 """What TwinCAT writes below the last row."""
+_FEWEST_SHORT = 3
 _NOTHING = b' \t\r\n"'
 _IS_NOTHING = np.isin(np.arange(256), list(_NOTHING))
 
@@ -64,7 +66,47 @@ def unquoted(text: bytes, separator: bytes) -> bytes:
     return text.replace(b'"', b"") if idle else text
 
 
-def sound_rows(path: Path, text: bytes, line: int, form: RowForm) -> tuple[bytes, Lines]:
+class ShortRows:
+    """Keeps watch over rows with less cells than there are columns, from piece to piece.
+
+    Spreadsheets leave out empty cells at the end of many rows in a row, and so does TwinCAT where a channel has ended. One row
+    alone, or the two halves of one, have lost something.
+    """
+
+    def __init__(self, path: Path, width: int) -> None:
+        self.path, self.width = path, width
+        self.cells, self.rows, self.line = width, 0, 0
+
+    def watch(self, cells: Lines, lines: Lines) -> None:
+        """See the rows that come next.
+
+        Args:
+            cells: Of each row.
+            lines: That they stand in.
+
+        Raises:
+            InputError: A row has lost something.
+        """
+        changes = [0, *(np.flatnonzero(np.diff(cells)) + 1), len(cells)]
+        for start, end in pairwise(changes):
+            if start < end and cells[start] != self.cells:
+                self.end()
+                self.cells, self.rows, self.line = int(cells[start]), 0, int(lines[start])
+            self.rows += end - start
+
+    def end(self) -> None:
+        """See that no other row like the last ones comes.
+
+        Raises:
+            InputError: They have lost something.
+        """
+        if self.cells < self.width and self.rows < _FEWEST_SHORT:
+            raise InputError(
+                f"{self.path}:{self.line}: expected {self.width} cells as in other rows, found {self.cells}; complete the row or remove it"
+            )
+
+
+def sound_rows(path: Path, text: bytes, line: int, form: RowForm) -> tuple[bytes, Lines, Lines]:
     """Lines that have cells: without empty ones, comments, and what ends the file.
 
     Args:
@@ -73,11 +115,14 @@ def sound_rows(path: Path, text: bytes, line: int, form: RowForm) -> tuple[bytes
         line: Number of the first of them.
         form: Of the rows.
 
+    Returns:
+        The rows, the lines that they stand in, and how many cells each has.
+
     Raises:
-        InputError: A line has more cells than there are columns, less than those around it, or a single quotation mark.
+        InputError: A line has more cells than there are columns, or a single quotation mark.
     """
     if not text.strip(_NOTHING + form.separator):
-        return b"", np.zeros(0, dtype=np.int64)
+        return b"", *(np.zeros(0, dtype=np.int64),) * 2
     characters = np.frombuffer(text, dtype=np.uint8)
     ends = np.flatnonzero(characters == ord("\n"))
     starts = np.concatenate([[0], ends + 1])[:-1]
@@ -93,14 +138,7 @@ def sound_rows(path: Path, text: bytes, line: int, form: RowForm) -> tuple[bytes
             f"{path}:{line + i}: expected {form.most} cells as in the header, found {cells[i]}; correct the row (or a decimal comma)"
         )
     lines = np.flatnonzero(kept)
-    count = np.concatenate([[form.width], cells[lines], [form.width]])
-    # Several rows in a row may leave empty cells at their end out; one alone has lost something.
-    short = (count < form.width) & (count != np.roll(count, 1)) & (count != np.roll(count, -1))
-    for i in lines[np.flatnonzero(short)[:1] - 1]:
-        raise InputError(
-            f"{path}:{line + i}: expected {form.width} cells as in the rows around, found {cells[i]}; complete the row or remove it"
-        )
-    return characters[np.repeat(kept, ends + 1 - starts)].tobytes(), line + lines
+    return characters[np.repeat(kept, ends + 1 - starts)].tobytes(), line + lines, cells[lines]
 
 
 def _are_written(

@@ -17,7 +17,7 @@ from steelyard.logs.dialect import dialect_of
 from steelyard.logs.header import header_of
 from steelyard.logs.log import MOST_COLUMNS, Log, Part
 from steelyard.logs.plain import pieces, told
-from steelyard.logs.rows import Lines, RowForm, separated, sound_rows, unquoted
+from steelyard.logs.rows import Lines, RowForm, ShortRows, separated, sound_rows, unquoted
 from steelyard.logs.size import check_unpacked
 from steelyard.logs.table import Table
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _Way = Literal["numbers", "missing", "text"]
 """How to parse cells: as numbers, as those or one of :data:`MISSING`, or not yet."""
 _Item = TypeVar("_Item")
-_RATIO = 30
+_RATIO = 25
 """Bytes of numbers that a byte of a packed file may become: a short one is four of text, and text packs to a tenth."""
 
 
@@ -102,7 +102,7 @@ class _Table:
 
     def _tables(self, names: Sequence[str], part: Part | None) -> Iterator[tuple[dict[str, Array], Lines, float]]:
         """Columns of the rows of a part, piece by piece, with their lines and how much of the file has been read."""
-        line = 1
+        line, short = 1, ShortRows(self.path, self.form.width)
         for piece, share in pieces(self.path):
             start = 0
             while line <= self.header.first and start < len(piece):
@@ -114,27 +114,31 @@ class _Table:
             if b'"' in text:
                 text = unquoted(text, self.form.separator)
             if part is None:
-                found, lines, height = self._columns(text, line, names)
+                found, lines, height = self._columns(text, line, names, short)
             else:
-                by, lines, height = self._columns(text, line, [part.column])
+                by, lines, height = self._columns(text, line, [part.column], short)
                 inside = (by[part.column] >= part.start) & (by[part.column] <= part.end)
                 lines = lines[inside]
-                found = self._columns(text, line, [part.column, *names])[0] if len(lines) else {}
+                found = self._columns(text, line, names)[0] if len(lines) else {}
                 found = {name: values[inside] for name, values in found.items()}
             line += height
             if len(lines):
                 yield found, lines, share
+        short.end()
 
-    def _columns(self, text: bytes, line: int, names: Sequence[str]) -> tuple[dict[str, Array], Lines, int]:
+    def _columns(
+        self, text: bytes, line: int, names: Sequence[str], short: ShortRows | None = None
+    ) -> tuple[dict[str, Array], Lines, int]:
         """Columns as numbers, NaN where there is no sample, the lines of their rows, and how many lines there are.
 
         Args:
             text: Lines below the header.
             line: Number of the first of them.
             names: Of the columns.
+            short: What keeps watch over the rows; None: it has seen them.
 
         Raises:
-            InputError: A cell is no number, or the rows are not of one length.
+            InputError: A cell is no number, or a row has not as many as there are columns.
         """
         places = {name: self.names.index(name) for name in names}
         height = text.count(b"\n")
@@ -143,8 +147,12 @@ class _Table:
         if places and height * self.form.width <= len(text) and b'"' not in text:
             frame = self._parsed(text, places.values(), "numbers", "missing")
         if frame is None or not self._is_regular(text, frame) or _has_empty_row(frame):
-            text, lines = sound_rows(self.path, text, line, self.form)
+            text, lines, cells = sound_rows(self.path, text, line, self.form)
+            if short:
+                short.watch(cells, lines)
             frame = self._parsed(text, places.values(), "missing", "text")
+        elif short:
+            short.watch(np.array([self.form.width]), lines)
         if frame is None or (frame.height != len(lines) and places):
             raise InputError(
                 f"{self.path}: expected a table from line {line} on, found cells that cannot be told apart; check the quotation marks"
