@@ -90,5 +90,3 @@ def _spelled(text: str) -> str:
     spelled = " ".join(text.replace("**", "^").translate(_SIGNS).split()).rstrip(".")
     spelled = _PER.sub("/", _SECOND.sub("s", spelled))
     return _PER_SECOND.sub("/s", _PER_SECOND_SQUARED.sub("/s^2", spelled))
-
-known_unit = is_unit

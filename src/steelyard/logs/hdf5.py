@@ -17,7 +17,7 @@ from steelyard.logs.log import Log
 from steelyard.logs.nested import Key, Source, is_number, is_row, log_of_arrays
 from steelyard.logs.packages import require_package
 from steelyard.logs.size import check_unpacked
-from steelyard.units import known_unit
+from steelyard.units import is_unit
 
 _MOST_OBJECTS = 20_000
 _DEEPEST = 50
@@ -152,7 +152,7 @@ def _unit(dataset: Any) -> str | None:
         if name in dataset.attrs and dataset.attrs.get_id(name).get_storage_size() <= _LONGEST_UNIT:
             unit = dataset.attrs[name]
             text = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
-            if isinstance(text, str) and known_unit(text):
+            if isinstance(text, str) and is_unit(text):
                 return text
     return None
 

@@ -17,7 +17,7 @@ from steelyard.logs.apart import opened_apart, serve
 from steelyard.logs.log import Log
 from steelyard.logs.nested import Key, Source, is_number, log_of_arrays
 from steelyard.logs.packages import require_package
-from steelyard.units import known_unit
+from steelyard.units import is_unit
 
 _UNITS = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit")
 _TIME = "t"
@@ -93,7 +93,7 @@ def _source(path: Path, channel: Any) -> Source:
             f"{path}: expected a TDMS file, found one that states {len(channel)} values of a channel; copy it again"
         )
     unit = next((str(channel.properties[key]) for key in _UNITS if key in channel.properties), "")
-    return Source((len(channel),), channel.dtype, lambda: channel, unit if known_unit(unit) else None)
+    return Source((len(channel),), channel.dtype, lambda: channel, unit if is_unit(unit) else None)
 
 
 @dataclass(frozen=True)
