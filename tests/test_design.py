@@ -237,7 +237,7 @@ def test_same_seed_gives_the_same_motion_and_another_another(command):
 
 
 def test_a_second_run_adds_what_the_first_one_lacks():
-    found = design(planned(), 6.0, runs=2, budget=30.0).appraisal
+    found = design(planned(), 6.0, runs=2, budget=60.0).appraisal
     assert list(found.trajectories) == ["design-1", "design-2"]
     assert found.feasible
     alone = found.each["design-1"]
@@ -246,7 +246,7 @@ def test_a_second_run_adds_what_the_first_one_lacks():
 
 def test_start_and_end_are_those_asked_for():
     start, end = np.array([0.5, 0, 1.8, 0, 0, 0.1]), np.array([-0.5, 0.3, 2.2, 0.1, 0, 0])
-    found = design(planned(), 8.0, start=start, end=end, budget=15.0).appraisal
+    found = design(planned(), 8.0, start=start, end=end, budget=30.0).appraisal
     ends = found.trajectories["design"].derivative(np.array([0.0, 8.0]), 0)
     np.testing.assert_allclose(ends, [start, end], atol=1e-9)
 
@@ -258,7 +258,7 @@ def test_targets_of_trackers_and_cables_keep_their_limits():
     )
     robot = replace(ROBOT, limits=replace(ROBOT.limits, cable_speed=1.0))
     experiment = replace(planned(robot), instruments=instruments)
-    found = design(experiment, 8.0, budget=15.0).appraisal
+    found = design(experiment, 8.0, budget=30.0).appraisal
     (verified,) = found.verified.values()
     for uses in (verified.commanded, verified.elastic):
         limited = {use.name: use for use in uses if use.limit}
@@ -291,7 +291,7 @@ def test_body_on_a_wrench_sensor_is_designed_for_too(tmp_path):
         ),
         **instruments,
     }
-    found = design(replace(planned(robot), instruments=instruments), 6.0, budget=15.0).appraisal
+    found = design(replace(planned(robot), instruments=instruments), 6.0, budget=30.0).appraisal
     assert found.feasible
     assert np.isfinite(found.standard_deviation).all()
 
@@ -490,7 +490,7 @@ def test_an_experiment_that_has_not_been_recorded_yet_is_designed_for(run, tmp_p
 
 def test_robot_without_limits_stays_about_the_middle_and_the_report_says_what_is_free():
     robot = replace(ROBOT, limits=Limits(), tension_limits=(0.0, np.inf))
-    found = design(planned(robot), 6.0, budget=15.0).appraisal
+    found = design(planned(robot), 6.0, budget=30.0).appraisal
     poses = found.trajectories["design"].derivative(np.linspace(0, 6, 301), 0)
     middle, reach = workspace_of(robot)
     assert np.all(np.abs(poses - middle) <= reach * 1.0001)
