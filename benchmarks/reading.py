@@ -12,7 +12,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -28,32 +30,59 @@ MIB = 1 << 20
 
 
 def main(folder: Path) -> None:
-    csv, packed, aligned = folder / "hour.csv", folder / "hour.csv.gz", folder / "aligned.txt"
+    csv = folder / "hour.csv"
     write_hour(csv)
-    with csv.open("rb") as plain, gzip.open(packed, "wb", compresslevel=1) as out:
-        while block := plain.read(MIB):
-            out.write(block)
-    with csv.open("rb") as plain, aligned.open("wb") as out:
-        while block := plain.read(MIB):
-            out.write(block.replace(b",", b"  "))
-    size = csv.stat().st_size
-    print(f"one hour at {RATE} Hz, {CABLES} cables: {size / MIB:.0f} MiB of CSV, {ARRAYS / MIB:.0f} MiB of arrays")
-    bare = reading("bare", csv)
+    print(
+        f"one hour at {RATE} Hz, {CABLES} cables: {csv.stat().st_size / MIB:.0f} MiB of CSV, {ARRAYS / MIB:.0f} MiB of arrays"
+    )
+    bare = median("bare", csv)
     show("polars.read_csv, the reference", bare, bare)
-    show("read_stream", reading("stream", csv), bare)
-    show(f"read_stream, a window of {WINDOW[1] - WINDOW[0]:g} s", reading("window", csv), bare)
-    show("read_stream, packed by gzip", reading("stream", packed), bare)
-    show("read_stream, aligned by blanks", reading("stream", aligned), bare)
+    show("read_stream", median("stream", csv), bare)
+    show(f"read_stream, a window of {WINDOW[1] - WINDOW[0]:g} s", median("window", csv), bare)
+    for name, path in variants(csv):
+        show(f"read_stream, {name}", median("stream", path), bare)
+        path.unlink()
     print("\nmade to do harm: size, time, peak memory, and what is said")
     for name, (ending, write) in HARM.items():
         path = folder / f"harm{ending}"
         write(path)
         found = reading("stream", path)
+        size = path.stat().st_size / 1e6
         print(
-            f"{name:38} {path.stat().st_size / 1e6:7.1f} MB {found['seconds']:6.1f} s {found['peak']:6.0f} MiB  {found['said'][:90]}",
+            f"{name:34} {size:6.1f} MB {found['seconds']:6.1f} s {found['peak']:6.0f} MiB   {found['said'][:100]}",
             flush=True,
         )
         path.unlink()
+
+
+def variants(csv: Path) -> Iterator[tuple[str, Path]]:
+    """The same table as others write it, one after the other."""
+    for name, ending, opened, change in [
+        ("packed by gzip", ".csv.gz", lambda path: gzip.GzipFile(path, "wb", 1), lambda text: text),
+        ("aligned by blanks", ".txt", lambda path: path.open("wb"), lambda text: text.replace(b",", b"  ")),
+        (
+            "decimal commas",
+            ".csv",
+            lambda path: path.open("wb"),
+            lambda text: text.replace(b",", b";").replace(b".", b","),
+        ),
+        (
+            "in quotes",
+            ".csv",
+            lambda path: path.open("wb"),
+            lambda text: text.replace(b",", b'","').replace(b"\n", b'"\n"'),
+        ),
+    ]:
+        path = csv.with_name(f"variant{ending}")
+        with csv.open("rb") as plain, opened(path) as out:
+            out.write(b'"' if name == "in quotes" else b"")
+            while block := plain.read(MIB):
+                out.write(change(block))
+            out.write(b'"\n' if name == "in quotes" else b"")
+        yield name, path
+    path = csv.with_suffix(".parquet")
+    pl.read_csv(csv).write_parquet(path)
+    yield "Parquet", path
 
 
 def write_hour(path: Path) -> None:
@@ -66,16 +95,20 @@ def write_hour(path: Path) -> None:
             pl.DataFrame({"t": time_, **forces}).write_csv(file, include_header=first == 0)
 
 
-def reading(what: str, path: Path) -> dict[str, float | str]:
-    """Read a file in a process of its own, the second time, when it is in the memory of the system."""
-    for _ in range(2):
-        command = [sys.executable, __file__, what, str(path)]
-        found = subprocess.run(command, capture_output=True, text=True, check=True)
-    return json.loads(found.stdout)
+def reading(what: str, path: Path) -> dict[str, Any]:
+    """Read a file in a process of its own."""
+    command = [sys.executable, __file__, what, str(path)]
+    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
 
 
-def show(what: str, found: dict[str, float | str], bare: dict[str, float | str]) -> None:
-    ratio, share = float(found["seconds"]) / float(bare["seconds"]), float(found["peak"]) * MIB / ARRAYS
+def median(what: str, path: Path) -> dict[str, Any]:
+    """That of three readings, once the file is in the memory of the system."""
+    reading(what, path)
+    return sorted((reading(what, path) for _ in range(3)), key=lambda found: found["seconds"])[1]
+
+
+def show(what: str, found: dict[str, Any], bare: dict[str, Any]) -> None:
+    ratio, share = found["seconds"] / bare["seconds"], found["peak"] * MIB / ARRAYS
     print(
         f"{what:34} {found['seconds']:6.2f} s = {ratio:4.2f} x reference (cpu {found['cpu']:5.2f} s)   peak {found['peak']:5.0f} MiB = {share:4.2f} x arrays, "
         f"{found['mapped']:3.0f} MiB of it files",
@@ -103,7 +136,7 @@ def read(what: str, path: Path) -> None:
     print(json.dumps(found))
 
 
-def packed(*parts: tuple[bytes, int]):
+def packed(*parts: tuple[bytes, int]) -> Callable[[Path], None]:
     """Writer of a gzip file of parts that are there again and again."""
 
     def write(path: Path) -> None:

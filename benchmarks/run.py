@@ -18,6 +18,7 @@ from pathlib import Path
 import design
 import likelihood
 import numpy as np
+import reading
 from coverage import main as coverage_of
 from recordings import recordings
 from verdicts import table as verdict_table
@@ -159,6 +160,11 @@ def _pooled(errors: list[Array]) -> float:
     return float(np.sqrt(np.mean(np.square(errors)[:, MOMENTS])))
 
 
+def logs(folder: Path) -> None:
+    """Reading an hour of CSV, and what is made to do harm."""
+    reading.main(folder)
+
+
 def million(folder: Path) -> None:
     """A million samples by least squares, on cables that sag."""
     reference = measured(REFERENCE)
@@ -231,6 +237,7 @@ BENCHMARKS = {
     "speed": speed,
     "hour": hour,
     "million": million,
+    "logs": logs,
     "semidefinite": semidefinite,
     "accuracy": accuracy,
     "coverage": coverage,

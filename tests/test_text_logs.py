@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from steelyard.errors import InputError
 from steelyard.experiment.streams import Place, read_stream
 from steelyard.instruments import Tension
+from steelyard.logs import plain
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import NoRowsError, Part
 
@@ -339,6 +340,54 @@ def test_a_part_is_what_all_of_it_has_there(tmp_path):
         np.testing.assert_array_equal(log.read(["f2"], rows=7)["f2"], frame["f2"].to_numpy()[:7])
         with pytest.raises(NoRowsError, match="correct the window"):
             log.read(["t"], Part("t", 500.0, 600.0))
+
+
+def rows_of(form, n=400, first=0):
+    return "".join(form.format(t=i / 8, a=i * 0.37 - 20, b=i) for i in range(first, n))
+
+
+COMMAS = "{t},{a:.3f},{b}\n"
+
+IN_PIECES = {
+    "commas": "t,f1,f2\n" + rows_of(COMMAS),
+    "blanks": "t f1 f2\n" + rows_of("{t}   {a:.3f}  {b}\n"),
+    "quotes": '"t","f1","f2"\n' + rows_of('"{t}","{a:.3f}","{b}"\n'),
+    "quotes that matter": "t,f1,f2,note\n" + rows_of('{t},{a:.3f},{b},"one, or ""two"""\n'),
+    "decimal commas and dates": "t;f1;f2\n"
+    + rows_of("31.01.2024 12:00:0{t:.3f};{a:.3f};{b}\n", 70).replace(".", ",").replace("31,01,", "31.01."),
+    "missing": "t,f1,f2\n" + rows_of(COMMAS, 100) + rows_of("{t},NULL,{b}\n", 200, 100) + rows_of(COMMAS, 300, 200),
+    "empty lines and comments": "t,f1,f2\n"
+    + "".join(rows_of(COMMAS, i + 7, i) + "\n# note, here\n,,\n" for i in range(0, 280, 7)),
+    "short rows": "t,f1,f2\n" + rows_of(COMMAS, 100) + rows_of("{t},{a:.3f}\n", 200, 100) + rows_of("{t}\n", 300, 200),
+    "a short row": "t,f1,f2\n" + rows_of(COMMAS, 150) + "19,7\n" + rows_of(COMMAS, 300, 151),
+    "a short row at the end": "t,f1,f2\n" + rows_of(COMMAS, 299) + "40,7",
+    "a wrong cell": "t,f1,f2\n\n" + rows_of(COMMAS, 200) + "25,x,1\n" + rows_of(COMMAS, 300, 201),
+    "an infinite cell": "t,f1,f2\n\n" + rows_of(COMMAS, 200) + "\n25,inf,1\n" + rows_of(COMMAS, 300, 201),
+}
+
+
+def outcome(path, part):
+    try:
+        with open_log(path) as log:
+            return log.read(list(log.names[:3]), part).cells, [log.place(i, part) for i in (0, 5)]
+    except InputError as error:
+        return str(error), []
+
+
+@pytest.mark.parametrize("content", IN_PIECES.values(), ids=IN_PIECES.keys())
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "gzip"])
+@pytest.mark.parametrize("part", [None, Part("t", 20.0, 30.0)], ids=["all", "part"])
+def test_pieces_make_no_difference(tmp_path, monkeypatch, content, encoding, part):
+    packed = encoding == "gzip"
+    made = gzip.compress(content.encode()) if packed else content.encode(encoding)
+    path = written(tmp_path, made, "log.csv.gz" if packed else "log.csv")
+    whole, places = outcome(path, part)
+    for size in (509, 3001):
+        monkeypatch.setattr(plain, "_PIECE", size)
+        monkeypatch.setattr(plain, "_PACKED", 100)
+        piecewise, places_of_pieces = outcome(path, part)
+        np.testing.assert_array_equal(piecewise, whole)
+        assert places_of_pieces == places
 
 
 # What is refused

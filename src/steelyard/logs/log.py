@@ -92,6 +92,9 @@ class Log:
         # A few rows at a time, without a copy of all of them.
         for first in range(0, len(table.cells), _BLOCK):
             block = table.cells[first : first + _BLOCK]
+            if -_LARGEST <= block.min() <= block.max() <= _LARGEST:
+                filled[:] = True
+                continue
             largest = np.fmax(np.fmax.reduce(block), -np.fmin.reduce(block))
             filled |= ~np.isnan(largest)
             with np.errstate(invalid="ignore"):

@@ -13,8 +13,8 @@ from typing import IO
 from steelyard.errors import InputError
 from steelyard.logs.size import check_unpacked
 
-_PIECE = 1 << 22
-"""Bytes that are in memory at once."""
+_PIECE = 1 << 23
+"""Bytes that are in memory at once: few, but enough to keep several processors busy."""
 _LONGEST_LINE = 1 << 22
 _PACKED = 1 << 14
 _MEMBERS = 100_000

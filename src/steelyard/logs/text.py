@@ -14,6 +14,7 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.logs.cells import MISSING, as_instants, as_numbers, stripped
 from steelyard.logs.dialect import dialect_of
+from steelyard.logs.frames import as_array
 from steelyard.logs.header import header_of
 from steelyard.logs.log import MOST_COLUMNS, Log, Part
 from steelyard.logs.plain import pieces, told
@@ -67,20 +68,18 @@ class _Table:
 
     def load(self, names: Sequence[str], part: Part | None, rows: int | None) -> Table:
         """See :attr:`Log.load`."""
-        time, clocks = self._clocks(names)
         names = list(dict.fromkeys(names))
+        wanted = list(dict.fromkeys([*names, *(self.header.clocks.get(name, name) for name in names)]))
         cells, n = np.empty((0, len(names))), 0
-        for found, lines, share in _ahead(self._tables([*names, *clocks], part)):
-            for clock, name in clocks.items():
-                self._check_clock(name, found[clock], time, found[time], lines)
+        for found, lines, share in _ahead(self._tables(wanted, part)):
+            self._check_clocks(names, Table(wanted, found), lines)
             end = n + len(lines)
             check_unpacked(self.path, 8 * end * len(names), self.size, ratio=_RATIO)
             if end > len(cells):
                 room = np.empty((self._room(end, share if part is None else 1.0, len(names)), len(names)))
                 room[:n] = cells[:n]
                 cells = room
-            for j, name in enumerate(names):
-                cells[n:end, j] = found[name]
+            cells[n:end] = found[:, : len(names)]
             n = end
             if rows is not None and n >= rows:
                 n = rows
@@ -100,8 +99,8 @@ class _Table:
             row -= len(lines)
         raise InputError(f"{self.path}: expected the file as it was, found it changed; start again")
 
-    def _tables(self, names: Sequence[str], part: Part | None) -> Iterator[tuple[dict[str, Array], Lines, float]]:
-        """Columns of the rows of a part, piece by piece, with their lines and how much of the file has been read."""
+    def _tables(self, names: Sequence[str], part: Part | None) -> Iterator[tuple[Array, Lines, float]]:
+        """Columns of the rows of a part, shape (n, k), piece by piece, with their lines and how much of the file has been read."""
         line, short = 1, ShortRows(self.path, self.form.width)
         for piece, share in pieces(self.path):
             start = 0
@@ -113,51 +112,54 @@ class _Table:
                 text = separated(text)
             if b'"' in text:
                 text = unquoted(text, self.form.separator)
-            if part is None:
-                found, lines, height = self._columns(text, line, names, short)
-            else:
-                by, lines, height = self._columns(text, line, [part.column], short)
-                inside = (by[part.column] >= part.start) & (by[part.column] <= part.end)
+            height = int(np.count_nonzero(np.frombuffer(text, dtype=np.uint8) == ord("\n")))
+            found, lines = self._columns(text, line, height, names if part is None else [part.column], short)
+            if part is not None:
+                inside = (found[:, 0] >= part.start) & (found[:, 0] <= part.end)
                 lines = lines[inside]
-                found = self._columns(text, line, names)[0] if len(lines) else {}
-                found = {name: values[inside] for name, values in found.items()}
+                found = self._columns(text, line, height, names)[0][inside] if len(lines) else found[:0]
             line += height
             if len(lines):
                 yield found, lines, share
         short.end()
 
     def _columns(
-        self, text: bytes, line: int, names: Sequence[str], short: ShortRows | None = None
-    ) -> tuple[dict[str, Array], Lines, int]:
-        """Columns as numbers, NaN where there is no sample, the lines of their rows, and how many lines there are.
+        self, text: bytes, line: int, height: int, names: Sequence[str], short: ShortRows | None = None
+    ) -> tuple[Array, Lines]:
+        """Columns as numbers, NaN where there is no sample, shape (n, k), and the lines of their rows.
 
         Args:
             text: Lines below the header.
             line: Number of the first of them.
+            height: How many there are.
             names: Of the columns.
             short: What keeps watch over the rows; None: it has seen them.
 
         Raises:
             InputError: A cell is no number, or a row has not as many as there are columns.
         """
-        places = {name: self.names.index(name) for name in names}
-        height = text.count(b"\n")
+        places = [self.names.index(name) for name in names]
         lines, frame = np.arange(line, line + height), None
         # Rows have a character for each cell at least; lines that have less are empty, as millions of them may be.
         if places and height * self.form.width <= len(text) and b'"' not in text:
-            frame = self._parsed(text, places.values(), "numbers", "missing")
+            frame = self._parsed(text, places, "numbers", "missing")
         if frame is None or not self._is_regular(text, frame) or _has_empty_row(frame):
             text, lines, cells = sound_rows(self.path, text, line, self.form)
             if short:
                 short.watch(cells, lines)
-            frame = self._parsed(text, places.values(), "missing", "text")
+            frame = self._parsed(text, places, "missing", "text")
         elif short:
             short.watch(np.array([self.form.width]), lines)
-        if frame is None or (frame.height != len(lines) and places):
+        if not places:
+            return np.empty((len(lines), 0)), lines
+        if frame is None or frame.height != len(lines):
             raise InputError(
                 f"{self.path}: expected a table from line {line} on, found cells that cannot be told apart; check the quotation marks"
             )
-        return {name: self._numbers(name, frame[self.places[j]], lines) for name, j in places.items()}, lines, height
+        if all(kind.is_numeric() for kind in frame.dtypes):
+            return frame.to_numpy(order="c"), lines
+        columns = zip(names, frame.iter_columns(), strict=True)
+        return np.column_stack([self._numbers(name, column, lines) for name, column in columns]), lines
 
     def _is_regular(self, text: bytes, frame: pl.DataFrame) -> bool:
         """Whether every line has as many cells as there are columns, as in nearly all files."""
@@ -177,7 +179,7 @@ class _Table:
             kinds = {j: pl.String() if as_text or self.dialect.is_dated(j) else pl.Float64() for j in places}
             body = text.replace(b",", b".") if self.dialect.decimal == "," and not as_text else text
             with suppress(pl.exceptions.PolarsError):
-                return pl.read_csv(
+                frame = pl.read_csv(
                     b"".join((self.form.separator.join(place.encode() for place in self.places), b"\n", body)),
                     columns=[self.places[j] for j in places],
                     schema={place: kinds.get(j, pl.String()) for j, place in enumerate(self.places)},
@@ -186,12 +188,13 @@ class _Table:
                     null_values=None if way == "numbers" else MISSING,
                     encoding="utf8-lossy",
                 )
+                return frame.select([self.places[j] for j in places])
         return None
 
     def _numbers(self, name: str, column: pl.Series, lines: Lines) -> Array:
         """A column as numbers, whether it has been parsed as such or as text."""
         if column.dtype.is_numeric():
-            return column.to_numpy()
+            return as_array(column)
         dated, cells = self.dialect.is_dated(self.names.index(name)), stripped(column)
         values = as_instants(cells) if dated else as_numbers(cells, self.dialect.decimal or ".")
         if values.null_count() > cells.null_count() and self.dialect.decimal is None and not dated:
@@ -203,23 +206,27 @@ class _Table:
                 f"{self.path}:{lines[wrong[0]]}: column '{name}': expected {expected}, found '{column[wrong[0]][:40]}'; "
                 "correct the cell or leave it empty"
             )
-        return values.to_numpy()
+        return as_array(values)
 
-    def _clocks(self, names: Sequence[str]) -> tuple[str, dict[str, str]]:
-        """The column of times among some columns, and other times that belong to these -> one of them."""
-        clock_of = self.header.clocks
-        time = next((name for name in names if name in clock_of.values()), "")
-        return time, {clock_of[name]: name for name in names if time and clock_of.get(name, time) != time}
+    def _check_clocks(self, names: Sequence[str], found: Table, lines: Lines) -> None:
+        """See that the times of columns are those that they are read with.
 
-    def _check_clock(self, name: str, own: Array, time: str, times: Array, lines: Lines) -> None:
-        """See that the times of a column are those that it is read with."""
-        apart = np.flatnonzero((own != times) & ~(np.isnan(own) & np.isnan(times)))
-        if len(apart):
-            i = int(apart[0])
-            raise InputError(
-                f"{self.path}:{lines[i]}: column '{name}': expected a sample at the time {times[i]:.9g} of column '{time}', found one at {own[i]:.9g}; "
-                f"read it as a stream of its own with the column '{self.header.clocks[name]}' as t, or export all at the same times"
-            )
+        Raises:
+            InputError: A column has other times of its own.
+        """
+        clocks = self.header.clocks
+        time = next((name for name in names if name in clocks.values()), None)
+        for name in names:
+            if time is None or name not in clocks:
+                continue
+            times, own = found[time], found[clocks[name]]
+            apart = np.flatnonzero((own != times) & ~(np.isnan(own) & np.isnan(times)))
+            if len(apart):
+                i = int(apart[0])
+                raise InputError(
+                    f"{self.path}:{lines[i]}: column '{name}': expected a sample at the time {times[i]:.9g} of column '{time}', found one at {own[i]:.9g}; "
+                    f"read it as a stream of its own with the column '{clocks[name]}' as t, or export all at the same times"
+                )
 
 
 def _first_lines(path: Path) -> list[str]:
