@@ -13,7 +13,7 @@ LAYERS = [
     {"batch"},
     {"rotations", "inertia"},
     {"dynamics", "smoothing"},
-    {"yaml_file", "output"},
+    {"yaml_file", "json_file", "output"},
     {"logs"},
     {"robot"},
     {"imports"},

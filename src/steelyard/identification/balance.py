@@ -156,6 +156,17 @@ def freedom(samples: Samples) -> float:
     return min(len(samples) * samples.share, length / samples.spacing)
 
 
+def wrench_noise(experiment: Experiment, run: Run, samples: Samples, systematic: Systematic, sigma: Array) -> Array:
+    """What the noise of the force sensors alone leaves in the filtered wrench, rms [N], [N m], shape (6,).
+
+    Args: as of :func:`balance`.
+    """
+    equations = balance(experiment, run, samples, systematic, sigma)
+    variance = np.einsum("nkr,r->nk", equations.by_reading**2, equations.sigma**2).mean(axis=0)
+    let_through = min(1.0, freedom(samples) / (len(samples) * samples.share))
+    return np.asarray(np.sqrt(variance * let_through))
+
+
 def passed(samples: Samples) -> float:
     """Part of the noise of single readings that the filter lets through."""
     if samples.plan is None:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.identification.estimate import FORMAT, Estimate, Label, Verdict
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six
+from steelyard.json_file import read_json
 from steelyard.yaml_file import Document, FileModel, require_file, validate
 
 FILE_NAME = "estimate.json"
@@ -24,7 +25,6 @@ FILE_NAME = "estimate.json"
 ALL = "all"
 """Stands for every method of a file."""
 
-_LARGEST_FILE = 64 << 20  # bytes
 _MOST_VALUES = 100_000  # beside what is passed over; an estimate has some two hundred
 _DEEPEST = 16
 _LONGEST_NAME = 60
@@ -135,7 +135,7 @@ def read_estimate_file(path: Path) -> EstimateFile:
     """
     path = path / FILE_NAME if path.is_dir() else path
     require_file(path, "file that identify wrote, or its folder")
-    document = Document(path, _read_json(path), {})
+    document = Document(path, read_json(path), {})
     if not isinstance(document.data, dict):
         raise document.error(
             (), f"expected an estimate that identify wrote, found {_kind(document.data)}; check the path"
@@ -221,37 +221,6 @@ def _cut(name: str) -> str:
 def _printable(text: str) -> str:
     """Nothing of a file may steer the terminal."""
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split()))
-
-
-def _read_json(path: Path) -> Any:
-    with path.open("rb") as file:
-        content = file.read(_LARGEST_FILE + 1)
-    if len(content) > _LARGEST_FILE:
-        raise InputError(f"{path}: expected at most {_LARGEST_FILE >> 20} MiB of JSON, found more; check the path")
-    try:
-        # Whole numbers as others: one of thousands of digits is infinite then, and refused as such.
-        return json.loads(content.decode("utf-8-sig"), parse_int=float, parse_constant=_no_number)
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: expected UTF-8 text, found a byte that is not at {error.start}; check the path"
-        ) from None
-    except json.JSONDecodeError as error:
-        raise InputError(
-            f"{path}:{error.lineno}: expected JSON, found a mistake in it ({error.msg[:1].lower()}{error.msg[1:]}); "
-            "let identify write the file again"
-        ) from None
-    except RecursionError:
-        raise InputError(
-            f"{path}: expected an estimate that identify wrote, found lists too deep; check the path"
-        ) from None
-    except ValueError as error:
-        raise InputError(
-            f"{path}: expected JSON, found {error}, which JSON does not have; write null instead"
-        ) from None
-
-
-def _no_number(text: str) -> NoReturn:
-    raise ValueError(text)
 
 
 def _wanted(data: dict[str, Any]) -> dict[str, Any]:

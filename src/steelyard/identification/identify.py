@@ -55,6 +55,10 @@ class Identification:
     """Run -> its clocks, where they were found from the data."""
     left_out: tuple[str, ...] = ()
     """Readings that were taken out when the recording was read, in words."""
+    recorded: Experiment | None = None
+    """What was looked at: without the runs held out, on one clock."""
+    fitted: Joint | Study | None = None
+    """What the best of the estimates was drawn from; None: methods of their own."""
 
     @property
     def result(self) -> str:
@@ -145,6 +149,8 @@ def identify(
         joint.motion if joint else (),
         found.offsets,
         tuple(_left_out(used)),
+        used,
+        joint or shared,
     )
 
 

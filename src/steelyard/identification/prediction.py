@@ -11,7 +11,7 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_wrench
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
-from steelyard.identification.balance import balance, freedom
+from steelyard.identification.balance import wrench_noise
 from steelyard.identification.classical import NoBalanceError, study
 from steelyard.identification.estimate import plain
 from steelyard.identification.study import Progress
@@ -77,14 +77,11 @@ def predict_held_out(
         if run.name not in names:
             continue
         predicted = platform_wrench(found.parameters, samples.specific_force, samples.omega, samples.alpha)
-        equations = balance(experiment, run, samples, found.systematic, found.sigma[run.name])
-        variance = np.einsum("nkr,r->nk", equations.by_reading**2, equations.sigma**2).mean(axis=0)
-        passed = min(1.0, freedom(samples) / (len(samples) * samples.share))
         predictions.append(
             Prediction(
                 run=run.name,
                 error=np.sqrt(np.mean((samples.wrench - predicted) ** 2, axis=0)),
-                noise=np.sqrt(variance * passed),
+                noise=wrench_noise(experiment, run, samples, found.systematic, found.sigma[run.name]),
                 spread=np.std(samples.wrench, axis=0),
             )
         )

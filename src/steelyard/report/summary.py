@@ -11,6 +11,9 @@ from steelyard.arrays import Array
 from steelyard.identification.estimate import Estimate
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
+from steelyard.report.evidence import Body, Evidence, Made, Number
+from steelyard.report.gather import body_of, evidence_of, numbers
+from steelyard.report.made import steelyard_version
 
 LABELS = (
     ("mass", "kg", 1.0),
@@ -32,10 +35,10 @@ class Column:
     """Ten values under one heading, in the units of :data:`LABELS`."""
 
     heading: str
-    values: tuple[float | None, ...]
-    deviations: tuple[float | None, ...] | None
+    values: tuple[Number, ...]
+    deviations: tuple[Number, ...] | None
     """1-sigma; None where they are given without."""
-    errors: tuple[float | None, ...] | None = None
+    errors: tuple[Number, ...] | None = None
     """Difference from the truth, where that is known."""
 
 
@@ -56,6 +59,22 @@ class Summary:
     """What each run says alone, a table per method."""
     statements: tuple[str, ...]
     """Verdicts, then remarks, one sentence each."""
+    result: str
+    """Heading of the best estimate, which the report is about."""
+    bodies: tuple[Body, ...]
+    """All that are shown."""
+    nominal: tuple[Number, ...] | None
+    """The ten of :data:`steelyard.inertia.BODY_PARAMETERS`, SI."""
+    truth: tuple[Number, ...] | None
+    attainable: tuple[Number, ...] | None
+    """The smallest 1-sigma that any method could have."""
+    evidence: Evidence
+    made: Made
+
+    @property
+    def best(self) -> Body:
+        """The estimate that the report is about."""
+        return next(body for body in self.bodies if body.name == self.result)
 
 
 def summarise(
@@ -64,6 +83,7 @@ def summarise(
     beside: Mapping[str, Estimate] | None = None,
     title: str | None = None,
     suffix: str = "",
+    made: Made | None = None,
 ) -> Summary:
     """Gather what is shown.
 
@@ -73,6 +93,7 @@ def summarise(
         beside: Further estimates to show in the table, heading -> estimate.
         title: Heading; None: the name of the experiment.
         suffix: What to add to the names of the methods, where others stand beside them.
+        made: How the result was made; None: by this version, nothing else is known.
     """
     columns = []
     nominal = None if identification.nominal is None else identification.nominal.body_parameters
@@ -99,6 +120,13 @@ def summarise(
             *_clocks(identification),
             *(str(p) for p in identification.predictions),
         ),
+        result=f"{identification.result}{suffix}",
+        bodies=tuple(body_of(name, estimate) for name, estimate in shown.items()),
+        nominal=None if nominal is None else numbers(nominal),
+        truth=None if true is None else numbers(true),
+        attainable=None if identification.bound is None else numbers(identification.bound.standard_deviation, 3),
+        evidence=evidence_of(identification),
+        made=made or Made((("steelyard", steelyard_version()),), ()),
     )
 
 
