@@ -142,7 +142,9 @@ def simulate(
     help="consistent, maximum-likelihood: pull towards the nominal body as far as that predicts runs left out better.",
 )
 @click.option(
-    "--out", type=_FOLDER, help="Folder for estimate.json, report.md and motion.parquet; without it nothing is written."
+    "--out",
+    type=_FOLDER,
+    help="Folder for estimate.json, the report (report.html, .md, .json) and motion.parquet; without it nothing is written.",
 )
 @click.option("--force", is_flag=True, help="Replace files of the same names.")
 @_common
@@ -341,6 +343,16 @@ def import_(
     from steelyard.cli.imports import run_import
 
     run_import(files, out, products=products, about=about, cable_set=cable_set, force=force, as_json=as_json)
+
+
+@app.command()
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@_common
+def report(folder: Path, as_json: bool, quiet: bool) -> None:
+    """Draw the report of DIR, a folder that identify wrote, again: report.html and report.md from its report.json."""
+    from steelyard.cli.report import run_report
+
+    run_report(folder, as_json=as_json)
 
 
 @app.command()

@@ -22,9 +22,11 @@ from steelyard.identification.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import Inertia
 from steelyard.output import check_target, results_folder, to_json, write_json
+from steelyard.report.made import made_of
 from steelyard.report.motion_table import FILE_NAME, write_motion
-from steelyard.report.summary import Summary, as_markdown, summarise
+from steelyard.report.summary import Summary, summarise
 from steelyard.report.terminal import show
+from steelyard.report.write import write_report
 from steelyard.robot.file import bundled_names, bundled_text, read_robot, robot_file
 from steelyard.simulation.sensors import read_sensors
 from steelyard.simulation.simulate import VirtualExperiment
@@ -132,7 +134,19 @@ def run_identification(
     recorded = selected(read_experiment(experiment), runs)
     with progress(quiet=quiet) as tell:
         identification = identify(recorded, chosen, tell, holdout=holdout)
-    summary = summarise(identification, known_truth(experiment.parent))
+    options = _options(
+        {
+            "method": methods or ["maximum-likelihood", "two-step"],
+            "acceleration": acceleration,
+            "combine": combine,
+            "run": runs,
+            "holdout": holdout,
+            "box": box,
+            "ellipsoid": ellipsoid,
+            "towards-nominal": towards_nominal,
+        }
+    )
+    summary = summarise(identification, known_truth(experiment.parent), made=made_of(recorded, options))
     if out is not None:
         with results_folder(out, force=force) as folder:
             _write_identification(identification, summary, folder)
@@ -142,6 +156,15 @@ def run_identification(
         show(summary)
     if not identification.estimates[identification.result].verdict.accepted:
         sys.exit(NOT_ACCEPTED)
+
+
+def _options(given: Mapping[str, Any]) -> dict[str, str]:
+    """What was asked for, in words."""
+    chosen = {name: value for name, value in given.items() if value}
+    return {
+        name: "yes" if value is True else value if isinstance(value, str) else ", ".join(map(str, value))
+        for name, value in chosen.items()
+    }
 
 
 def _methods(
@@ -194,7 +217,7 @@ def selected(experiment: Experiment, names: Sequence[str]) -> Experiment:
 
 def _write_identification(identification: Identification, summary: Summary, folder: Path) -> None:
     write_json(identification.to_dict(), folder / "estimate.json")
-    (folder / "report.md").write_text(as_markdown(summary), encoding="utf-8")
+    write_report(summary, folder)
     if identification.motion:
         write_motion(identification.motion, folder / FILE_NAME)
 
@@ -238,19 +261,21 @@ def run_demo(out: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
     beside = {"two-step, the paper's eight moves": moves.estimates["two-step"]}
     truth = recorded["multisine"].body
     title = "CoGiRo with the sensors of the paper, simulated: its eight moves, and 20 s on six axes"
-    summary = summarise(best, truth, beside, title, ", six axes")
+    made = {name: made_of(virtual.experiment, {"demo": "seed 0"}) for name, virtual in recorded.items()}
+    summary = summarise(best, truth, beside, title, ", six axes", made["multisine"])
     with results_folder(out, force=force) as folder:
         _write_virtual(recorded["multisine"], folder)
         _write_identification(best, summary, folder)
         inner = folder / "paper-moves"
         inner.mkdir()
         _write_virtual(recorded["paper"], inner)
-        _write_identification(moves, summarise(moves, truth), inner)
+        _write_identification(moves, summarise(moves, truth, made=made["paper"]), inner)
     if as_json:
         print_json(best.to_dict())
         return
     show(summary, each_run=False)
-    print(f"\nData, estimates and report are in {out}/ (the paper's moves in {out / 'paper-moves'}/). Try next:")
+    print(f"\nData, estimates and report are in {out}/ (the paper's moves in {out / 'paper-moves'}/). Look at")
+    print(f"  {out / 'report.html'}\nin a browser, and try next:")
     print(f"  steelyard identify {out / 'experiment.yaml'} --acceleration tracker")
 
 

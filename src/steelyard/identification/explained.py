@@ -6,7 +6,7 @@ For people who look at residuals: nothing is estimated here, the fit's own state
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,10 +64,11 @@ def explained(experiment: Experiment, fitted: Joint | Study | None, parameters: 
     Args:
         experiment: That was fitted, with its clocks found.
         fitted: Everything at once, or a balance of forces and motion.
-        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS` of the estimate; NaN: no wrench is predicted; shape (10,).
+        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS` of the estimate, shape (10,); NaN: not all of them are told,
+            so that only a fit of everything at once can say what the forces should have been.
     """
     if isinstance(fitted, Joint):
-        yield from _of_joint(experiment, fitted)
+        yield from _of_joint(experiment, fitted, parameters)
     elif fitted is not None:
         yield from _of_study(experiment, fitted, parameters)
 
@@ -97,8 +98,10 @@ def _of_study(experiment: Experiment, fitted: Study, parameters: Array) -> Itera
         yield from _motion(experiment, run, arcs, fitted.kinematics.systematic, fitted.kinematics.ratios)
 
 
-def _of_joint(experiment: Experiment, joint: Joint) -> Iterator[Explained]:
+def _of_joint(experiment: Experiment, joint: Joint, parameters: Array) -> Iterator[Explained]:
     state = joint.fit.state
+    if np.isfinite(parameters).all():
+        state = replace(state, parameters=parameters)
     for run in experiment.runs:
         own = [(arc, f) for arc, f in zip(state.arcs, joint.felt, strict=True) if arc.run == run.name]
         if not own:

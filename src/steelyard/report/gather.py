@@ -49,8 +49,8 @@ _MOST_INSTANTS = 600
 _INSTANTS_A_SECOND = 20.0
 _OUTLYING = 5.0
 """1-sigma."""
-_SEGMENT = 512
-"""Samples of which a spectrum is made, at most."""
+_SEGMENTS, _LEAST_SEGMENT, _SEGMENT = 8, 64, 512
+"""Stretches that a spectrum is the mean of, and least and largest number of samples of one."""
 _MOST_MISSING = 0.1
 _JITTER = 0.5
 """Part of the sampling interval by which intervals may differ where a spectrum is to mean something."""
@@ -240,7 +240,13 @@ def _spectrum(each: Explained, used: NDArray[np.bool_], scaled: Array) -> Spectr
     if middle <= 0 or np.quantile(np.abs(step - middle), 0.9) > _JITTER * middle:
         return None
     level = 1.0 if each.sigma is not None else np.maximum(np.mean(scaled**2, axis=0), 1e-300)
-    frequency, density = welch(scaled, 1 / middle, nperseg=min(len(scaled), _SEGMENT), axis=0, detrend=False)
+    frequency, density = welch(
+        scaled,
+        1 / middle,
+        nperseg=min(len(scaled), max(_LEAST_SEGMENT, min(_SEGMENT, len(scaled) // _SEGMENTS))),
+        axis=0,
+        detrend=False,
+    )
     # One-sided: white noise of unit variance has the density two over the rate.
     power = np.mean(density / (2 * middle) / level, axis=1)
     return Spectrum(tuple(_round(frequency[1:], 5)), tuple(_round(np.maximum(power[1:], 1e-12), 4)))

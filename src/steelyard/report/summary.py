@@ -191,29 +191,3 @@ def cell(column: Column, row: int) -> str:
     if column.deviations is None:
         return "-" if value is None else f"{value:.6g}"
     return number(value, column.deviations[row])
-
-
-def as_markdown(summary: Summary) -> str:
-    """The same in Markdown."""
-    lines = [f"# {_escaped(summary.table.title)}", "", *_markdown_table(summary.table), ""]
-    lines += [f"- {_escaped(text)}" for text in summary.statements]
-    for table in summary.runs:
-        lines += ["", f"## {_escaped(table.title)}", "", *_markdown_table(table)]
-    return "\n".join(lines) + "\n"
-
-
-def _markdown_table(table: Table) -> list[str]:
-    lines = [
-        "| | | " + " | ".join(_escaped(c.heading) for c in table.columns) + " |",
-        "|---|---|" + "---:|" * len(table.columns),
-    ]
-    for row, (label, unit, _) in enumerate(LABELS):
-        lines.append(f"| {label} | {unit} | " + " | ".join(cell(c, row) for c in table.columns) + " |")
-    return lines
-
-
-_SPECIAL = {ord(character): f"&#{ord(character)};" for character in "\\|<>&*_`[]#"}
-
-
-def _escaped(text: str) -> str:
-    return " ".join(text.translate(_SPECIAL).split())

@@ -1,0 +1,18 @@
+"""How the result was made: versions, options, and which files were read."""
+
+from __future__ import annotations
+
+from steelyard.report.document import Block, Grid, Section
+from steelyard.report.summary import Summary
+
+
+def made(summary: Summary) -> Section:
+    """The section."""
+    found = summary.made
+    blocks: list[Block] = [Grid("Versions", ("program or library", "version"), found.versions)]
+    if found.options:
+        blocks.append(Grid("Options", ("option", "value"), found.options))
+    if found.inputs:
+        rows = tuple((each.name, str(each.size), each.sha256) for each in found.inputs)
+        blocks.append(Grid("Files that were read", ("file", "bytes", "SHA-256"), rows, frozenset({1})))
+    return Section("made", "How it was made", tuple(blocks))

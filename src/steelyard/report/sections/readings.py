@@ -1,0 +1,221 @@
+"""Measured against predicted: what the platform feels, then every instrument, with what is left over and its spectrum."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from steelyard.identification.explained import PLATFORM
+from steelyard.report.document import Block, Figure, Grid, Section, Statement, Statements
+from steelyard.report.evidence import Number, Trace
+from steelyard.report.sections.shown import Unit, shown_unit, slug, words
+from steelyard.report.summary import Summary
+
+_HIGH = 1.5
+"""Residuals of so many 1-sigma, root mean square, are said to be more than the noise."""
+
+
+def wrench(summary: Summary) -> Section | None:
+    """Force and torque on the platform; None where none is predicted."""
+    traces = [each for each in summary.evidence.traces if each.instrument == PLATFORM]
+    if not traces:
+        return None
+    text = (
+        "Force and torque of all that carries the platform, about its origin in its own axes: as the force sensors say with everything that was found about them, "
+        "and as the estimated body needs them for the motion."
+    )
+    return Section("wrench", "What carries the platform", (Statements((Statement(text),)), *map(_figure, traces)))
+
+
+def readings(summary: Summary) -> Section | None:
+    """Every instrument; None where there is none to show."""
+    evidence = summary.evidence
+    traces = [each for each in evidence.traces if each.instrument != PLATFORM]
+    if not evidence.traces:
+        return None
+    blocks: list[Block] = []
+    remarks = list(_remarks(summary, traces))
+    if remarks:
+        blocks.append(Statements(tuple(remarks)))
+    blocks.append(_table(evidence.traces))
+    if evidence.noise:
+        blocks.append(_noise(summary))
+    blocks += [_figure(each) for each in traces]
+    blocks += list(_spectra(evidence.traces))
+    return Section("readings", "Readings and what is left of them", tuple(blocks))
+
+
+def _remarks(summary: Summary, traces: Sequence[Trace]) -> Iterator[Statement]:
+    evidence = summary.evidence
+    for run, start, end in evidence.contacts:
+        yield Statement(
+            f"Run '{run}': something touched the platform from {start:.2f} to {end:.2f} s; its forces are left out there.",
+            "note",
+        )
+    for each in traces:
+        if each.outliers:
+            yield Statement(
+                f"Run '{each.run}', {each.instrument}, {words(each.quantity)}: {each.outliers} reading{'s' if each.outliers > 1 else ''} beyond 5 1-sigma or left out, of "
+                f"{each.samples * len(each.channels)}.",
+                "note",
+            )
+        ratio = _ratio(each)
+        if ratio is not None and ratio > _HIGH:
+            yield Statement(
+                f"Run '{each.run}', {each.instrument}, {words(each.quantity)}: what is left over is {ratio:.1f} times the noise that it is taken to have.",
+                "bad",
+            )
+    if evidence.not_drawn:
+        yield Statement(
+            f"{evidence.not_drawn} further runs took part in the estimate; only the first ones are drawn, to keep this page small.",
+            "note",
+        )
+
+
+def _ratio(each: Trace) -> Number:
+    """Root mean square over all channels, in 1-sigma."""
+    found = [r / s for r, s in zip(each.rms, each.sigma or (), strict=False) if r is not None and s]
+    return float(np.sqrt(np.mean(np.square(found)))) if found else None
+
+
+def _table(traces: Sequence[Trace]) -> Grid:
+    rows = []
+    for each in traces:
+        unit = shown_unit(each.unit, each.quantity)
+        ratio = _ratio(each)
+        left = [f"{r * unit.factor:.3g}" if r is not None else "-" for r in each.rms]
+        rows.append(
+            (
+                each.run, each.instrument, words(each.quantity), unit.name, str(each.samples), ", ".join(left), "-" if ratio is None else f"{ratio:.2f}",
+                "-" if each.worst is None else f"{each.worst:.1f}", str(each.outliers),
+            )
+        )  # fmt: skip
+    head = (
+        "run",
+        "instrument",
+        "quantity",
+        "unit",
+        "samples",
+        "left over, rms by channel",
+        "in 1-sigma",
+        "largest in 1-sigma",
+        "outliers",
+    )
+    return Grid("What is left over: measured less predicted", head, tuple(rows), frozenset({4, 6, 7, 8}))
+
+
+def _noise(summary: Summary) -> Grid:
+    rows = []
+    for each in summary.evidence.noise:
+        unit = shown_unit(each.unit, each.quantity)
+        values = [("-" if v is None else f"{v * unit.factor:.3g}") for v in (each.stated, each.used, each.found)]
+        rows.append((each.instrument, words(each.quantity), unit.name, *values))
+    return Grid(
+        "Noise of single readings, 1-sigma",
+        ("instrument", "quantity", "unit", "stated", "used", "found"),
+        tuple(rows),
+        frozenset({3, 4, 5}),
+    )
+
+
+def _figure(each: Trace) -> Figure:
+    """Measured and predicted over time, and below what is left over."""
+    unit = shown_unit(each.unit, each.quantity)
+    measured = np.array(each.measured, dtype=np.float64) * unit.factor
+    over = np.array(each.residual, dtype=np.float64)
+    predicted = measured - over * unit.factor
+    scale = np.array(each.sigma)[:, None] if each.sigma is not None else 1.0 / unit.factor
+    data = [*_lines(each, measured, predicted), *_left_over(each, over / scale)]
+    what = "number of the pose" if each.static else "time [s]"
+    layout = {
+        "xaxis": {"title": {"text": what}, "anchor": "y2"},
+        "yaxis": {"title": {"text": f"{words(each.quantity)} [{unit.name}]"}, "domain": [0.4, 1.0]},
+        "yaxis2": {
+            "title": {"text": "left over [1-sigma]" if each.sigma is not None else f"left over [{unit.name}]"},
+            "domain": [0.0, 0.32],
+        },
+    }
+    who = "the platform" if each.instrument == PLATFORM else each.instrument
+    thin = f", {len(each.time)} of {each.samples} samples" if len(each.time) < each.samples else ""
+    title = f"Run {each.run}: {who}, {words(each.quantity)} (measured thin, predicted dashed{thin})"
+    text = f"{words(each.quantity)} of {who} in run {each.run}, channels {', '.join(each.channels)}, measured and predicted, and below what is left over; {_summed(each, unit)}"
+    return Figure(slug("trace", each.run, each.instrument, each.quantity), title, text, tuple(data), layout, height=440)
+
+
+def _summed(each: Trace, unit: Unit) -> str:
+    rms = [r for r in each.rms if r is not None]
+    return f"root mean square {max(rms) * unit.factor:.3g} {unit.name} at most." if rms else "nothing was read."
+
+
+def _lines(each: Trace, measured: Any, predicted: Any) -> Iterator[dict[str, Any]]:
+    mode = "lines+markers" if each.static else "lines"
+    for name, values in zip(each.channels, measured, strict=True):
+        yield {
+            "type": "scatter",
+            "mode": mode,
+            "name": name,
+            "legendgroup": name,
+            "x": each.time,
+            "y": values,
+            "line": {"width": 1},
+            "opacity": 0.75,
+        }
+    for name, values in zip(each.channels, predicted, strict=True):
+        yield {
+            "type": "scatter", "mode": "lines", "name": f"{name}, predicted", "legendgroup": name, "showlegend": False, "x": each.time, "y": values,
+            "line": {"width": 1.5, "dash": "dash"},
+        }  # fmt: skip
+
+
+def _left_over(each: Trace, over: Any) -> Iterator[dict[str, Any]]:
+    time = np.array(each.time)
+    out = np.zeros(over.shape, dtype=bool)
+    for channel, sample in each.left_out:
+        out[channel, sample] = True
+    for name, values, lost in zip(each.channels, over, out, strict=True):
+        yield {
+            "type": "scatter", "mode": "markers" if each.static else "lines", "name": f"{name}, left over", "legendgroup": name, "showlegend": False, "x": each.time,
+            "y": np.where(lost, np.nan, values), "yaxis": "y2", "line": {"width": 1}, "marker": {"size": 5},
+        }  # fmt: skip
+    if out.any():
+        channels, samples = np.nonzero(out)
+        # What is left out may be far off the scale: it is marked where it happened.
+        limit = float(np.nanmax(np.abs(np.where(out, np.nan, over)), initial=1.0))
+        yield {
+            "type": "scatter", "mode": "markers", "name": "left out", "x": time[samples], "y": np.clip(over[channels, samples], -limit, limit), "yaxis": "y2",
+            "marker": {"size": 7, "symbol": "x-thin-open"},
+        }  # fmt: skip
+
+
+def _spectra(traces: Sequence[Trace]) -> Iterator[Figure]:
+    """Of every run one figure."""
+    for run in dict.fromkeys(each.run for each in traces):
+        own = [each for each in traces if each.run == run and each.spectrum is not None]
+        if not own:
+            continue
+        data = [
+            {
+                "type": "scatter", "mode": "lines", "name": f"{each.instrument}, {words(each.quantity)}", "x": each.spectrum.frequency, "y": each.spectrum.power,
+                "line": {"width": 1.5},
+            }
+            for each in own
+            if each.spectrum is not None
+        ]  # fmt: skip
+        layout = {
+            "xaxis": {"title": {"text": "frequency [Hz]"}, "type": "log"},
+            "yaxis": {"title": {"text": "power over that of white noise"}, "type": "log"},
+        }
+        text = (
+            f"Spectra of what is left over in run {run}. White noise of the stated size is flat at 1; a peak is a motion or a vibration that the fit does not follow. Cables: six "
+            "equations for all of them, so that less than 1 is left."
+        )
+        yield Figure(
+            slug("spectra", run),
+            f"Run {run}: spectra of what is left over (1: white noise as it is taken to be)",
+            text,
+            tuple(data),
+            layout,
+            height=380,
+        )
