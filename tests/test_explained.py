@@ -69,9 +69,7 @@ def test_measured_is_what_was_read(found, experiment):
 def test_angles_go_with_their_residuals(found):
     _, readings = found
     each = readings["imu", "orientation"]
-    measured, predicted = (
-        Rotation.from_euler("ZYX", angles[:, ::-1]) for angles in (each.measured, each.predicted)
-    )
+    measured, predicted = (Rotation.from_euler("ZYX", angles[:, ::-1]) for angles in (each.measured, each.predicted))
     turned = (predicted.inv() * measured).as_rotvec()
     np.testing.assert_allclose(turned, each.residual, atol=1e-12)
     assert np.abs(np.diff(each.measured, axis=0)).max() < 1.0
@@ -80,7 +78,10 @@ def test_angles_go_with_their_residuals(found):
 def test_predicted_wrench_is_that_of_the_body_on_the_fitted_motion(experiment):
     identification = identify(experiment, [MaximumLikelihood()])
     motion, body = identification.motion[0], identification.estimates["maximum-likelihood"].body
-    readings = {(e.instrument, e.quantity): e for e in explained(identification.recorded, identification.fitted, body.parameters)}
+    readings = {
+        (e.instrument, e.quantity): e
+        for e in explained(identification.recorded, identification.fitted, body.parameters)
+    }
     force, torque = readings[PLATFORM, "force"], readings[PLATFORM, "torque"]
     inside = (force.time > motion.time[0]) & (force.time < motion.time[-1])
 
