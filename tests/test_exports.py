@@ -15,13 +15,14 @@ import pinocchio as pin
 import pytest
 from lxml import etree
 from ruamel.yaml import YAML
+from written_estimates import covariance, estimate_of, file_of
 
 from steelyard.dynamics import platform_regressor, platform_wrench
 from steelyard.errors import InputError
-from steelyard.exports.exported import exported_of, read_exported
+from steelyard.exports.exported import Exported, exported_of, read_exported
 from steelyard.exports.formats import FORMATS, export
 from steelyard.exports.remarks import number
-from steelyard.identification.estimate import FORMAT, Estimate, Verdict, judge
+from steelyard.identification.estimate import FORMAT, Verdict, judge
 from steelyard.identification.estimate_file import read_estimate_file
 from steelyard.inertia import BODY_PARAMETERS, LINEAR_PARAMETERS
 from steelyard.robot.file import read_robot
@@ -79,27 +80,6 @@ CLOUD = CLOUDS[2]
 def test_the_bodies_have_products_of_either_sign():
     assert {cloud.signs for cloud in CLOUDS} == set(itertools.product((-1, 1), repeat=3))
     assert min(abs(cloud.ten[7:]).min() / cloud.ten[4:7].max() for cloud in CLOUDS) > 1e-3
-
-
-def covariance(ten):
-    rng = np.random.default_rng(3)
-    root = rng.normal(size=(10, 10)) * 0.01 * np.abs(ten)[:, None]
-    return root @ root.T
-
-
-def estimate_of(ten, *, method="maximum-likelihood", verdict=None):
-    matrix = covariance(np.where(np.isfinite(ten), ten, 1.0))
-    unknown = ~np.isfinite(ten)
-    matrix[unknown, :] = matrix[:, unknown] = np.nan
-    return Estimate(method, np.asarray(ten, dtype=float), matrix, verdict or judge(ten))
-
-
-def file_of(folder, *estimates, experiment="a recording"):
-    entries = {each.method: each.to_dict() for each in estimates}
-    values = {"format": FORMAT, "experiment": experiment, "result": estimates[0].method, "estimates": entries}
-    path = folder / "estimate.json"
-    path.write_text(json.dumps(values))
-    return path
 
 
 def text_of(folder, cloud, form, **options):
@@ -385,6 +365,15 @@ def test_accepted_estimates_say_so(tmp_path, form):
 @pytest.mark.parametrize("form", FORMATS)
 def test_the_same_input_gives_the_same_bytes(tmp_path, form):
     assert text_of(tmp_path, CLOUD, form) == text_of(tmp_path, CLOUD, form)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_estimates_in_memory_are_exported_as_well(tmp_path, form):
+    text = export(Exported(estimate_of(CLOUD.ten)), form)
+    assert str(number(CLOUD.mass)) in text
+    assert "sha256 " not in text
+    with pytest.raises(InputError, match=r"^estimate 'two-step': expected all ten"):
+        export(Exported(estimate_of(UNTOLD, method="two-step")), form)
 
 
 @pytest.mark.parametrize("form", FORMATS)

@@ -36,7 +36,7 @@ def run_export(
         raise InputError("--pose: expected --robot beside it, found none; leave --pose out or name the robot")
     check_file_target(out, force=force)
     exported = read_exported(place, method)
-    if out.exists() and out.samefile(exported.path):
+    if exported.path is not None and out.exists() and out.samefile(exported.path):
         raise InputError(
             f"{out}: expected another file than the estimate that is read, found it; choose another with --out"
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -21,26 +21,27 @@ class Exported:
     """An estimate with where it comes from."""
 
     estimate: Estimate
-    experiment: str
+    experiment: str = ""
     """Name of the experiment; empty: not known."""
-    path: Path
-    """Of the file that holds the estimate."""
-    digest: str
+    path: Path | None = None
+    """Of the file that holds the estimate; None: it is in memory only."""
+    digest: str = ""
     """Beginning of the SHA-256 of that file."""
-    correlated: bool
+    correlated: bool = True
     """Whether the covariance is known, and not the 1-sigmas alone."""
-    version: str
+    version: str = field(default_factory=lambda: version("steelyard"))
     """Of steelyard."""
 
     @property
     def source(self) -> str:
-        """Name of the file, without the folder, which says nothing elsewhere."""
-        return self.path.name
+        """Name of the file, without the folder, which says nothing elsewhere; empty where there is none."""
+        return self.path.name if self.path else ""
 
     @property
     def where(self) -> str:
         """For messages."""
-        return f"{self.path}: estimate '{self.estimate.method}'"
+        place = f"{self.path}: " if self.path else ""
+        return f"{place}estimate '{self.estimate.method}'"
 
     @property
     def body(self) -> Inertia:
@@ -112,7 +113,6 @@ def exported_of(named: NamedEstimate) -> Exported:
         path=path,
         digest=sha256(path.read_bytes()).hexdigest()[:16],
         correlated=named.correlated,
-        version=version("steelyard"),
     )
 
 

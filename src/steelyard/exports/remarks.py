@@ -60,10 +60,8 @@ def _paragraphs(exported: Exported) -> Iterator[str]:
     estimate = exported.estimate
     experiment = f", experiment '{printable(exported.experiment, _LONGEST_NAME)}'" if exported.experiment else ""
     yield f"Inertial parameters of a platform, identified by steelyard {exported.version}."
-    yield (
-        f"Method {printable(estimate.method, _LONGEST_NAME)}{experiment}, from {printable(exported.source, _LONGEST_NAME)} "
-        f"(sha256 {exported.digest})."
-    )
+    file = f", from {printable(exported.source, _LONGEST_NAME)} (sha256 {exported.digest})" if exported.path else ""
+    yield f"Method {printable(estimate.method, _LONGEST_NAME)}{experiment}{file}."
     yield "Verdict: accepted." if estimate.verdict.accepted else "Verdict: NOT ACCEPTED, exported all the same."
     for reason in exported.doubts:
         yield f"- {printable(reason, _LONGEST_REASON)}"
