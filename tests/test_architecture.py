@@ -26,6 +26,7 @@ LAYERS = [
     {"identification"},
     {"excitation"},
     {"inspection"},
+    {"exports"},
     {"report"},
     {"cli"},
     {"__init__", "__main__"},

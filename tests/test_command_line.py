@@ -17,7 +17,7 @@ from steelyard.experiment.read import read_experiment
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.robot.file import bundled_names, read_robot
 
-VERBS = ("demo", "robots", "simulate", "identify", "design", "compare")
+VERBS = ("demo", "robots", "simulate", "identify", "design", "compare", "export")
 PROCESS = [sys.executable, "-m", "steelyard"]
 QUICK = ["--duration", "2"]
 

@@ -385,6 +385,55 @@ def compare(
 
 
 @app.command()
+@click.argument("estimate")
+@click.option(
+    "--format",
+    "format_",
+    type=click.Choice(["urdf", "sdf", "mjcf", "yaml", "json", "c"]),
+    required=True,
+    help="Of the file: ROS, Pinocchio; Gazebo; MuJoCo; as in a robot file; the same; a C header.",
+)
+@click.option("--method", metavar="NAME", help="Which estimate of the file. Default: its result.")
+@click.option("--out", type=_FOLDER, required=True, metavar="FILE", help="The file to write.")
+@click.option(
+    "--anyway", is_flag=True, help="Also an estimate that is not accepted or a body that cannot exist, with a comment."
+)
+@click.option("--robot", metavar="ROBOT", help="mjcf: the robot with its cables too; a bundled name or a robot file.")
+@click.option("--pose", **_POSE, help="--robot: where it hangs at rest [m], [deg]. Default: level, about the middle.")
+@click.option("--force", is_flag=True, help="Replace a file of the same name.")
+@_common
+def export(
+    estimate: str,
+    format_: str,
+    method: str | None,
+    out: Path,
+    anyway: bool,
+    robot: str | None,
+    pose: tuple[float, ...] | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Write the identified platform for a simulator or controller, with its verdict and the convention as comments.
+
+    ESTIMATE is an estimate.json or a folder with one, with :METHOD behind it for one of its methods.
+    """
+    from steelyard.cli.export import run_export
+
+    run_export(
+        estimate,
+        out,
+        format_=format_,
+        method=method,
+        anyway=anyway,
+        robot=robot,
+        pose=pose,
+        force=force,
+        as_json=as_json,
+    )
+
+
+@app.command()
 @click.argument("experiment", type=click.Path(path_type=Path))
 @click.option("--out", type=_FOLDER, required=True, help="Folder for the experiment; must be new or empty.")
 @click.option(

@@ -1,0 +1,80 @@
+"""What goes along with the numbers of every export: where they come from, whether to believe them, and the convention."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from textwrap import wrap
+
+from steelyard.exports.exported import Exported
+from steelyard.imports.sources import printable
+from steelyard.inertia import BODY_PARAMETERS
+
+UNITS = ("kg", *["m"] * 3, *["kg m^2"] * 6)
+"""Of :data:`steelyard.inertia.BODY_PARAMETERS`."""
+
+_WIDTH = 110
+_LONGEST_NAME = 200
+_LONGEST_REASON = 2000
+
+
+def number(value: float) -> str:
+    """A number that comes back to the last bit, and that every format takes: an exponent follows a decimal point.
+
+    Raises:
+        ValueError: It is not finite.
+    """
+    if not math.isfinite(value):
+        raise ValueError(f"expected a finite number, found {value}")
+    mantissa, exponent, power = repr(float(value) + 0.0).partition("e")
+    return f"{mantissa if '.' in mantissa else f'{mantissa}.0'}{exponent}{power}"
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Numbers with blanks between them."""
+    return " ".join(number(value) for value in values)
+
+
+def remarks(exported: Exported, convention: Sequence[str]) -> list[str]:
+    """Lines of text for the comment of an export, without what would steer a terminal; each format has its own marks to take out.
+
+    Args:
+        exported: The estimate.
+        convention: Of the format, a paragraph each.
+    """
+    lines: list[str] = []
+    for text in _paragraphs(exported):
+        lines += _wrapped(text)
+    lines.append("Convention:")
+    for text in convention:
+        lines += _wrapped(f"- {text}")
+    return lines
+
+
+def _wrapped(text: str) -> list[str]:
+    """A paragraph in lines, a table row as it is; what follows a dash is indented."""
+    return [text] if text.startswith(" ") else wrap(text, _WIDTH, subsequent_indent="  " if text[:2] == "- " else "")
+
+
+def _paragraphs(exported: Exported) -> Iterator[str]:
+    estimate = exported.estimate
+    experiment = f", experiment '{printable(exported.experiment, _LONGEST_NAME)}'" if exported.experiment else ""
+    yield f"Inertial parameters of a platform, identified by steelyard {exported.version}."
+    file = f", from {printable(exported.source, _LONGEST_NAME)} (sha256 {exported.digest})" if exported.path else ""
+    yield f"Method {printable(estimate.method, _LONGEST_NAME)}{experiment}{file}."
+    yield "Verdict: accepted." if estimate.verdict.accepted else "Verdict: NOT ACCEPTED, exported all the same."
+    for reason in exported.doubts:
+        yield f"- {printable(reason, _LONGEST_REASON)}"
+    if exported.impossible:
+        yield (
+            "NO BODY CAN HAVE THESE NUMBERS. MuJoCo refuses them, other simulators and controllers may become unstable with them. The methods "
+            "consistent and maximum-likelihood keep to bodies that can exist; steelyard.nearest_body finds the nearest one."
+        )
+    yield "Parameters (inertia about the centre of gravity), their 1-sigma, and what determined them:"
+    sigma = estimate.standard_deviation
+    for name, value, deviation, unit in zip(BODY_PARAMETERS, estimate.value, sigma, UNITS, strict=True):
+        label = estimate.verdict.parameters.get(name, "not said")
+        known = f"{value:12.6g} +- {deviation:<9.3g} {unit}" if math.isfinite(value) else f"{'not known':>12}"
+        yield f"  {name:4} {known}, {label}"
+    if not exported.correlated:
+        yield "The file has no covariance: correlations are not known."
