@@ -138,8 +138,9 @@ def _figure(each: Trace) -> Figure:
         },
     }
     who = "the platform" if each.instrument == PLATFORM else each.instrument
+    drawn = "points measured, rings predicted" if each.static else "measured thin, predicted dashed"
     thin = f", {len(each.time)} of {each.samples} samples" if len(each.time) < each.samples else ""
-    title = f"Run {each.run}: {who}, {words(each.quantity)} (measured thin, predicted dashed{thin})"
+    title = f"Run {each.run}: {who}, {words(each.quantity)} ({drawn}{thin})"
     text = f"{words(each.quantity)} of {who} in run {each.run}, channels {', '.join(each.channels)}, measured and predicted, and below what is left over; {_summed(each, unit)}"
     return Figure(slug("trace", each.run, each.instrument, each.quantity), title, text, tuple(data), layout, height=440)
 
@@ -150,22 +151,27 @@ def _summed(each: Trace, unit: Unit) -> str:
 
 
 def _lines(each: Trace, measured: Any, predicted: Any) -> Iterator[dict[str, Any]]:
-    mode = "lines+markers" if each.static else "lines"
+    """Poses at rest have nothing between them: points, and rings about them."""
+    point = {"mode": "markers", "marker": {"size": 5}} if each.static else {"mode": "lines", "line": {"width": 1}}
+    ring = {"size": 11, "symbol": "circle-open"}
+    dashed = (
+        {"mode": "markers", "marker": ring}
+        if each.static
+        else {"mode": "lines", "line": {"width": 1.5, "dash": "dash"}}
+    )
     for name, values in zip(each.channels, measured, strict=True):
         yield {
             "type": "scatter",
-            "mode": mode,
             "name": name,
             "legendgroup": name,
             "x": each.time,
             "y": values,
-            "line": {"width": 1},
             "opacity": 0.75,
+            **point,
         }
     for name, values in zip(each.channels, predicted, strict=True):
         yield {
-            "type": "scatter", "mode": "lines", "name": f"{name}, predicted", "legendgroup": name, "showlegend": False, "x": each.time, "y": values,
-            "line": {"width": 1.5, "dash": "dash"},
+            "type": "scatter", "name": f"{name}, predicted", "legendgroup": name, "showlegend": False, "x": each.time, "y": values, **dashed,
         }  # fmt: skip
 
 

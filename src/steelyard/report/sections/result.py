@@ -114,18 +114,20 @@ def _intervals(summary: Summary) -> Figure:
         suffix = "" if i == 0 else str(i + 1)
         column, row = i // rows, i % rows
         top = 1 - row / rows
+        told = any(body.value[i] is not None for body in bodies)
         layout[f"xaxis{suffix}"] = {
+            "visible": told,
             "domain": [0.54 * column, 0.46 + 0.54 * column],
             "anchor": f"y{suffix}",
             "nticks": 5,
             "range": _range(summary, bodies, i, factor),
         }
         layout[f"yaxis{suffix}"] = {
-            "domain": [top - 0.125, top - 0.02], "anchor": f"x{suffix}", "range": [-0.7, most - 0.3], "showticklabels": False, "zeroline": False, "showgrid": False,
+            "domain": [top - 0.125, top - 0.02], "anchor": f"x{suffix}", "range": [-0.7, most - 0.3], "showticklabels": False, "visible": told, "zeroline": False, "showgrid": False,
         }  # fmt: skip
         layout["annotations"].append(
             {
-                "text": f"{label} [{unit}]",
+                "text": f"{label} [{unit}]" if told else f"{label}: not told",
                 "x": 0.54 * column,
                 "y": top - 0.02,
                 "xref": "paper",
