@@ -11,6 +11,7 @@ from steelyard.arrays import Array
 from steelyard.identification.estimate import Estimate
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
+from steelyard.report.markdown import escaped
 
 LABELS = (
     ("mass", "kg", 1.0),
@@ -167,25 +168,18 @@ def cell(column: Column, row: int) -> str:
 
 def as_markdown(summary: Summary) -> str:
     """The same in Markdown."""
-    lines = [f"# {_escaped(summary.table.title)}", "", *_markdown_table(summary.table), ""]
-    lines += [f"- {_escaped(text)}" for text in summary.statements]
+    lines = [f"# {escaped(summary.table.title)}", "", *_markdown_table(summary.table), ""]
+    lines += [f"- {escaped(text)}" for text in summary.statements]
     for table in summary.runs:
-        lines += ["", f"## {_escaped(table.title)}", "", *_markdown_table(table)]
+        lines += ["", f"## {escaped(table.title)}", "", *_markdown_table(table)]
     return "\n".join(lines) + "\n"
 
 
 def _markdown_table(table: Table) -> list[str]:
     lines = [
-        "| | | " + " | ".join(_escaped(c.heading) for c in table.columns) + " |",
+        "| | | " + " | ".join(escaped(c.heading) for c in table.columns) + " |",
         "|---|---|" + "---:|" * len(table.columns),
     ]
     for row, (label, unit, _) in enumerate(LABELS):
         lines.append(f"| {label} | {unit} | " + " | ".join(cell(c, row) for c in table.columns) + " |")
     return lines
-
-
-_SPECIAL = {ord(character): f"&#{ord(character)};" for character in "\\|<>&*_`[]#"}
-
-
-def _escaped(text: str) -> str:
-    return " ".join(text.translate(_SPECIAL).split())
