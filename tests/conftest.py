@@ -10,6 +10,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
+from browser import browser
 
 from steelyard.cli import main
 from steelyard.inertia import Inertia
@@ -33,6 +34,13 @@ def recorded_truth(recordings):
 @pytest.fixture(scope="session")
 def examples():
     return ROOT / "examples"
+
+
+@pytest.fixture(scope="module")
+def driver():
+    """A browser, one for the tests of a file."""
+    with browser() as opened:
+        yield opened
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from steelyard.inspection.contact import Contact
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
 from steelyard.report.design import Grid
+from steelyard.report.markdown import escaped
 from steelyard.report.summary import LABELS
 from steelyard.report.terminal import console
 
@@ -179,19 +180,12 @@ def show_inspection(found: Inspection) -> None:
 
 def inspection_markdown(found: Inspection) -> str:
     """The same as Markdown."""
-    lines = [f"# {_escaped(found.experiment.name)}: what is in the recordings", ""]
-    lines += [f"- {_escaped(text)}" for text, _ in statements(found)]
+    lines = [f"# {escaped(found.experiment.name)}: what is in the recordings", ""]
+    lines += [f"- {escaped(text)}" for text, _ in statements(found)]
     for grid in grids(found):
         lines += ["", f"## {grid.title}", ""]
         for i, row in enumerate(grid.rows):
-            lines.append("| " + " | ".join(_escaped(each) for each in row) + " |")
+            lines.append("| " + " | ".join(escaped(each) for each in row) + " |")
             if not i:
                 lines.append("|" + "|".join("---:" if k in grid.right else "---" for k in range(len(row))) + "|")
     return "\n".join(lines) + "\n"
-
-
-_SPECIAL = {ord(character): f"&#{ord(character)};" for character in "\\|<>&*`"}
-
-
-def _escaped(text: str) -> str:
-    return " ".join(text.translate(_SPECIAL).split())

@@ -1,8 +1,7 @@
-"""What was found in recordings as one page with pictures, which needs nothing but itself."""
+"""What was found in recordings as a document with pictures, and as one page."""
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,179 +9,187 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Run
-from steelyard.inspection.agreement import Agreement
+from steelyard.inspection.agreement import BAD, Agreement
 from steelyard.inspection.contact import Residual
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
+from steelyard.report.document import Document, Figure, Grid, Section, Statement, Statements, Tone
 from steelyard.report.inspection import grids, statements
+from steelyard.report.page import page
 
 _MOST_POINTS = 3000
 """Of a line."""
 _MOST_RUNS = 4
 """That are drawn."""
-_COLOURS = (
-    "#1f77b4",
-    "#ff7f0e",
-    "#2ca02c",
-    "#d62728",
-    "#9467bd",
-    "#8c564b",
-    "#e377c2",
-    "#7f7f7f",
-    "#bcbd22",
-    "#17becf",
-)
-_MARKS = {"gap": "#999999", "stuck": "#d62728", "clipped": "#ff7f0e"}
-_STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; max-width: 1100px; margin: 2rem auto; padding: 0 1rem; color: #222; }
-table { border-collapse: collapse; margin: .5rem 0 1.5rem; font-size: 13px; } th, td { padding: .2rem .6rem; border-bottom: 1px solid #ddd; text-align: left; }
-td.r, th.r { text-align: right; font-variant-numeric: tabular-nums; } li.red { color: #b00020; } li.yellow { color: #8a5a00; } li.green { color: #1b7f3b; }
-"""
+_MARKS = {"gap": "var(--muted)", "stuck": "var(--bad)"}
+_TONES: dict[str, Tone] = {"red": "bad", "yellow": "note", "green": "good"}
 
 
 def inspection_page(found: Inspection) -> str:
     """HTML of an inspection; the same bytes for the same input."""
-    from plotly.offline import get_plotlyjs
-
-    title = html.escape(found.experiment.name)
-    parts = [
-        "<!DOCTYPE html>", '<html lang="en"><head><meta charset="utf-8">', f"<title>{title}</title>", f"<style>{_STYLE}</style>",
-        f"<script>{get_plotlyjs()}</script>", "</head><body>", f"<h1>{title}: what is in the recordings</h1>", "<ul>",
-        *(f'<li class="{style}">{html.escape(text)}</li>' for text, style in statements(found)), "</ul>",
-    ]  # fmt: skip
-    for grid in grids(found):
-        parts.append(f"<h2>{html.escape(grid.title)}</h2><table>")
-        for i, row in enumerate(grid.rows):
-            tag = "td" if i else "th"
-            cells = "".join(
-                f'<{tag} class="r">{html.escape(cell)}</{tag}>'
-                if k in grid.right
-                else f"<{tag}>{html.escape(cell)}</{tag}>"
-                for k, cell in enumerate(row)
-            )
-            parts.append(f"<tr>{cells}</tr>")
-        parts.append("</table>")
-    for i, (heading, figure) in enumerate(_figures(found)):
-        if heading:
-            parts.append(f"<h2>{html.escape(heading)}</h2>")
-        parts.append(figure.to_html(full_html=False, include_plotlyjs=False, div_id=f"figure-{i}"))
-    return "\n".join([*parts, "</body></html>", ""])
+    return page(inspection_document(found))
 
 
-def _figures(found: Inspection) -> Iterator[tuple[str, Any]]:
+def inspection_document(found: Inspection) -> Document:
+    """Everything that there is to say and to see."""
+    said = Statements(tuple(Statement(text, _TONES.get(style, "")) for text, style in statements(found)))
+    tables = tuple(Grid(grid.title, grid.rows[0], grid.rows[1:], grid.right) for grid in grids(found) if grid.rows[1:])
+    return Document(
+        f"{found.experiment.name}: what is in the recordings",
+        _lead(found),
+        (
+            *((Section("found", "What was found", (said,)),) if said.items else ()),
+            Section("numbers", "Numbers", tables),
+            *_pictures(found),
+        ),
+    )
+
+
+def _lead(found: Inspection) -> Statement:
+    if found.mistakes:
+        count = len(found.mistakes)
+        which = "a mistake" if count == 1 else f"{count} mistakes"
+        return Statement(f"The description has {which}; below stands what to change.", "bad")
+    if any(each.worst > BAD for _, each in found.agreements):
+        return Statement("The instruments contradict each other, and no simple mistake explains it.", "bad")
+    if found.contacts:
+        return Statement(
+            "The instruments agree as described, but something else than the body pulled or pushed.", "note"
+        )
+    return Statement("The instruments agree as described.", "good")
+
+
+def _pictures(found: Inspection) -> Iterator[Section]:
+    """Sections of figures, of what there is."""
     runs = [run for run in found.experiment.runs if not run.static][:_MOST_RUNS]
-    if found.excitation is not None:
-        yield "How well it can be known", _bars(found)
-    for i, residual in enumerate(found.residuals[:_MOST_RUNS]):
-        yield "Forces that no body explains" if not i else "", _balance(found, residual)
-    names = {run.name for run in runs}
-    shown = [(run, each) for run, each in found.agreements if run in names]
-    for i, (name, agreement) in enumerate(shown):
-        yield "Measured against predicted" if not i else "", _agreement(name, agreement)
-    for i, report in enumerate(r for r in found.streams if r.run in names):
-        run = next(r for r in runs if r.name == report.run)
-        yield "Streams" if not i else "", _stream(found, run, report)
-    if any(len(q.frequency) for r in found.streams for q in r.quantities):
-        yield "Spectra", _spectra(found, names)
+    by_name = {run.name: run for run in runs}
+    agreements = [(name, each) for name, each in found.agreements if name in by_name]
+    streams = [report for report in found.streams if report.run in by_name]
+    shown = (
+        ("attainable", "How well it can be known", (_bars(found),) if found.excitation is not None else ()),
+        (
+            "balance",
+            "Forces that no body explains",
+            tuple(_balance(found, each, i) for i, each in enumerate(found.residuals[:_MOST_RUNS])),
+        ),
+        (
+            "agreements",
+            "Measured against predicted",
+            tuple(_agreement(name, each, i) for i, (name, each) in enumerate(agreements)),
+        ),
+        (
+            "streams",
+            "Streams",
+            tuple(_stream(found, by_name[each.run], each, i) for i, each in enumerate(streams)),
+        ),
+        (
+            "spectra",
+            "Spectra",
+            (_spectra(streams),) if any(len(q.frequency) for r in streams for q in r.quantities) else (),
+        ),
+    )
+    for name, title, figures in shown:
+        if figures:
+            yield Section(name, title, figures)
 
 
-def _figure(title: str, x: str, y: str, **axes: Any) -> Any:
-    import plotly.graph_objects as go
-
-    figure = go.Figure()
-    figure.update_layout(
-        title={"text": html.escape(title), "font": {"size": 14}}, template="plotly_white", height=320, xaxis_title=x, yaxis_title=y,
-        margin={"l": 60, "r": 20, "t": 40, "b": 45}, **axes,
-    )  # fmt: skip
-    return figure
+def _axes(x: str, y: str) -> dict[str, Any]:
+    return {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
 
 
-def _lines(figure: Any, x: Array, columns: Array, names: list[str], *, dash: str | None = None) -> None:
-    import plotly.graph_objects as go
-
-    few = slice(None, None, max(1, len(x) // _MOST_POINTS))
+def _lines(x: Array, columns: Array, names: list[str], *, dash: str = "solid") -> Iterator[dict[str, Any]]:
+    few = slice(None, None, -(-len(x) // _MOST_POINTS) or 1)
     for i, name in enumerate(names):
-        line = {"color": _COLOURS[i % len(_COLOURS)], "width": 1.2, "dash": dash}
-        y = np.where(np.isfinite(columns[few, i]), columns[few, i], np.nan)
-        figure.add_trace(
-            go.Scatter(
-                x=[float(f"{v:.6g}") for v in x[few]], y=[None if np.isnan(v) else float(f"{v:.5g}") for v in y],
-                name=html.escape(name), mode="lines", line=line,
-            )
-        )  # fmt: skip
+        line = {"color": f"var(--line-{i % 8 + 1})", "width": 1.2, "dash": dash}
+        yield {"type": "scatter", "mode": "lines", "name": name, "x": x[few], "y": columns[few, i], "line": line}
 
 
-def _bars(found: Inspection) -> Any:
-    import plotly.graph_objects as go
+def _stretch(start: float, end: float, colour: str) -> dict[str, Any]:
+    """A shape that marks a time."""
+    return {
+        "type": "rect", "x0": start, "x1": end, "y0": 0, "y1": 1, "yref": "paper", "fillcolor": colour, "opacity": 0.18, "line": {"width": 0},
+    }  # fmt: skip
 
+
+def _bars(found: Inspection) -> Figure:
     assert found.excitation is not None
-    figure = _figure("1-sigma at best, as a part of what was known beforehand", "", "", yaxis_type="log")
     shares: dict[str, list[float]] = {}
     for each in found.excitation.calibration:
         if each.prior:
             shares.setdefault(each.group, []).append(max(each.sigma / each.prior, 1e-6))
     # Of all axes or cables of an error the middle one.
-    middle = [float(f"{np.median(of):.4g}") for of in shares.values()]
-    figure.add_trace(go.Bar(x=[html.escape(name) for name in shares], y=middle))
-    return figure
+    bar = {"type": "bar", "x": list(shares), "y": [float(np.median(of)) for of in shares.values()]}
+    return Figure(
+        "attainable",
+        "1-sigma at best of the systematic errors, as a part of what was known beforehand",
+        "A bar per systematic error: at one the recording tells nothing of it.",
+        (bar,),
+        {"yaxis": {"type": "log"}},
+    )
 
 
-def _balance(found: Inspection, residual: Residual) -> Any:
-    figure = _figure(f"run {residual.run}: {residual.instrument}", "common time [s]", "force [N], torque [N m]")
-    _lines(figure, residual.time, residual.left, list(residual.names))
-    for contact in found.contacts:
-        if contact.run == residual.run:
-            figure.add_vrect(x0=contact.start, x1=contact.end, fillcolor="#d62728", opacity=0.12, line_width=0)
-    return figure
+def _balance(found: Inspection, residual: Residual, place: int) -> Figure:
+    contacts = [each for each in found.contacts if each.run == residual.run]
+    return Figure(
+        f"balance-{place + 1}",
+        f"run {residual.run}: {residual.instrument}",
+        f"What is left of forces and torques over time; {len(contacts)} contacts are marked.",
+        tuple(_lines(residual.time, residual.left, list(residual.names))),
+        {
+            **_axes("common time [s]", "force [N], torque [N m]"),
+            "shapes": [_stretch(each.start, each.end, "var(--bad)") for each in contacts],
+        },
+    )
 
 
-def _agreement(run: str, agreement: Agreement) -> Any:
-    figure = _figure(f"run {run}: {agreement.name}", "instant", agreement.unit)
+def _agreement(run: str, agreement: Agreement, place: int) -> Figure:
     width = agreement.measured.shape[1]
     axes = list(agreement.channels[:width]) if len(agreement.channels) >= width else [str(i + 1) for i in range(width)]
     at = np.arange(len(agreement.measured), dtype=np.float64)
-    _lines(figure, at, agreement.measured, axes)
+    lines = [*_lines(at, agreement.measured, axes)]
     if agreement.predicted.shape == agreement.measured.shape:
-        _lines(figure, at, agreement.predicted, [f"{axis}, predicted" for axis in axes], dash="dot")
-    return figure
+        lines += _lines(at, agreement.predicted, [f"{axis}, predicted" for axis in axes], dash="dot")
+    return Figure(
+        f"agreement-{place + 1}",
+        f"run {run}: {agreement.name}",
+        f"Measured lines and, dotted, what the others predict; at worst {agreement.worst:.2g} of what may be left between them.",
+        tuple(lines),
+        _axes("instant", agreement.unit),
+    )
 
 
-def _stream(found: Inspection, run: Run, report: StreamReport) -> Any:
+def _stream(found: Inspection, run: Run, report: StreamReport, place: int) -> Figure:
     stream = run.streams[report.instrument]
     time = found.experiment.common_time(run, report.instrument)
-    figure = _figure(
-        f"run {run.name}: {report.instrument}",
-        "common time [s]",
-        "; ".join(dict.fromkeys(q.unit for q in report.quantities)),
-    )
+    lines: list[dict[str, Any]] = []
     for q in report.quantities:
         values = stream.values[q.name]
         flat = values.reshape(len(values), -1)
-        _lines(figure, time, flat, [f"{q.name.replace('_', ' ')} {i + 1}" for i in range(flat.shape[1])])
+        lines += _lines(time, flat, [f"{q.name.replace('_', ' ')} {i + 1}" for i in range(flat.shape[1])])
     shift = float(time[0] - stream.time[0])
-    for fault in report.faults:
-        if fault.kind in _MARKS and fault.kind != "clipped":
-            figure.add_vrect(
-                x0=fault.start + shift, x1=fault.end + shift, fillcolor=_MARKS[fault.kind], opacity=0.2, line_width=0
-            )
-    return figure
+    marked = [fault for fault in report.faults if fault.kind in _MARKS]
+    return Figure(
+        f"stream-{place + 1}",
+        f"run {run.name}: {report.instrument}",
+        f"All channels over time; {len(marked)} gaps and stuck stretches are marked.",
+        tuple(lines),
+        {
+            **_axes("common time [s]", "; ".join(dict.fromkeys(q.unit for q in report.quantities))),
+            "shapes": [_stretch(fault.start + shift, fault.end + shift, _MARKS[fault.kind]) for fault in marked],
+        },
+    )
 
 
-def _spectra(found: Inspection, names: set[str]) -> Any:
-    import plotly.graph_objects as go
-
-    figure = _figure("amplitude density", "frequency [Hz]", "unit / √Hz", xaxis_type="log", yaxis_type="log")
-    for report in found.streams:
-        for q in report.quantities:
-            if report.run in names and report.kind != "command" and len(q.frequency):
-                name = f"{report.run}: {report.instrument}, {q.name.replace('_', ' ')} [{q.unit}]"
-                x, y = q.frequency[1:], np.maximum(q.density[1:], 1e-12)
-                figure.add_trace(
-                    go.Scatter(
-                        x=[float(f"{v:.5g}") for v in x],
-                        y=[float(f"{v:.4g}") for v in y],
-                        name=html.escape(name),
-                        mode="lines",
-                    )
-                )
-    return figure
+def _spectra(streams: list[StreamReport]) -> Figure:
+    lines = [
+        {
+            "type": "scatter", "mode": "lines", "name": f"{report.run}: {report.instrument}, {q.name.replace('_', ' ')} [{q.unit}]",
+            "x": q.frequency[1:], "y": np.maximum(q.density[1:], 1e-12),
+        }
+        for report in streams
+        for q in report.quantities
+        if report.kind != "command" and len(q.frequency)
+    ]  # fmt: skip
+    axes = _axes("frequency [Hz]", "unit / √Hz")
+    layout = {name: {**axis, "type": "log"} for name, axis in axes.items()}
+    return Figure("spectra", "Amplitude density", "A line per quantity, over frequency.", tuple(lines), layout, 480)

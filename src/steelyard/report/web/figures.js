@@ -1,0 +1,120 @@
+// Draws the pictures of the page when they come into view, in the colours that the style sheet has for the scheme.
+"use strict";
+
+const PAPER_WIDTH = 660; // [px], of a page of A4 within its margins
+const root = document.documentElement;
+const darkness = matchMedia("(prefers-color-scheme: dark)");
+const drawn = new Map(); // plot -> what it was drawn from
+
+function colour(name) {
+  return getComputedStyle(root).getPropertyValue(`--${name}`).trim();
+}
+
+// Colours that are names of the style sheet, `var(--good)`, as it has them now.
+function dressed(value, key = "") {
+  if (typeof value === "string") {
+    const name = /colou?r/i.test(key) && /^var\(--([a-z0-9-]+)\)$/.exec(value);
+    return name ? colour(name[1]) : value;
+  }
+  if (Array.isArray(value)) return value.map((each) => dressed(each, key));
+  if (value !== null && typeof value === "object") return Object.fromEntries(Object.entries(value).map(([k, v]) => [k, dressed(v, k)]));
+  return value;
+}
+
+// Long arrays are beside the figure, once each.
+function whole(value, arrays) {
+  if (Array.isArray(value)) return value.map((each) => whole(each, arrays));
+  if (value === null || typeof value !== "object") return value;
+  if ("$" in value) return arrays[value.$];
+  return Object.fromEntries(Object.entries(value).map(([k, v]) => [k, whole(v, arrays)]));
+}
+
+// What all pictures have in common, as a template for Plotly.
+function look() {
+  const ink = colour("ink"), muted = colour("muted"), edge = colour("edge"), ground = colour("ground");
+  const clear = "rgba(0,0,0,0)";
+  const axis = {
+    color: muted, gridcolor: edge, linecolor: muted, zerolinecolor: muted, zerolinewidth: 1, tickcolor: muted, ticks: "outside", ticklen: 4,
+    showline: true, automargin: true, title: { standoff: 8, font: { color: ink } },
+  };
+  const wall = { color: muted, gridcolor: edge, linecolor: muted, zerolinecolor: edge, showbackground: false, showspikes: false, title: { font: { color: ink } } };
+  const tones = { autocolorscale: true };
+  return {
+    data: { heatmap: [tones], contour: [tones], surface: [tones] },
+    layout: {
+      font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: ink },
+      paper_bgcolor: clear, plot_bgcolor: clear, colorway: [1, 2, 3, 4, 5, 6, 7, 8].map((k) => colour(`line-${k}`)),
+      margin: { l: 56, r: 12, t: 30, b: 44 }, xaxis: axis, yaxis: axis, hovermode: "closest", dragmode: "zoom",
+      legend: { orientation: "h", x: 0, xanchor: "left", yref: "container", y: 0, yanchor: "bottom", font: { color: ink } },
+      hoverlabel: { bgcolor: ground, bordercolor: muted, font: { color: ink }, namelength: -1 },
+      colorscale: { diverging: [[0, colour("line-1")], [0.5, ground], [1, colour("line-2")]], sequential: "Viridis", sequentialminus: "Viridis" },
+      modebar: { bgcolor: clear, color: muted, activecolor: ink },
+      annotationdefaults: { font: { color: ink }, arrowcolor: muted },
+      shapedefaults: { line: { color: muted } },
+      scene: { xaxis: wall, yaxis: wall, zaxis: wall, aspectmode: "data", dragmode: "turntable" },
+    },
+  };
+}
+
+function draw(plot) {
+  let state = drawn.get(plot);
+  const first = !state;
+  if (first) {
+    const written = JSON.parse(document.getElementById(`${plot.id}-data`).textContent);
+    const figure = whole(written, written.arrays);
+    state = { figure, scene: plot.parentElement.classList.contains("scene") ? new Scene(plot, figure) : null };
+    drawn.set(plot, state);
+  }
+  const { figure, scene } = state;
+  const printing = root.classList.contains("printing");
+  let data = dressed(figure.data);
+  let layout = { ...dressed(figure.layout), template: look(), uirevision: "kept", height: plot.clientHeight, autosize: !printing };
+  if (printing) layout.width = PAPER_WIDTH;
+  if (scene) {
+    layout.margin = { l: 0, r: 0, t: 30, b: 0, ...layout.margin };
+    [data, layout] = scene.place(data, layout);
+  }
+  const config = {
+    displaylogo: false, responsive: true, scrollZoom: false, toImageButtonOptions: { filename: plot.id },
+    modeBarButtons: [scene ? ["toImage"] : ["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]],
+  };
+  const done = first ? Plotly.newPlot(plot, data, layout, config) : Plotly.react(plot, data, layout, config);
+  return done.then(() => {
+    if (first) {
+      describe(plot);
+      if (scene) scene.connect();
+    }
+    if (scene && printing) scene.copy();
+    plot.querySelectorAll(".modebar-btn").forEach((button) => button.setAttribute("aria-label", button.dataset.title));
+    plot.dataset.drawn = darkness.matches && !printing ? "dark" : "light";
+  });
+}
+
+// The picture itself is what the text stands for; the buttons that Plotly puts beside it are none of it.
+function describe(plot) {
+  const [picture, ...others] = plot.querySelectorAll(".main-svg");
+  picture.setAttribute("role", "img");
+  picture.setAttribute("aria-label", plot.getAttribute("aria-label"));
+  others.forEach((other) => other.setAttribute("aria-hidden", "true"));
+  plot.setAttribute("role", "group");
+}
+
+function redraw() {
+  drawn.forEach((_, plot) => draw(plot));
+}
+
+const plots = document.querySelectorAll(".plot");
+const watch = new IntersectionObserver(
+  (entries) => entries.filter((entry) => entry.isIntersecting).forEach(({ target }) => { watch.unobserve(target); draw(target); }),
+  { rootMargin: "400px" },
+);
+plots.forEach((plot) => watch.observe(plot));
+darkness.addEventListener("change", redraw);
+addEventListener("beforeprint", () => {
+  root.classList.add("printing");
+  plots.forEach((plot) => { watch.unobserve(plot); draw(plot); });
+});
+addEventListener("afterprint", () => {
+  root.classList.remove("printing");
+  redraw();
+});
