@@ -9,8 +9,8 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "src" / "steelyard"
 
 LAYERS = [
-    {"arrays", "errors", "units"},
-    {"batch"},
+    {"arrays", "errors", "units", "digits", "display"},
+    {"batch", "tables"},
     {"rotations", "inertia"},
     {"dynamics", "smoothing"},
     {"yaml_file", "json_file", "output"},

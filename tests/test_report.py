@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from recordings import RUN, write_small
 
+from steelyard.digits import LABELS
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
@@ -24,7 +25,7 @@ from steelyard.report.markdown import markdown
 from steelyard.report.page import page
 from steelyard.report.report_file import read_summary, write_summary
 from steelyard.report.sections.platform import _hull, box_of
-from steelyard.report.summary import LABELS, summarise
+from steelyard.report.summary import summarise
 from steelyard.report.write import write_report
 
 HOSTILE = "<script>alert(1)</script>"

@@ -2,7 +2,7 @@
 
     >>> import steelyard
     >>> experiment = steelyard.read_experiment("experiment.yaml")
-    >>> steelyard.identify(experiment).estimates["maximum-likelihood"].value
+    >>> steelyard.identify(experiment).estimate
 
 The names below are the public face; they load when they are first used, so that the command line answers at once.
 """
@@ -18,27 +18,37 @@ if TYPE_CHECKING:
     from steelyard.errors import InfeasibleError as InfeasibleError
     from steelyard.errors import InputError as InputError
     from steelyard.errors import SteelyardError as SteelyardError
+    from steelyard.excitation.design import Design as Design
     from steelyard.excitation.design import design as design
+    from steelyard.excitation.design_file import write_design as write_design
     from steelyard.experiment.model import Experiment as Experiment
     from steelyard.experiment.model import Run as Run
     from steelyard.experiment.model import Stream as Stream
     from steelyard.experiment.read import read_experiment as read_experiment
     from steelyard.experiment.write import write_experiment as write_experiment
     from steelyard.identification.bound import cramer_rao as cramer_rao
+    from steelyard.identification.comparison import Comparison as Comparison
     from steelyard.identification.comparison import compare as compare
     from steelyard.identification.consistent import Consistent as Consistent
     from steelyard.identification.estimate import Estimate as Estimate
+    from steelyard.identification.estimate import Verdict as Verdict
+    from steelyard.identification.estimate_file import NamedEstimate as NamedEstimate
     from steelyard.identification.estimate_file import read_estimates as read_estimates
+    from steelyard.identification.fitted_motion import FittedMotion as FittedMotion
     from steelyard.identification.identify import Identification as Identification
     from steelyard.identification.identify import identify as identify
     from steelyard.identification.instrumental_variables import InstrumentalVariables as InstrumentalVariables
     from steelyard.identification.least_squares import LeastSquares as LeastSquares
     from steelyard.identification.maximum_likelihood import MaximumLikelihood as MaximumLikelihood
     from steelyard.identification.nearest_body import nearest_body as nearest_body
+    from steelyard.identification.payload import Payload as Payload
     from steelyard.identification.payload import payload as payload
     from steelyard.identification.prediction import predict_held_out as predict_held_out
     from steelyard.identification.two_step import TwoStep as TwoStep
+    from steelyard.imports.formats import import_robot as import_robot
     from steelyard.inertia import Inertia as Inertia
+    from steelyard.inspection.inspect import Inspection as Inspection
+    from steelyard.inspection.inspect import inspect as inspect
     from steelyard.robot.file import read_robot as read_robot
     from steelyard.robot.model import Robot as Robot
     from steelyard.simulation.sensors import read_sensors as read_sensors
@@ -47,37 +57,47 @@ if TYPE_CHECKING:
     from steelyard.simulation.trajectories import trajectories as trajectories
 
 _WHERE = {
+    "Comparison": "identification.comparison",
     "Consistent": "identification.consistent",
+    "Design": "excitation.design",
     "Estimate": "identification.estimate",
     "Experiment": "experiment.model",
+    "FittedMotion": "identification.fitted_motion",
     "Identification": "identification.identify",
     "Inertia": "inertia",
     "InfeasibleError": "errors",
+    "InputError": "errors",
+    "Inspection": "inspection.inspect",
     "InstrumentalVariables": "identification.instrumental_variables",
     "LeastSquares": "identification.least_squares",
     "MaximumLikelihood": "identification.maximum_likelihood",
-    "compare": "identification.comparison",
-    "design": "excitation.design",
-    "cramer_rao": "identification.bound",
-    "nearest_body": "identification.nearest_body",
-    "payload": "identification.payload",
-    "predict_held_out": "identification.prediction",
-    "read_estimates": "identification.estimate_file",
-    "InputError": "errors",
+    "NamedEstimate": "identification.estimate_file",
+    "Payload": "identification.payload",
     "Robot": "robot.model",
     "Run": "experiment.model",
     "SteelyardError": "errors",
     "Stream": "experiment.model",
     "TwoStep": "identification.two_step",
+    "Verdict": "identification.estimate",
     "VirtualExperiment": "simulation.simulate",
+    "compare": "identification.comparison",
+    "cramer_rao": "identification.bound",
+    "design": "excitation.design",
     "identify": "identification.identify",
+    "import_robot": "imports.formats",
+    "inspect": "inspection.inspect",
+    "nearest_body": "identification.nearest_body",
+    "payload": "identification.payload",
     "platform_regressor": "dynamics",
     "platform_wrench": "dynamics",
+    "predict_held_out": "identification.prediction",
+    "read_estimates": "identification.estimate_file",
     "read_experiment": "experiment.read",
     "read_robot": "robot.file",
     "read_sensors": "simulation.sensors",
     "simulate": "simulation.simulate",
     "trajectories": "simulation.trajectories",
+    "write_design": "excitation.design_file",
     "write_experiment": "experiment.write",
 }
 

@@ -18,6 +18,9 @@ platform origin [kg m^2]. Moments in the order of the paper's k_2; products are 
 BODY_PARAMETERS = ("mass", "cx", "cy", "cz", "Jxx", "Jyy", "Jzz", "Jyz", "Jxz", "Jxy")
 """The same body as people quote it: mass [kg], centre of gravity [m], inertia matrix about it [kg m^2]."""
 
+BODY_UNITS = ("kg", "m", "m", "m", *["kg m^2"] * 6)
+"""Of :data:`BODY_PARAMETERS`."""
+
 ROWS, COLUMNS = (0, 1, 2, 1, 0, 0), (0, 1, 2, 2, 2, 1)
 """Where xx, yy, zz, yz, xz, xy stand in the matrix."""
 
@@ -205,6 +208,12 @@ class Inertia:
     def is_physical(self) -> bool:
         """Whether a mass distribution with these values exists (a positive definite pseudo-inertia matrix)."""
         return self.mass > 0 and bool(self.principal_moments[0] > 0) and self.triangle_margin > 0
+
+    def __repr__(self) -> str:
+        x, y, z = (f"{value * 1e3:.6g}" for value in self.center_of_gravity)
+        moments = zip(BODY_PARAMETERS[4:], six(self.inertia), strict=True)
+        told = ", ".join(f"{name[1:]} {value:.6g}" for name, value in moments)
+        return f"Inertia: {self.mass:.6g} kg at ({x}, {y}, {z}) mm, {told} kg m²"
 
     # What other programs want
 

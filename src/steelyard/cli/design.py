@@ -19,9 +19,10 @@ from steelyard.excitation.criterion import Target
 from steelyard.excitation.demands import Demands, Margin
 from steelyard.excitation.design import design, designed_body
 from steelyard.excitation.design_file import RATE, RESULT, appraisal_dict, command_names, design_dict, write_design
+from steelyard.excitation.plan import is_experiment, planned
 from steelyard.excitation.poses import held
 from steelyard.experiment.model import Experiment
-from steelyard.experiment.read import read_experiment, read_plan
+from steelyard.experiment.read import read_experiment
 from steelyard.identification.estimate import Estimate
 from steelyard.identification.estimate_file import read_estimates
 from steelyard.identification.maximum_likelihood import MaximumLikelihood
@@ -30,10 +31,7 @@ from steelyard.inertia import Inertia, body_jacobian
 from steelyard.motion.trajectory import Trajectory
 from steelyard.output import check_target, results_folder, write_json
 from steelyard.report.design import design_markdown, show_design
-from steelyard.robot.file import bundled_names, read_robot
-from steelyard.simulation.sensors import read_sensors
 from steelyard.simulation.trajectories import repeated_move, trajectories
-from steelyard.yaml_file import read_yaml
 
 _MARGINS = 0.0, 0.9
 _MOST_RUNS = 20
@@ -70,7 +68,7 @@ def run_design(
         check_target(out, force=force)
     with progress(quiet=quiet) as tell:
         earlier = [_estimate(each) for each in after]
-        experiment = _with_body(_planned(place, sensors), body, earlier)
+        experiment = _with_body(planned(place, sensors), body, earlier)
         platform = designed_body(experiment.robot)
         before = sum((_information(each, platform) for each in earlier), start=np.zeros((10, 10)))
         wanted = _target(target, platform)
@@ -115,7 +113,7 @@ def run_design(
             )
         files = ", ".join(name for _, name in command_names(appraisal))
         print(f"\n{files} and {RESULT} are in {out}/.")
-        if _is_experiment(place):
+        if is_experiment(place):
             print(f"Record the motion, add it as a run to {place}, then: steelyard identify {_quoted(place)}")
         else:
             print("Try it on the simulated robot next:")
@@ -141,30 +139,6 @@ def _check_numbers(margin: float, runs: int, budget: float, rate: float) -> None
         )
 
 
-def _planned(place: str, sensors: str) -> Experiment:
-    """An experiment without recordings; of a robot alone with the sensors named."""
-    if _is_experiment(place):
-        return read_plan(place)
-    robot = read_robot(place)
-    return Experiment(
-        name=robot.name,
-        robot=robot,
-        instruments=read_sensors(sensors, robot).instruments,
-        runs=(),
-        uncertainty={"anchor": 0.0, "attachment": 0.0, "gravity": 0.0},
-        source=place,
-    )
-
-
-def _is_experiment(place: str) -> bool:
-    """Whether a path leads to an experiment and not to a robot."""
-    path = Path(place)
-    if place in bundled_names() or not path.is_file():
-        return False
-    data = read_yaml(path).data
-    return isinstance(data, dict) and ("format" in data or "instruments" in data)
-
-
 def _with_body(experiment: Experiment, body: str | None, earlier: Sequence[Estimate]) -> Experiment:
     """The experiment with the body that is designed for: as estimated, else as the robot file says, else as it was found before."""
     if body is not None:
@@ -183,7 +157,7 @@ def _with_body(experiment: Experiment, body: str | None, earlier: Sequence[Estim
 def _estimate(place: str) -> Estimate:
     """An estimate, or what maximum likelihood makes of an experiment."""
     path = Path(place)
-    if path.suffix in {".yaml", ".yml"} and _is_experiment(place):
+    if path.suffix in {".yaml", ".yml"} and is_experiment(place):
         return MaximumLikelihood()(read_experiment(path))
     found = read_estimates([place])
     if len(found) != 1:

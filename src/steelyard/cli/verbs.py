@@ -14,9 +14,8 @@ from steelyard.cli.progress import progress
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
-from steelyard.experiment.write import write_experiment
 from steelyard.identification.consistent import Consistent
-from steelyard.identification.identify import AVAILABLE, Identification, Method, identify, method_named
+from steelyard.identification.identify import Identification, chosen_methods, identify
 from steelyard.identification.mass_region import Box, Ellipsoid
 from steelyard.identification.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.two_step import TwoStep
@@ -28,10 +27,8 @@ from steelyard.report.summary import Summary, summarise
 from steelyard.report.terminal import show
 from steelyard.report.write import write_report
 from steelyard.robot.file import bundled_names, bundled_text, read_robot, robot_file
-from steelyard.simulation.sensors import read_sensors
-from steelyard.simulation.simulate import VirtualExperiment
 from steelyard.simulation.simulate import simulate as simulate_experiment
-from steelyard.simulation.trajectories import trajectories
+from steelyard.simulation.simulate import write_virtual
 
 NOT_ACCEPTED = 3
 """Exit status of an estimate that was made and written, but is not accepted."""
@@ -84,11 +81,9 @@ def run_simulation(
     """Simulate and write an experiment."""
     check_target(out, force=force)
     model = read_robot(robot)
-    suite = read_sensors(sensors, model)
     with progress(quiet=quiet) as tell:
-        virtual = simulate_experiment(model, trajectories(model, trajectory, duration), suite, seed=seed, progress=tell)
-    with results_folder(out, force=force) as folder:
-        _write_virtual(virtual, folder)
+        virtual = simulate_experiment(model, trajectory, sensors, duration=duration, seed=seed, progress=tell)
+    virtual.write(out, force=force)
     runs = {run.name: {name: len(stream) for name, stream in run.streams.items()} for run in virtual.experiment.runs}
     if as_json:
         print_json({"experiment": str(out / "experiment.yaml"), "truth": str(out / "truth.json"), "samples": runs})
@@ -98,11 +93,6 @@ def run_simulation(
     )
     for name, samples in runs.items():
         print(f"  {name}: " + ", ".join(f"{count} samples of {stream}" for stream, count in samples.items()))
-
-
-def _write_virtual(virtual: VirtualExperiment, folder: Path) -> None:
-    write_experiment(virtual.experiment, folder)
-    write_json(virtual.truth(), folder / "truth.json")
 
 
 def run_identification(
@@ -123,12 +113,12 @@ def run_identification(
 ) -> None:
     """Identify an experiment; ends the process with the status of the verdict."""
     mass = {"regions": _regions(box, ellipsoid), "towards_nominal": towards_nominal}
-    chosen = _methods(
-        methods,
+    with_options: tuple[TwoStep | Consistent | MaximumLikelihood, ...] = (
         TwoStep(acceleration=acceleration, combine=combine),  # type: ignore[arg-type]
         Consistent(**mass),  # type: ignore[arg-type]
         MaximumLikelihood(**mass),  # type: ignore[arg-type]
     )
+    chosen = chosen_methods(methods, {method.name: method for method in with_options})
     if out is not None:
         check_target(out, force=force)
     recorded = selected(read_experiment(experiment), runs)
@@ -165,24 +155,6 @@ def _options(given: Mapping[str, Any]) -> dict[str, str]:
         name: "yes" if value is True else value if isinstance(value, str) else ", ".join(map(str, value))
         for name, value in chosen.items()
     }
-
-
-def _methods(
-    names: Sequence[str], two_step: TwoStep, consistent: Consistent, maximum_likelihood: MaximumLikelihood
-) -> list[Method]:
-    """Estimators with the options that they take."""
-    if not names:
-        return [two_step, maximum_likelihood]
-    with_options: dict[str, Method] = {
-        "two-step": two_step,
-        "consistent": consistent,
-        "maximum-likelihood": maximum_likelihood,
-    }
-    for name in names:
-        if name != "all":
-            method_named(name)
-    wanted = AVAILABLE if "all" in names else dict.fromkeys(names)
-    return [with_options[name] if name in with_options else method_named(name)() for name in wanted]
 
 
 def _regions(box: Sequence[float] | None, ellipsoid: Sequence[float] | None) -> tuple[Box | Ellipsoid, ...]:
@@ -241,34 +213,31 @@ def known_truth(folder: Path) -> Inertia | None:
 def run_demo(out: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
     """The paper's moves and a six-axis motion of the same robot, identified by every method."""
     check_target(out, force=force)
-    robot = read_robot("cogiro")
-    sensors = read_sensors("paper", robot)
     recorded = {}
     with progress(quiet=quiet) as tell:
         for motion in ("paper", "multisine"):
             say(f"simulating CoGiRo: {motion}", quiet=quiet)
             recorded[motion] = simulate_experiment(
-                robot,
-                trajectories(robot, motion, None),
-                sensors,
+                "cogiro",
+                motion,
                 seed=0,
                 name=f"CoGiRo, {_DEMO_MOTIONS[motion]}",
                 progress=tell,
             )
         say("identifying", quiet=quiet)
         moves = identify(recorded["paper"].experiment, [TwoStep()], tell)
-        best = identify(recorded["multisine"].experiment, [method() for method in AVAILABLE.values()], tell)
+        best = identify(recorded["multisine"].experiment, "all", tell)
     beside = {"two-step, the paper's eight moves": moves.estimates["two-step"]}
     truth = recorded["multisine"].body
     title = "CoGiRo with the sensors of the paper, simulated: its eight moves, and 20 s on six axes"
     made = {name: made_of(virtual.experiment, {"demo": "seed 0"}) for name, virtual in recorded.items()}
     summary = summarise(best, truth, beside, title, ", six axes", made["multisine"])
     with results_folder(out, force=force) as folder:
-        _write_virtual(recorded["multisine"], folder)
+        write_virtual(recorded["multisine"], folder)
         _write_identification(best, summary, folder)
         inner = folder / "paper-moves"
         inner.mkdir()
-        _write_virtual(recorded["paper"], inner)
+        write_virtual(recorded["paper"], inner)
         _write_identification(moves, summarise(moves, truth, made=made["paper"]), inner)
     if as_json:
         print_json(best.to_dict())

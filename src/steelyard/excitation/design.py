@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.digits import LABELS
+from steelyard.display import Display
 from steelyard.errors import InputError
 from steelyard.excitation.appraisal import Appraisal, appraise, natural_frequencies, rehearse
 from steelyard.excitation.course import SIX, Course
 from steelyard.excitation.criterion import Criterion, Target
 from steelyard.excitation.demands import Demands, Margin
 from steelyard.excitation.information import Outlook
+from steelyard.excitation.plan import planned
 from steelyard.excitation.poses import checked_pose, good_pose, held, within_bounds
 from steelyard.excitation.ringing import PER_INTERVAL, Ringing, softness_at
 from steelyard.excitation.search import Found, Problem
@@ -30,8 +34,9 @@ from steelyard.identification.regression import TEN
 from steelyard.identification.study import Progress
 from steelyard.identification.unknowns import Unknowns
 from steelyard.inertia import Inertia, body_jacobian
-from steelyard.motion.trajectory import Sampled, multisine
+from steelyard.motion.trajectory import Sampled, Trajectory, multisine
 from steelyard.robot.model import Robot
+from steelyard.simulation.sensors import Sensors
 from steelyard.simulation.trajectories import workspace_of
 from steelyard.smoothing import knots
 
@@ -84,11 +89,47 @@ class Design:
     in_time: bool
     """Whether all searches ended by themselves: only then does the same seed give the same motion on any machine."""
 
+    @property
+    def trajectories(self) -> Mapping[str, Trajectory]:
+        """Run -> its motion, for :func:`steelyard.simulate`."""
+        return self.appraisal.trajectories
+
+    @property
+    def standard_deviation(self) -> Array:
+        """1-sigma that all runs will give, of the ten of :data:`steelyard.inertia.BODY_PARAMETERS`, shape (10,); NaN: not told."""
+        return self.appraisal.standard_deviation
+
+    def __repr__(self) -> str:
+        return self._display().text()
+
+    def _repr_html_(self) -> str:
+        return self._display().html()
+
+    def _display(self) -> Display:
+        parameter, ratio = self.appraisal.worst
+        wanted = self.appraisal.target.each
+        rows = zip(LABELS, self.standard_deviation, wanted, strict=True)
+        violations = [text for each in self.appraisal.verified.values() for text in each.violations]
+        lengths = ", ".join(f"'{run}' of {each.duration:g} s" for run, each in self.trajectories.items())
+        return Display(
+            f"Design for {self.appraisal.experiment.robot.name}: {lengths}",
+            tuple(
+                (name, unit, "not told" if np.isnan(sigma) else f"{sigma * factor:.3g}", f"{goal * factor:.3g}")
+                for (name, unit, factor), sigma, goal in rows
+            ),
+            head=("", "", "1-sigma", "wanted"),
+            sentences=(
+                f"worst: {parameter}, {f'{ratio:.3g} of what is wanted' if np.isfinite(ratio) else 'not told'}",
+                *violations,
+            ),
+        )
+
 
 def design(
-    experiment: Experiment,
+    experiment: Experiment | Robot | str | Path,
     duration: float,
     *,
+    sensors: Sensors | str = "paper",
     start: Array | None = None,
     end: Array | None = None,
     target: Target | None = None,
@@ -103,8 +144,10 @@ def design(
     """Find motions that tell the body as well as the robot's limits allow.
 
     Args:
-        experiment: Robot, with its nominal platform and limits, and instruments.
+        experiment: Robot, with its nominal platform and limits, and instruments; or a robot, or the path or bundled name of
+            either.
         duration: Of a run [s].
+        sensors: Of a robot that comes alone: ``paper``, ``ideal``, or the path of a YAML file.
         start: Pose x, y, z [m], roll, pitch, yaw [rad] to begin in, shape (6,); None: a good one.
         end: To end in; None: the start.
         target: 1-sigma that is wanted; None: :meth:`Target.default`.
@@ -121,6 +164,7 @@ def design(
     """
     begun = time.time()
     tell = progress or (lambda what, fraction: None)
+    experiment = planned(experiment, sensors)
     robot = within_bounds(experiment.robot)
     experiment = replace(experiment, robot=robot)
     wanted = target or Target.default(designed_body(robot))

@@ -37,7 +37,7 @@ def command_names(appraisal: Appraisal) -> Iterator[tuple[str, str]]:
         yield run, "command.csv" if i == 0 else f"command-{i + 1}.csv"
 
 
-def write_design(design: Design, folder: Path, rate: float = RATE) -> None:
+def write_design(design: Design, folder: str | Path, rate: float = RATE) -> None:
     """Write the commands, ``design.json`` and the motion with its tensions and with what is told when.
 
     Args:
@@ -45,7 +45,7 @@ def write_design(design: Design, folder: Path, rate: float = RATE) -> None:
         folder: An empty folder that exists.
         rate: Of the commands [Hz].
     """
-    appraisal = design.appraisal
+    folder, appraisal = Path(folder), design.appraisal
     for run, name in command_names(appraisal):
         write_command(appraisal.trajectories[run], folder / name, rate)
     write_json(design_dict(design), folder / RESULT)

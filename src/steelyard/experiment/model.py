@@ -4,14 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from steelyard import tables
 from steelyard.arrays import Array
+from steelyard.display import printable
+from steelyard.errors import InputError
+from steelyard.experiment.columns import stream_columns
 from steelyard.instruments import Command, Instrument, Length, Tension, Wrench
 from steelyard.instruments.base import DEFAULT_DELAY, Prior, exact, sigma
 from steelyard.robot.model import Robot
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import polars as pl
+
+Clock = Literal["own", "common"]
+"""Whose times a table has."""
+_MOST_SHOWN = 12
+"""Runs that are shown one by one."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +59,18 @@ class Stream:
     def __len__(self) -> int:
         return len(self.time)
 
+    def __repr__(self) -> str:
+        told = f", {', '.join(self.values)}" if self.values else ""
+        return f"Stream: {self._extent()}{told}, from {printable(self.source)}"
+
+    def _extent(self) -> str:
+        """How many samples, and when."""
+        if len(self) < 2:
+            return f"{len(self)} sample{'' if len(self) else 's'}"
+        first, last = self.time[[0, -1]]
+        rate = f", {(len(self) - 1) / (last - first):.4g} Hz" if last > first else ""
+        return f"{len(self)} samples from {first:.2f} to {last:.2f} s{rate}"
+
 
 @dataclass(frozen=True, eq=False)
 class Run:
@@ -67,6 +92,11 @@ class Run:
     excluded: tuple[Fault, ...] = ()
     """Readings that were taken out of the streams when they were read, since their sensors had stopped."""
 
+    def __repr__(self) -> str:
+        kind = "poses at rest" if self.static else "in motion"
+        counts = ", ".join(f"{printable(name)} {len(stream)}" for name, stream in self.streams.items())
+        return f"Run '{printable(self.name)}', {kind}: samples of {counts or 'nothing'}"
+
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
@@ -82,6 +112,59 @@ class Experiment:
     """1-sigma of the robot file's ``anchor`` and ``attachment`` [m] and ``gravity`` [m/s^2], per coordinate."""
     source: str = ""
     """File that it was read from."""
+
+    def __repr__(self) -> str:
+        instruments = ", ".join(f"{printable(name)} ({each.kind})" for name, each in self.instruments.items())
+        runs = [f"  {run!r}" for run in self.runs[:_MOST_SHOWN]]
+        if len(self.runs) > _MOST_SHOWN:
+            runs.append(f"  and {len(self.runs) - _MOST_SHOWN} more runs")
+        return "\n".join([f"Experiment '{printable(self.name)}' on {self.robot!r}", f"  {instruments}", *runs])
+
+    def run(self, name: str) -> Run:
+        """A run by its name.
+
+        Raises:
+            InputError: There is none of that name.
+        """
+        for run in self.runs:
+            if run.name == name:
+                return run
+        names = ", ".join(run.name for run in self.runs)
+        raise InputError(f"run: expected one of {names}, found '{name}'; choose one of these")
+
+    def columns(self, run: str, instrument: str, *, clock: Clock = "own") -> dict[str, Array]:
+        """What an instrument recorded in a run, as the columns of the contract in SI; shape (n,) each.
+
+        Args:
+            run: Its name.
+            instrument: Its name.
+            clock: Of ``t``: the instrument's ``own``, or ``common`` for all of a run, see :meth:`common_time`.
+
+        Raises:
+            InputError: There is none of that name.
+        """
+        recorded = self.run(run)
+        if instrument not in recorded.streams:
+            names = ", ".join(recorded.streams)
+            raise InputError(f"run '{run}': expected one of {names}, found '{instrument}'; choose one of these")
+        stream = recorded.streams[instrument]
+        time = self.common_time(recorded, instrument) if clock == "common" else stream.time
+        columns = stream_columns(
+            None if recorded.static else time, stream.values, self.instruments[instrument], self.robot.m
+        )
+        return {name: values for name, (values, _) in columns.items()}
+
+    def to_polars(self, run: str, instrument: str, *, clock: Clock = "own") -> pl.DataFrame:
+        """The same as a frame of Polars, null where there is no sample."""
+        return tables.to_polars(self.columns(run, instrument, clock=clock))
+
+    def to_pandas(self, run: str, instrument: str, *, clock: Clock = "own") -> pd.DataFrame:
+        """The same as a frame of pandas, NaN where there is no sample.
+
+        Raises:
+            SteelyardError: pandas is not installed.
+        """
+        return tables.to_pandas(self.columns(run, instrument, clock=clock))
 
     def of_kind(self, kind: type[Instrument]) -> dict[str, Instrument]:
         """Instruments of one kind, in the order of the file."""

@@ -10,14 +10,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
-from steelyard.arrays import Array
+from steelyard.experiment.columns import stream_columns
 from steelyard.experiment.form import FORMAT
 from steelyard.experiment.model import Experiment, Stream
 from steelyard.instruments import Instrument
 from steelyard.robot.file import bundled_names, read_robot, robot_file
+from steelyard.tables import to_polars
 from steelyard.yaml_file import to_yaml
 
 TableFormat = Literal["csv", "parquet"]
@@ -29,7 +27,7 @@ _OURS = frozenset({"experiment.yaml", "robot.yaml", "truth.json"})
 
 
 def write_experiment(
-    experiment: Experiment, folder: Path, *, tables: TableFormat = "csv", with_robot: bool = False
+    experiment: Experiment, folder: str | Path, *, tables: TableFormat = "csv", with_robot: bool = False
 ) -> None:
     """Write ``experiment.yaml``, a table per stream in a folder per run, and the robot file unless it is a bundled one.
 
@@ -39,6 +37,7 @@ def write_experiment(
         tables: Format of the streams.
         with_robot: Whether to write the robot file of a bundled robot too, so that the folder says all by itself.
     """
+    folder = Path(folder)
     description = robot_file(experiment.robot)
     bundled = (
         not with_robot
@@ -114,11 +113,9 @@ def write_yaml(values: Mapping[str, Any], path: Path) -> None:
 
 def write_stream(stream: Stream, instrument: Instrument, m: int, path: Path, *, timed: bool = True) -> None:
     """Write a stream as CSV with the columns of its kind, full precision, empty cells where there is no sample."""
-    import polars as pl
-
-    columns = {name: values for name, (values, _) in _columns(stream, instrument, m, timed=timed).items()}
+    columns = stream_columns(stream.time if timed else None, stream.values, instrument, m)
     with path.open("wb") as file:
-        pl.DataFrame(columns).fill_nan(None).write_csv(file)
+        to_polars({name: values for name, (values, _) in columns.items()}).write_csv(file)
 
 
 def write_parquet_stream(stream: Stream, instrument: Instrument, m: int, path: Path, *, timed: bool = True) -> None:
@@ -126,56 +123,15 @@ def write_parquet_stream(stream: Stream, instrument: Instrument, m: int, path: P
 
     Under the key ``steelyard`` the footer has JSON: version, kind, unit of every column, and where the stream came from.
     """
-    import polars as pl
-
-    columns = _columns(stream, instrument, m, timed=timed)
+    columns = stream_columns(stream.time if timed else None, stream.values, instrument, m)
     about = {
         "version": version("steelyard"),
         "kind": instrument.kind,
         "units": {name: unit for name, (_, unit) in columns.items()},
         "source": stream.source,
     }
-    frame = pl.DataFrame({name: values for name, (values, _) in columns.items()}).fill_nan(None)
+    frame = to_polars({name: values for name, (values, _) in columns.items()})
     # Into memory first: names of files are bytes, which the library would have as text.
     buffer = io.BytesIO()
     frame.write_parquet(buffer, metadata={"steelyard": json.dumps(about)})
     path.write_bytes(buffer.getvalue())
-
-
-def _columns(stream: Stream, instrument: Instrument, m: int, *, timed: bool) -> dict[str, tuple[Array, str]]:
-    """Columns of a stream as the contract has them, and their units; shape (n,) each."""
-    columns = {"t": (stream.time, "s")} if timed else {}
-    for quantity in instrument.quantities(m):
-        if quantity.name not in stream.values:
-            continue
-        values = stream.values[quantity.name]
-        form = quantity.forms[0]
-        if quantity.rotation:
-            values = _as_columns(values, form)
-        unit = "1" if len(form) == 4 and quantity.rotation else quantity.unit
-        columns.update({name: (values[:, i], unit) for i, name in enumerate(form)})
-    return columns
-
-
-def _as_columns(rotations: Array, form: tuple[str, ...]) -> Array:
-    """Quaternions (w, x, y, z) without jumps of sign, the first with w >= 0, or roll, pitch, yaw [rad].
-
-    Args:
-        rotations: Matrices, NaN where there is no sample, shape (n, 3, 3).
-        form: Columns.
-
-    Returns:
-        Shape (n, len(form)).
-    """
-    valid = np.isfinite(rotations).all(axis=(1, 2))
-    values = np.full((len(rotations), len(form)), np.nan)
-    turned = Rotation.from_matrix(rotations[valid])
-    if len(form) == 4:
-        quaternions = turned.as_quat(canonical=True, scalar_first=True)
-        # q and -q are one rotation; of the two, the one closer to the sample before.
-        jumps = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
-        quaternions[1:][np.cumsum(jumps) % 2 == 1] *= -1
-        values[valid] = quaternions
-    else:
-        values[valid] = turned.as_euler("ZYX")[:, ::-1]
-    return values

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Literal
@@ -10,8 +10,10 @@ from typing import Any, Literal
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.digits import LABELS, ten_numbers
+from steelyard.display import Display
 from steelyard.errors import InputError
-from steelyard.identification.estimate import BEST_FIRST, plain
+from steelyard.identification.estimate import BEST_FIRST, Estimate, plain
 from steelyard.identification.estimate_file import NamedEstimate
 from steelyard.inertia import BODY_PARAMETERS
 
@@ -25,7 +27,10 @@ where that is no covariance; the sum of both, more than the true one as far as b
 
 SIGNIFICANT = 3.0
 """Sigmas: a payload of less mass is not told from nothing, and a body that can exist further away is no explanation."""
-
+USUAL = 2.0
+"""Sigmas that chance exceeds once in twenty times."""
+_LEAST_P = 1e-99
+"""Smaller ones say nothing more."""
 _NO_DIRECTION = 1e-12
 """Variance of a combination of parameters, in units of their sigmas, below which it is rounding."""
 _NESTED = 1e-6
@@ -52,6 +57,25 @@ class Agreement:
     """Those that are exact in both of two estimates, yet differ."""
     dropped: int = 0
     """Combinations of parameters without any stated uncertainty, which were left out."""
+
+    def __str__(self) -> str:
+        if np.isnan(self.p_value):
+            return "nothing that they all know can be compared"
+        if self.contradicted:
+            return f"disagree: {', '.join(self.contradicted)} given as exact by both, but with different values"
+        words = (
+            "agree within their uncertainty"
+            if self.sigmas <= USUAL
+            else "differ more than is usual"
+            if self.sigmas <= SIGNIFICANT
+            else "disagree"
+        )
+        if not self.freedom:
+            return f"{words}: the same exact values"
+        rare = f", as rare as {self.sigmas:.1f} sigmas" if self.sigmas > USUAL else ""
+        part = "" if len(self.parameters) == len(BODY_PARAMETERS) else f" ({', '.join(self.parameters)})"
+        p_value = f"p = {self.p_value:.2g}" if self.p_value > _LEAST_P else f"p < {_LEAST_P:g}"
+        return f"{words}: chi-square {self.chi_square:.1f} on {self.freedom}, {p_value}{rare}{part}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values; an infinite chi-square is None with a p-value of 0."""
@@ -115,6 +139,29 @@ class Comparison:
     notes: tuple[str, ...]
     """What the numbers rest on."""
 
+    def __repr__(self) -> str:
+        return "\n".join(each.text() for each in self._displays())
+
+    def _repr_html_(self) -> str:
+        return "".join(each.html() for each in self._displays())
+
+    def _displays(self) -> list[Display]:
+        """Every two of the estimates."""
+        return [
+            Display(
+                f"{pair.second}, compared with {pair.first}",
+                tuple(
+                    (name, unit, difference, "-" if np.isnan(z) else f"{z:+.1f}")
+                    for (name, unit, _), difference, z in zip(
+                        LABELS, ten_numbers(pair.difference, pair.standard_deviation, sign=True), pair.z, strict=True
+                    )
+                ),
+                head=("", "", "difference", "in sigmas"),
+                sentences=(str(pair.agreement),),
+            )
+            for pair in self.pairs
+        ]
+
     def exceeding(self, sigmas: float) -> tuple[str, ...]:
         """What differs by more: single parameters, pairs as a whole, all as a whole; what cannot be compared is named too."""
         found = []
@@ -152,17 +199,19 @@ def described(each: NamedEstimate) -> dict[str, Any]:
     return {**names, **values, "accepted": each.estimate.verdict.accepted}
 
 
-def compare(estimates: Sequence[NamedEstimate]) -> Comparison:
+def compare(estimates: Sequence[NamedEstimate] | Mapping[str, Estimate]) -> Comparison:
     """Differences of every two estimates, and whether all agree.
 
     Estimates of different recordings are taken as independent. See :data:`Basis` for those of the same.
 
     Args:
-        estimates: At least two, of names that differ.
+        estimates: At least two, of names that differ; or name -> estimate, all of different recordings.
 
     Raises:
         InputError: They are less than two.
     """
+    if isinstance(estimates, Mapping):
+        estimates = [NamedEstimate(name, each) for name, each in estimates.items()]
     if len(estimates) < 2:
         raise InputError(
             f"compare: expected at least two estimates, found {len(estimates)}; name another, or ':all' behind the file for all its methods"

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard import tables
 from steelyard.arrays import Array
-from steelyard.inertia import BODY_PARAMETERS, Inertia, symmetric
+from steelyard.digits import LABELS, ten_numbers
+from steelyard.display import Display
+from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS, Inertia, symmetric
 from steelyard.robot.model import Robot
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import polars as pl
 
 FORMAT = "steelyard-estimate/1"
 METHODS = ("two-step", "least-squares", "instrumental-variables", "consistent", "maximum-likelihood", "recursive")
@@ -32,10 +39,16 @@ class Verdict:
     parameters: Mapping[str, Label]
     """Body parameter -> what determined it."""
 
+    def __str__(self) -> str:
+        return "accepted" if self.accepted else f"not accepted: {'; '.join(self.reasons) or 'no reason given'}"
+
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Ten parameters of a body with their covariance; NaN where the data cannot tell."""
+    """Ten parameters of a body with their covariance; NaN where the data cannot tell.
+
+    It shows itself as a table: values with 1-sigma, what the data alone did not determine, and the verdict.
+    """
 
     method: str
     value: Array
@@ -53,6 +66,21 @@ class Estimate:
     """How it was made."""
     notes: tuple[str, ...] = ()
     """What a reader should know."""
+
+    @property
+    def mass(self) -> float:
+        """Of the body [kg]."""
+        return float(self.value[0])
+
+    @property
+    def center_of_gravity(self) -> Array:
+        """In the platform frame [m], shape (3,)."""
+        return self.value[1:4]
+
+    @property
+    def inertia(self) -> Array:
+        """About the centre of gravity, platform axes; products are elements of the matrix [kg m^2], shape (3, 3)."""
+        return symmetric(self.value[4:])
 
     @property
     def standard_deviation(self) -> Array:
@@ -95,6 +123,44 @@ class Estimate:
         if self.runs:
             entries["runs"] = {name: run.to_dict() for name, run in self.runs.items()}
         return entries
+
+    def columns(self) -> dict[str, Array | Sequence[str]]:
+        """Ten rows: ``parameter``, ``unit``, ``value`` and ``sigma`` in SI, ``label``: data, prior or unidentifiable."""
+        return {
+            "parameter": BODY_PARAMETERS,
+            "unit": BODY_UNITS,
+            "value": self.value,
+            "sigma": self.standard_deviation,
+            "label": [self.verdict.parameters.get(name, "") for name in BODY_PARAMETERS],
+        }
+
+    def to_polars(self) -> pl.DataFrame:
+        """The same as a frame of Polars."""
+        return tables.to_polars(self.columns())
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The same as a frame of pandas.
+
+        Raises:
+            SteelyardError: pandas is not installed.
+        """
+        return tables.to_pandas(self.columns())
+
+    def __repr__(self) -> str:
+        return self._display().text()
+
+    def _repr_html_(self) -> str:
+        return self._display().html()
+
+    def _display(self) -> Display:
+        numbers = ten_numbers(self.value, self.standard_deviation)
+        labels = [self.verdict.parameters.get(name, "") for name in BODY_PARAMETERS]
+        rows = zip(LABELS, numbers, labels, strict=True)
+        return Display(
+            f"{self.method}: {'accepted' if self.verdict.accepted else 'not accepted'}",
+            tuple((name, unit, shown, "" if label == "data" else label) for (name, unit, _), shown, label in rows),
+            sentences=(*self.verdict.reasons, *([f"notes: {len(self.notes)}"] if self.notes else [])),
+        )
 
 
 def named(ten: Array) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from steelyard.arrays import Array
+from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.identification.estimate import FORMAT, Estimate, Label, Verdict
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six
@@ -152,12 +153,12 @@ def read_estimate_file(path: Path) -> EstimateFile:
             f"expected the name of one of the estimates ({', '.join(form.estimates) or 'there is none'}), found '{form.result}'; "
             "let identify write the file again",
         )
-    source, experiment = str(path.resolve()), _printable(form.experiment)
+    source, experiment = str(path.resolve()), printable(form.experiment)
     estimates = {
         name: NamedEstimate(name, _estimate(document, name, entry), experiment, source, entry.covariance is not None)
-        for name, entry in ((_printable(name), entry) for name, entry in form.estimates.items())
+        for name, entry in ((printable(name), entry) for name, entry in form.estimates.items())
     }
-    return EstimateFile(path, experiment, _nominal(document, form.nominal), _printable(form.result), estimates)
+    return EstimateFile(path, experiment, _nominal(document, form.nominal), printable(form.result), estimates)
 
 
 def read_estimates(places: Sequence[str], method: str | None = None) -> tuple[NamedEstimate, ...]:
@@ -211,16 +212,11 @@ def _short_names(found: Sequence[NamedEstimate]) -> list[str]:
 
 def _place(source: str) -> str:
     path = Path(source)
-    return _printable(path.parent.name if path.name == FILE_NAME and path.parent.name else path.stem)
+    return printable(path.parent.name if path.name == FILE_NAME and path.parent.name else path.stem)
 
 
 def _cut(name: str) -> str:
     return name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…"
-
-
-def _printable(text: str) -> str:
-    """Nothing of a file may steer the terminal."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split()))
 
 
 def _wanted(data: dict[str, Any]) -> dict[str, Any]:
@@ -290,10 +286,10 @@ def _estimate(document: Document, name: str, entry: _Entry) -> Estimate:
         covariance=covariance,
         verdict=Verdict(
             accepted=entry.verdict.accepted,
-            reasons=tuple(_printable(reason) for reason in entry.verdict.reasons),
+            reasons=tuple(printable(reason) for reason in entry.verdict.reasons),
             parameters=entry.verdict.parameters,
         ),
-        notes=tuple(_printable(note) for note in entry.notes),
+        notes=tuple(printable(note) for note in entry.notes),
     )
 
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from steelyard import tables
+from steelyard.arrays import Array
 from steelyard.clocks.offsets import Offset
+from steelyard.digits import LABELS, ten_numbers
+from steelyard.display import Display
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.identification.bound import Bound, attainable
@@ -24,7 +28,11 @@ from steelyard.identification.prediction import Prediction, predict_held_out
 from steelyard.identification.study import Study
 from steelyard.identification.synchronisation import synchronise
 from steelyard.identification.two_step import TwoStep
-from steelyard.inertia import Inertia
+from steelyard.inertia import BODY_PARAMETERS, Inertia
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import polars as pl
 
 Method = Callable[[Experiment, Callable[[str, float], None] | None], Estimate]
 
@@ -36,11 +44,13 @@ AVAILABLE: dict[str, Callable[[], Method]] = {
     "maximum-likelihood": MaximumLikelihood,
 }
 """Methods of this version by name, with their default settings."""
+ALL = "all"
+"""Stands for every one of them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """Estimates of one experiment."""
+    """Estimates of one experiment; it shows itself as a table of them."""
 
     experiment: str
     nominal: Inertia | None
@@ -65,6 +75,11 @@ class Identification:
         """Name of the best method that ran."""
         return next(name for name in BEST_FIRST if name in self.estimates)
 
+    @property
+    def estimate(self) -> Estimate:
+        """Of the best method that ran."""
+        return self.estimates[self.result]
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values in the shape of ``estimate.json``."""
         return {
@@ -82,10 +97,43 @@ class Identification:
             **({"holdout": {p.run: p.to_dict() for p in self.predictions}} if self.predictions else {}),
         }
 
+    def columns(self) -> dict[str, Array | Sequence[str]]:
+        """Ten rows for each method: ``method``, then those of :meth:`.Estimate.columns`."""
+        each = [estimate.columns() for estimate in self.estimates.values()]
+        methods = [name for name in self.estimates for _ in BODY_PARAMETERS]
+        return {"method": methods, **{key: np.concatenate([np.asarray(c[key]) for c in each]) for key in each[0]}}
+
+    def to_polars(self) -> pl.DataFrame:
+        """The same as a frame of Polars."""
+        return tables.to_polars(self.columns())
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The same as a frame of pandas.
+
+        Raises:
+            SteelyardError: pandas is not installed.
+        """
+        return tables.to_pandas(self.columns())
+
+    def __repr__(self) -> str:
+        return self._display().text()
+
+    def _repr_html_(self) -> str:
+        return self._display().html()
+
+    def _display(self) -> Display:
+        columns = [ten_numbers(each.value, each.standard_deviation) for each in self.estimates.values()]
+        return Display(
+            self.experiment,
+            tuple((name, unit, *cells) for (name, unit, _), *cells in zip(LABELS, *columns, strict=True)),
+            head=("", "", *self.estimates),
+            sentences=tuple(f"{name}: {each.verdict}" for name, each in self.estimates.items()),
+        )
+
 
 def identify(
     experiment: Experiment,
-    methods: Sequence[Method] = (),
+    methods: str | Sequence[Method | str] = (),
     progress: Callable[[str, float], None] | None = None,
     *,
     holdout: Sequence[str] = (),
@@ -94,14 +142,15 @@ def identify(
 
     Args:
         experiment: With at least one run.
-        methods: Estimators; none: the best there is, with the two steps of the paper beside it.
+        methods: Estimators or names of them (``two-step``, ``least-squares``, ``instrumental-variables``, ``consistent``,
+            ``maximum-likelihood``, ``all``); none: the best there is, with the two steps of the paper beside it.
         progress: Is told what is being done and the fraction that is done.
         holdout: Names of runs to leave out, whose forces are predicted.
 
     Raises:
-        InputError: A run lacks what a method needs, or there is no run of a name.
+        InputError: A run lacks what a method needs, or there is no run or no method of a name.
     """
-    chosen = list(methods) or [TwoStep(), MaximumLikelihood()]
+    chosen = chosen_methods([methods] if isinstance(methods, str) else methods)
     names = [run.name for run in experiment.runs]
     for name in holdout:
         if name not in names:
@@ -164,14 +213,27 @@ def _left_out(experiment: Experiment) -> Iterator[str]:
             )
 
 
-def method_named(name: str) -> Callable[[], Method]:
-    """Method by its name.
+def chosen_methods(methods: Sequence[Method | str], ready: Mapping[str, Method] | None = None) -> list[Method]:
+    """Estimators, each once where it is named.
+
+    Args:
+        methods: Estimators or their names; ``all`` stands for every one; none: the best there is, with the two steps of the
+            paper beside it.
+        ready: Name -> estimator to take in place of the one with default settings.
 
     Raises:
-        InputError: There is none of that name.
+        InputError: There is none of a name.
     """
-    if name not in AVAILABLE:
-        raise InputError(
-            f"--method: expected one of {', '.join(AVAILABLE)}, or all, found '{name}'; choose one of these"
-        )
-    return AVAILABLE[name]
+    own = ready or {}
+    chosen: dict[str | int, Method] = {}
+    for i, method in enumerate(methods or (TwoStep.name, MaximumLikelihood.name)):
+        if not isinstance(method, str):
+            chosen[i] = method
+            continue
+        if method != ALL and method not in AVAILABLE:
+            raise InputError(
+                f"--method: expected one of {', '.join(AVAILABLE)}, or all, found '{method}'; choose one of these"
+            )
+        for name in AVAILABLE if method == ALL else (method,):
+            chosen[name] = own[name] if name in own else AVAILABLE[name]()
+    return list(chosen.values())

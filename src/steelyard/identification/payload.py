@@ -35,6 +35,9 @@ class Payload:
     possible: bool | None
     """Whether a body that can exist lies within :data:`SIGNIFICANT` sigmas; None: not known."""
 
+    def __repr__(self) -> str:
+        return f"added between {self.before.name} and {self.after.name}, by {self.estimate!r}"
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values; the payload in the shape of an estimate of the contract."""
         return {
@@ -44,16 +47,18 @@ class Payload:
         }
 
 
-def payload(before: NamedEstimate, after: NamedEstimate) -> Payload:
+def payload(before: NamedEstimate | Estimate, after: NamedEstimate | Estimate) -> Payload:
     """The body that was added between two estimates.
 
     Mass, first moment and inertia about the platform origin of bodies that are fixed to each other add up; their difference is
     turned back to centre of gravity and inertia about it. The covariance is that of independent estimates, to first order.
 
     Args:
-        before: Without the payload.
-        after: With it.
+        before: Without the payload; an estimate without a name is of recordings of its own.
+        after: With it; likewise.
     """
+    before = before if isinstance(before, NamedEstimate) else NamedEstimate("before", before)
+    after = after if isinstance(after, NamedEstimate) else NamedEstimate("after", after)
     a, b = before.estimate, after.estimate
     value, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
     reasons, notes = [], [BOUND_NOTE if same_source(before, after) else INDEPENDENT_NOTE, *doubts((before, after))]

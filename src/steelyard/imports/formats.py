@@ -40,7 +40,7 @@ FORMATS = {
 
 
 def import_robot(
-    paths: Sequence[Path],
+    paths: Sequence[str | Path],
     *,
     products: Convention | None = None,
     about: Point | None = None,
@@ -57,7 +57,7 @@ def import_robot(
     Raises:
         InputError: A file is wrong or of no known format, this can be no robot file, or something must be said that the files do not say.
     """
-    sources = [read_source(path) for path in paths]
+    sources = [read_source(Path(path)) for path in paths]
     names = [_format_of(source) for source in sources]
     for source, name in zip(sources, names, strict=True):
         if name != names[0]:

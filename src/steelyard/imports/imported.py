@@ -33,6 +33,9 @@ class Imported:
     notes: tuple[str, ...]
     """What was taken for what, left out and assumed."""
 
+    def __repr__(self) -> str:
+        return "\n".join([repr(self.robot), f"  from {self.format}", *(f"  - {note}" for note in self.notes)])
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values, without those of the robot file."""
         body = self.robot.platform

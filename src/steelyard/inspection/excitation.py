@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.identification.estimate import plausible_radius, plausible_sizes
 from steelyard.identification.joint_study import Joint
 from steelyard.identification.unknowns import ROBOT, Unknown
-from steelyard.inertia import BODY_PARAMETERS, Inertia
+from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS, Inertia
 
 Told = Literal["data", "data and prior", "prior", "not at all"]
 
@@ -47,9 +47,6 @@ class Excitation:
     """Every systematic error that is not known exactly."""
 
 
-_UNITS = ("kg", "m", "m", "m", *["kg m^2"] * 6)
-
-
 def excitation(joint: Joint) -> Excitation:
     """From a fit of the experiment: its bound.
 
@@ -65,7 +62,7 @@ def excitation(joint: Joint) -> Excitation:
         sigma, prior = float(joint.bound.standard_deviation[i]), experiment.known.get(name)
         known = prior[1] if prior else None
         told = _told(sigma, known) if known is not None else "data" if sigma < _HALF * sizes[i] else "not at all"
-        findings.append(Finding(name, _UNITS[i], float(values[i]), sigma, known, told))
+        findings.append(Finding(name, BODY_UNITS[i], float(values[i]), sigma, known, told))
     left = np.sqrt(np.maximum(np.diag(joint.bound.systematic), 0.0))
     names = unknowns.names
     calibration = [

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.classical import NoBalanceError
@@ -53,6 +54,12 @@ class Inspection:
     excitation: Excitation | None
     """None where it could not be looked at; a remark says why."""
     remarks: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        amendments = [mistake.amendment for mistake in self.mistakes]
+        told = [f"mistake: {each.subject}: {each.what}. Change: {each.proposal}" for each in amendments]
+        counts = f"{len(told) or 'no'} mistake{'' if len(told) == 1 else 's'}, {len(self.contacts) or 'no'} contact{'' if len(self.contacts) == 1 else 's'}"
+        return "\n".join(map(printable, [f"Inspection of '{self.experiment.name}': {counts}", *told, *self.remarks]))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""

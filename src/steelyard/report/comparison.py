@@ -9,17 +9,12 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from steelyard.arrays import Array
-from steelyard.identification.comparison import SIGNIFICANT, Agreement, Comparison, Pair
+from steelyard.digits import LABELS, ten_numbers
+from steelyard.identification.comparison import SIGNIFICANT, USUAL, Agreement, Comparison, Pair
 from steelyard.identification.estimate_file import NamedEstimate
 from steelyard.identification.payload import Payload
-from steelyard.report.summary import LABELS, number
 
 _PIPED_WIDTH = 160
-_USUAL = 2.0
-"""Sigmas that chance exceeds once in twenty times."""
-_LEAST_P = 1e-99
-"""Smaller ones say nothing more."""
 
 
 def show_comparison(comparison: Comparison, *, fail_above: float | None = None) -> None:
@@ -41,10 +36,10 @@ def comparison_statements(comparison: Comparison, fail_above: float | None = Non
     """Sentences under the tables, each with the style it is printed in."""
     yield from _doubted(comparison.estimates)
     for pair in comparison.pairs:
-        yield f"{pair.first} and {pair.second}: {_agreement(pair.agreement)}", _style(pair.agreement)
+        yield f"{pair.first} and {pair.second}: {pair.agreement}", _style(pair.agreement)
     if comparison.whole is not None:
         yield (
-            f"all of different recordings ({'; '.join(comparison.whole_of)}): {_agreement(comparison.whole)}",
+            f"all of different recordings ({'; '.join(comparison.whole_of)}): {comparison.whole}",
             _style(comparison.whole),
         )
     for note in comparison.notes:
@@ -65,7 +60,7 @@ def show_payload(payload: Payload) -> None:
     for heading in columns:
         drawn.add_column(Text(heading), justify="right")
     estimates = (payload.before.estimate, payload.after.estimate, payload.estimate)
-    cells = [_cells(e.value, e.standard_deviation) for e in estimates]
+    cells = [ten_numbers(e.value, e.standard_deviation) for e in estimates]
     for row, (label, unit, _) in enumerate(LABELS):
         drawn.add_row(label, unit, *(column[row] for column in cells), end_section=row in (0, 3))
     console.print(drawn)
@@ -104,8 +99,8 @@ def _drawn(first: NamedEstimate, second: NamedEstimate, pair: Pair) -> RichTable
     drawn = _table(f"{second.name}, compared with {first.name}")
     for heading in (first.name, second.name, "difference", "in sigmas"):
         drawn.add_column(Text(heading), justify="right")
-    values = [_cells(each.estimate.value, each.estimate.standard_deviation) for each in (first, second)]
-    differences = _cells(pair.difference, pair.standard_deviation, sign=True)
+    values = [ten_numbers(each.estimate.value, each.estimate.standard_deviation) for each in (first, second)]
+    differences = ten_numbers(pair.difference, pair.standard_deviation, sign=True)
     for row, (label, unit, _) in enumerate(LABELS):
         z = pair.z[row]
         sigmas = "-" if np.isnan(z) else "exact" if np.isinf(z) else f"{z:+.1f}"
@@ -113,16 +108,6 @@ def _drawn(first: NamedEstimate, second: NamedEstimate, pair: Pair) -> RichTable
         cells = (values[0][row], values[1][row], differences[row], Text(sigmas, style=style))
         drawn.add_row(label, unit, *cells, end_section=row in (0, 3))
     return drawn
-
-
-def _cells(values: Array, sigmas: Array, *, sign: bool = False) -> list[str]:
-    """Ten numbers with their 1-sigma in the units of :data:`LABELS`."""
-    return [
-        number(
-            value * factor if np.isfinite(value) else None, sigma * factor if np.isfinite(sigma) else None, sign=sign
-        )
-        for value, sigma, (_, _, factor) in zip(values.tolist(), sigmas.tolist(), LABELS, strict=True)
-    ]
 
 
 def _doubted(estimates: Sequence[NamedEstimate]) -> Iterator[tuple[str, str]]:
@@ -135,27 +120,7 @@ def _doubted(estimates: Sequence[NamedEstimate]) -> Iterator[tuple[str, str]]:
             )
 
 
-def _agreement(found: Agreement) -> str:
-    if np.isnan(found.p_value):
-        return "nothing that they all know can be compared"
-    if found.contradicted:
-        return f"disagree: {', '.join(found.contradicted)} given as exact by both, but with different values"
-    words = (
-        "agree within their uncertainty"
-        if found.sigmas <= _USUAL
-        else "differ more than is usual"
-        if found.sigmas <= SIGNIFICANT
-        else "disagree"
-    )
-    if not found.freedom:
-        return f"{words}: the same exact values"
-    rare = f", as rare as {found.sigmas:.1f} sigmas" if found.sigmas > _USUAL else ""
-    part = "" if len(found.parameters) == len(LABELS) else f" ({', '.join(found.parameters)})"
-    p_value = f"p = {found.p_value:.2g}" if found.p_value > _LEAST_P else f"p < {_LEAST_P:g}"
-    return f"{words}: chi-square {found.chi_square:.1f} on {found.freedom}, {p_value}{rare}{part}"
-
-
 def _style(found: Agreement) -> str:
     if np.isnan(found.p_value):
         return ""
-    return "green" if found.sigmas <= _USUAL else "yellow" if found.sigmas <= SIGNIFICANT else "red"
+    return "green" if found.sigmas <= USUAL else "yellow" if found.sigmas <= SIGNIFICANT else "red"

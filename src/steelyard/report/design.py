@@ -11,11 +11,11 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from steelyard.digits import LABELS
 from steelyard.excitation.appraisal import Appraisal, Told
 from steelyard.excitation.verification import Verified
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.motion.limits import Use
-from steelyard.report.summary import LABELS
 from steelyard.report.terminal import console
 
 _BARS = "▁▂▃▄▅▆▇█"

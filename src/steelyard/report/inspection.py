@@ -10,13 +10,13 @@ import numpy as np
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from steelyard.digits import LABELS
 from steelyard.inspection.agreement import BAD
 from steelyard.inspection.contact import Contact
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
 from steelyard.report.design import Grid
 from steelyard.report.markdown import escaped
-from steelyard.report.summary import LABELS
 from steelyard.report.terminal import console
 
 _MOST_FAULTS = 12

@@ -8,26 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.digits import LABELS, number
 from steelyard.identification.estimate import Estimate
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.report.evidence import Body, Evidence, Made, Number
 from steelyard.report.gather import body_of, evidence_of, numbers
 from steelyard.report.made import steelyard_version
-
-LABELS = (
-    ("mass", "kg", 1.0),
-    ("centre of gravity x", "mm", 1e3),
-    ("centre of gravity y", "mm", 1e3),
-    ("centre of gravity z", "mm", 1e3),
-    ("inertia xx", "kg m²", 1.0),
-    ("inertia yy", "kg m²", 1.0),
-    ("inertia zz", "kg m²", 1.0),
-    ("inertia yz", "kg m²", 1.0),
-    ("inertia xz", "kg m²", 1.0),
-    ("inertia xy", "kg m²", 1.0),
-)
-"""Name, unit and factor from SI of the ten of :data:`steelyard.inertia.BODY_PARAMETERS`."""
 
 
 @dataclass(frozen=True)
@@ -168,21 +155,10 @@ def _clocks(identification: Identification) -> Iterator[str]:
 def _statements(estimates: Mapping[str, Estimate]) -> list[str]:
     lines = []
     for name, estimate in estimates.items():
-        verdict = estimate.verdict
-        lines.append(f"{name}: accepted" if verdict.accepted else f"{name}: not accepted: {'; '.join(verdict.reasons)}")
+        lines.append(f"{name}: {estimate.verdict}")
     notes = [f"{estimate.method}: {note}" for estimate in estimates.values() for note in estimate.notes]
     lines += dict.fromkeys(notes)
     return lines
-
-
-def number(value: float | None, deviation: float | None = None, *, sign: bool = False) -> str:
-    """A number with the digits that its uncertainty leaves: two of the 1-sigma; a dash where there is none."""
-    if value is None:
-        return "-"
-    scale = deviation if deviation else abs(value) * 1e-3
-    digits = int(np.clip(1 - np.floor(np.log10(scale)), 0, 6)) if scale and np.isfinite(scale) else 3
-    text = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
-    return text if deviation is None else f"{text} ± {deviation:.{digits}f}"
 
 
 def cell(column: Column, row: int) -> str:

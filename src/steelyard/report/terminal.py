@@ -8,7 +8,8 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from steelyard.report.summary import LABELS, Column, Summary, Table, cell, number
+from steelyard.digits import LABELS, number
+from steelyard.report.summary import Column, Summary, Table, cell
 
 _PIPED_WIDTH = 160
 _COLUMNS_AT_ONCE = 5

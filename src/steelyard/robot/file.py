@@ -141,7 +141,7 @@ def bundled_text(name: str) -> str:
     return (resources.files("steelyard.robot") / "library" / f"{name}.yaml").read_text(encoding="utf-8")
 
 
-def read_robot(name_or_path: str, folder: Path = Path()) -> Robot:
+def read_robot(name_or_path: str | Path, folder: Path = Path()) -> Robot:
     """Read a bundled robot by name, or a robot file.
 
     Args:
@@ -151,6 +151,7 @@ def read_robot(name_or_path: str, folder: Path = Path()) -> Robot:
     Raises:
         InputError: No such robot, or its file is wrong.
     """
+    name_or_path = str(name_or_path)
     if name_or_path in bundled_names():
         with resources.as_file(resources.files("steelyard.robot") / "library" / f"{name_or_path}.yaml") as path:
             return robot_of(read_yaml(path))

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from steelyard.arrays import Array, readonly
+from steelyard.display import printable
 from steelyard.inertia import Inertia
 
 
@@ -99,6 +100,10 @@ class Robot:
         if not self.m:
             return 1.0
         return float(np.sqrt(np.mean(np.sum((self.attachments - self.attachments.mean(0)) ** 2, axis=1))))
+
+    def __repr__(self) -> str:
+        body = "no nominal platform" if self.platform is None else f"nominal platform {self.platform.mass:.6g} kg"
+        return f"Robot '{printable(self.name)}': {self.m or 'no'} cable{'' if self.m == 1 else 's'}, {body}"
 
     def with_straight_cables(self) -> Robot:
         """The same robot with massless cables, hence straight, as the paper assumes them."""

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.write import write_experiment
 from steelyard.inertia import Inertia
 from steelyard.motion.trajectory import Trajectory
+from steelyard.output import results_folder, write_json
+from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
 from steelyard.simulation.forward_dynamics import ExactMotion, responder
-from steelyard.simulation.sensors import Errors, Sensors, draw_errors, put_nested, record
+from steelyard.simulation.sensors import Errors, Sensors, draw_errors, put_nested, read_sensors, record
+from steelyard.simulation.trajectories import trajectories as motions
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +46,35 @@ class VirtualExperiment:
             calibration[name] = entry
         return {**self.body.to_dict(), "calibration": calibration}
 
+    def write(self, folder: str | Path, *, force: bool = False) -> None:
+        """Write ``experiment.yaml`` with its streams, and ``truth.json`` beside it; all or nothing.
+
+        Args:
+            folder: A new one, or an empty one.
+            force: Whether to replace files of the same names.
+
+        Raises:
+            InputError: Something is there already.
+        """
+        with results_folder(Path(folder), force=force) as fresh:
+            write_virtual(self, fresh)
+
+    def __repr__(self) -> str:
+        return f"{self.experiment!r}\n  truth: {self.body!r}"
+
+
+def write_virtual(virtual: VirtualExperiment, folder: Path) -> None:
+    """Write an experiment and its truth into an empty folder that exists."""
+    write_experiment(virtual.experiment, folder)
+    write_json(virtual.truth(), folder / "truth.json")
+
 
 def simulate(
-    robot: Robot,
-    trajectories: Mapping[str, Trajectory],
-    sensors: Sensors,
+    robot: Robot | str | Path,
+    trajectories: Mapping[str, Trajectory] | str = "multisine",
+    sensors: Sensors | str = "paper",
     *,
+    duration: float | None = None,
     seed: int = 0,
     name: str | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -53,17 +82,25 @@ def simulate(
     """Record a virtual experiment.
 
     Args:
-        robot: With a nominal platform, which is the true one here.
-        trajectories: Run -> commanded motion.
-        sensors: Instruments; their errors are drawn with the sigmas that they state.
+        robot: With a nominal platform, which is the true one here; or a bundled name, or the path of a robot file.
+        trajectories: Run -> commanded motion; or ``paper``, ``multisine``, or the path of a CSV file of kind ``command``.
+        sensors: Instruments; their errors are drawn with the sigmas that they state. Or ``paper``, ``ideal``, or the path of
+            a YAML file.
+        duration: Of a motion that is named: of a move of the paper, or of the multisine [s]; None: its default.
         seed: Of all that is drawn; the same seed gives the same numbers.
         name: Of the experiment.
         progress: Is told the run and the fraction of it that is done.
 
     Raises:
-        InputError: The robot file lacks what a simulation needs.
+        InputError: The robot file lacks what a simulation needs, or there is nothing of a name.
         InfeasibleError: The robot cannot follow a trajectory.
     """
+    robot = robot if isinstance(robot, Robot) else read_robot(robot)
+    sensors = read_sensors(sensors, robot) if isinstance(sensors, str) else sensors
+    if isinstance(trajectories, str):
+        trajectories = motions(robot, trajectories, duration)
+    elif duration is not None:
+        raise InputError("duration: expected none with trajectories, found one; they have their own durations")
     respond = responder(robot)
     body = robot.platform
     assert body is not None  # responder() has checked

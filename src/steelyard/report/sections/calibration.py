@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from steelyard.digits import number
 from steelyard.report.document import Block, Figure, Grid, Section, Statement, Statements
 from steelyard.report.evidence import Error
 from steelyard.report.sections.shown import shown_unit
-from steelyard.report.summary import Summary, number
+from steelyard.report.summary import Summary
 
 _LEARNED = 0.5
 """Part of its prior 1-sigma below which an error was told by the data."""

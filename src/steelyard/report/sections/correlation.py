@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from steelyard.digits import LABELS
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.document import Figure, Grid, Section, Statement, Statements
 from steelyard.report.evidence import Body
-from steelyard.report.summary import LABELS, Summary
+from steelyard.report.summary import Summary
 
 _STRONG = 0.8
 

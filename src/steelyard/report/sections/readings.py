@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.identification.explained import PLATFORM
 from steelyard.report.document import Block, Figure, Grid, Section, Statement, Statements
 from steelyard.report.evidence import Number, Trace
-from steelyard.report.sections.shown import Unit, shown_unit, slug, words
+from steelyard.report.sections.shown import Unit, line_colour, shown_unit, slug, words
 from steelyard.report.summary import Summary
 
 _HIGH = 1.5
@@ -152,14 +152,13 @@ def _summed(each: Trace, unit: Unit) -> str:
 
 def _lines(each: Trace, measured: Any, predicted: Any) -> Iterator[dict[str, Any]]:
     """Poses at rest have nothing between them: points, and rings about them."""
-    point = {"mode": "markers", "marker": {"size": 5}} if each.static else {"mode": "lines", "line": {"width": 1}}
-    ring = {"size": 11, "symbol": "circle-open"}
-    dashed = (
-        {"mode": "markers", "marker": ring}
-        if each.static
-        else {"mode": "lines", "line": {"width": 1.5, "dash": "dash"}}
-    )
-    for name, values in zip(each.channels, measured, strict=True):
+    for i, (name, values) in enumerate(zip(each.channels, measured, strict=True)):
+        colour = line_colour(i)
+        drawn = (
+            {"mode": "markers", "marker": {"size": 5, "color": colour}}
+            if each.static
+            else {"mode": "lines", "line": {"width": 1, "color": colour}}
+        )
         yield {
             "type": "scatter",
             "name": name,
@@ -167,11 +166,17 @@ def _lines(each: Trace, measured: Any, predicted: Any) -> Iterator[dict[str, Any
             "x": each.time,
             "y": values,
             "opacity": 0.75,
-            **point,
+            **drawn,
         }
-    for name, values in zip(each.channels, predicted, strict=True):
+    for i, (name, values) in enumerate(zip(each.channels, predicted, strict=True)):
+        colour = line_colour(i)
+        drawn = (
+            {"mode": "markers", "marker": {"size": 11, "symbol": "circle-open", "color": colour}}
+            if each.static
+            else {"mode": "lines", "line": {"width": 1.5, "dash": "dash", "color": colour}}
+        )
         yield {
-            "type": "scatter", "name": f"{name}, predicted", "legendgroup": name, "showlegend": False, "x": each.time, "y": values, **dashed,
+            "type": "scatter", "name": f"{name}, predicted", "legendgroup": name, "showlegend": False, "x": each.time, "y": values, **drawn,
         }  # fmt: skip
 
 
@@ -180,10 +185,10 @@ def _left_over(each: Trace, over: Any) -> Iterator[dict[str, Any]]:
     out = np.zeros(over.shape, dtype=bool)
     for channel, sample in each.left_out:
         out[channel, sample] = True
-    for name, values, lost in zip(each.channels, over, out, strict=True):
+    for i, (name, values, lost) in enumerate(zip(each.channels, over, out, strict=True)):
         yield {
             "type": "scatter", "mode": "markers" if each.static else "lines", "name": f"{name}, left over", "legendgroup": name, "showlegend": False, "x": each.time,
-            "y": np.where(lost, np.nan, values), "yaxis": "y2", "line": {"width": 1}, "marker": {"size": 5},
+            "y": np.where(lost, np.nan, values), "yaxis": "y2", "line": {"width": 1, "color": line_colour(i)}, "marker": {"size": 5, "color": line_colour(i)},
         }  # fmt: skip
     if out.any():
         channels, samples = np.nonzero(out)
@@ -191,7 +196,7 @@ def _left_over(each: Trace, over: Any) -> Iterator[dict[str, Any]]:
         limit = float(np.nanmax(np.abs(np.where(out, np.nan, over)), initial=1.0))
         yield {
             "type": "scatter", "mode": "markers", "name": "left out", "x": time[samples], "y": np.clip(over[channels, samples], -limit, limit), "yaxis": "y2",
-            "marker": {"size": 7, "symbol": "x-thin-open"},
+            "marker": {"size": 7, "symbol": "x-thin-open", "color": "var(--bad)"},
         }  # fmt: skip
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from steelyard.digits import LABELS, number
 from steelyard.report.document import Figure, Grid, Section, Statement, Statements, Tone
 from steelyard.report.evidence import Body, Number
-from steelyard.report.summary import LABELS, Summary, Table, cell, number
+from steelyard.report.sections.shown import line_colour
+from steelyard.report.summary import Summary, Table, cell
 
 COVERED = 1.96
 """Of a normal distribution: 95 % within so many 1-sigma."""
@@ -139,11 +141,11 @@ def _intervals(summary: Summary) -> Figure:
         )
         for j, body in enumerate(bodies):
             value, deviation = scaled(body.value[i], factor), scaled(deviations_of(body)[i], factor)
-            data.append(_interval(body.name, value, deviation, most - 1 - j, suffix, first=i == 0))
+            data.append(_interval(body.name, line_colour(j), value, deviation, most - 1 - j, suffix, first=i == 0))
         if summary.attainable is not None:
             best = scaled(summary.best.value[i], factor)
             at_best = scaled(summary.attainable[i], factor) if best is not None else None
-            data.append(_interval("smallest possible", best, at_best, 0, suffix, first=i == 0, symbol="line-ns-open"))
+            data.append(_interval("smallest possible", "var(--muted)", best, at_best, 0, suffix, first=i == 0))
         for name, given, dash in (("nominal", summary.nominal, "dot"), ("truth", summary.truth, "solid")):
             if given is not None:
                 data.append(_line(name, scaled(given[i], factor), most, dash, suffix, first=i == 0))
@@ -171,13 +173,13 @@ def _range(summary: Summary, bodies: Sequence[Body], i: int, factor: float) -> l
 
 
 def _interval(
-    name: str, value: Number, deviation: Number, y: float, suffix: str, *, first: bool, symbol: str = "circle"
+    name: str, colour: str, value: Number, deviation: Number, y: float, suffix: str, *, first: bool
 ) -> dict[str, Any]:
     shown = [] if value is None else [value]
     return {
         "type": "scatter", "mode": "markers", "name": name, "legendgroup": name, "showlegend": first, "x": shown or [None], "y": [y], "xaxis": f"x{suffix}",
-        "yaxis": f"y{suffix}", "marker": {"size": 8, "symbol": symbol},
-        "error_x": {"type": "data", "array": [COVERED * (deviation or 0.0)], "thickness": 2, "width": 5},
+        "yaxis": f"y{suffix}", "marker": {"size": 8, "color": colour},
+        "error_x": {"type": "data", "array": [COVERED * (deviation or 0.0)], "thickness": 2, "width": 5, "color": colour},
     }  # fmt: skip
 
 
@@ -185,5 +187,5 @@ def _line(name: str, value: Number, most: int, dash: str, suffix: str, *, first:
     x: Sequence[Number] = [value, value]
     return {
         "type": "scatter", "mode": "lines", "name": name, "legendgroup": name, "showlegend": first, "x": x, "y": [-0.6, most - 0.4], "xaxis": f"x{suffix}",
-        "yaxis": f"y{suffix}", "line": {"dash": dash, "width": 1.5},
+        "yaxis": f"y{suffix}", "line": {"dash": dash, "width": 1.5, "color": "var(--ink)"},
     }  # fmt: skip

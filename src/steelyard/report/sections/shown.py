@@ -41,3 +41,8 @@ def slug(*parts: str) -> str:
     """A name for links and elements: short, safe, and unlike that of other parts."""
     text = "-".join("".join(c if c.isascii() and c.isalnum() else "-" for c in part.lower())[:24] for part in parts)
     return f"{text}-{hashlib.sha256(chr(0).join(parts).encode(errors='replace')).hexdigest()[:6]}"
+
+
+def line_colour(i: int) -> str:
+    """The i-th of the colours that the page has for lines, again and again."""
+    return f"var(--line-{i % 8 + 1})"

@@ -1,0 +1,60 @@
+"""How values show themselves in a session or a notebook: a small table and sentences below it, as text and as HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+_NUMBERS = 2
+"""Columns before it are words, the others numbers."""
+
+
+@dataclass(frozen=True)
+class Display:
+    """What is shown; whatever stands in the texts."""
+
+    title: str
+    rows: tuple[tuple[str, ...], ...]
+    """All of one length; first a name, then a unit, then numbers."""
+    head: tuple[str, ...] = ()
+    """As long as a row; empty: none."""
+    sentences: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """For a terminal; lines have no blanks at their ends."""
+        grid = [[printable(cell) for cell in row] for row in (*((self.head,) if self.head else ()), *self.rows)]
+        widths = [max(map(len, column)) for column in zip(*grid, strict=True)]
+        lines = [
+            "  ".join(
+                cell.ljust(width) if i < _NUMBERS else cell.rjust(width)
+                for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+            ).rstrip()
+            for row in grid
+        ]
+        return "\n".join([printable(self.title), *lines, *map(printable, self.sentences)])
+
+    def html(self) -> str:
+        """For a notebook; without colours of its own, so that it is readable on light and on dark."""
+        head = f"<thead>{_row('th', self.head)}</thead>" if self.head else ""
+        body = "".join(_row("td", row) for row in self.rows)
+        caption = f'<caption style="text-align: left">{_escaped(self.title)}</caption>'
+        below = "".join(f"<div>{_escaped(each)}</div>" for each in self.sentences)
+        return f"<div><table>{caption}{head}<tbody>{body}</tbody></table>{below}</div>"
+
+
+def _row(tag: str, cells: Sequence[str]) -> str:
+    sides = ("left" if i < _NUMBERS else "right" for i in range(len(cells)))
+    inner = (
+        f'<{tag} style="text-align: {side}">{_escaped(cell)}</{tag}>' for side, cell in zip(sides, cells, strict=True)
+    )
+    return f"<tr>{''.join(inner)}</tr>"
+
+
+def _escaped(text: str) -> str:
+    return escape(printable(text))
+
+
+def printable(text: str) -> str:
+    """In one line, without anything that steers a terminal."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split()))
