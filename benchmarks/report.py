@@ -27,7 +27,6 @@ def main(folder: Path, method: str = "least-squares") -> None:
     recording = folder / "hour"
     path = recording / "experiment.yaml"
     if not path.exists():
-        recording.mkdir(parents=True)
         write_hour(recording)
     experiment = timed("reading", lambda: read_experiment(path))
     identification = timed(f"estimate, {method}: the reference", lambda: identify(experiment, [AVAILABLE[method]()]))

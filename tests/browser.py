@@ -19,7 +19,7 @@ import pytest
 _MISSING = "no browser: install chromium and chromium-driver (apt-get install chromium chromium-driver)"
 _FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--hide-scrollbars", "--force-prefers-no-reduced-motion",
+    "--disable-component-update", "--disable-sync", "--hide-scrollbars", "--disable-dev-shm-usage",
     # WebGL without a graphics card.
     "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
 )  # fmt: skip

@@ -181,6 +181,8 @@ class TestCommandLine:
         page = (tmp_path / "out" / "inspection.html").read_text()
         assert page.count("<script src=") == 0
         assert "Plotly.newPlot" in page
+        assert 'id="figure-stream-1-data"' in page
+        assert all(f'id="section-{name}"' in page for name in ("found", "numbers", "agreements", "streams", "spectra"))
         assert (tmp_path / "out" / "inspection.md").read_text().startswith("# ")
         status, _, err = run("inspect", path, "--out", tmp_path / "out")
         assert status == 2

@@ -92,17 +92,16 @@ def _number(value: float) -> float | int | None:
 
 
 def _list(values: Any, key: str = "", *, packed: bool, drawn: bool = False) -> Any:
-    if packed and len(values) >= _FEW:
-        numbers = _numbers(values)
-        if numbers is not None:
-            return _bytes(numbers)
+    numbers = _numbers(values) if packed else None
+    if numbers is not None and numbers.size >= _FEW:
+        return _bytes(numbers)
     return [_plain(each, key, packed=packed, drawn=drawn) for each in values]
 
 
 def _numbers(values: Any) -> Array | None:
     """Numbers in one or two dimensions, None as NaN; None where they are something else."""
     if not isinstance(values, np.ndarray):
-        flat = [v for row in values for v in (row if isinstance(row, list | tuple) else (row,))]
+        flat = [v for row in values for v in (row if isinstance(row, np.ndarray | list | tuple) else (row,))]
         if not all(v is None or (isinstance(v, int | float | np.number) and not isinstance(v, bool)) for v in flat):
             return None
         try:
@@ -126,9 +125,9 @@ def _shared(value: Any, arrays: dict[str, tuple[int, Any]]) -> Any:
 
 
 def _bytes(numbers: Array) -> dict[str, str]:
-    single: NDArray[np.float32] = numbers.astype("<f4")
     finite = numbers[np.isfinite(numbers)]
-    with np.errstate(invalid="ignore", over="ignore"):
+    with np.errstate(over="ignore"):  # beyond single precision all is lost
+        single: NDArray[np.float32] = numbers.astype("<f4")
         lost = float(np.max(np.abs(single[np.isfinite(numbers)] - finite), initial=0.0))
     fine = lost <= _FINE * float(np.ptp(finite)) if len(finite) else True
     packed = {"dtype": "f4" if fine else "f8"}
