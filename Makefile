@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check bench clean
+.PHONY: demo test check bench docs tutorial clean
 
 demo: $(VENV)/.installed
 	$(BIN)/steelyard demo --force
@@ -22,6 +22,14 @@ check: $(VENV)/.installed-test
 bench: $(VENV)/.installed
 	$(BIN)/python benchmarks/run.py
 
+# Runs every command that a page shows; warnings are errors.
+docs: $(VENV)/.installed-docs
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --nitpicky --fresh-env --jobs 2 docs docs/_build/html
+
+# Does what the tutorial says, command by command, in an environment of its own.
+tutorial:
+	$(PYTHON) docs/follow.py docs/tutorial.md
+
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
@@ -33,5 +41,9 @@ $(VENV)/.installed-test: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,test]'
 	touch $@
 
+$(VENV)/.installed-docs: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,docs]'
+	touch $@
+
 clean:
-	rm -rf $(VENV) steelyard-demo .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) docs/_build steelyard-demo .pytest_cache .mypy_cache .ruff_cache
