@@ -16,6 +16,7 @@ from steelyard.cli import verbs
 from steelyard.experiment.read import read_experiment
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.robot.file import bundled_names, read_robot
+from steelyard.simulation import simulate as simulation
 
 VERBS = ("demo", "robots", "simulate", "identify", "design", "compare", "export")
 PROCESS = [sys.executable, "-m", "steelyard"]
@@ -466,7 +467,7 @@ def test_an_interrupt_leaves_nothing(run, small, tmp_path, monkeypatch, verb):
     def interrupt(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(verbs, "write_json", interrupt)
+    monkeypatch.setattr(simulation if verb == "simulate" else verbs, "write_json", interrupt)
     arguments = ["simulate", "cogiro", *QUICK] if verb == "simulate" else ["identify", small]
     before = files(tmp_path)
     status, out, err = run(*arguments, "--out", tmp_path / "out")
