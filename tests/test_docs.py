@@ -224,6 +224,9 @@ def test_mathematics_is_mathml(built):
     text = (built / "theory.html").read_text(encoding="utf-8")
     assert text.count("<math") > 50
     assert "\\dot" not in text
+    # One half, written without braces as TeX has it.
+    assert re.search(r"<mfrac[^>]*>\s*<mn>1</mn>\s*<mn>2</mn>", text)
+    assert not re.search(r"<mfrac[^>]*>\s*<mn>12</mn>", text)
 
 
 def test_every_verb_and_kind_has_its_place(built):

@@ -21,6 +21,8 @@ from sphinx.util.docutils import SphinxDirective
 
 logger = logging.getLogger(__name__)
 _SESSION = "shell_session"
+_HOME = "/home/you"
+"""Stands for the folder in which the project would have been unpacked."""
 
 
 class Shell(SphinxDirective):
@@ -41,12 +43,14 @@ class Shell(SphinxDirective):
         shown = "".join(f"{screen(command)}\n" for command in this.commands)
         if self.config.shell_execute and not this.setup:
             try:
-                shown = _session_of(self).do(this)
+                session = _session_of(self)
+                # Where it happened to run is nothing to show.
+                shown = session.do(this).replace(str(session.folder.parent), _HOME)
                 if "lines" in self.options:
                     shown = part_of(shown, self.options["lines"])
             except (CommandError, ValueError) as error:
                 logger.warning("%s", error, location=self.get_location())
-        return [] if "hidden" in self.options else [_literal(self, shown, "console")]
+        return [] if "hidden" in self.options else [_literal(self, shown, "text")]
 
 
 class File(SphinxDirective):
