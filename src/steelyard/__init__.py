@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from steelyard.experiment.model import Stream as Stream
     from steelyard.experiment.read import read_experiment as read_experiment
     from steelyard.experiment.write import write_experiment as write_experiment
+    from steelyard.exports.exported import Exported as Exported
+    from steelyard.exports.formats import export as export
     from steelyard.identification.bound import cramer_rao as cramer_rao
     from steelyard.identification.comparison import Comparison as Comparison
     from steelyard.identification.comparison import compare as compare
@@ -49,6 +51,9 @@ if TYPE_CHECKING:
     from steelyard.inertia import Inertia as Inertia
     from steelyard.inspection.inspect import Inspection as Inspection
     from steelyard.inspection.inspect import inspect as inspect
+    from steelyard.report.figures import figure as figure
+    from steelyard.report.figures import figures as figures
+    from steelyard.report.write import write_results as write_results
     from steelyard.robot.file import read_robot as read_robot
     from steelyard.robot.model import Robot as Robot
     from steelyard.simulation.sensors import read_sensors as read_sensors
@@ -62,6 +67,7 @@ _WHERE = {
     "Design": "excitation.design",
     "Estimate": "identification.estimate",
     "Experiment": "experiment.model",
+    "Exported": "exports.exported",
     "FittedMotion": "identification.fitted_motion",
     "Identification": "identification.identify",
     "Inertia": "inertia",
@@ -83,6 +89,9 @@ _WHERE = {
     "compare": "identification.comparison",
     "cramer_rao": "identification.bound",
     "design": "excitation.design",
+    "export": "exports.formats",
+    "figure": "report.figures",
+    "figures": "report.figures",
     "identify": "identification.identify",
     "import_robot": "imports.formats",
     "inspect": "inspection.inspect",
@@ -99,6 +108,7 @@ _WHERE = {
     "trajectories": "simulation.trajectories",
     "write_design": "excitation.design_file",
     "write_experiment": "experiment.write",
+    "write_results": "report.write",
 }
 
 __all__ = sorted(_WHERE)

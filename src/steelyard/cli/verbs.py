@@ -15,17 +15,16 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.consistent import Consistent
-from steelyard.identification.identify import Identification, chosen_methods, identify
+from steelyard.identification.identify import chosen_methods, identify
 from steelyard.identification.mass_region import Box, Ellipsoid
 from steelyard.identification.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import Inertia
-from steelyard.output import check_target, results_folder, to_json, write_json
+from steelyard.output import check_target, results_folder, to_json
 from steelyard.report.made import made_of
-from steelyard.report.motion_table import FILE_NAME, write_motion
-from steelyard.report.summary import Summary, summarise
+from steelyard.report.summary import summarise
 from steelyard.report.terminal import show
-from steelyard.report.write import write_report
+from steelyard.report.write import write_identification
 from steelyard.robot.file import bundled_names, bundled_text, read_robot, robot_file
 from steelyard.simulation.simulate import simulate as simulate_experiment
 from steelyard.simulation.simulate import write_virtual
@@ -139,7 +138,7 @@ def run_identification(
     summary = summarise(identification, known_truth(experiment.parent), made=made_of(recorded, options))
     if out is not None:
         with results_folder(out, force=force) as folder:
-            _write_identification(identification, summary, folder)
+            write_identification(identification, summary, folder)
     if as_json:
         print_json(identification.to_dict())
     else:
@@ -187,13 +186,6 @@ def selected(experiment: Experiment, names: Sequence[str]) -> Experiment:
     return replace(experiment, runs=tuple(run for run in experiment.runs if run.name in names))
 
 
-def _write_identification(identification: Identification, summary: Summary, folder: Path) -> None:
-    write_json(identification.to_dict(), folder / "estimate.json")
-    write_report(summary, folder)
-    if identification.motion:
-        write_motion(identification.motion, folder / FILE_NAME)
-
-
 _LARGEST_TRUTH = 1 << 24  # bytes
 
 
@@ -234,11 +226,11 @@ def run_demo(out: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
     summary = summarise(best, truth, beside, title, ", six axes", made["multisine"])
     with results_folder(out, force=force) as folder:
         write_virtual(recorded["multisine"], folder)
-        _write_identification(best, summary, folder)
+        write_identification(best, summary, folder)
         inner = folder / "paper-moves"
         inner.mkdir()
         write_virtual(recorded["paper"], inner)
-        _write_identification(moves, summarise(moves, truth, made=made["paper"]), inner)
+        write_identification(moves, summarise(moves, truth, made=made["paper"]), inner)
     if as_json:
         print_json(best.to_dict())
         return

@@ -4,14 +4,52 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from steelyard.identification.estimate_file import FILE_NAME as ESTIMATE
+from steelyard.identification.identify import Identification
+from steelyard.inertia import Inertia
+from steelyard.output import results_folder, write_json
 from steelyard.report.compose import document_of
+from steelyard.report.made import made_of
 from steelyard.report.markdown import markdown
+from steelyard.report.motion_table import FILE_NAME as MOTION
+from steelyard.report.motion_table import write_motion
 from steelyard.report.page import page
 from steelyard.report.report_file import FILE_NAME, write_summary
-from steelyard.report.summary import Summary
+from steelyard.report.summary import Summary, summarise
 
 DRAWN = ("report.html", "report.md")
 """What is drawn from :data:`steelyard.report.report_file.FILE_NAME`."""
+
+
+def write_results(
+    found: Identification, folder: str | Path, truth: Inertia | None = None, *, force: bool = False
+) -> Path:
+    """Write what `identify --out` writes: the estimate, the report and the fitted motion; all of it or nothing.
+
+    Args:
+        found: As :func:`steelyard.identify` gives it.
+        folder: New or empty.
+        truth: The true body, where it is known, to compare with.
+        force: Whether to replace files of the same names.
+
+    Returns:
+        The path of ``report.html``.
+
+    Raises:
+        InputError: The folder cannot be written to, or has files.
+    """
+    made = made_of(found.recorded, {}) if found.recorded else None
+    with results_folder(Path(folder), force=force) as fresh:
+        write_identification(found, summarise(found, truth, made=made), fresh)
+    return Path(folder) / DRAWN[0]
+
+
+def write_identification(found: Identification, summary: Summary, folder: Path) -> None:
+    """Write estimate, report and motion into a folder that is there."""
+    write_json(found.to_dict(), folder / ESTIMATE)
+    write_report(summary, folder)
+    if found.motion:
+        write_motion(found.motion, folder / MOTION)
 
 
 def write_report(summary: Summary, folder: Path) -> None:

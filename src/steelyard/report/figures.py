@@ -1,0 +1,95 @@
+"""The pictures of the report as Plotly figures, for notebooks."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard.errors import InputError
+from steelyard.identification.identify import Identification
+from steelyard.inertia import Inertia
+from steelyard.report.compose import document_of
+from steelyard.report.document import Course, Document, Figure, Scene
+from steelyard.report.summary import summarise
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure as PlotlyFigure
+
+_COLOURS = {
+    "line-1": "#1f4fb0", "line-2": "#c8381c", "line-3": "#1b8472", "line-4": "#d97d10", "line-5": "#2b84f9", "line-6": "#7e1467", "line-7": "#a989bb",
+    "line-8": "#222929", "ink": "#1a1f26", "muted": "#545d69", "edge": "#d5dae0", "ground": "#ffffff", "good": "#11682f", "bad": "#ad1d17", "note": "#7a5000",
+}  # fmt: skip
+"""Those of the page in light: a notebook has no style sheet to take them from."""
+
+
+def figures(found: Identification, truth: Inertia | None = None) -> dict[str, PlotlyFigure]:
+    """All pictures of the report of an identification.
+
+    Args:
+        found: As :func:`steelyard.identify` gives it.
+        truth: The true body, where it is known.
+
+    Returns:
+        Name -> figure: ``intervals``, ``robot``, ``body``, ``learned``, ``correlation``, and ``trace-…`` and ``spectra-…`` of every run.
+    """
+    return {name: _plotly(block) for name, block in _blocks(document_of(summarise(found, truth))).items()}
+
+
+def figure(found: Identification, name: str, truth: Inertia | None = None) -> PlotlyFigure:
+    """One picture of the report of an identification.
+
+    Args:
+        found: As :func:`steelyard.identify` gives it.
+        name: ``intervals``, ``robot``, ``body``, ``learned``, ``correlation``, or the beginning of another key of :func:`figures`.
+        truth: The true body, where it is known.
+
+    Raises:
+        InputError: There is none of that name.
+    """
+    blocks = _blocks(document_of(summarise(found, truth)))
+    chosen = name if name in blocks else next((each for each in blocks if each.startswith(name)), None)
+    if chosen is None or not name:
+        raise InputError(f"figure: expected one of {', '.join(blocks)}, found '{name}'; choose one of these")
+    return _plotly(blocks[chosen])
+
+
+def _blocks(document: Document) -> dict[str, Figure | Scene]:
+    found = [block for section in document.sections for block in section.blocks if isinstance(block, Figure | Scene)]
+    return {(block.figure if isinstance(block, Scene) else block).name: block for block in found}
+
+
+def _plotly(block: Figure | Scene) -> PlotlyFigure:
+    import plotly.graph_objects as go
+
+    drawn = block.figure if isinstance(block, Scene) else block
+    data = [dict(trace) for trace in drawn.data]
+    if isinstance(block, Scene) and block.courses:
+        data = [_placed(trace, block.courses[0]) for trace in data]
+    layout = {
+        **_dressed(drawn.layout), "height": drawn.height, "template": "plotly_white", "title": {"text": html.escape(drawn.title), "font": {"size": 14}},
+    }  # fmt: skip
+    return go.Figure([_dressed(trace) for trace in data], layout)
+
+
+def _placed(trace: dict[str, Any], course: Course) -> dict[str, Any]:
+    """Points that move, where they are at the beginning of a course."""
+    moves = np.array(trace["meta"]["moves"], dtype=bool)
+    points = np.stack([np.asarray(trace[axis], dtype=np.float64) for axis in "xyz"], axis=1)
+    turn = Rotation.from_quat(course.rotation[0], scalar_first=True)
+    points[moves] = turn.apply(points[moves]) + course.position[0]
+    return {**trace, **dict(zip("xyz", points.T, strict=True))}
+
+
+def _dressed(value: Any) -> Any:
+    """Colours as they are, text as text: Plotly would take some for markup."""
+    if isinstance(value, Mapping):
+        return {key: _dressed(each) for key, each in value.items() if key != "meta"}
+    if isinstance(value, list | tuple):
+        return [_dressed(each) for each in value]
+    if isinstance(value, str):
+        return _COLOURS[value[6:-1]] if value.startswith("var(--") else html.escape(value, quote=False)
+    return value
