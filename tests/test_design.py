@@ -130,6 +130,13 @@ def test_report_says_what_it_will_tell_and_what_it_takes(written):
     assert "steelyard simulate cogiro --trajectory" in printed
 
 
+def test_page_shows_the_motion(written):
+    page = (written[0] / "design.html").read_text()
+    names = ("robot", "told-", "motion-", "precision", "limits")
+    assert all(f'id="figure-{name}' in page or f'id="{name}' in page or f"#{name}" in page for name in names)
+    assert page.count('class="plot"') == 7
+
+
 # That the robot can do it
 
 

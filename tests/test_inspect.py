@@ -14,7 +14,8 @@ from steelyard.inspection.delays import of_pictures
 from steelyard.inspection.inspect import inspect
 from steelyard.inspection.mistakes import judged, mistakes
 from steelyard.inspection.picture import pictures
-from steelyard.report.inspection import inspection_markdown
+from steelyard.report.inspection_document import inspection_document
+from steelyard.report.markdown import markdown
 
 # Others of the list are tried by `make bench` on more recordings; these take a second each.
 TRIED = (
@@ -146,7 +147,7 @@ def test_the_value_is_plain(whole):
     values = json.loads(json.dumps(whole.to_dict(), allow_nan=False))
     assert values["format"] == "steelyard-inspection/1"
     assert values["excitation"]["body"]["mass"]["told"] == "data"
-    assert "all instruments agree" in inspection_markdown(whole)
+    assert "all instruments agree" in markdown(inspection_document(whole))
 
 
 def test_a_clock_that_is_late_beyond_its_prior_is_remarked():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -14,6 +15,26 @@ if TYPE_CHECKING:
 
 Columns: TypeAlias = Mapping[str, Array | Sequence[str]]
 """Name -> numbers, NaN where there is none, or texts; all of one length."""
+
+
+class Tabular(ABC):
+    """What can show itself as columns, and hence as frames."""
+
+    @abstractmethod
+    def columns(self) -> Columns:
+        """Name -> numbers, NaN where there is none, or texts; all of one length."""
+
+    def to_polars(self) -> pl.DataFrame:
+        """The columns as a frame of Polars; null where there is no number."""
+        return to_polars(self.columns())
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The columns as a frame of pandas; NaN where there is no number.
+
+        Raises:
+            SteelyardError: pandas is not installed.
+        """
+        return to_pandas(self.columns())
 
 
 def to_polars(columns: Columns) -> pl.DataFrame:

@@ -210,7 +210,7 @@ _POSE: dict[str, Any] = {"nargs": 6, "type": float, "metavar": "X Y Z ROLL PITCH
 @click.option(
     "--out",
     type=_FOLDER,
-    help="Folder for command.csv, design.json, design.md and motion.parquet; must be new or empty.",
+    help="Folder for command.csv, design.json, design.html, design.md and motion.parquet; must be new or empty.",
 )
 @click.option(
     "--check",

@@ -30,14 +30,16 @@ from steelyard.identification.study import Progress
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.motion.trajectory import Trajectory
 from steelyard.output import check_target, results_folder, write_json
-from steelyard.report.design import design_markdown, show_design
+from steelyard.report.design import show_design
+from steelyard.report.design_document import design_document
+from steelyard.report.write import write_document
 from steelyard.simulation.trajectories import repeated_move, trajectories
 
 _MARGINS = 0.0, 0.9
 _MOST_RUNS = 20
 _BUDGETS = 5.0, 3600.0
 _MOST_RATE = 10_000.0
-REPORT = "design.md"
+REPORT = "design"
 
 
 def run_design(
@@ -78,7 +80,7 @@ def run_design(
             if out is not None:
                 with results_folder(out, force=force) as folder:
                     write_json(values, folder / RESULT)
-                    (folder / REPORT).write_text(design_markdown(appraisal), encoding="utf-8")
+                    write_document(design_document(appraisal), folder, REPORT)
         else:
             if duration is None:
                 raise InputError("--duration: expected the length of the motion in seconds, found none; add it")
@@ -101,7 +103,7 @@ def run_design(
             appraisal, values = found.appraisal, design_dict(found)
             with results_folder(out, force=force) as folder:
                 write_design(found, folder, rate)
-                (folder / REPORT).write_text(design_markdown(appraisal), encoding="utf-8")
+                write_document(design_document(appraisal), folder, REPORT)
     if as_json:
         print_json(values)
         return
@@ -112,7 +114,7 @@ def run_design(
                 "The time was up before all searches had ended: another run may find another motion; a larger --budget helps."
             )
         files = ", ".join(name for _, name in command_names(appraisal))
-        print(f"\n{files} and {RESULT} are in {out}/.")
+        print(f"\n{files} and {RESULT} are in {out}/; {REPORT}.html shows the motion.")
         if is_experiment(place):
             print(f"Record the motion, add it as a run to {place}, then: steelyard identify {_quoted(place)}")
         else:

@@ -10,8 +10,9 @@ from steelyard.cli.verbs import print_json, selected
 from steelyard.experiment.read import read_experiment
 from steelyard.inspection.inspect import inspect
 from steelyard.output import check_target, results_folder, write_json
-from steelyard.report.inspection import inspection_markdown, show_inspection
-from steelyard.report.inspection_page import inspection_page
+from steelyard.report.inspection import show_inspection
+from steelyard.report.inspection_document import inspection_document
+from steelyard.report.write import write_document
 
 
 def run_inspection(
@@ -27,8 +28,7 @@ def run_inspection(
     if out is not None:
         with results_folder(out, force=force) as folder:
             write_json(values, folder / "inspection.json")
-            (folder / "inspection.md").write_text(inspection_markdown(found), encoding="utf-8")
-            (folder / "inspection.html").write_text(inspection_page(found), encoding="utf-8")
+            write_document(inspection_document(found), folder, "inspection")
     if as_json:
         print_json(values)
     else:

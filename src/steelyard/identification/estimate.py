@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard import tables
 from steelyard.arrays import Array
 from steelyard.digits import LABELS, ten_numbers
 from steelyard.display import Display
 from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS, Inertia, symmetric
 from steelyard.robot.model import Robot
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import polars as pl
+from steelyard.tables import Tabular
 
 FORMAT = "steelyard-estimate/1"
 METHODS = ("two-step", "least-squares", "instrumental-variables", "consistent", "maximum-likelihood", "recursive")
@@ -44,7 +40,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class Estimate(Tabular):
     """Ten parameters of a body with their covariance; NaN where the data cannot tell.
 
     It shows itself as a table: values with 1-sigma, what the data alone did not determine, and the verdict.
@@ -133,18 +129,6 @@ class Estimate:
             "sigma": self.standard_deviation,
             "label": [self.verdict.parameters.get(name, "") for name in BODY_PARAMETERS],
         }
-
-    def to_polars(self) -> pl.DataFrame:
-        """The same as a frame of Polars."""
-        return tables.to_polars(self.columns())
-
-    def to_pandas(self) -> pd.DataFrame:
-        """The same as a frame of pandas.
-
-        Raises:
-            SteelyardError: pandas is not installed.
-        """
-        return tables.to_pandas(self.columns())
 
     def __repr__(self) -> str:
         return self._display().text()

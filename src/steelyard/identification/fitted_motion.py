@@ -5,23 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from steelyard import rotations, tables
+from steelyard import rotations
 from steelyard.arrays import Array
 from steelyard.batch import Batched
 from steelyard.display import printable
 from steelyard.identification.arc import POSE, motion_at, spread
 from steelyard.identification.motion_rows import Arc
 from steelyard.motion.state import state_of_pose
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import polars as pl
+from steelyard.tables import Tabular
 
 QUANTITIES = ("position", "rotation", "velocity", "angular_velocity", "acceleration", "angular_acceleration")
 """Place of the platform origin and its derivatives in the world; rotations, angular velocity and acceleration in the platform frame."""
@@ -39,7 +35,7 @@ _AT_ONCE = 2048
 
 
 @dataclass(frozen=True, eq=False)
-class FittedMotion:
+class FittedMotion(Tabular):
     """Motion at n times."""
 
     run: str
@@ -62,18 +58,6 @@ class FittedMotion:
             labels = _ROTATION_SIGMAS if name == "rotation" else [f"sigma_{axis}" for axis in _AXES[name]]
             found |= dict(zip(labels, self.sigma[name].T, strict=True))
         return found
-
-    def to_polars(self) -> pl.DataFrame:
-        """The same as a frame of Polars."""
-        return tables.to_polars(self.columns())
-
-    def to_pandas(self) -> pd.DataFrame:
-        """The same as a frame of pandas.
-
-        Raises:
-            SteelyardError: pandas is not installed.
-        """
-        return tables.to_pandas(self.columns())
 
     def __repr__(self) -> str:
         extent = f" from {self.time[0]:.2f} to {self.time[-1]:.2f} s" if len(self.time) else ""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from steelyard import tables
 from steelyard.arrays import Array
 from steelyard.clocks.offsets import Offset
 from steelyard.digits import LABELS, ten_numbers
@@ -29,10 +28,7 @@ from steelyard.identification.study import Study
 from steelyard.identification.synchronisation import synchronise
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import BODY_PARAMETERS, Inertia
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import polars as pl
+from steelyard.tables import Tabular
 
 Method = Callable[[Experiment, Callable[[str, float], None] | None], Estimate]
 
@@ -49,7 +45,7 @@ ALL = "all"
 
 
 @dataclass(frozen=True, eq=False)
-class Identification:
+class Identification(Tabular):
     """Estimates of one experiment; it shows itself as a table of them."""
 
     experiment: str
@@ -102,18 +98,6 @@ class Identification:
         each = [estimate.columns() for estimate in self.estimates.values()]
         methods = [name for name in self.estimates for _ in BODY_PARAMETERS]
         return {"method": methods, **{key: np.concatenate([np.asarray(c[key]) for c in each]) for key in each[0]}}
-
-    def to_polars(self) -> pl.DataFrame:
-        """The same as a frame of Polars."""
-        return tables.to_polars(self.columns())
-
-    def to_pandas(self) -> pd.DataFrame:
-        """The same as a frame of pandas.
-
-        Raises:
-            SteelyardError: pandas is not installed.
-        """
-        return tables.to_pandas(self.columns())
 
     def __repr__(self) -> str:
         return self._display().text()

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table as RichTable
 from rich.text import Text
 
 from steelyard.digits import LABELS
@@ -16,7 +14,8 @@ from steelyard.excitation.appraisal import Appraisal, Told
 from steelyard.excitation.verification import Verified
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.motion.limits import Use
-from steelyard.report.terminal import console
+from steelyard.report.document import Grid
+from steelyard.report.terminal import console, drawn_grid
 
 _BARS = "▁▂▃▄▅▆▇█"
 _PARTS = 40
@@ -25,16 +24,6 @@ _RATES = ("speed", "acceleration", "angular_speed", "angular_acceleration")
 """Limits that a design should have."""
 _NEAR = 0.3
 """Lowest natural frequency over which a motion should not come near, as a part of it."""
-
-
-@dataclass(frozen=True)
-class Grid:
-    """A table of texts; the first line is its heading."""
-
-    title: str
-    rows: tuple[tuple[str, ...], ...]
-    right: frozenset[int] = frozenset()
-    """Columns of numbers."""
 
 
 def grids(appraisal: Appraisal) -> tuple[Grid, ...]:
@@ -46,7 +35,7 @@ def _precision(appraisal: Appraisal) -> Grid:
     runs = list(appraisal.trajectories)
     several = len(runs) > 1 or not np.allclose(appraisal.each[runs[0]], appraisal.standard_deviation, equal_nan=True)
     heading = ["", "unit", *(("one run", "in all") if several else ("1-sigma",)), "wanted", "share", "told over time"]
-    rows = [tuple(heading)]
+    rows = []
     for i, (label, unit, factor) in enumerate(LABELS):
         alone, total = float(appraisal.each[runs[0]][i]), float(appraisal.standard_deviation[i])
         wanted = float(appraisal.target.each[i])
@@ -56,7 +45,7 @@ def _precision(appraisal: Appraisal) -> Grid:
         shown = ("not told" if np.isnan(v) else f"{v * factor:.3g}" for v in values)
         rows.append((label, unit, *shown, f"{wanted * factor:.3g}", share, drawn))
     title = f"What {'a motion' if len(runs) == 1 else f'{len(runs)} motions'} of {_seconds(appraisal)} will tell"
-    return Grid(title, tuple(rows), frozenset(range(2, len(heading) - 1)))
+    return Grid(title, tuple(heading), tuple(rows), frozenset(range(2, len(heading) - 1)))
 
 
 def drawn_over_time(told: Told, parameter: int) -> str:
@@ -72,7 +61,7 @@ def drawn_over_time(told: Told, parameter: int) -> str:
 def _use(name: str, verified: Verified, appraisal: Appraisal) -> Grid:
     elastic = {use.name: use for use in verified.elastic}
     heading = ("", "unit", "commanded", *(("on elastic cables",) if elastic else ()), "allowed", "used")
-    rows = [heading]
+    rows: list[tuple[str, ...]] = []
     for use in verified.commanded:
         real = elastic.get(use.name)
         most = max(use.fraction, real.fraction if real else 0.0)
@@ -88,7 +77,7 @@ def _use(name: str, verified: Verified, appraisal: Appraisal) -> Grid:
                 (share, bodies.unit, _shown(bodies.extremes)[0], *(("",) if elastic else ()), columns[-1][0], "")
             )
     title = "What it takes of the robot" if len(appraisal.verified) == 1 else f"What '{name}' takes of the robot"
-    return Grid(title, tuple(rows), frozenset(range(2, len(heading))))
+    return Grid(title, heading, tuple(rows), frozenset(range(2, len(heading))))
 
 
 def _axes(use: Use) -> list[str]:
@@ -161,25 +150,6 @@ def show_design(appraisal: Appraisal) -> None:
     """Print to standard output."""
     screen: Console = console()
     for grid in grids(appraisal):
-        drawn = RichTable(title=Text(grid.title), title_justify="left", title_style="bold", header_style="bold")
-        for i, heading in enumerate(grid.rows[0]):
-            drawn.add_column(Text(heading), justify="right" if i in grid.right else "left", no_wrap=i == 0)
-        for row in grid.rows[1:]:
-            drawn.add_row(*(Text(each) for each in row))
-        screen.print(drawn)
+        screen.print(drawn_grid(grid, whole_names=True))
     for text in statements(appraisal):
         screen.print(Text(text, style="red" if "cannot" in text else ""))
-
-
-def design_markdown(appraisal: Appraisal) -> str:
-    """The same as Markdown."""
-    lines = [f"# {appraisal.experiment.name}: a planned experiment", ""]
-    for grid in grids(appraisal):
-        lines += [f"## {grid.title}", ""]
-        for i, row in enumerate(grid.rows):
-            lines.append("| " + " | ".join(each.replace("|", "\\|") for each in row) + " |")
-            if not i:
-                lines.append("|" + "|".join("---:" if k in grid.right else "---" for k in range(len(row))) + "|")
-        lines.append("")
-    lines += [f"- {text}" for text in statements(appraisal)]
-    return "\n".join(lines) + "\n"

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 
 import numpy as np
-from rich.table import Table as RichTable
 from rich.text import Text
 
 from steelyard.digits import LABELS
@@ -15,9 +14,8 @@ from steelyard.inspection.agreement import BAD
 from steelyard.inspection.contact import Contact
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
-from steelyard.report.design import Grid
-from steelyard.report.markdown import escaped
-from steelyard.report.terminal import console
+from steelyard.report.document import Grid
+from steelyard.report.terminal import console, drawn_grid
 
 _MOST_FAULTS = 12
 """Faults of one stream that are listed one by one."""
@@ -41,9 +39,8 @@ def grids(found: Inspection) -> tuple[Grid, ...]:
 
 
 def _streams(found: Inspection) -> Grid:
-    rows = [
-        ("run", "instrument", "samples", "rate [Hz]", "jitter [ms]", "dropped", "late", "repeated", "gaps", "faults")
-    ]
+    head = ("run", "instrument", "samples", "rate [Hz]", "jitter [ms]", "dropped", "late", "repeated", "gaps", "faults")
+    rows = []
     for each in found.streams:
         t = each.timing
         faults = sum(f.kind in {"stuck", "clipped", "held"} for f in each.faults)
@@ -56,7 +53,7 @@ def _streams(found: Inspection) -> Grid:
                 _count(faults),
             )
         )  # fmt: skip
-    return Grid("Streams", tuple(rows), frozenset(range(2, 10)))
+    return Grid("Streams", head, tuple(rows), frozenset(range(2, 10)))
 
 
 def _count(number: int) -> str:
@@ -64,13 +61,14 @@ def _count(number: int) -> str:
 
 
 def _noise(found: Inspection) -> Grid:
-    rows = [("run", "instrument", "quantity", "unit", "at rest", "in motion", "stated")]
+    head = ("run", "instrument", "quantity", "unit", "at rest", "in motion", "stated")
+    rows = []
     for each in found.streams:
         for q in each.quantities:
             if q.noise_at_rest is not None or q.noise_in_motion is not None:
                 numbers = (_number(q.noise_at_rest), _number(q.noise_in_motion), _number(q.stated))
                 rows.append((each.run, each.instrument, q.name.replace("_", " "), q.unit, *numbers))
-    return Grid("Noise of a sample, 1-sigma", tuple(rows), frozenset(range(4, 7)))
+    return Grid("Noise of a sample, 1-sigma", head, tuple(rows), frozenset(range(4, 7)))
 
 
 def _number(value: float | None) -> str:
@@ -78,41 +76,45 @@ def _number(value: float | None) -> str:
 
 
 def _delays(found: Inspection) -> Grid:
-    rows = [("run", "clock of", "late by [ms]", "1-sigma [ms]", "beforehand [ms]", "by")]
+    head = ("run", "clock of", "late by [ms]", "1-sigma [ms]", "beforehand [ms]", "by")
+    rows = []
     for each in found.delays:
         value = (f"{each.value * 1e3:.2f}", f"{each.sigma * 1e3:.2g}") if each.told else ("not told", "")
         prior = f"{each.prior[0] * 1e3:.3g} ± {each.prior[1] * 1e3:.3g}"
         rows.append((each.run, ", ".join(each.instruments), *value, prior, each.how))
-    return Grid("Clocks against that of the forces", tuple(rows), frozenset({2, 3, 4}))
+    return Grid("Clocks against that of the forces", head, tuple(rows), frozenset({2, 3, 4}))
 
 
 def _agreements(found: Inspection) -> Grid:
-    rows = [("run", "between", "worst", "left / allowed", "")]
+    head = ("run", "between", "worst", "left / allowed", "")
+    rows = []
     for run, each in found.agreements:
         i = int(np.argmax(each.ratio))
         verdict = "contradict each other" if each.worst > BAD else "agree"
         rows.append((run, each.name, each.channels[i], f"{each.worst:.2g}", verdict))
-    return Grid("What the instruments say of each other, as described", tuple(rows), frozenset({3}))
+    return Grid("What the instruments say of each other, as described", head, tuple(rows), frozenset({3}))
 
 
 def _body(found: Inspection) -> Grid:
     assert found.excitation is not None
-    rows = [("", "unit", "about", "1-sigma at best", "told by")]
+    head = ("", "unit", "about", "1-sigma at best", "told by")
+    rows = []
     for finding, (label, unit, factor) in zip(found.excitation.body, LABELS, strict=True):
         rows.append((label, unit, _number(finding.value * factor), _number(finding.sigma * factor), finding.told))
-    return Grid("What this recording can tell of the body", tuple(rows), frozenset({2, 3}))
+    return Grid("What this recording can tell of the body", head, tuple(rows), frozenset({2, 3}))
 
 
 def _calibration(found: Inspection) -> Grid:
     assert found.excitation is not None
-    rows = [("systematic error", "unit", "1-sigma at best", "beforehand", "told by")]
+    head = ("systematic error", "unit", "1-sigma at best", "beforehand", "told by")
+    rows = []
     for name, each in groupby(found.excitation.calibration, key=lambda finding: finding.group):
         group = list(each)
         told = Counter(finding.told for finding in group)
         count = f" ({len(group)})" if len(group) > 1 else ""
         by = next(iter(told)) if len(told) == 1 else ", ".join(f"{number} {what}" for what, number in told.items())
         rows.append((name + count, group[0].unit, _range(f.sigma for f in group), _range(f.prior for f in group), by))
-    return Grid("And of the systematic errors", tuple(rows), frozenset({2, 3}))
+    return Grid("And of the systematic errors", head, tuple(rows), frozenset({2, 3}))
 
 
 def _range(values: Iterable[float | None]) -> str:
@@ -168,24 +170,6 @@ def show_inspection(found: Inspection) -> None:
     """Print to standard output."""
     screen = console()
     for grid in grids(found):
-        drawn = RichTable(title=Text(grid.title), title_justify="left", title_style="bold", header_style="bold")
-        for i, heading in enumerate(grid.rows[0]):
-            drawn.add_column(Text(heading), justify="right" if i in grid.right else "left")
-        for row in grid.rows[1:]:
-            drawn.add_row(*(Text(each) for each in row))
-        screen.print(drawn)
+        screen.print(drawn_grid(grid))
     for text, style in statements(found):
         screen.print(Text(text, style=style))
-
-
-def inspection_markdown(found: Inspection) -> str:
-    """The same as Markdown."""
-    lines = [f"# {escaped(found.experiment.name)}: what is in the recordings", ""]
-    lines += [f"- {escaped(text)}" for text, _ in statements(found)]
-    for grid in grids(found):
-        lines += ["", f"## {grid.title}", ""]
-        for i, row in enumerate(grid.rows):
-            lines.append("| " + " | ".join(escaped(each) for each in row) + " |")
-            if not i:
-                lines.append("|" + "|".join("---:" if k in grid.right else "---" for k in range(len(row))) + "|")
-    return "\n".join(lines) + "\n"

@@ -9,6 +9,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from steelyard.digits import LABELS, number
+from steelyard.report.document import Grid
 from steelyard.report.summary import Column, Summary, Table, cell
 
 _PIPED_WIDTH = 160
@@ -19,6 +20,21 @@ def console() -> Console:
     """Standard output; nothing is cut where a file or a pipe reads along."""
     found = Console(highlight=False)
     return found if found.is_terminal else Console(width=_PIPED_WIDTH, highlight=False)
+
+
+def drawn_grid(grid: Grid, *, whole_names: bool = False) -> RichTable:
+    """A table of text for a terminal.
+
+    Args:
+        grid: The table.
+        whole_names: Whether the first column is never broken.
+    """
+    drawn = RichTable(title=Text(grid.caption), title_justify="left", title_style="bold", header_style="bold")
+    for i, heading in enumerate(grid.head):
+        drawn.add_column(Text(heading), justify="right" if i in grid.right else "left", no_wrap=whole_names and i == 0)
+    for row in grid.rows:
+        drawn.add_row(*(Text(each) for each in row))
+    return drawn
 
 
 def show(summary: Summary, *, each_run: bool = True) -> None:

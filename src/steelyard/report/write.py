@@ -9,6 +9,7 @@ from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.output import results_folder, write_json
 from steelyard.report.compose import document_of
+from steelyard.report.document import Document
 from steelyard.report.made import made_of
 from steelyard.report.markdown import markdown
 from steelyard.report.motion_table import FILE_NAME as MOTION
@@ -65,6 +66,16 @@ def write_report(summary: Summary, folder: Path) -> None:
 
 def draw_report(summary: Summary, folder: Path) -> None:
     """Write ``report.html`` and ``report.md``, the same bytes for the same summary."""
-    document = document_of(summary)
-    for name, text in zip(DRAWN, (page(document), markdown(document)), strict=True):
-        (folder / name).write_text(text, encoding="utf-8", newline="\n")
+    write_document(document_of(summary), folder, "report")
+
+
+def write_document(document: Document, folder: Path, name: str) -> None:
+    """Write a document as a page and as Markdown.
+
+    Args:
+        document: What it says.
+        folder: One that is there.
+        name: Of the files, without their endings.
+    """
+    for ending, form in (("html", page), ("md", markdown)):
+        (folder / f"{name}.{ending}").write_text(form(document), encoding="utf-8", newline="\n")

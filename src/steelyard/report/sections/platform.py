@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 from steelyard.arrays import Array
 from steelyard.inertia import Inertia
 from steelyard.report.document import Block, Course, Figure, Grid, Scene, Section, Statement, Statements
-from steelyard.report.evidence import Body, Number, Shape
+from steelyard.report.evidence import Body, Motion, Number, Shape
 from steelyard.report.sections.result import deviations_of
 from steelyard.report.summary import Summary
 
@@ -30,7 +30,8 @@ def platform(summary: Summary) -> Section | None:
     blocks: list[Block] = []
     shape = summary.evidence.shape
     if shape is not None:
-        blocks.append(_robot(summary, shape))
+        courses = [_course(each) for each in summary.evidence.motions if len(each.time) > 1]
+        blocks.append(robot_scene(shape, courses, _centre(summary.best)))
     centre = _centre(summary.best)
     if centre is not None:
         blocks.append(Scene(_body(summary, shape, centre)))
@@ -55,8 +56,14 @@ def _whole(body: Body) -> Inertia | None:
 # The robot
 
 
-def _robot(summary: Summary, shape: Shape) -> Scene:
-    motions = [each for each in summary.evidence.motions if len(each.time) > 1]
+def robot_scene(shape: Shape, courses: Sequence[Course], centre: Array | None) -> Scene:
+    """A robot in 3-D with the motions of its platform.
+
+    Args:
+        shape: The robot.
+        courses: To replay; none: the platform stands at the origin.
+        centre: Of gravity, in the platform frame [m], shape (3,); None: not known.
+    """
     anchors, attachments = np.array(shape.anchors), np.array(shape.attachments)
     m = len(anchors)
     data = [
@@ -66,47 +73,22 @@ def _robot(summary: Summary, shape: Shape) -> Scene:
             "platform", *_broken(attachments, _hull(attachments), moves=True), {"mode": "lines", "line": {"width": 4}}
         ),
     ]
-    centre = _centre(summary.best)
     if centre is not None:
-        data.append(
-            _points(
-                "centre of gravity",
-                centre[None],
-                [True],
-                {"mode": "markers", "marker": {"size": 5, "symbol": "diamond"}},
-            )
-        )
-    courses = tuple(
-        Course(
-            f"{each.run} (poses at rest)" if each.static else each.run,
-            np.array(each.time),
-            np.array(each.position),
-            np.array(each.rotation),
-        )
-        for each in motions
-    )
+        mark = {"mode": "markers", "marker": {"size": 5, "symbol": "diamond"}}
+        data.append(_points("centre of gravity", centre[None], [True], mark))
     if courses:
-        first = courses[0]
-        data.append(
-            _points(
-                "path of the origin",
-                first.position,
-                [False] * len(first.time),
-                {"mode": "lines", "line": {"width": 2}, "opacity": 0.6},
-            )
-        )
+        line = {"mode": "lines", "line": {"width": 2}, "opacity": 0.6}
+        data.append(_points("path of the origin", courses[0].position, [False] * len(courses[0].time), line))
     text = f"The {m} cables of robot {shape.name} from their anchors to the platform" + (
-        ", replayed over the recorded motion." if courses else ", the platform at the origin."
+        ", replayed over the motion." if courses else ", the platform at the origin."
     )
-    figure = Figure(
-        "robot",
-        f"Robot {shape.name}" + (": the motion as it was found" if courses else ""),
-        text,
-        tuple(data),
-        _cube(data),
-        height=560,
-    )
-    return Scene(figure, courses)
+    title = f"Robot {shape.name}" + (" and its motion" if courses else "")
+    return Scene(Figure("robot", title, text, tuple(data), _cube(data), height=560), tuple(courses))
+
+
+def _course(motion: Motion) -> Course:
+    name = f"{motion.run} (poses at rest)" if motion.static else motion.run
+    return Course(name, np.array(motion.time), np.array(motion.position), np.array(motion.rotation))
 
 
 def _cube(data: Sequence[dict[str, Any]]) -> dict[str, Any]:

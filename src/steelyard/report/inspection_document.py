@@ -1,4 +1,4 @@
-"""What was found in recordings as a document with pictures, and as one page."""
+"""What was found in recordings as a document with pictures."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ from steelyard.inspection.agreement import BAD, Agreement
 from steelyard.inspection.contact import Residual
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
-from steelyard.report.document import Document, Figure, Grid, Section, Statement, Statements, Tone
+from steelyard.report.document import Document, Figure, Section, Statement, Statements, Tone
 from steelyard.report.inspection import grids, statements
-from steelyard.report.page import page
 
 _MOST_POINTS = 3000
 """Of a line."""
@@ -25,15 +24,10 @@ _MARKS = {"gap": "var(--muted)", "stuck": "var(--bad)"}
 _TONES: dict[str, Tone] = {"red": "bad", "yellow": "note", "green": "good"}
 
 
-def inspection_page(found: Inspection) -> str:
-    """HTML of an inspection; the same bytes for the same input."""
-    return page(inspection_document(found))
-
-
 def inspection_document(found: Inspection) -> Document:
     """Everything that there is to say and to see."""
     said = Statements(tuple(Statement(text, _TONES.get(style, "")) for text, style in statements(found)))
-    tables = tuple(Grid(grid.title, grid.rows[0], grid.rows[1:], grid.right) for grid in grids(found) if grid.rows[1:])
+    tables = tuple(grid for grid in grids(found) if grid.rows)
     return Document(
         f"{found.experiment.name}: what is in the recordings",
         _lead(found),
