@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check bench docs tutorial clean
+.PHONY: demo test test-slow check bench docs tutorial clean
 
 demo: $(VENV)/.installed
 	$(BIN)/steelyard demo --force
@@ -12,7 +12,11 @@ test: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile -m "not slow"
+
+# What `test` leaves out since it takes long: examples, more designs, longer recordings.
+test-slow: $(VENV)/.installed-test
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile -m slow
 
 # What `test` runs, without the slow part.
 check: $(VENV)/.installed-test

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import plotly.graph_objects as go
 import polars as pl
 import pytest
 from recordings import DURATION, RUN, simulated, write_small
@@ -389,7 +390,7 @@ def members(value):
 @pytest.mark.parametrize(("name", "value"), public(), ids=lambda v: v if isinstance(v, str) else "")
 def test_all_is_documented_and_typed(name, value):
     # Frames are annotated with packages that load when they are wanted.
-    lazy = {"pl": pl, "pd": pd}
+    lazy = {"pl": pl, "pd": pd, "go": go}
     for where, each in [(name, value), *members(value)]:
         assert (each.__doc__ or "").strip(), f"{where} has no docstring"
         if where == name and isinstance(value, type) and issubclass(value, Exception):

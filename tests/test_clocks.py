@@ -184,6 +184,7 @@ def recorded(seed):
     return experiment, {name: event[name] - event["cables"] for name in event}
 
 
+@pytest.mark.slow
 def test_clocks_of_an_experiment():
     experiment, ahead = recorded(0)
     auto = without_clocks(experiment)
@@ -222,6 +223,7 @@ def test_instruments_of_one_file_keep_their_clock():
     assert found.instruments["cables"].clock == found.instruments["imu"].clock
 
 
+@pytest.mark.slow
 def test_estimate_is_no_worse_than_with_the_clocks_given():
     experiment, ahead = recorded(1)
     event = experiment.runs[0].sync["cables"]

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from recordings import save, table, write_small
 
-from steelyard.cli import verbs
 from steelyard.experiment.read import read_experiment
 from steelyard.inertia import BODY_PARAMETERS, Inertia
+from steelyard.report import write
 from steelyard.robot.file import bundled_names, read_robot
 from steelyard.simulation import simulate as simulation
 
@@ -310,7 +310,9 @@ def test_results_may_lie_beside_the_experiment(run, small):
     before = files(small.parent)
     assert run("identify", small, "--out", small.parent, "--force")[0] == 0
     after = files(small.parent)
-    assert set(after) - set(before) == {"estimate.json", "report.md", "motion.parquet"}
+    assert set(after) - set(before) == {
+        "estimate.json", "report.html", "report.json", "report.md", "motion.parquet",
+    }  # fmt: skip
     assert {name: after[name] for name in before} == before
 
 
@@ -467,7 +469,7 @@ def test_an_interrupt_leaves_nothing(run, small, tmp_path, monkeypatch, verb):
     def interrupt(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(simulation if verb == "simulate" else verbs, "write_json", interrupt)
+    monkeypatch.setattr(simulation if verb == "simulate" else write, "write_json", interrupt)
     arguments = ["simulate", "cogiro", *QUICK] if verb == "simulate" else ["identify", small]
     before = files(tmp_path)
     status, out, err = run(*arguments, "--out", tmp_path / "out")
@@ -481,7 +483,7 @@ def test_a_full_disk_is_told_in_one_sentence(run, small, tmp_path, monkeypatch):
     def fail(values, path):
         raise OSError(28, "No space left on device", str(path))
 
-    monkeypatch.setattr(verbs, "write_json", fail)
+    monkeypatch.setattr(write, "write_json", fail)
     status, out, err = run("identify", small, "--out", tmp_path / "out")
     assert (status, out) == (2, "")
     assert err.count("\n") == 1

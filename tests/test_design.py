@@ -209,6 +209,7 @@ def test_check_says_what_a_motion_cannot_tell_and_what_it_exceeds(run, tmp_path)
     assert "the robot cannot do it" in out
 
 
+@pytest.mark.slow
 def test_what_is_known_already_adds_to_what_a_motion_will_tell(run, tmp_path):
     _, out, _ = run("design", "cogiro", "--check", "multisine", "--duration", "9", "--json")
     plain = json.loads(out)["all_runs"]["standard_deviation"]
@@ -233,6 +234,7 @@ def test_what_is_known_already_adds_to_what_a_motion_will_tell(run, tmp_path):
 # The same again, several runs, other robots
 
 
+@pytest.mark.slow
 def test_same_seed_gives_the_same_motion_and_another_another(command):
     """In another process, and asked for in Python."""
     again = design(planned(), 8.0, budget=30.0).appraisal.trajectories["design"]
@@ -243,6 +245,7 @@ def test_same_seed_gives_the_same_motion_and_another_another(command):
     assert np.abs(other.spline.c - again.spline.c).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_a_second_run_adds_what_the_first_one_lacks():
     found = design(planned(), 6.0, runs=2, budget=60.0).appraisal
     assert list(found.trajectories) == ["design-1", "design-2"]
@@ -251,6 +254,7 @@ def test_a_second_run_adds_what_the_first_one_lacks():
     assert np.all(found.standard_deviation < alone / 1.25)
 
 
+@pytest.mark.slow
 def test_start_and_end_are_those_asked_for():
     start, end = np.array([0.5, 0, 1.8, 0, 0, 0.1]), np.array([-0.5, 0.3, 2.2, 0.1, 0, 0])
     found = design(planned(), 8.0, start=start, end=end, budget=30.0).appraisal
@@ -258,6 +262,7 @@ def test_start_and_end_are_those_asked_for():
     np.testing.assert_allclose(ends, [start, end], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_targets_of_trackers_and_cables_keep_their_limits():
     instruments = dict(paper_sensors(ROBOT).instruments)
     instruments["tracker"] = type(instruments["tracker"]).model_validate(
@@ -475,6 +480,7 @@ def test_instruments_must_say_how_good_and_how_fast_they_are(run, tmp_path, monk
     assert "rate" in err
 
 
+@pytest.mark.slow
 def test_an_experiment_that_has_not_been_recorded_yet_is_designed_for(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     plan = {
@@ -495,6 +501,7 @@ def test_an_experiment_that_has_not_been_recorded_yet_is_designed_for(run, tmp_p
     assert floor * 0.9 < found["standard_deviation"]["mass"] < floor * 1.2
 
 
+@pytest.mark.slow
 def test_robot_without_limits_stays_about_the_middle_and_the_report_says_what_is_free():
     robot = replace(ROBOT, limits=Limits(), tension_limits=(0.0, np.inf))
     found = design(planned(robot), 6.0, budget=30.0).appraisal

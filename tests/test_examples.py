@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+pytestmark = pytest.mark.slow
 SIGMAS = 4.0
 """Of any of ten numbers, about once in two thousand examples."""
 

@@ -80,6 +80,7 @@ def test_two_mistakes_are_both_named():
     assert not after.bad
 
 
+@pytest.mark.slow
 def test_a_hand_on_the_platform_is_placed():
     finer = changed(PAPER["cables"], rate=100.0, noise=0.6)
     found = inspect(RECORDER(5, touched=True, instruments={**PAPER, "cables": finer}))

@@ -310,6 +310,7 @@ def test_recordings_of_another_simulator(recordings, recorded_truth, name):
     assert estimate.physical
 
 
+@pytest.mark.slow
 def test_kuka_baseline(examples):
     kuka = read_experiment(examples / "kuka-tool" / "experiment.yaml")
     accelerometer = changed(kuka.instruments["accelerometer"], calibration={"delay": 0.05})

@@ -366,6 +366,7 @@ def test_the_bound_is_that_of_the_joint_fit():
     np.testing.assert_allclose(alone, found.estimates["maximum-likelihood"].standard_deviation, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_other_methods_take_the_same_recording():
     experiment, _, found = sound(2)
     by_instruments = InstrumentalVariables()(experiment)
@@ -382,6 +383,7 @@ def test_other_methods_take_the_same_recording():
 FIVE = winch({"value": 0.05, "sigma": 0.0})
 
 
+@pytest.mark.slow
 def test_friction_that_is_left_out_is_noticed():
     experiment, _ = recorded(FIVE, 5)
     # With its prior it is found, two and a half times as far off as expected.
@@ -394,6 +396,7 @@ def test_friction_that_is_left_out_is_noticed():
     assert any("cables.friction of cable" in reason for reason in without.verdict.reasons)
 
 
+@pytest.mark.slow
 def test_sensors_at_the_winch_are_not_taken_for_some_at_the_platform():
     at_platform = {"kind": "tension", "clock": "recorder", "rate": 25.0, "noise": 5.0}
     experiment, _ = recorded(FIVE, 5)

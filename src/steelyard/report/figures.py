@@ -17,7 +17,7 @@ from steelyard.report.document import Course, Document, Figure, Scene
 from steelyard.report.summary import summarise
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as PlotlyFigure
+    import plotly.graph_objects as go
 
 _COLOURS = {
     "line-1": "#1f4fb0", "line-2": "#c8381c", "line-3": "#1b8472", "line-4": "#d97d10", "line-5": "#2b84f9", "line-6": "#7e1467", "line-7": "#a989bb",
@@ -26,7 +26,7 @@ _COLOURS = {
 """Those of the page in light: a notebook has no style sheet to take them from."""
 
 
-def figures(found: Identification, truth: Inertia | None = None) -> dict[str, PlotlyFigure]:
+def figures(found: Identification, truth: Inertia | None = None) -> dict[str, go.Figure]:
     """All pictures of the report of an identification.
 
     Args:
@@ -34,12 +34,12 @@ def figures(found: Identification, truth: Inertia | None = None) -> dict[str, Pl
         truth: The true body, where it is known.
 
     Returns:
-        Name -> figure: ``intervals``, ``robot``, ``body``, ``learned``, ``correlation``, and ``trace-…`` and ``spectra-…`` of every run.
+        Figures under the names ``intervals``, ``robot``, ``body``, ``learned``, ``correlation``, and ``trace-…`` and ``spectra-…`` of every run.
     """
     return {name: _plotly(block) for name, block in _blocks(document_of(summarise(found, truth))).items()}
 
 
-def figure(found: Identification, name: str, truth: Inertia | None = None) -> PlotlyFigure:
+def figure(found: Identification, name: str, truth: Inertia | None = None) -> go.Figure:
     """One picture of the report of an identification.
 
     Args:
@@ -62,7 +62,7 @@ def _blocks(document: Document) -> dict[str, Figure | Scene]:
     return {(block.figure if isinstance(block, Scene) else block).name: block for block in found}
 
 
-def _plotly(block: Figure | Scene) -> PlotlyFigure:
+def _plotly(block: Figure | Scene) -> go.Figure:
     import plotly.graph_objects as go
 
     drawn = block.figure if isinstance(block, Scene) else block
