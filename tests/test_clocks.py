@@ -145,6 +145,7 @@ def test_rest_tells_nothing():
     assert offset.reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drift", [0.0, 40e-6, -100e-6])
 def test_drift(drift):
     motion, rng = Motion(7), np.random.default_rng(0)

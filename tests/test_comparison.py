@@ -897,6 +897,7 @@ def read_or_refuse(path):
         return None if str(error).startswith(f"{path}: ") else pytest.fail(f"does not say where: {error}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(30))
 def test_any_part_may_be_missing_or_of_another_type(files, seed):
     """Whatever is at any place: the file is read, or refused with a sentence."""

@@ -129,6 +129,7 @@ def test_an_ellipsoid_is_kept_to():
 # Pulled towards the nominal body
 
 
+@pytest.mark.slow
 def test_a_pull_to_the_right_body_helps_what_the_data_tell_badly():
     weak = moving([1] * 6, scale=0.15)
     free, pulled = [], []

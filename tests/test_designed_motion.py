@@ -48,6 +48,7 @@ def test_the_stored_command_is_a_smooth_motion_from_rest_to_rest_within_the_limi
     assert np.abs(coarse.derivative(between, 0) - trajectory.derivative(between, 0)).max() < 1e-5
 
 
+@pytest.mark.slow
 @both_laws
 def test_the_oracle_obeys_newton_and_euler_between_its_recorded_states_and_hardly_depends_on_its_step(name, law):
     found = hanging(name, law)
@@ -75,6 +76,7 @@ def test_a_designed_motion_keeps_every_limit_on_elastic_cables(name, law):
     assert max(found.uses().values()) > 0.7
 
 
+@pytest.mark.slow
 @both_laws
 def test_the_body_is_identified_from_a_designed_motion_on_elastic_cables_within_what_is_stated(name, law):
     estimate = MaximumLikelihood()(recorded(hanging(name, law), command(name), seed=20))

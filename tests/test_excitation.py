@@ -410,6 +410,7 @@ def quaternion_motion(times):
     return [motion(order) for order in range(4)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", [*ELSEWHERE, "late"])
 def test_what_looks_at_the_motion_is_linearised_as_the_estimators_do(which):
     view = plan(which).elsewhere

@@ -117,6 +117,7 @@ def reference(tmp_path_factory):
     return estimates(tmp_path_factory.mktemp("reference"), "csv")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", [form for form in FORMATS if form != "csv"])
 def test_estimates_agree(tmp_path, reference, form):
     found = estimates(tmp_path, form)

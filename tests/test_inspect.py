@@ -33,6 +33,7 @@ def found_in(experiment):
     return mistakes(picture)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRIED)
 def test_a_mistake_is_named_with_what_to_change(name):
     mistake = MISTAKES[name]

@@ -135,6 +135,7 @@ def test_ideal_sensors_of_another_simulator(recordings, recorded_truth):
 # Stated uncertainty
 
 
+@pytest.mark.slow
 def test_errors_are_of_the_size_that_is_stated():
     errors = np.array([z(METHOD.of(studied(seed))) for seed in SEEDS])
     # Pooled rms of eight draws of ten parameters: 1 where the 1-sigma are true, with a sampling error of about .1.

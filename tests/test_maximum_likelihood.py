@@ -76,6 +76,7 @@ def test_it_is_better_than_the_two_steps(estimates):
         assert np.sqrt(np.mean(ours[:, own] ** 2)) < 0.6 * np.sqrt(np.mean(two_step[:, own] ** 2))
 
 
+@pytest.mark.slow
 def test_calibration_is_within_its_uncertainty():
     z = []
     for seed in SEEDS:
@@ -245,6 +246,7 @@ MORE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [names for names, _ in SETS.values()], ids=SETS)
 def test_other_sets_of_instruments_are_honest(names):
     estimate = METHOD(keeping(RECORDER(5, instruments=MORE), *names))

@@ -506,6 +506,7 @@ EASY = settings(
 )
 
 
+@pytest.mark.slow
 @settings(EASY, max_examples=150)
 @given(file=files())
 def test_any_table_in_any_dialect_comes_back(tmp_path, file):
@@ -536,6 +537,7 @@ def test_a_damaged_table_gives_numbers_or_a_sentence(tmp_path, file, data):
         everything(written(tmp_path, bytes(damaged), "log.csv.gz" if packed else "log.csv"))
 
 
+@pytest.mark.slow
 @settings(EASY, max_examples=200)
 @given(data=st.data())
 def test_a_wrong_character_in_one_row_leaves_no_other_row_wrong(tmp_path, data):

@@ -342,6 +342,7 @@ def sound(seed):
     return experiment, drawn, identify(experiment, [LeastSquares(), MaximumLikelihood()])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["least-squares", "maximum-likelihood"])
 def test_the_truth_is_within_what_is_stated(method):
     seeds = (1, 2, 3)

@@ -13,6 +13,8 @@ from steelyard.report.evidence import Number, Trace
 from steelyard.report.sections.shown import Unit, line_colour, shown_unit, slug, words
 from steelyard.report.summary import Summary
 
+_EQUATIONS = 6
+"""Of a body."""
 _HIGH = 1.5
 """Residuals of so many 1-sigma, root mean square, are said to be more than the noise."""
 
@@ -36,7 +38,7 @@ def readings(summary: Summary) -> Section | None:
     if not evidence.traces:
         return None
     blocks: list[Block] = []
-    remarks = list(_remarks(summary, traces))
+    remarks = [*_expected(traces), *_remarks(summary, traces)]
     if remarks:
         blocks.append(Statements(tuple(remarks)))
     blocks.append(_table(evidence.traces))
@@ -45,6 +47,16 @@ def readings(summary: Summary) -> Section | None:
     blocks += [_figure(each) for each in traces]
     blocks += list(_spectra(evidence.traces))
     return Section("readings", "Readings and what is left of them", tuple(blocks))
+
+
+def _expected(traces: Sequence[Trace]) -> Iterator[Statement]:
+    """What is left of forces that enter fewer equations than there are readings."""
+    m = max((len(each.channels) for each in traces if each.quantity == "tension"), default=0)
+    if m > _EQUATIONS:
+        yield Statement(
+            f"Predicted tensions are those nearest to the measured ones that carry the platform. {m} cables enter {_EQUATIONS} equations: where all is as it is taken to be, "
+            f"{np.sqrt(_EQUATIONS / m):.2f} of their noise is left, and all of that of the other instruments."
+        )
 
 
 def _remarks(summary: Summary, traces: Sequence[Trace]) -> Iterator[Statement]:
