@@ -39,7 +39,7 @@ robot = replace(
     ),
 )
 
-virtual = steelyard.simulate(robot, duration=12.0, seed=4)
+virtual = steelyard.simulate(robot, duration=12.0, seed=0)
 if len(sys.argv) > 1:
     virtual.write(sys.argv[1])
     print(f"  {sys.argv[1]}: experiment.yaml, robot.yaml and truth.json")
