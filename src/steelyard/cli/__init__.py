@@ -14,6 +14,7 @@ from typing import Any
 
 import click
 
+from steelyard.display import printable
 from steelyard.errors import SteelyardError
 
 _FOLDER = click.Path(path_type=Path, file_okay=True)
@@ -525,6 +526,6 @@ def _fail(message: str, status: int) -> None:
     # A path or a name may be as long as a file likes; the sentence around it must stay readable.
     words = [w if len(w) <= _LONGEST_WORD else f"{w[:_LONGEST_WORD]}…{w[-20:]}" for w in message.split()]
     # One line, and nothing of a file may steer the terminal.
-    line = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(words))
+    line = printable(" ".join(words))
     sys.stderr.write(f"steelyard: {line}\n")
     sys.exit(status)

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from steelyard.display import printable
 from steelyard.drafts.arrange import DraftRun
 from steelyard.drafts.draft import Draft
 from steelyard.drafts.survey import Found, instrument_of
@@ -228,5 +229,5 @@ def scalar(text: str) -> str:
 
 def comment(text: str) -> str:
     """A text as part of a comment: one line, nothing but what can be seen."""
-    line = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split()))
+    line = printable(text)
     return line if len(line) <= 300 else line[:299] + "…"

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
+from steelyard import display
 from steelyard.errors import InputError
 from steelyard.imports.description import Vector
 from steelyard.imports.xml_file import Element, read_xml
@@ -70,7 +71,7 @@ def only_document(sources: Sequence[Source], name: str) -> Document:
 
 def printable(text: str, longest: int = _LONGEST_TEXT) -> str:
     """Text of a file in one line that steers no terminal and ends no comment."""
-    line = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split()))
+    line = display.printable(text)
     return line if len(line) <= longest else f"{line[: longest - 1]}…"
 
 

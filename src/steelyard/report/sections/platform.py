@@ -152,7 +152,7 @@ def _body(summary: Summary, shape: Shape | None, centre: Array) -> Figure:
     if shape is not None:
         attachments = np.array(shape.attachments)
         data.append(
-            _still(
+            _points(
                 "attachments",
                 *_broken(attachments, _hull(attachments), moves=False),
                 {"mode": "lines", "line": {"width": 2}, "opacity": 0.6},
@@ -160,12 +160,12 @@ def _body(summary: Summary, shape: Shape | None, centre: Array) -> Figure:
         )
     body = _whole(best)
     if body is not None:
-        data.append(_still("box of the same inertia", *_box(body), {"mode": "lines", "line": {"width": 4}}))
+        data.append(_points("box of the same inertia", *_box(body), {"mode": "lines", "line": {"width": 4}}))
         data.append(
-            _still("principal axes", *_principal(body), {"mode": "lines", "line": {"width": 3, "dash": "dash"}})
+            _points("principal axes", *_principal(body), {"mode": "lines", "line": {"width": 3, "dash": "dash"}})
         )
     data.append(
-        _still(
+        _points(
             "centre of gravity", centre[None], [False], {"mode": "markers", "marker": {"size": 5, "symbol": "diamond"}}
         )
     )
@@ -182,7 +182,7 @@ def _body(summary: Summary, shape: Shape | None, centre: Array) -> Figure:
         place = None if given is None else [v for v in given[1:4] if v is not None]
         if place is not None and len(place) == 3:
             data.append(
-                _still(
+                _points(
                     f"centre of gravity, {name}",
                     np.array([place]),
                     [False],
@@ -190,7 +190,7 @@ def _body(summary: Summary, shape: Shape | None, centre: Array) -> Figure:
                 )
             )
     data.append(
-        _still(
+        _points(
             "platform origin",
             np.zeros((1, 3)),
             [False],
@@ -210,10 +210,6 @@ def _body(summary: Summary, shape: Shape | None, centre: Array) -> Figure:
         _cube(data),
         height=520,
     )
-
-
-def _still(name: str, points: Array, moves: Sequence[bool], further: dict[str, Any]) -> dict[str, Any]:
-    return _points(name, points, moves, further)
 
 
 def _box(body: Inertia) -> tuple[Array, list[bool]]:
