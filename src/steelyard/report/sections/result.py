@@ -13,10 +13,10 @@ from steelyard.report.summary import Summary, Table, cell
 
 COVERED = 1.96
 """Of a normal distribution: 95 % within so many 1-sigma."""
-_WIDEST = 12.0
+_WIDEST = 8.0
 """Intervals of other methods are shown up to so many times the best one; wider ones run out of the picture."""
-_ROW = 118
-"""Height of a row of panels [px]."""
+_ROW, _ENTRY = 118, 18
+"""Height of a row of panels, and of an entry of the legend, which has a line of its own where the window is narrow [px]."""
 _PARTS = (
     ("mass", slice(0, 1)),
     ("centre of gravity", slice(1, 4)),
@@ -151,7 +151,12 @@ def _intervals(summary: Summary) -> Figure:
                 data.append(_line(name, scaled(given[i], factor), most, dash, suffix, first=i == 0))
     text = "95 % intervals of the ten parameters by every method, against nominal, truth and the smallest possible where known; lines that run out of the picture are wider. The numbers are in the table above."
     return Figure(
-        "intervals", "The ten parameters with their 95 % intervals", text, tuple(data), layout, height=_ROW * rows + 90
+        "intervals",
+        "The ten parameters with their 95 % intervals",
+        text,
+        tuple(data),
+        layout,
+        height=_ROW * rows + 90 + _ENTRY * (most + 2),
     )
 
 
