@@ -19,6 +19,7 @@ import design
 import likelihood
 import numpy as np
 import reading
+import report
 from coverage import main as coverage_of
 from recordings import recordings
 from verdicts import table as verdict_table
@@ -165,6 +166,11 @@ def logs(folder: Path) -> None:
     reading.main(folder)
 
 
+def pages(folder: Path) -> None:
+    """The report of an hour beside its estimate."""
+    report.main(folder)
+
+
 def million(folder: Path) -> None:
     """A million samples by least squares, on cables that sag."""
     reference = measured(REFERENCE)
@@ -238,6 +244,7 @@ BENCHMARKS = {
     "hour": hour,
     "million": million,
     "logs": logs,
+    "pages": pages,
     "semidefinite": semidefinite,
     "accuracy": accuracy,
     "coverage": coverage,
