@@ -14,9 +14,11 @@ from steelyard.digits import LABELS
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
+from steelyard.identification.least_squares import LeastSquares
 from steelyard.identification.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import Inertia
+from steelyard.report import gather
 from steelyard.report.compose import document_of
 from steelyard.report.document import Figure, Grid, Scene
 from steelyard.report.gather import MOST_RUNS, evidence_of, thinned
@@ -290,6 +292,16 @@ def test_many_runs_are_bounded(experiment):
     evidence = evidence_of(identify(many, [TwoStep()]))
     assert evidence.not_drawn == 3
     assert len({each.run for each in evidence.traces}) == MOST_RUNS
+
+
+@pytest.mark.parametrize("method", [LeastSquares, MaximumLikelihood])
+def test_runs_that_are_not_shown_do_no_harm(experiment, monkeypatch, method):
+    monkeypatch.setattr(gather, "MOST_RUNS", 1)
+    run = experiment.runs[0]
+    evidence = evidence_of(identify(replace(experiment, runs=(run, replace(run, name="again"))), [method()]))
+    assert {each.run for each in evidence.traces} == {each.run for each in evidence.motions} == {run.name}
+    assert {each.instrument for each in evidence.traces} >= {"platform", "imu", "tracker"}
+    assert evidence.not_drawn == 1
 
 
 def test_thinning_keeps_what_stands_out(rng):

@@ -62,7 +62,7 @@ def explained(experiment: Experiment, fitted: Joint | Study | None, parameters: 
     """Readings of an experiment as a fit explains them: first what the platform feels, then the instruments, run by run.
 
     Args:
-        experiment: That was fitted, with its clocks found.
+        experiment: That was fitted, with its clocks found; of its runs those that are to be shown.
         fitted: Everything at once, or a balance of forces and motion.
         parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS` of the estimate, shape (10,); NaN: not all of them are told,
             so that only a fit of everything at once can say what the forces should have been.
@@ -87,13 +87,12 @@ def of_samples(samples: Samples, parameters: Array, sigma: Array | None = None) 
 
 
 def _of_study(experiment: Experiment, fitted: Study, parameters: Array) -> Iterator[Explained]:
-    runs = {run.name: run for run in experiment.runs}
-    if np.isfinite(parameters).all():
-        for samples in fitted.samples:
-            run = runs[samples.run]
+    told = bool(np.isfinite(parameters).all())
+    by_name = {samples.run: samples for samples in fitted.samples}
+    for run in experiment.runs:
+        if told and (samples := by_name.get(run.name)):
             noise = wrench_noise(fitted.experiment, run, samples, fitted.systematic, fitted.sigma[run.name])
             yield from of_samples(samples, parameters, noise)
-    for run in experiment.runs:
         arcs = [arc for arc in fitted.kinematics.arcs if arc.run == run.name]
         yield from _motion(experiment, run, arcs, fitted.kinematics.systematic, fitted.kinematics.ratios)
 
