@@ -22,7 +22,7 @@ from steelyard.identification.two_step import TwoStep
 from steelyard.inertia import Inertia
 from steelyard.output import check_target, results_folder, to_json
 from steelyard.report.made import made_of
-from steelyard.report.summary import summarise
+from steelyard.report.summary import summarise, tabulate
 from steelyard.report.terminal import show
 from steelyard.report.write import write_identification
 from steelyard.robot.file import bundled_names, bundled_text, read_robot, robot_file
@@ -123,27 +123,28 @@ def run_identification(
     recorded = selected(read_experiment(experiment), runs)
     with progress(quiet=quiet) as tell:
         identification = identify(recorded, chosen, tell, holdout=holdout)
-    options = _options(
-        {
-            "method": methods or ["maximum-likelihood", "two-step"],
-            "acceleration": acceleration,
-            "combine": combine,
-            "run": runs,
-            "holdout": holdout,
-            "box": box,
-            "ellipsoid": ellipsoid,
-            "towards-nominal": towards_nominal,
-        }
-    )
-    summary = summarise(identification, known_truth(experiment.parent), made=made_of(recorded, options))
+    truth = known_truth(experiment.parent)
     if out is not None:
+        options = _options(
+            {
+                "method": methods or ["maximum-likelihood", "two-step"],
+                "acceleration": acceleration,
+                "combine": combine,
+                "run": runs,
+                "holdout": holdout,
+                "box": box,
+                "ellipsoid": ellipsoid,
+                "towards-nominal": towards_nominal,
+            }
+        )
+        summary = summarise(identification, truth, made=made_of(recorded, options))
         with results_folder(out, force=force) as folder:
             write_identification(identification, summary, folder)
     if as_json:
         print_json(identification.to_dict())
     else:
-        show(summary)
-    if not identification.estimates[identification.result].verdict.accepted:
+        show(tabulate(identification, truth))
+    if not identification.estimate.verdict.accepted:
         sys.exit(NOT_ACCEPTED)
 
 

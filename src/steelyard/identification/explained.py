@@ -58,7 +58,7 @@ class Explained:
     static: bool
 
 
-def explained(experiment: Experiment, fitted: Joint | Study | None, parameters: Array) -> Iterator[Explained]:
+def explained(experiment: Experiment, fitted: Joint | Study, parameters: Array) -> Iterator[Explained]:
     """Readings of an experiment as a fit explains them: first what the platform feels, then the instruments, run by run.
 
     Args:
@@ -69,7 +69,7 @@ def explained(experiment: Experiment, fitted: Joint | Study | None, parameters: 
     """
     if isinstance(fitted, Joint):
         yield from _of_joint(experiment, fitted, parameters)
-    elif fitted is not None:
+    else:
         yield from _of_study(experiment, fitted, parameters)
 
 

@@ -15,7 +15,7 @@ from steelyard.excitation.design_file import motion_columns
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.design import grids, statements
 from steelyard.report.document import Block, Course, Document, Figure, Section, Statement, Statements
-from steelyard.report.evidence import Shape
+from steelyard.report.gather import shape_of
 from steelyard.report.sections.platform import robot_scene
 from steelyard.report.sections.shown import line_colour, slug
 
@@ -32,8 +32,7 @@ def design_document(appraisal: Appraisal) -> Document:
     told = [_told(run, each) for run, each in columns.items()]
     robot = appraisal.experiment.robot
     blocks: list[Block] = []
-    if robot.m:
-        shape = Shape(robot.name, *(tuple(map(tuple, rows.tolist())) for rows in (robot.anchors, robot.attachments)))
+    if (shape := shape_of(robot)) is not None:
         centre = None if robot.platform is None else np.array(robot.platform.center_of_gravity)
         blocks.append(robot_scene(shape, [_course(run, each) for run, each in columns.items()], centre))
     for run, each in columns.items():

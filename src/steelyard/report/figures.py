@@ -14,16 +14,11 @@ from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.report.compose import document_of
 from steelyard.report.document import Course, Document, Figure, Scene
+from steelyard.report.page import palette
 from steelyard.report.summary import summarise
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
-
-_COLOURS = {
-    "line-1": "#1f4fb0", "line-2": "#c8381c", "line-3": "#1b8472", "line-4": "#d97d10", "line-5": "#2b84f9", "line-6": "#7e1467", "line-7": "#a989bb",
-    "line-8": "#222929", "ink": "#1a1f26", "muted": "#545d69", "edge": "#d5dae0", "ground": "#ffffff", "good": "#11682f", "bad": "#ad1d17", "note": "#7a5000",
-}  # fmt: skip
-"""Those of the page in light: a notebook has no style sheet to take them from."""
 
 
 def figures(found: Identification, truth: Inertia | None = None) -> dict[str, go.Figure]:
@@ -65,14 +60,15 @@ def _blocks(document: Document) -> dict[str, Figure | Scene]:
 def _plotly(block: Figure | Scene) -> go.Figure:
     import plotly.graph_objects as go
 
+    colours = palette()
     drawn = block.figure if isinstance(block, Scene) else block
     data = [dict(trace) for trace in drawn.data]
     if isinstance(block, Scene) and block.courses:
         data = [_placed(trace, block.courses[0]) for trace in data]
     layout = {
-        **_dressed(drawn.layout), "height": drawn.height, "template": "plotly_white", "title": {"text": html.escape(drawn.title), "font": {"size": 14}},
+        **_dressed(drawn.layout, colours), "height": drawn.height, "template": "plotly_white", "title": {"text": html.escape(drawn.title), "font": {"size": 14}},
     }  # fmt: skip
-    return go.Figure([_dressed(trace) for trace in data], layout)
+    return go.Figure([_dressed(trace, colours) for trace in data], layout)
 
 
 def _placed(trace: dict[str, Any], course: Course) -> dict[str, Any]:
@@ -84,12 +80,12 @@ def _placed(trace: dict[str, Any], course: Course) -> dict[str, Any]:
     return {**trace, **dict(zip("xyz", points.T, strict=True))}
 
 
-def _dressed(value: Any) -> Any:
+def _dressed(value: Any, colours: Mapping[str, str]) -> Any:
     """Colours as they are, text as text: Plotly would take some for markup."""
     if isinstance(value, Mapping):
-        return {key: _dressed(each) for key, each in value.items() if key != "meta"}
+        return {key: _dressed(each, colours) for key, each in value.items() if key != "meta"}
     if isinstance(value, list | tuple):
-        return [_dressed(each) for each in value]
+        return [_dressed(each, colours) for each in value]
     if isinstance(value, str):
-        return _COLOURS[value[6:-1]] if value.startswith("var(--") else html.escape(value, quote=False)
+        return colours[value[6:-1]] if value.startswith("var(--") else html.escape(value, quote=False)
     return value

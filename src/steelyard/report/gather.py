@@ -37,6 +37,7 @@ from steelyard.report.evidence import (
     Test,
     Trace,
 )
+from steelyard.robot.model import Robot
 
 MOST_RUNS = 8
 """Of which readings and motion are kept."""
@@ -86,12 +87,12 @@ def evidence_of(identification: Identification) -> Evidence:
     if experiment is None:
         return Evidence()
     shown = replace(experiment, runs=experiment.runs[:MOST_RUNS])
-    estimate = identification.estimates[identification.result]
+    estimate = identification.estimate
     study = _study_of(identification)
     samples = study.samples if study else _prepared(shown)
     names = {run.name for run in shown.runs}
     return Evidence(
-        shape=_shape(experiment),
+        shape=shape_of(experiment.robot),
         motions=tuple(m for s in samples if s.run in names for m in _motion(s)),
         traces=tuple(_traces(_explained(identification, shown, estimate, samples))),
         noise=tuple(_noise(experiment, estimate)),
@@ -142,8 +143,8 @@ def _explained(
             yield from of_samples(each, parameters)
 
 
-def _shape(experiment: Experiment) -> Shape | None:
-    robot = experiment.robot
+def shape_of(robot: Robot) -> Shape | None:
+    """A robot as it is drawn; None without cables."""
     if not robot.m:
         return None
     return Shape(robot.name, _vectors(robot.anchors), _vectors(robot.attachments))
@@ -266,10 +267,14 @@ def _number(value: float | None) -> Number:
     return None if value is None or not np.isfinite(value) else float(value)
 
 
+def _deviations(study: Study) -> Array:
+    """1-sigma of all systematic errors, shape (u,)."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(study.solution.covariance)[TEN:], 0.0)))
+
+
 def _errors(study: Study) -> Iterator[Error]:
     """All that was not known exactly and is no clock, instruments and robot."""
-    unknowns = study.systematic.unknowns
-    deviations = np.sqrt(np.maximum(np.diag(study.solution.covariance)[TEN:], 0.0))
+    unknowns, deviations = study.systematic.unknowns, _deviations(study)
     for (place, unknown, _), name in zip(unknowns.components(), unknowns.names, strict=True):
         prior = float(unknowns.deviation[place])
         if not prior or unknown.key in {"delay", LAG} or unknown.owner == ROBOT:
@@ -286,8 +291,7 @@ def _errors(study: Study) -> Iterator[Error]:
 
 
 def _clocks(identification: Identification, study: Study) -> Iterator[Clock]:
-    experiment, unknowns = study.experiment, study.systematic.unknowns
-    deviations = np.sqrt(np.maximum(np.diag(study.solution.covariance)[TEN:], 0.0))
+    experiment, unknowns, deviations = study.experiment, study.systematic.unknowns, _deviations(study)
     runs = {run.name: run for run in experiment.runs}
     for place, unknown, _ in unknowns.components():
         if unknown.key != "delay" or unknown.run is None:

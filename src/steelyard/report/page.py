@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import re
 from functools import cache
 from importlib.resources import files
 
@@ -49,6 +50,12 @@ def _kind(block: Block) -> str:
             return "figure"
         case Scene():
             return "scene"
+
+
+def palette() -> dict[str, str]:
+    """Name -> colour of the style sheet in light, for pictures that stand on no page."""
+    light, _, _ = _part("page.css").partition("@media")
+    return dict(re.findall(r"--([a-z0-9-]+): (#[0-9a-f]{6})", light))
 
 
 def _part(name: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,7 +72,7 @@ def summarise(
     suffix: str = "",
     made: Made | None = None,
 ) -> Summary:
-    """Gather what is shown.
+    """Gather all that a report shows.
 
     Args:
         identification: Of one experiment.
@@ -82,6 +82,18 @@ def summarise(
         suffix: What to add to the names of the methods, where others stand beside them.
         made: How the result was made; None: by this version, nothing else is known.
     """
+    shown = tabulate(identification, truth, beside, title, suffix)
+    return replace(shown, evidence=evidence_of(identification), made=made or shown.made)
+
+
+def tabulate(
+    identification: Identification,
+    truth: Inertia | None = None,
+    beside: Mapping[str, Estimate] | None = None,
+    title: str | None = None,
+    suffix: str = "",
+) -> Summary:
+    """The numbers and sentences alone, without what they rest on; arguments as of :func:`summarise`."""
     columns = []
     nominal = None if identification.nominal is None else identification.nominal.body_parameters
     true = None if truth is None else truth.body_parameters
@@ -112,8 +124,8 @@ def summarise(
         nominal=None if nominal is None else numbers(nominal),
         truth=None if true is None else numbers(true),
         attainable=None if identification.bound is None else numbers(identification.bound.standard_deviation, 3),
-        evidence=evidence_of(identification),
-        made=made or Made((("steelyard", steelyard_version()),), ()),
+        evidence=Evidence(),
+        made=Made((("steelyard", steelyard_version()),), ()),
     )
 
 
