@@ -1,4 +1,5 @@
-"""Whether the stated 1-sigma are true: simulated experiments of the project's own simulator, whose errors are held against them."""
+"""Whether the stated 1-sigma are true: simulated experiments of the project's own simulator, whose
+errors are held against them."""
 
 from __future__ import annotations
 
@@ -9,25 +10,32 @@ import numpy as np
 from verdicts import Recorder
 
 from steelyard.arrays import Array
-from steelyard.identification.bound import attainable
-from steelyard.identification.classical import study
-from steelyard.identification.consistent import Consistent
-from steelyard.identification.instrumental_variables import InstrumentalVariables
-from steelyard.identification.least_squares import LeastSquares
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.two_step import TwoStep
+from steelyard.identification.methods.consistent import Consistent
+from steelyard.identification.methods.instrumental_variables import InstrumentalVariables
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.two_step import TwoStep
+from steelyard.identification.solve.bound import attainable
+from steelyard.identification.solve.classical import study
 from steelyard.inertia import BODY_PARAMETERS
 
 FIRST_SEED = 100_000
 """Apart from the seeds of every test."""
-METHODS = ("two-step", "least-squares", "instrumental-variables", "consistent", "maximum-likelihood")
+METHODS = (
+    "two-step",
+    "least-squares",
+    "instrumental-variables",
+    "consistent",
+    "maximum-likelihood",
+)
 UNITS = np.array([1, 1e3, 1e3, 1e3, 1, 1, 1, 1, 1, 1])
 
 _recorder: Recorder | None = None
 
 
 def draw(seed: int) -> tuple[dict[str, tuple[Array, Array, bool, bool | None]], Array]:
-    """Error, covariance, verdict and physical of every method for one experiment, and the attainable 1-sigma."""
+    """Error, covariance, verdict and physical of every method for one experiment, and the
+    attainable 1-sigma."""
     global _recorder
     _recorder = _recorder or Recorder()
     experiment = _recorder(seed)
@@ -59,7 +67,8 @@ def main(count: int, processes: int) -> None:
         covariances = np.array([d[method][1] for d, _ in drawn])
         z = errors / np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
         chi = [
-            error @ np.linalg.solve(covariance, error) for error, covariance in zip(errors, covariances, strict=True)
+            error @ np.linalg.solve(covariance, error)
+            for error, covariance in zip(errors, covariances, strict=True)
         ]
         rmse = np.sqrt(np.mean(errors**2, axis=0))
         row(f"{method}: rmse", rmse * UNITS, None)
@@ -71,26 +80,37 @@ def main(count: int, processes: int) -> None:
             100 * np.mean(np.abs(z) < 1.96, axis=0),
             float(100 * np.mean(np.abs(z) < 1.96)),
         )
-        print(f"  chi-square of the ten per degree of freedom {np.mean(chi) / 10:.3f}, largest {np.max(chi):.1f}")
+        print(
+            f"  chi-square of the ten per degree of freedom {np.mean(chi) / 10:.3f}, largest"
+            f" {np.max(chi):.1f}"
+        )
         groups = {"centre of gravity": slice(1, 4), "moments": slice(4, 7), "inertia": slice(4, 10)}
         two_step = np.array([d["two-step"][0] for d, _ in drawn])
         print(
             "  rmse over that of two-step: "
             + ", ".join(
-                f"{name} {np.sqrt(np.mean(errors[:, own] ** 2) / np.mean(two_step[:, own] ** 2)):.3f}"
+                f"{name}"
+                f" {np.sqrt(np.mean(errors[:, own] ** 2) / np.mean(two_step[:, own] ** 2)):.3f}"
                 for name, own in groups.items()
             )
         )
         accepted = sum(d[method][2] for d, _ in drawn)
-        print(f"  accepted {accepted} of {count}, a body {sum(bool(d[method][3]) for d, _ in drawn)} of {count}")
+        print(
+            f"  accepted {accepted} of {count}, a body {sum(bool(d[method][3]) for d, _ in drawn)}"
+            f" of {count}"
+        )
 
 
 def row(what: str, values: Array, pooled: float | None) -> None:
     print(
-        f"{what:40}" + "".join(f"{v:9.3f}" for v in values) + (f"{pooled:9.3f}" if pooled is not None else ""),
+        f"{what:40}"
+        + "".join(f"{v:9.3f}" for v in values)
+        + (f"{pooled:9.3f}" if pooled is not None else ""),
         flush=True,
     )
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 200, int(sys.argv[2]) if len(sys.argv) > 2 else 2)
+    main(
+        int(sys.argv[1]) if len(sys.argv) > 1 else 200, int(sys.argv[2]) if len(sys.argv) > 2 else 2
+    )

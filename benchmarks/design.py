@@ -1,6 +1,8 @@
-"""Designed motions: against the paper's and random ones, whether their prediction is true, and other robots.
+"""Designed motions: against the paper's and random ones, whether their prediction is true, and
+other robots.
 
-`python benchmarks/design.py NAME`, with one of the names in the table at the end; `truth 40` for 40 experiments.
+`python benchmarks/design.py NAME`, with one of the names in the table at the end; `truth 40` for 40
+experiments.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ from steelyard.excitation.poses import good_pose, held
 from steelyard.excitation.sight import View, border_of
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.write import write_yaml
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.imports.formats import import_robot
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.motion.limits import check_times, commanded_tensions
@@ -57,7 +59,17 @@ def designed(robot: str, *options: str) -> tuple[Sampled, dict, float]:
     with tempfile.TemporaryDirectory() as place:
         out = Path(place) / "design"
         begun = time.perf_counter()
-        command = [sys.executable, "-m", "steelyard", "design", robot, "--duration", f"{DURATION:g}", "--out", str(out)]
+        command = [
+            sys.executable,
+            "-m",
+            "steelyard",
+            "design",
+            robot,
+            "--duration",
+            f"{DURATION:g}",
+            "--out",
+            str(out),
+        ]
         subprocess.run([*command, *options], check=True, stdout=subprocess.DEVNULL)
         taken = time.perf_counter() - begun
         return (
@@ -70,15 +82,18 @@ def designed(robot: str, *options: str) -> tuple[Sampled, dict, float]:
 def sigmas(told: dict) -> Array:
     """The ten 1-sigma of a design or of one of its commands."""
     J = np.array(told["inertia"])
-    return np.concatenate([[told["mass"]], told["center_of_gravity"], np.diag(J), [J[1, 2], J[0, 2], J[0, 1]]])
+    return np.concatenate(
+        [[told["mass"]], told["center_of_gravity"], np.diag(J), [J[1, 2], J[0, 2], J[0, 1]]]
+    )
 
 
 def worst_of(robot: Robot, trajectory: Trajectory, level: float = 0.0) -> Array:
-    """The ten 1-sigma that a motion gives, also where they are so large that an estimator says nothing instead."""
+    """The ten 1-sigma that a motion gives, also where they are so large that an estimator says
+    nothing instead."""
     joint = rehearse(planned(robot), {"run": trajectory}, level)
-    known = border_of(joint.fit.state.systematic.unknowns)
+    known = border_of(joint.fit.state.calibration.calibration_parameters)
     view = View.of(joint, joint.study.experiment.runs[0], level)
-    outlook = Outlook(view, joint.fit.state.arcs[0], trajectory.duration, len(known))
+    outlook = Outlook(view, joint.fit.state.segments[0], trajectory.duration, len(known))
     commands = np.hstack([trajectory.derivative(outlook.times, order) for order in range(4)])
     assert robot.platform is not None
     target = Target.default(robot.platform)
@@ -87,12 +102,17 @@ def worst_of(robot: Robot, trajectory: Trajectory, level: float = 0.0) -> Array:
 
 
 def random_motions(robot: Robot, count: int) -> Iterator[tuple[Sampled, Array]]:
-    """Multisines of random axes, as large as the limits allow, and their 1-sigma by the matrix of the search."""
+    """Multisines of random axes, as large as the limits allow, and their 1-sigma by the matrix of
+    the search."""
     middle, reach = workspace_of(robot)
-    joint = rehearse(planned(robot), {"run": multisine(list(middle), list(0.3 * reach), DURATION, HARMONICS)}, 0.0)
+    joint = rehearse(
+        planned(robot),
+        {"run": multisine(list(middle), list(0.3 * reach), DURATION, HARMONICS)},
+        0.0,
+    )
     run = joint.study.experiment.runs[0]
-    known = border_of(joint.fit.state.systematic.unknowns)
-    outlook = Outlook(View.of(joint, run, 0.0), joint.fit.state.arcs[0], DURATION, len(known))
+    known = border_of(joint.fit.state.calibration.calibration_parameters)
+    outlook = Outlook(View.of(joint, run, 0.0), joint.fit.state.segments[0], DURATION, len(known))
     assert robot.platform is not None
     target = Target.default(robot.platform)
     criterion = Criterion(joint.study.parameters, target, known, np.zeros(10))
@@ -100,15 +120,25 @@ def random_motions(robot: Robot, count: int) -> Iterator[tuple[Sampled, Array]]:
     times = check_times(multisine([0.0] * 6, [1.0] * 6, DURATION, HARMONICS))[::5]
     rng = np.random.default_rng(1)
     for seed in range(count):
-        base = multisine([0.0] * 6, list(reach * rng.uniform(0.1, 1.0, 6)), DURATION, HARMONICS, seed=FIRST_SEED + seed)
+        base = multisine(
+            [0.0] * 6,
+            list(reach * rng.uniform(0.1, 1.0, 6)),
+            DURATION,
+            HARMONICS,
+            seed=FIRST_SEED + seed,
+        )
 
         def scaled(scale: float, base: Sampled = base) -> Sampled:
-            return Sampled(BSpline(base.spline.t, middle + scale * base.spline.c, base.spline.k), DURATION)
+            return Sampled(
+                BSpline(base.spline.t, middle + scale * base.spline.c, base.spline.k), DURATION
+            )
 
         low, high = 0.0, 1.0
         for _ in range(8):
             scale = (low + high) / 2
-            commands = np.hstack([scaled(scale).derivative(times, order) for order in range(AT // 6)])
+            commands = np.hstack(
+                [scaled(scale).derivative(times, order) for order in range(AT // 6)]
+            )
             low, high = (scale, high) if demands.values(commands).max() <= 1 else (low, scale)
         commands = np.hstack([scaled(low).derivative(outlook.times, order) for order in range(4)])
         yield scaled(low), criterion.ratios(outlook.information(commands)[0])[0] * target.each
@@ -119,18 +149,28 @@ def best() -> None:
     robot = read_robot("cogiro")
     trajectory, told, taken = designed("cogiro")
     ours = worst_of(robot, trajectory)
-    paper = worst_of(robot, repeated_move(DURATION)) * np.sqrt(repeated_move(DURATION).duration / DURATION)
+    paper = worst_of(robot, repeated_move(DURATION)) * np.sqrt(
+        repeated_move(DURATION).duration / DURATION
+    )
     drawn = [each for _, each in random_motions(robot, RANDOM)]
     luckiest = min(drawn, key=lambda each: each[4:].max())
-    print(f"{'worst 1-sigma of moments and products [kg m^2]':58} designed {ours[4:].max():.3f}   ({taken:.1f} s)")
     print(
-        f"{'the paper move, as long in all':58} {paper[4:].max():8.3f}   {paper[4:].max() / ours[4:].max():.1f} times worse   limit 20"
+        f"{'worst 1-sigma of moments and products [kg m^2]':58} designed {ours[4:].max():.3f}  "
+        f" ({taken:.1f} s)"
     )
     print(
-        f"{f'best of {RANDOM} random multisines of {HARMONICS} harmonics':58} {luckiest[4:].max():8.3f}   ours over it {ours[4:].max() / luckiest[4:].max():.2f}   limit .6"
+        f"{'the paper move, as long in all':58} {paper[4:].max():8.3f}  "
+        f" {paper[4:].max() / ours[4:].max():.1f} times worse   limit 20"
     )
     print(
-        f"{'said beforehand over the full matrix, least and most':58} {(sigmas(told['standard_deviation']) / ours).min():.3f} {(sigmas(told['standard_deviation']) / ours).max():.3f}"
+        f"{f'best of {RANDOM} random multisines of {HARMONICS} harmonics':58}"
+        f" {luckiest[4:].max():8.3f}   ours over it {ours[4:].max() / luckiest[4:].max():.2f}  "
+        " limit .6"
+    )
+    print(
+        f"{'said beforehand over the full matrix, least and most':58}"
+        f" {(sigmas(told['standard_deviation']) / ours).min():.3f}"
+        f" {(sigmas(told['standard_deviation']) / ours).max():.3f}"
     )
 
 
@@ -145,7 +185,11 @@ def draw(task: tuple[int, Sampled]) -> tuple[Array, Array, bool]:
     estimate = MaximumLikelihood()(_recorder(seed))
     body = _recorder.robot.platform
     assert body is not None
-    return estimate.value - body.body_parameters, estimate.standard_deviation, estimate.verdict.accepted
+    return (
+        estimate.value - body.body_parameters,
+        estimate.standard_deviation,
+        estimate.verdict.accepted,
+    )
 
 
 def truth(count: int = 200, processes: int = 2) -> None:
@@ -156,10 +200,16 @@ def truth(count: int = 200, processes: int = 2) -> None:
         drawn = list(pool.imap(draw, [(FIRST_SEED + i, trajectory) for i in range(count)]))
     errors, stated = (np.array([each[k] for each in drawn]) for k in (0, 1))
     rmse = np.sqrt(np.mean(errors**2, axis=0))
-    print(f"{count} experiments with the designed motion, simulated on elastic cables, sensors of the paper")
+    print(
+        f"{count} experiments with the designed motion, simulated on elastic cables, sensors of the"
+        " paper"
+    )
     print(f"{'':40}" + "".join(f"{name:>9}" for name in BODY_PARAMETERS) + "   pooled")
     for what, values in (
-        ("predicted 1-sigma [kg], [mm], [kg m^2]", predicted * np.array([1, 1e3, 1e3, 1e3, 1, 1, 1, 1, 1, 1])),
+        (
+            "predicted 1-sigma [kg], [mm], [kg m^2]",
+            predicted * np.array([1, 1e3, 1e3, 1e3, 1, 1, 1, 1, 1, 1]),
+        ),
         ("rmse over predicted", rmse / predicted),
         ("reported over predicted, mean", stated.mean(axis=0) / predicted),
     ):
@@ -172,7 +222,12 @@ def caspr(name: str, *, tension: float, limits: dict) -> dict:
     """A robot file from CASPR's description, with limits of our own."""
     files = [SHARED / "caspr" / name / f"{name}_{kind}.xml" for kind in ("bodies", "cables")]
     values = import_robot(files).values
-    return {**values, "name": name.lower(), "tension": {**values["tension"], "min": tension}, "limits": limits}
+    return {
+        **values,
+        "name": name.lower(),
+        "tension": {**values["tension"], "min": tension},
+        "limits": limits,
+    }
 
 
 def scaled_down(factor: float) -> dict:
@@ -191,7 +246,9 @@ def scaled_down(factor: float) -> dict:
         cable=replace(robot.cable, axial_stiffness=5e4, linear_density=0.005),
         tension_limits=(1.0, 500.0),
         limits=replace(limits, position=(low, high), speed=1.5),
-        platform=Inertia(factor**3 * body.mass, factor * body.center_of_gravity, factor**5 * body.inertia),
+        platform=Inertia(
+            factor**3 * body.mass, factor * body.center_of_gravity, factor**5 * body.inertia
+        ),
     )
     return robot_file(small)
 
@@ -228,12 +285,15 @@ def robots() -> None:
         for name, file in files.items():
             robot = read_robot(file)
             trajectory, told, taken = designed(file)
-            demands = held(Demands(robot, planned(robot).instruments, Margin(MARGIN, robot.size), 0.0, 1.0))
+            demands = held(
+                Demands(robot, planned(robot).instruments, Margin(MARGIN, robot.size), 0.0, 1.0)
+            )
             ours, move = worst_of(robot, trajectory, demands.level), point_to_point(robot, demands)
             plain = worst_of(robot, move, demands.level)
             print(
-                f"{name:16} feasible {told['feasible']}   worst of the inertia {ours[4:].max():.4f}, of a plain move {plain[4:].max():.4f} kg m^2: "
-                f"{plain[4:].max() / ours[4:].max():.1f} times better   limit 5   ({taken:.1f} s)",
+                f"{name:16} feasible {told['feasible']}   worst of the inertia"
+                f" {ours[4:].max():.4f}, of a plain move {plain[4:].max():.4f} kg m^2:"
+                f" {plain[4:].max() / ours[4:].max():.1f} times better   limit 5   ({taken:.1f} s)",
                 flush=True,
             )
 
@@ -250,7 +310,8 @@ def point_to_point(robot: Robot, demands: Demands) -> RestToRest:
 
 
 def margin() -> None:
-    """A margin of .35, and bodies 30 % lighter or heavier with their mass 10 cm off in any direction."""
+    """A margin of .35, and bodies 30 % lighter or heavier with their mass 10 cm off in any
+    direction."""
     robot = read_robot("cogiro")
     assert robot.platform is not None
     trajectory, *_ = designed("cogiro", "--margin", ".35")
@@ -263,9 +324,14 @@ def margin() -> None:
         body = Inertia(share * robot.platform.mass, shift, share * robot.platform.inertia)
         for still in (False, True):
             times = check_times(trajectory)
-            tension = commanded_tensions(replace(robot, platform=body), trajectory, times, still=still)
+            tension = commanded_tensions(
+                replace(robot, platform=body), trajectory, times, still=still
+            )
             least, most = min(least, tension.min()), max(most, tension.max())
-    print(f"{'tensions over 60 bodies, moving and at rest [N]':58} {least:.0f} to {most:.0f}   limits 50 to 5000")
+    print(
+        f"{'tensions over 60 bodies, moving and at rest [N]':58} {least:.0f} to {most:.0f}   limits"
+        " 50 to 5000"
+    )
 
 
 def refusals() -> None:
@@ -284,15 +350,27 @@ def refusals() -> None:
             file = Path(place) / f"{i}.yaml"
             write_yaml(values, file)
             begun = time.perf_counter()
-            command = [sys.executable, "-m", "steelyard", "design", str(file), "--out", f"{place}/{i}"]
+            command = [
+                sys.executable,
+                "-m",
+                "steelyard",
+                "design",
+                str(file),
+                "--out",
+                f"{place}/{i}",
+            ]
             found = subprocess.run(
-                [*command, *(options if "--duration" in options else ["--duration", "20", *options])],
+                [
+                    *command,
+                    *(options if "--duration" in options else ["--duration", "20", *options]),
+                ],
                 check=False,
                 capture_output=True,
                 text=True,
             )
             print(
-                f"{what:24} status {found.returncode} in {time.perf_counter() - begun:.1f} s: {found.stderr.strip()[-300:]}",
+                f"{what:24} status {found.returncode} in {time.perf_counter() - begun:.1f} s:"
+                f" {found.stderr.strip()[-300:]}",
                 flush=True,
             )
 

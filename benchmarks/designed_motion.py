@@ -1,7 +1,8 @@
 """Designed motions on elastic cables in MuJoCo: limits, tensions and what is identified from them.
 
-`python benchmarks/designed_motion.py [NAME ...]`, with names of the table at the end. `store [SEED]` designs the motions that
-the tests have and writes them; `designs 3` designs three motions for each robot and looks at them, which takes a minute each.
+`python benchmarks/designed_motion.py [NAME ...]`, with names of the table at the end. `store
+[SEED]` designs the motions that the tests have and writes them; `designs 3` designs three motions
+for each robot and looks at them, which takes a minute each.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from scipy.signal import find_peaks
 from steelyard.arrays import Array
 from steelyard.excitation.design import design
 from steelyard.experiment.model import Experiment
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
@@ -28,7 +29,15 @@ from steelyard.simulation.trajectories import from_file
 
 TESTS = Path(__file__).parents[1] / "tests"
 sys.path.append(str(TESTS))
-from mujoco_cables import EXACT, LAWS, Hanging, chi_square, hung, point_robot, recorded  # noqa: E402
+from mujoco_cables import (  # noqa: E402
+    EXACT,
+    LAWS,
+    Hanging,
+    chi_square,
+    hung,
+    point_robot,
+    recorded,
+)
 
 FIRST_SEED = 500_000
 """Of recordings; apart from the seeds of every test and of the other benchmarks."""
@@ -36,7 +45,8 @@ STORED = TESTS / "data" / "designed-points.csv"
 DURATION = 20.0
 """[s]"""
 ROWS = 20
-"""Of a stored command, a second: every knot of the course falls on one, so that interpolation gives the course itself."""
+"""Of a stored command, a second: every knot of the course falls on one, so that interpolation gives
+the course itself."""
 SAME = 1e-5
 """[m], [rad]"""
 STIFFER = (0.5, 1.0, 2.0)
@@ -51,12 +61,16 @@ SHORT = ("position", "angles", "speed", "accel.", "ang. sp.", "ang. acc.")
 
 def designed(robot: Robot, seed: int) -> tuple[Trajectory, str]:
     """The motion that a search finds, and how that went."""
-    experiment = Experiment("design", robot, paper_sensors(robot).instruments, (), uncertainty=EXACT)
+    experiment = Experiment(
+        "design", robot, paper_sensors(robot).instruments, (), uncertainty=EXACT
+    )
     begun = time.perf_counter()
     found = design(experiment, DURATION, seed=seed)
     parameter, ratio = found.appraisal.worst
     late = "" if found.in_time else ", late: not the same again"
-    words = f"{parameter} {ratio:.3f} of the wanted 1-sigma, {time.perf_counter() - begun:.0f} s{late}"
+    words = (
+        f"{parameter} {ratio:.3f} of the wanted 1-sigma, {time.perf_counter() - begun:.0f} s{late}"
+    )
     return found.appraisal.trajectories["design"], words
 
 
@@ -78,7 +92,8 @@ class Seen:
         return found + (["tension"] if least < low / PAST or most > high * PAST else []) + slack
 
     def ringing(self) -> str:
-        """When the acceleration is largest, how far it is from the command then, and at which frequencies."""
+        """When the acceleration is largest, how far it is from the command then, and at which
+        frequencies."""
         t, real = self.hanging.time, self.hanging.seen[:, 13:16]
         off = real - self.command.derivative(t, 2)[:, :3]
         size = np.linalg.norm(real, axis=1)
@@ -92,8 +107,9 @@ class Seen:
         pose = self.command.derivative(t[worst : worst + 1], 0)[0]
         lowest = self.natural(pose)[:2]
         return (
-            f"{size[worst]:.2f} m/s^2 at {t[worst]:.2f} s, {off[worst, axis]:+.2f} of it along {'xyz'[axis]} not commanded, at "
-            f"{_listed(frequencies)} Hz (lowest natural frequencies in that pose {_listed(lowest)} Hz)"
+            f"{size[worst]:.2f} m/s^2 at {t[worst]:.2f} s, {off[worst, axis]:+.2f} of it along"
+            f" {'xyz'[axis]} not commanded, at {_listed(frequencies)} Hz (lowest natural"
+            f" frequencies in that pose {_listed(lowest)} Hz)"
         )
 
     def natural(self, pose: Array) -> Array:
@@ -107,16 +123,28 @@ def _listed(values: Array) -> str:
 
 
 def header(what: str) -> None:
-    print(f"{what:38}" + "".join(f"{name:>10}" for name in SHORT) + f"{'tension [N]':>14}{'chi-square':>22}")
+    print(
+        f"{what:38}"
+        + "".join(f"{name:>10}" for name in SHORT)
+        + f"{'tension [N]':>14}{'chi-square':>22}"
+    )
 
 
 def line(what: str, seen: Seen, chi: list[tuple[float, bool]] | None = None) -> None:
-    """Largest uses of the limits, range of tensions, chi-squares with a mark where the verdict rejects."""
+    """Largest uses of the limits, range of tensions, chi-squares with a mark where the verdict
+    rejects."""
     tension = seen.hanging.tension
-    uses = "".join(f"{use:9.3f}{'!' if use > PAST else ' '}" for use in seen.hanging.uses().values())
-    found = " ".join(f"{value:.1f}{'' if accepted else ' rejected'}" for value, accepted in chi or ())
+    uses = "".join(
+        f"{use:9.3f}{'!' if use > PAST else ' '}" for use in seen.hanging.uses().values()
+    )
+    found = " ".join(
+        f"{value:.1f}{'' if accepted else ' rejected'}" for value, accepted in chi or ()
+    )
     span = f"{tension.min():.0f} to {tension.max():.0f}"
-    print(f"{what:38}{uses}{span:>14}{found:>22}{'   ' if seen.over else ''}{', '.join(seen.over)}", flush=True)
+    print(
+        f"{what:38}{uses}{span:>14}{found:>22}{'   ' if seen.over else ''}{', '.join(seen.over)}",
+        flush=True,
+    )
 
 
 def identified(seen: Seen, seed: int) -> tuple[float, bool]:
@@ -147,7 +175,8 @@ def stored(count: int = 3) -> None:
 
 
 def designs(count: int = 2) -> None:
-    """Motions that the search finds from several seeds, for cables from points without weight and for the robot file as it is."""
+    """Motions that the search finds from several seeds, for cables from points without weight and
+    for the robot file as it is."""
     for name, robot in (("from points", point_robot()), ("as in its file", read_robot("cogiro"))):
         for seed in range(count):
             trajectory, words = designed(robot, seed)
@@ -155,7 +184,10 @@ def designs(count: int = 2) -> None:
                 CablePlatform(point_robot(), robot.platform).natural_frequencies(pose, 0.0)[0]
                 for pose in trajectory.derivative(np.linspace(0, DURATION, 101), 0)
             )
-            print(f"\nCoGiRo {name}, seed {seed}: {words}; lowest natural frequency on the way {lowest:.2f} Hz")
+            print(
+                f"\nCoGiRo {name}, seed {seed}: {words}; lowest natural frequency on the way"
+                f" {lowest:.2f} Hz"
+            )
             header("EA, winches hold")
             for law, stiffer, level, seen in looked(trajectory):
                 if level == LEVELS[0]:
@@ -167,7 +199,10 @@ def designs(count: int = 2) -> None:
 
 def store(seed: int = 0) -> None:
     """Design the motions of the tests and write their commands."""
-    for name, robot in (("designed-points", point_robot()), ("designed-file", read_robot("cogiro"))):
+    for name, robot in (
+        ("designed-points", point_robot()),
+        ("designed-file", read_robot("cogiro")),
+    ):
         path = STORED.with_name(f"{name}.csv")
         trajectory, words = designed(robot, seed)
         times = np.arange(round(DURATION * ROWS) + 1) / ROWS
@@ -175,9 +210,13 @@ def store(seed: int = 0) -> None:
         np.savetxt(path, table, "%.8f", ",", header="t,x,y,z,roll,pitch,yaw", comments="")
         dense = np.linspace(0.0, DURATION, 20_001)
         again = from_file(path, robot)
-        orders = [float(np.abs(again.derivative(dense, k) - trajectory.derivative(dense, k)).max()) for k in range(3)]
+        orders = [
+            float(np.abs(again.derivative(dense, k) - trajectory.derivative(dense, k)).max())
+            for k in range(3)
+        ]
         print(
-            f"{path.name}: {words}; interpolated, it is off by {orders[0]:.1e}, its derivatives by {orders[1]:.1e} and {orders[2]:.1e}"
+            f"{path.name}: {words}; interpolated, it is off by {orders[0]:.1e}, its derivatives by"
+            f" {orders[1]:.1e} and {orders[2]:.1e}"
         )
         assert orders[0] < SAME
 

@@ -1,4 +1,5 @@
-"""An hour of recording with forces and IMU at 100 Hz and a tracker at 238 Hz, made without integrating the dynamics."""
+"""An hour of recording with forces and IMU at 100 Hz and a tracker at 238 Hz, made without
+integrating the dynamics."""
 
 from __future__ import annotations
 
@@ -55,15 +56,21 @@ def write_hour(folder: Path) -> Path:
     robot = read_robot("cogiro").with_straight_cables()
     rates = {"cables": 100.0, "imu": 100.0, "tracker": 238.0}
     suite = paper_sensors(robot).instruments
-    instruments = {name: suite[name].model_copy(update={"rate": rate}) for name, rate in rates.items()}
+    instruments = {
+        name: suite[name].model_copy(update={"rate": rate}) for name, rate in rates.items()
+    }
     rng = np.random.default_rng(1)
     errors = draw_errors(instruments, robot.m, ["hour"], rng)
     motion = ExactMotion(robot, robot.platform, Repeated(feasible_multisine(robot, 20.0), DURATION))
-    streams, sync = record(ExactMotionOnCables(robot, motion), instruments, errors["hour"], robot, motion, rng)
+    streams, sync = record(
+        ExactMotionOnCables(robot, motion), instruments, errors["hour"], robot, motion, rng
+    )
     folder.mkdir(parents=True)
     # Under a name of its own: the bundled robot has sagging cables.
     robot = replace(robot, name="cogiro-straight")
-    write_experiment(Experiment("an hour", robot, instruments, (Run("hour", streams, sync),)), folder)
+    write_experiment(
+        Experiment("an hour", robot, instruments, (Run("hour", streams, sync),)), folder
+    )
     return folder / "experiment.yaml"
 
 

@@ -1,6 +1,8 @@
-"""What instruments, priors and motions are worth: 1-sigma at best of one experiment on CoGiRo, changed in one thing at a time.
+"""What instruments, priors and motions are worth: 1-sigma at best of one experiment on CoGiRo,
+changed in one thing at a time.
 
-`python benchmarks/instruments.py`. The 1-sigma are those that maximum likelihood would report (`design --check` says the same), without any noise drawn.
+`python benchmarks/instruments.py`. The 1-sigma are those that maximum likelihood would report
+(`design --check` says the same), without any noise drawn.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.excitation.appraisal import rehearse
 from steelyard.experiment.model import Experiment
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.instruments import Pose
 from steelyard.motion.trajectory import Sampled, Trajectory
 from steelyard.robot.file import read_robot
@@ -28,13 +30,20 @@ KNOWN = {"anchor": 0.002, "attachment": 0.002, "gravity": 0.005}
 
 
 def with_keys(name: str, **keys: Any) -> Change:
-    """The experiment with other keys of one instrument; those of ``calibration`` are added to what it states."""
+    """The experiment with other keys of one instrument; those of ``calibration`` are added to what
+    it states."""
 
     def change(experiment: Experiment) -> Experiment:
         old = experiment.instruments[name]
         stated = old.model_dump(exclude_unset=True)
-        stated |= {**keys, "calibration": {**stated.get("calibration", {}), **keys.get("calibration", {})}}
-        return replace(experiment, instruments={**experiment.instruments, name: type(old).model_validate(stated)})
+        stated |= {
+            **keys,
+            "calibration": {**stated.get("calibration", {}), **keys.get("calibration", {})},
+        }
+        return replace(
+            experiment,
+            instruments={**experiment.instruments, name: type(old).model_validate(stated)},
+        )
 
     return change
 
@@ -52,7 +61,10 @@ def unstated(name: str) -> Change:
     def change(experiment: Experiment) -> Experiment:
         old = experiment.instruments[name]
         stated = old.model_dump(exclude_unset=True, exclude={"calibration"})
-        return replace(experiment, instruments={**experiment.instruments, name: type(old).model_validate(stated)})
+        return replace(
+            experiment,
+            instruments={**experiment.instruments, name: type(old).model_validate(stated)},
+        )
 
     return change
 
@@ -60,7 +72,9 @@ def unstated(name: str) -> Change:
 def with_camera(experiment: Experiment) -> Experiment:
     """The experiment with a camera system: pose at 100 Hz, 1 mm and .1 degrees."""
     keys = {"kind": "pose", "rate": 100.0, "noise": {"position": 0.001, "rotation": 0.0017}}
-    return replace(experiment, instruments={**experiment.instruments, "camera": Pose.model_validate(keys)})
+    return replace(
+        experiment, instruments={**experiment.instruments, "camera": Pose.model_validate(keys)}
+    )
 
 
 def both(*changes: Change) -> Change:
@@ -126,7 +140,9 @@ def repeated(trajectory: Trajectory) -> Sampled:
     """The same motion twice; it begins and ends in one pose."""
     times = np.linspace(0.0, trajectory.duration, int(100 * trajectory.duration) + 1)
     poses = trajectory.derivative(times, 0)
-    return Sampled.through(np.append(times, times[1:] + trajectory.duration), np.vstack([poses, poses[1:]]))
+    return Sampled.through(
+        np.append(times, times[1:] + trajectory.duration), np.vstack([poses, poses[1:]])
+    )
 
 
 def only(trajectory: Trajectory, *axes: int) -> Sampled:
@@ -151,13 +167,16 @@ def sigmas(experiment: Experiment, motion: Trajectory) -> Array:
 
 
 def row(label: str, experiment: Experiment, motion: Trajectory) -> str:
-    """One line of the tables: mass, worst of the centre of gravity, of the moments, of the products."""
+    """One line of the tables: mass, worst of the centre of gravity, of the moments, of the
+    products."""
     try:
         s = sigmas(experiment, motion)
     except InputError as error:
         return f"{label:42}{error}"
     numbers = [s[0], 1e3 * s[1:4].max(), s[4:7].max(), s[7:].max()]
-    return f"{label:42}" + "".join(f"{each:12.3g}" if np.isfinite(each) else f"{'null':>12}" for each in numbers)
+    return f"{label:42}" + "".join(
+        f"{each:12.3g}" if np.isfinite(each) else f"{'null':>12}" for each in numbers
+    )
 
 
 def main() -> None:
@@ -166,7 +185,8 @@ def main() -> None:
     experiment, motion = CLOCKS(planned(robot)), trajectories(robot, "multisine", 20.0)["multisine"]
     header = f"{'':42}{'mass [kg]':>12}{'cog [mm]':>12}{'moments':>12}{'products':>12}"
     print(
-        f"20 s on six axes, sensors of the paper, changed in one thing; worst 1-sigma of each kind [kg], [mm], [kg m^2]\n{header}"
+        "20 s on six axes, sensors of the paper, changed in one thing; worst 1-sigma of each kind"
+        f" [kg], [mm], [kg m^2]\n{header}"
     )
     for label, change in CHANGES.items():
         print(row(label, change(experiment), motion), flush=True)

@@ -1,6 +1,8 @@
-"""Maximum likelihood under disturbances, from far-off beginnings, over long recordings, and beside a general solver.
+"""Maximum likelihood under disturbances, from far-off beginnings, over long recordings, and beside
+a general solver.
 
-`python benchmarks/likelihood.py NAME`, with one of the names in the table at the end; `robust 20` for 20 recordings.
+`python benchmarks/likelihood.py NAME`, with one of the names in the table at the end; `robust 20`
+for 20 recordings.
 """
 
 from __future__ import annotations
@@ -30,19 +32,25 @@ from verdicts import Recorder, with_stream
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
+from steelyard.estimates.estimate import Estimate, nothing_told
 from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.write import write_experiment
-from steelyard.identification import joint_study as study_module
-from steelyard.identification.arc import POSE, Rows, basis
-from steelyard.identification.classical import NoBalanceError
-from steelyard.identification.estimate import Estimate, nothing_told
-from steelyard.identification.force_rows import BALANCE, force_rows
-from steelyard.identification.joint_fit import Fit, State, Task, fit
-from steelyard.identification.joint_study import Joint, joint_study
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.motion_rows import PARTS, Arc, Tally, limit, motion_rows
-from steelyard.identification.regression import TEN
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.model.force_residuals import BALANCE, force_residuals
+from steelyard.identification.model.motion_residuals import (
+    PARTS,
+    Segment,
+    Tally,
+    limit,
+    motion_residuals,
+)
+from steelyard.identification.model.segment import POSE, Rows, basis
+from steelyard.identification.solve import joint_study as study_module
+from steelyard.identification.solve.classical import NoBalanceError
+from steelyard.identification.solve.joint_fit import Fit, State, Task, fit
+from steelyard.identification.solve.joint_study import Joint, joint_study
+from steelyard.identification.solve.normal_equations import TEN
 from steelyard.inertia import BODY_PARAMETERS, LINEAR_PARAMETERS, Inertia
 from steelyard.robot.file import read_robot
 from steelyard.simulation.forward_dynamics import ExactMotion
@@ -62,8 +70,11 @@ HOLE = 1.7
 """[s]"""
 
 
-def spiked(experiment: Experiment, rng: np.random.Generator, *, every_reading: bool) -> tuple[Experiment, Array]:
-    """The recording with spikes in 1 % of the samples (in one cable of each) or of all readings; and where, shape (n, m)."""
+def spiked(
+    experiment: Experiment, rng: np.random.Generator, *, every_reading: bool
+) -> tuple[Experiment, Array]:
+    """The recording with spikes in 1 % of the samples (in one cable of each) or of all readings;
+    and where, shape (n, m)."""
     shape = experiment.runs[0].streams["cables"].values["tension"].shape
     where = rng.random(shape) < 0.01
     if not every_reading:
@@ -71,7 +82,10 @@ def spiked(experiment: Experiment, rng: np.random.Generator, *, every_reading: b
         hit = np.flatnonzero(rng.random(shape[0]) < 0.01)
         where[hit, rng.integers(shape[1], size=len(hit))] = True
     spikes = rng.uniform(*SPIKES, shape) * rng.choice([-1.0, 1.0], shape) * where
-    return with_stream(experiment, "cables", lambda values: {"tension": values["tension"] + spikes}), where
+    return (
+        with_stream(experiment, "cables", lambda values: {"tension": values["tension"] + spikes}),
+        where,
+    )
 
 
 def with_hole(experiment: Experiment, rng: np.random.Generator) -> Experiment:
@@ -80,7 +94,9 @@ def with_hole(experiment: Experiment, rng: np.random.Generator) -> Experiment:
     stream = run.streams["tracker"]
     start = rng.uniform(stream.time[0] + 0.5, stream.time[-1] - HOLE - 0.5)
     use = (stream.time < start) | (stream.time > start + HOLE)
-    seen = replace(stream, time=stream.time[use], values={k: v[use] for k, v in stream.values.items()})
+    seen = replace(
+        stream, time=stream.time[use], values={k: v[use] for k, v in stream.values.items()}
+    )
     return replace(experiment, runs=(replace(run, streams={**run.streams, "tracker": seen}),))
 
 
@@ -98,13 +114,14 @@ def left_out(experiment: Experiment, joint: Joint | None) -> NDArray[np.bool_]:
     run = experiment.runs[0]
     time = experiment.common_time(run, "cables", 0.0)
     found = np.zeros((len(time), experiment.robot.m), dtype=bool)
-    for felt in joint.felt if joint else ():
-        found[np.searchsorted(time, felt.time)] |= felt.left_out
+    for force_samples in joint.force_samples if joint else ():
+        found[np.searchsorted(time, force_samples.time)] |= force_samples.left_out
     return found
 
 
 def robust(count: int = 12) -> None:
-    """Errors with spikes and a hole in the tracker's stream, beside those of the same recordings without."""
+    """Errors with spikes and a hole in the tracker's stream, beside those of the same recordings
+    without."""
     recorder = Recorder()
     truth = recorder.robot.platform.body_parameters
     # Whether every reading may spike, or one a sample; None: as recorded.
@@ -115,7 +132,10 @@ def robust(count: int = 12) -> None:
     for seed in range(FIRST_SEED, FIRST_SEED + count):
         sound = recorder(seed)
         for kind, every_reading in kinds.items():
-            experiment, where = sound, np.zeros((len(sound.runs[0].streams["cables"]), sound.robot.m), dtype=bool)
+            experiment, where = (
+                sound,
+                np.zeros((len(sound.runs[0].streams["cables"]), sound.robot.m), dtype=bool),
+            )
             if every_reading is not None:
                 rng = np.random.default_rng([seed, every_reading])
                 experiment, where = spiked(sound, rng, every_reading=every_reading)
@@ -123,11 +143,16 @@ def robust(count: int = 12) -> None:
             estimate, joint = estimated(experiment)
             found[kind].append(estimate)
             out = left_out(experiment, joint)
-            counts[kind].append(np.array([where.sum(), (where & out).sum(), (~where).sum(), (out & ~where).sum()]))
+            counts[kind].append(
+                np.array([where.sum(), (where & out).sum(), (~where).sum(), (out & ~where).sum()])
+            )
             if not estimate.verdict.accepted:
-                reasons.append(f"  rejected: seed {seed}, {kind}: {estimate.verdict.reasons[0][:150]}")
+                reasons.append(
+                    f"  rejected: seed {seed}, {kind}: {estimate.verdict.reasons[0][:150]}"
+                )
     print(
-        f"{count} recordings: CoGiRo, 20 s, sensors of the paper; spikes of {SPIKES[0]:.0f} to {SPIKES[1]:.0f} N, hole of {HOLE} s; [kg], [mm], [kg m^2]"
+        f"{count} recordings: CoGiRo, 20 s, sensors of the paper; spikes of {SPIKES[0]:.0f} to"
+        f" {SPIKES[1]:.0f} N, hole of {HOLE} s; [kg], [mm], [kg m^2]"
     )
     print(f"{'':40}" + "".join(f"{name:>9}" for name in BODY_PARAMETERS) + "   pooled")
     errors = {kind: np.array([e.value - truth for e in each]) for kind, each in found.items()}
@@ -139,10 +164,13 @@ def robust(count: int = 12) -> None:
         spikes, caught, sound_readings, lost = np.sum(counts[kind], axis=0)
         print(f"{kind + ': rmse':40}" + "".join(f"{v:9.3f}" for v in rmse[kind] * UNITS))
         pooled = np.sqrt(np.mean(ratio**2))
-        print(f"{'  over that of clean':40}" + "".join(f"{v:9.3f}" for v in ratio) + f"{pooled:9.3f}")
         print(
-            f"  accepted {sum(e.verdict.accepted for e in each)} of {count}, chi-square of the ten per degree of freedom "
-            f"{np.mean(chi):.2f}; left out {caught} of {spikes} spiked and {lost} of {sound_readings} other readings",
+            f"{'  over that of clean':40}" + "".join(f"{v:9.3f}" for v in ratio) + f"{pooled:9.3f}"
+        )
+        print(
+            f"  accepted {sum(e.verdict.accepted for e in each)} of {count}, chi-square of the ten"
+            f" per degree of freedom {np.mean(chi):.2f}; left out {caught} of {spikes} spiked and"
+            f" {lost} of {sound_readings} other readings",
             flush=True,
         )
     if not told.all():
@@ -173,12 +201,18 @@ def wrong_mass(experiment: Experiment, rng: np.random.Generator) -> tuple[Experi
     factor = float(rng.choice([3.0, 1 / 3]))
     body = experiment.robot.platform
     heavier = Inertia(body.mass * factor, body.center_of_gravity, body.inertia)
-    return replace(experiment, robot=replace(experiment.robot, platform=heavier)), f"mass x {factor:.2f}"
+    return (
+        replace(experiment, robot=replace(experiment.robot, platform=heavier)),
+        f"mass x {factor:.2f}",
+    )
 
 
 def wrong_sync(experiment: Experiment, rng: np.random.Generator) -> tuple[Experiment, str]:
     late = float(rng.uniform(-0.3, 0.3))
-    runs = tuple(replace(run, sync={**run.sync, "tracker": run.sync["tracker"] + late}) for run in experiment.runs)
+    runs = tuple(
+        replace(run, sync={**run.sync, "tracker": run.sync["tracker"] + late})
+        for run in experiment.runs
+    )
     return replace(experiment, runs=runs), f"sync {late:+.3f} s"
 
 
@@ -217,7 +251,14 @@ MISTAKES: dict[str, Callable[[Experiment, np.random.Generator], tuple[Experiment
     "no nominal body": no_nominal,
     "combined": combined,
 }
-OUTCOMES = ("same, accepted", "same, rejected", "other, rejected", "other, accepted", "accepted WRONG", "crashed")
+OUTCOMES = (
+    "same, accepted",
+    "same, rejected",
+    "other, rejected",
+    "other, accepted",
+    "accepted WRONG",
+    "crashed",
+)
 
 
 def starts() -> None:
@@ -231,11 +272,15 @@ def starts() -> None:
             estimate = MaximumLikelihood()(experiment)
             right[name] = experiment, truth.body_parameters, estimate
             print(
-                f"{name}, right description: {'accepted' if estimate.verdict.accepted else 'rejected'}, chi-square of the ten "
-                f"against the truth {chi_square(estimate, truth.body_parameters):.1f}"
+                f"{name}, right description:"
+                f" {'accepted' if estimate.verdict.accepted else 'rejected'}, chi-square of the ten"
+                f" against the truth {chi_square(estimate, truth.body_parameters):.1f}"
             )
     outcomes: dict[str, Counter[str]] = {kind: Counter() for kind in MISTAKES}
-    print(f"\n{'':9} {'recording':11}{'outcome':17}{'off [sigma]':>12}{'chi2':>8}  mistake; first reason")
+    print(
+        f"\n{'':9} {'recording':11}{'outcome':17}{'off [sigma]':>12}{'chi2':>8}  mistake; first"
+        " reason"
+    )
     for i, kind in enumerate(kind for kind, count in FAR_OFF.items() for _ in range(count)):
         name = sorted(right)[i % len(right)]
         experiment, truth, reference = right[name]
@@ -250,12 +295,18 @@ def starts() -> None:
             continue
         off = float(np.max(np.abs(found.value - reference.value) / reference.standard_deviation))
         chi, same = chi_square(found, truth), off < SAME
-        outcome = f"{'same' if same else 'other'}, {'accepted' if found.verdict.accepted else 'rejected'}"
+        outcome = (
+            f"{'same' if same else 'other'}, {'accepted' if found.verdict.accepted else 'rejected'}"
+        )
         if found.verdict.accepted and not same and chi > WRONG:
             outcome = "accepted WRONG"
         outcomes[kind][outcome] += 1
         reason = next(iter(found.verdict.reasons), "")[:90]
-        print(f"{i:9} {name:11}{outcome:17}{off:12.3g}{chi:8.3g}  {words}{'; ' + reason if reason else ''}", flush=True)
+        print(
+            f"{i:9} {name:11}{outcome:17}{off:12.3g}{chi:8.3g} "
+            f" {words}{'; ' + reason if reason else ''}",
+            flush=True,
+        )
     print(f"\n{'mistake':18}" + "".join(f"{outcome:>17}" for outcome in OUTCOMES))
     for kind, own in outcomes.items():
         print(f"{kind:18}" + "".join(f"{own[outcome]:17}" for outcome in OUTCOMES))
@@ -269,7 +320,11 @@ def starts() -> None:
 LENGTHS = (20.0, 60.0, 180.0, 600.0)
 FAST = {"cables": 100.0, "imu": 100.0, "tracker": 238.0}
 PAPER = {"cables": 25.0, "imu": 25.0, "tracker": 238.0}
-REFERENCE = [sys.executable, "-c", "import casadi, numpy, polars, pydantic, scipy.interpolate, scipy.integrate"]
+REFERENCE = [
+    sys.executable,
+    "-c",
+    "import casadi, numpy, polars, pydantic, scipy.interpolate, scipy.integrate",
+]
 LONGEST, LARGEST, EXPONENT = 90.0, 2048.0, 1.1
 """Limits for ten minutes [s], [MiB], and for the growth."""
 WHOLE, SOLVER = 3.5, 1.0
@@ -279,7 +334,7 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import time
 from steelyard.cli import main
-from steelyard.identification import joint_study
+from steelyard.identification.solve import joint_study
 spent, solve = [], joint_study.fit
 def fit(*given):
     start = time.perf_counter()
@@ -300,15 +355,21 @@ def write_length(folder: Path, duration: float, rates: Mapping[str, float]) -> N
     """Write a recording of a motion of 20 s again and again, followed exactly."""
     robot = read_robot("cogiro").with_straight_cables()
     suite = paper_sensors(robot).instruments
-    instruments = {name: suite[name].model_copy(update={"rate": rate}) for name, rate in rates.items()}
+    instruments = {
+        name: suite[name].model_copy(update={"rate": rate}) for name, rate in rates.items()
+    }
     rng = np.random.default_rng(1)
     errors = draw_errors(instruments, robot.m, ["run"], rng)
     motion = ExactMotion(robot, robot.platform, Repeated(feasible_multisine(robot, 20.0), duration))
-    streams, sync = record(ExactMotionOnCables(robot, motion), instruments, errors["run"], robot, motion, rng)
+    streams, sync = record(
+        ExactMotionOnCables(robot, motion), instruments, errors["run"], robot, motion, rng
+    )
     folder.mkdir(parents=True)
     # Under a name of its own: the bundled robot has sagging cables.
     robot = replace(robot, name="cogiro-straight")
-    write_experiment(Experiment("a long one", robot, instruments, (Run("run", streams, sync),)), folder)
+    write_experiment(
+        Experiment("a long one", robot, instruments, (Run("run", streams, sync),)), folder
+    )
 
 
 @dataclass(frozen=True)
@@ -346,25 +407,37 @@ def lengths() -> None:
         folder = Path(temporary)
         reference = statistics.median(_bare_import() for _ in range(3))
         print(f"{'bare import of the libraries':44}{reference:8.2f} s")
-        print(f"{'recording, method':44}{'whole':>10}{'over bare':>11}{'solver':>10}{'peak':>12}  fits")
+        print(
+            f"{'recording, method':44}{'whole':>10}{'over bare':>11}{'solver':>10}{'peak':>12} "
+            " fits"
+        )
         default = _shown(folder, 20.0, PAPER, [], reference, repeat=3)
         print(f"{'  limits':44}{WHOLE:8.2f} s{'':11}{SOLVER:8.2f} s")
         _shown(folder, 20.0, PAPER, ["--method", "maximum-likelihood"], reference, repeat=3)
         by_length = {
             length: _shown(
-                folder, length, FAST, ["--method", "maximum-likelihood"], reference, repeat=3 if length < 100 else 1
+                folder,
+                length,
+                FAST,
+                ["--method", "maximum-likelihood"],
+                reference,
+                repeat=3 if length < 100 else 1,
             )
             for length in LENGTHS
         }
         print(f"{'  limits for 600 s':44}{LONGEST:8.2f} s{'':21}{LARGEST:8.0f} MiB")
         long = [length for length in LENGTHS if length >= 60]
         growth = {
-            what: float(np.polyfit(np.log(long), np.log([getattr(by_length[each], what) for each in long]), 1)[0])
+            what: float(
+                np.polyfit(
+                    np.log(long), np.log([getattr(by_length[each], what) for each in long]), 1
+                )[0]
+            )
             for what in ("wall", "solver", "peak")
         }
         print(
-            f"exponent of growth from 60 to 600 s: whole process {growth['wall']:.2f}, solver {growth['solver']:.2f}, memory "
-            f"{growth['peak']:.2f}   limit {EXPONENT}"
+            f"exponent of growth from 60 to 600 s: whole process {growth['wall']:.2f}, solver"
+            f" {growth['solver']:.2f}, memory {growth['peak']:.2f}   limit {EXPONENT}"
         )
         last = by_length[LENGTHS[-1]]
         kept = {
@@ -384,7 +457,13 @@ def _bare_import() -> float:
 
 
 def _shown(
-    folder: Path, length: float, rates: Mapping[str, float], options: list[str], reference: float, *, repeat: int
+    folder: Path,
+    length: float,
+    rates: Mapping[str, float],
+    options: list[str],
+    reference: float,
+    *,
+    repeat: int,
 ) -> Taken:
     """Median by wall time of several runs, printed."""
     place = folder / f"{length:.0f}-{rates['cables']:.0f}"
@@ -393,17 +472,34 @@ def _shown(
         writer = get_context("spawn").Process(target=write_length, args=(place, length, rates))
         writer.start()
         writer.join()
-    command = [sys.executable, "-c", TIMED, "identify", str(place / "experiment.yaml"), *options, "--quiet", "--json"]
-    one = sorted((taken(command, folder) for _ in range(repeat)), key=lambda each: each.wall)[repeat // 2]
+    command = [
+        sys.executable,
+        "-c",
+        TIMED,
+        "identify",
+        str(place / "experiment.yaml"),
+        *options,
+        "--quiet",
+        "--json",
+    ]
+    one = sorted((taken(command, folder) for _ in range(repeat)), key=lambda each: each.wall)[
+        repeat // 2
+    ]
     found = json.loads(one.output)["estimates"]["maximum-likelihood"]
     what = (
-        f"{length:.0f} s at {', '.join(f'{rate:.0f}' for rate in rates.values())} Hz, {'ML' if options else 'default'}"
+        f"{length:.0f} s at {', '.join(f'{rate:.0f}' for rate in rates.values())} Hz,"
+        f" {'ML' if options else 'default'}"
     )
     solver = found["details"]["solver"]
-    verdict = "accepted" if found["verdict"]["accepted"] else f"rejected: {found['verdict']['reasons'][0][:90]}"
+    verdict = (
+        "accepted"
+        if found["verdict"]["accepted"]
+        else f"rejected: {found['verdict']['reasons'][0][:90]}"
+    )
     print(
-        f"{what:44}{one.wall:8.2f} s{one.wall / reference:9.1f} x{one.solver:8.2f} s{one.peak:8.0f} MiB  "
-        f"{solver['steps']} steps in the last, {'' if solver['converged'] else 'not '}converged, {verdict}",
+        f"{what:44}{one.wall:8.2f} s{one.wall / reference:9.1f} x{one.solver:8.2f} s{one.peak:8.0f}"
+        f" MiB  {solver['steps']} steps in the last,"
+        f" {'' if solver['converged'] else 'not '}converged, {verdict}",
         flush=True,
     )
     return one
@@ -416,7 +512,8 @@ PATIENCE = 300.0
 MOST = 200
 """Evaluations."""
 ARRIVED = 0.5
-"""Excess of a chi-square over its least at which a solver has arrived: where the package's stops."""
+"""Excess of a chi-square over its least at which a solver has arrived: where the package's
+stops."""
 
 
 class LateError(Exception):
@@ -425,9 +522,11 @@ class LateError(Exception):
 
 @dataclass
 class Residuals:
-    """The joint problem as residuals of all coefficients of the motion, the ten and the systematic errors.
+    """The joint problem as residuals of all coefficients of the motion, the ten and the systematic
+    errors.
 
-    Noise and smoothness are held at what the state has. Huber's cost is that of a residual of length sqrt(2 c r - c^2).
+    Noise and smoothness are held at what the state has. Huber's cost is that of a residual of
+    length sqrt(2 c r - c^2).
     """
 
     task: Task
@@ -438,7 +537,7 @@ class Residuals:
     _last: tuple[Array, Array, sp.csr_matrix] | None = None
 
     def __post_init__(self) -> None:
-        counts = [arc.coefficients.size for arc in self.state.arcs]
+        counts = [segment.coefficients.size for segment in self.state.segments]
         self.origins = np.concatenate([[0], np.cumsum(counts)])
         self.motion = int(self.origins[-1])
         self.columns = np.where(self.task.active, TEN + np.cumsum(self.task.active) - 1, -1)
@@ -446,21 +545,25 @@ class Residuals:
 
     def point(self, state: State) -> Array:
         """Where a state stands, shape (N,)."""
-        motion = [arc.coefficients.ravel() for arc in state.arcs]
-        return np.concatenate([*motion, state.parameters, state.systematic.values[self.task.active]])
+        motion = [segment.coefficients.ravel() for segment in state.segments]
+        return np.concatenate(
+            [*motion, state.parameters, state.calibration.values[self.task.active]]
+        )
 
     def at(self, point: Array) -> State:
         """The state at a point."""
-        values = self.state.systematic.values.copy()
+        values = self.state.calibration.values.copy()
         values[self.task.active] = point[self.motion + TEN :]
-        arcs = tuple(
-            replace(arc, coefficients=point[first:last].reshape(-1, POSE))
-            for arc, first, last in zip(self.state.arcs, self.origins[:-1], self.origins[1:], strict=True)
+        segments = tuple(
+            replace(segment, coefficients=point[first:last].reshape(-1, POSE))
+            for segment, first, last in zip(
+                self.state.segments, self.origins[:-1], self.origins[1:], strict=True
+            )
         )
         return replace(
             self.state,
-            arcs=arcs,
-            systematic=replace(self.state.systematic, values=values),
+            segments=segments,
+            calibration=replace(self.state.calibration, values=values),
             parameters=point[self.motion : self.motion + TEN],
         )
 
@@ -480,38 +583,69 @@ class Residuals:
         if self._last is None or not np.array_equal(self._last[0], point):
             parts = list(self._parts(self.at(point)))
             residual = np.concatenate([part for part, _ in parts])
-            self._last = point.copy(), residual, sp.vstack([matrix for _, matrix in parts], format="csr")
+            self._last = (
+                point.copy(),
+                residual,
+                sp.vstack([matrix for _, matrix in parts], format="csr"),
+            )
         return self._last
 
     def _parts(self, state: State) -> Iterator[tuple[Array, sp.csr_matrix]]:
         task = self.task
-        for arc, felt, origin in zip(state.arcs, task.felt, self.origins[:-1], strict=True):
-            grouped = {arc.label(*each.source): 3 for each in arc.readings if each.values.ndim == 3}
-            rows = motion_rows(task.experiment, arc, state.systematic, self.columns, state.factors, Tally())
+        for segment, force_samples, origin in zip(
+            state.segments, task.force_samples, self.origins[:-1], strict=True
+        ):
+            grouped = {
+                segment.label(*each.source): 3 for each in segment.readings if each.values.ndim == 3
+            }
+            rows = motion_residuals(
+                task.experiment, segment, state.calibration, self.columns, state.factors, Tally()
+            )
             for part in rows:
                 yield self._huber(part, int(origin), grouped.get(part.label, 1))
-            given = task.experiment, arc, felt, state.systematic, self.columns, state.parameters, state.factors, Tally()
-            part = force_rows(*given)
-            assert part.label == arc.label(felt.name, BALANCE)
+            given = (
+                task.experiment,
+                segment,
+                force_samples,
+                state.calibration,
+                self.columns,
+                state.parameters,
+                state.factors,
+                Tally(),
+            )
+            part = force_residuals(*given)
+            assert part.label == segment.label(force_samples.name, BALANCE)
             yield self._huber(part, int(origin), part.residual.shape[1])
-            stiff = self._smooth(arc, int(origin))
+            stiff = self._smooth(segment, int(origin))
             yield stiff @ self.point(state), stiff
-        deviation = task.unknowns.deviation[task.active]
-        off = (state.systematic.values - task.unknowns.mean)[task.active] / deviation
+        deviation = task.calibration_parameters.deviation[task.active]
+        off = (state.calibration.values - task.calibration_parameters.mean)[task.active] / deviation
         columns = self.motion + TEN + np.arange(len(off))
-        yield off, sp.csr_matrix((1 / deviation, (np.arange(len(off)), columns)), shape=(len(off), self.size))
+        yield (
+            off,
+            sp.csr_matrix(
+                (1 / deviation, (np.arange(len(off)), columns)), shape=(len(off), self.size)
+            ),
+        )
 
     def _huber(self, rows: Rows, origin: int, together: int) -> tuple[Array, sp.csr_matrix]:
-        """Residuals whose squares add up to Huber's cost; rows hold sqrt(w) r and sqrt(w) J, w = c / r where r > c."""
+        """Residuals whose squares add up to Huber's cost; rows hold sqrt(w) r and sqrt(w) J, w = c
+        / r where r > c."""
         residual = rows.residual
-        size = np.abs(residual) if together == 1 else np.sqrt(np.sum(residual**2, axis=1, keepdims=True))
+        size = (
+            np.abs(residual)
+            if together == 1
+            else np.sqrt(np.sum(residual**2, axis=1, keepdims=True))
+        )
         far = limit(together) / np.maximum(size, 1e-300)
         weight = np.ones_like(size) if rows.label is None else np.where(far < 1, far**2, 1.0)
         root = np.broadcast_to(np.sqrt(2 - weight), residual.shape)
         n, k, width = rows.by_motion.shape
         border = TEN + int(self.task.active.sum())
         named = np.arange(border) if rows.columns is None else rows.columns
-        first = np.broadcast_to((origin + POSE * rows.first)[:, None, None] + np.arange(width), (n, k, width))
+        first = np.broadcast_to(
+            (origin + POSE * rows.first)[:, None, None] + np.arange(width), (n, k, width)
+        )
         last = np.broadcast_to(self.motion + named, (n, k, len(named)))
         values = np.concatenate([rows.by_motion, rows.by_errors], axis=2) / root[:, :, None]
         columns = np.concatenate([first, last], axis=2)
@@ -519,19 +653,28 @@ class Residuals:
         matrix = sp.csr_matrix((values.ravel(), columns.ravel(), starts), shape=(n * k, self.size))
         return (residual * root).ravel(), matrix
 
-    def _smooth(self, arc: Arc, origin: int) -> sp.csr_matrix:
-        """Third derivatives at the nodes of Gauss between knots, in 1-sigma of the white noise that they are."""
-        inner = arc.knots[DEGREE : len(arc.knots) - DEGREE]
-        nodes, weights = np.polynomial.legendre.leggauss(3)  # exact for squares of what is quadratic between knots
+    def _smooth(self, segment: Segment, origin: int) -> sp.csr_matrix:
+        """Third derivatives at the nodes of Gauss between knots, in 1-sigma of the white noise that
+        they are."""
+        inner = segment.knots[DEGREE : len(segment.knots) - DEGREE]
+        nodes, weights = np.polynomial.legendre.leggauss(
+            3
+        )  # exact for squares of what is quadratic between knots
         half = np.diff(inner) / 2
-        local = basis(arc.knots, (((inner[1:] + inner[:-1]) / 2)[:, None] + half[:, None] * nodes).ravel())
+        local = basis(
+            segment.knots, (((inner[1:] + inner[:-1]) / 2)[:, None] + half[:, None] * nodes).ravel()
+        )
         root = np.sqrt((half[:, None] * weights).ravel())
         intensity = np.ones(POSE)
         for part, place in PARTS.items():
-            intensity[place] = arc.smoothness[part]
-        values = local.values[3][:, None, :] * root[:, None, None] / np.sqrt(intensity)[:, None]  # (n, 7, 6)
+            intensity[place] = segment.smoothness[part]
+        values = (
+            local.values[3][:, None, :] * root[:, None, None] / np.sqrt(intensity)[:, None]
+        )  # (n, 7, 6)
         functions = local.first[:, None, None] + np.arange(DEGREE + 1)
-        columns = np.broadcast_to(origin + POSE * functions + np.arange(POSE)[:, None], values.shape)
+        columns = np.broadcast_to(
+            origin + POSE * functions + np.arange(POSE)[:, None], values.shape
+        )
         starts = np.arange(values.shape[0] * POSE + 1) * (DEGREE + 1)
         shape = (values.shape[0] * POSE, self.size)
         return sp.csr_matrix((values.ravel(), columns.ravel(), starts), shape=shape)
@@ -564,26 +707,29 @@ def general() -> None:
     best, least = problem.point(found.state), found.tally.cost
     matrix = problem.jacobian(best)
     own = problem.residual(best)
-    prior = (found.state.systematic.values - task.unknowns.mean)[task.active] / task.unknowns.deviation[task.active]
+    prior = (found.state.calibration.values - task.calibration_parameters.mean)[
+        task.active
+    ] / task.calibration_parameters.deviation[task.active]
     assert np.isclose(own @ own, least + prior @ prior, rtol=1e-9)
     print(
-        f"points-00: {matrix.shape[0]} residuals, {matrix.shape[1]} unknowns ({problem.motion} of the motion, {TEN} of the body, "
-        f"{int(task.active.sum())} errors), {matrix.nnz} derivatives; chi-square {own @ own:.3f}"
+        f"points-00: {matrix.shape[0]} residuals, {matrix.shape[1]} unknowns ({problem.motion} of"
+        f" the motion, {TEN} of the body, {int(task.active.sum())} errors), {matrix.nnz}"
+        f" derivatives; chi-square {own @ own:.3f}"
     )
     # On the knots of the joint fit, which are told by the clock of the forces.
     begun = replace(
         start,
-        arcs=tuple(
-            replace(arc, coefficients=first.coefficients)
-            for arc, first in zip(start.arcs, fits[0][1].arcs, strict=True)
+        segments=tuple(
+            replace(segment, coefficients=first.coefficients)
+            for segment, first in zip(start.segments, fits[0][1].segments, strict=True)
         ),
-        systematic=fits[0][1].systematic,
+        calibration=fits[0][1].calibration,
     )
     given = {"from the motion's fit": start, "from the beginning": begun}
     sigma = np.sqrt(np.diag(found.covariance))
     print(
-        f"{'solver':66}{'time':>10}{'ratio':>9}{'evaluations':>13}{'steps':>7}{'arrived':>11}{'chi2 over':>12}"
-        f"{'off: ten':>10}{'errors':>8}   (off: from the package's answer, in its 1-sigma)"
+        f"{'solver':66}{'time':>10}{'ratio':>9}{'evaluations':>13}{'steps':>7}{'arrived':>11}{'chi2 over':>12}{'off: ten':>10}{'errors':>8}"
+        "   (off: from the package's answer, in its 1-sigma)"
     )
     for words, beginning in given.items():
         seconds, ours = _median(lambda from_=beginning: fit(task, from_))
@@ -601,8 +747,9 @@ def general() -> None:
         held = replace(
             beginning,
             factors=found.state.factors,
-            arcs=tuple(
-                replace(a, smoothness=b.smoothness) for a, b in zip(beginning.arcs, found.state.arcs, strict=True)
+            segments=tuple(
+                replace(a, smoothness=b.smoothness)
+                for a, b in zip(beginning.segments, found.state.segments, strict=True)
             ),
         )
         given_noise, again = _median(lambda from_=held: fit(task, from_))
@@ -610,7 +757,9 @@ def general() -> None:
             f"package, noise and smoothness as found, {words}", given_noise, given_noise / seconds, (again.turns, again.turns),
             None, problem, again.state, best, sigma,
         )  # fmt: skip
-        _general("scipy trf, lsmr, jac", problem, held, words, seconds, best, sigma, jac=problem.jacobian)
+        _general(
+            "scipy trf, lsmr, jac", problem, held, words, seconds, best, sigma, jac=problem.jacobian
+        )
     pattern = matrix.copy()
     pattern.data[:] = 1.0
     words, beginning = next(iter(given.items()))
@@ -619,8 +768,9 @@ def general() -> None:
         jac="2-point", jac_sparsity=pattern,
     )  # fmt: skip
     print(
-        f"(scipy is given noise and smoothness, which the package finds; 'arrived': within a chi-square of {ARRIVED} of the "
-        "package's; each of its evaluations makes the derivatives too)"
+        "(scipy is given noise and smoothness, which the package finds; 'arrived': within a"
+        f" chi-square of {ARRIVED} of the package's; each of its evaluations makes the derivatives"
+        " too)"
     )
 
 
@@ -660,12 +810,27 @@ def _general(
         )
         seconds, counts = time.perf_counter() - problem.began, (solved.nfev, solved.njev)
         end = problem.at(solved.x)
-        note = f"; ended: {solved.message}" if solved.status > 0 else f"; did not arrive within {MOST} evaluations"
+        note = (
+            f"; ended: {solved.message}"
+            if solved.status > 0
+            else f"; did not arrive within {MOST} evaluations"
+        )
     except LateError:
         seconds, counts = time.perf_counter() - problem.began, (len(problem.trace), None)
         end = problem.at(min(problem.trace, key=lambda each: each[1])[2])
         note = f"; did not arrive within {PATIENCE:.0f} s"
-    _line(f"{what}, {words}", seconds, seconds / reference, counts, problem.trace, problem, end, best, sigma, note)
+    _line(
+        f"{what}, {words}",
+        seconds,
+        seconds / reference,
+        counts,
+        problem.trace,
+        problem,
+        end,
+        best,
+        sigma,
+        note,
+    )
 
 
 def _line(
@@ -704,7 +869,11 @@ BENCHMARKS: dict[str, Callable[..., None]] = {
 if __name__ == "__main__":
     # A number says how many, to the name before it.
     names = [word for word in sys.argv[1:] if not word.isdigit()] or list(BENCHMARKS)
-    many = {name: [int(word)] for name, word in zip(sys.argv[1:], sys.argv[2:], strict=False) if word.isdigit()}
+    many = {
+        name: [int(word)]
+        for name, word in zip(sys.argv[1:], sys.argv[2:], strict=False)
+        if word.isdigit()
+    }
     for chosen in names:
         print(f"\n== {chosen}")
         BENCHMARKS[chosen](*many.get(chosen, []))

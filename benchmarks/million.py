@@ -1,4 +1,5 @@
-"""A million samples: forces and IMU at 250 Hz and a tracker at 100 Hz over 4000 s, on cables that sag; one motion of 20 s again and again."""
+"""A million samples: forces and IMU at 250 Hz and a tracker at 100 Hz over 4000 s, on cables that
+sag; one motion of 20 s again and again."""
 
 from __future__ import annotations
 
@@ -34,7 +35,12 @@ class Again:
         state = self.once.at(within)
         arrays = {f.name: getattr(state, f.name) for f in fields(State)}
         return replace(
-            state, **{k: v[back] for k, v in arrays.items() if isinstance(v, np.ndarray) and len(v) == len(within)}
+            state,
+            **{
+                k: v[back]
+                for k, v in arrays.items()
+                if isinstance(v, np.ndarray) and len(v) == len(within)
+            },
         )
 
 
@@ -43,15 +49,21 @@ def write_million(folder: Path, samples: int = 1_000_000) -> Path:
     robot = read_robot("cogiro")
     assert robot.platform is not None
     suite = paper_sensors(robot).instruments
-    instruments = {name: suite[name].model_copy(update={"rate": rate}) for name, rate in RATES.items()}
+    instruments = {
+        name: suite[name].model_copy(update={"rate": rate}) for name, rate in RATES.items()
+    }
     rng = np.random.default_rng(1)
     errors = draw_errors(instruments, robot.m, ["long"], rng)
     trajectory = feasible_multisine(robot, PERIOD)
-    response = Again(CablePlatform(robot, robot.platform).move(trajectory), samples / RATES["cables"])
+    response = Again(
+        CablePlatform(robot, robot.platform).move(trajectory), samples / RATES["cables"]
+    )
     command = ExactMotion(robot, robot.platform, trajectory)
     streams, sync = record(response, instruments, errors["long"], robot, command, rng)
     folder.mkdir(parents=True)
-    write_experiment(Experiment("a million samples", robot, instruments, (Run("long", streams, sync),)), folder)
+    write_experiment(
+        Experiment("a million samples", robot, instruments, (Run("long", streams, sync),)), folder
+    )
     return folder / "experiment.yaml"
 
 

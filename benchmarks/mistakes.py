@@ -1,4 +1,5 @@
-"""Mistakes made in recordings with truth, and whether `inspect` names them: a table of mistake x recording, and alarms on sound ones."""
+"""Mistakes made in recordings with truth, and whether `inspect` names them: a table of mistake x
+recording, and alarms on sound ones."""
 
 from __future__ import annotations
 
@@ -46,7 +47,10 @@ def main(only: list[str]) -> None:
             views = pictures(mistake.make(sound), 1)
             found = mistakes(views[0])[0] if views else []
             results.setdefault(what, {})[name] = named(found, mistake)
-            print(f"{name}: {what}: {results[what][name]} ({time.perf_counter() - start:.1f} s)", file=sys.stderr)
+            print(
+                f"{name}: {what}: {results[what][name]} ({time.perf_counter() - start:.1f} s)",
+                file=sys.stderr,
+            )
     names = [name for name, _ in chosen]
     print(f"| mistake | {' | '.join(names)} |")
     print("|---|" + "---|" * len(names))
@@ -55,7 +59,10 @@ def main(only: list[str]) -> None:
     hits = {name: sum(each.get(name) == "yes" for each in results.values()) for name in names}
     made = {name: sum(name in each for each in results.values()) for name in names}
     print(f"| named | {' | '.join(f'{hits[name]} of {made[name]}' for name in names)} |")
-    print(f"| false alarms on the sound recording | {' | '.join(str(alarms[name]) for name in names)} |")
+    print(
+        "| false alarms on the sound recording |"
+        f" {' | '.join(str(alarms[name]) for name in names)} |"
+    )
 
 
 if __name__ == "__main__":

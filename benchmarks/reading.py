@@ -1,7 +1,9 @@
-"""Prints how fast an hour of CSV is read, and in how much memory: `python benchmarks/reading.py`, or as part of run.py.
+"""Prints how fast an hour of CSV is read, and in how much memory: `python benchmarks/reading.py`,
+or as part of run.py.
 
-The reference is the bare call of the library that parses it, in the same run. Every reading is a process of its own; peak memory is
-its resident set (VmHWM), of which the part that maps files, mostly the libraries, is printed beside. What is made to do harm follows.
+The reference is the bare call of the library that parses it, in the same run. Every reading is a
+process of its own; peak memory is its resident set (VmHWM), of which the part that maps files,
+mostly the libraries, is printed beside. What is made to do harm follows.
 """
 
 from __future__ import annotations
@@ -33,7 +35,8 @@ def main(folder: Path) -> None:
     csv = folder / "hour.csv"
     write_hour(csv)
     print(
-        f"one hour at {RATE} Hz, {CABLES} cables: {csv.stat().st_size / MIB:.0f} MiB of CSV, {ARRAYS / MIB:.0f} MiB of arrays"
+        f"one hour at {RATE} Hz, {CABLES} cables: {csv.stat().st_size / MIB:.0f} MiB of CSV,"
+        f" {ARRAYS / MIB:.0f} MiB of arrays"
     )
     bare = median("bare", csv)
     show("polars.read_csv, the reference", bare, bare)
@@ -49,7 +52,8 @@ def main(folder: Path) -> None:
         found = reading("stream", path)
         size = path.stat().st_size / 1e6
         print(
-            f"{name:34} {size:6.1f} MB {found['seconds']:6.1f} s {found['peak']:6.0f} MiB   {found['said'][:100]}",
+            f"{name:34} {size:6.1f} MB {found['seconds']:6.1f} s {found['peak']:6.0f} MiB  "
+            f" {found['said'][:100]}",
             flush=True,
         )
         path.unlink()
@@ -59,7 +63,12 @@ def variants(csv: Path) -> Iterator[tuple[str, Path]]:
     """The same table as others write it, one after the other."""
     for name, ending, opened, change in [
         ("packed by gzip", ".csv.gz", lambda path: gzip.GzipFile(path, "wb", 1), lambda text: text),
-        ("aligned by blanks", ".txt", lambda path: path.open("wb"), lambda text: text.replace(b",", b"  ")),
+        (
+            "aligned by blanks",
+            ".txt",
+            lambda path: path.open("wb"),
+            lambda text: text.replace(b",", b"  "),
+        ),
         (
             "decimal commas",
             ".csv",
@@ -110,14 +119,16 @@ def median(what: str, path: Path) -> dict[str, Any]:
 def show(what: str, found: dict[str, Any], bare: dict[str, Any]) -> None:
     ratio, share = found["seconds"] / bare["seconds"], found["peak"] * MIB / ARRAYS
     print(
-        f"{what:34} {found['seconds']:6.2f} s = {ratio:4.2f} x reference (cpu {found['cpu']:5.2f} s)   peak {found['peak']:5.0f} MiB = {share:4.2f} x arrays, "
-        f"{found['mapped']:3.0f} MiB of it files",
+        f"{what:34} {found['seconds']:6.2f} s = {ratio:4.2f} x reference (cpu {found['cpu']:5.2f}"
+        f" s)   peak {found['peak']:5.0f} MiB = {share:4.2f} x arrays, {found['mapped']:3.0f} MiB"
+        " of it files",
         flush=True,
     )
 
 
 def read(what: str, path: Path) -> None:
-    """What one process does: print time [s], processor time [s], peak memory and mapped files [MiB], and what was said."""
+    """What one process does: print time [s], processor time [s], peak memory and mapped files
+    [MiB], and what was said."""
     start, said = time.perf_counter(), ""
     used = time.process_time()
     if what == "bare":
@@ -125,14 +136,24 @@ def read(what: str, path: Path) -> None:
     else:
         try:
             span = WINDOW if what == "window" else None
-            stream = read_stream(Place(path), Tension(kind="tension"), CABLES, static=False, span=span)
+            stream = read_stream(
+                Place(path), Tension(kind="tension"), CABLES, static=False, span=span
+            )
             assert stream.values["tension"].shape == (len(stream), CABLES)
         except InputError as error:
             said = str(error).replace(str(path.parent) + "/", "")
     seconds, cpu = time.perf_counter() - start, time.process_time() - used
     lines = Path("/proc/self/status").read_text().splitlines()
-    status = {line.split(":")[0]: int(line.split()[1]) / 1024 for line in lines if line.endswith(" kB")}
-    found = {"seconds": seconds, "cpu": cpu, "peak": status["VmHWM"], "mapped": status["RssFile"], "said": said}
+    status = {
+        line.split(":")[0]: int(line.split()[1]) / 1024 for line in lines if line.endswith(" kB")
+    }
+    found = {
+        "seconds": seconds,
+        "cpu": cpu,
+        "peak": status["VmHWM"],
+        "mapped": status["RssFile"],
+        "said": said,
+    }
     print(json.dumps(found))
 
 
@@ -157,15 +178,33 @@ HARM = {
     "2 GB of one line": (".csv.gz", packed((b"0,", 1_000_000_000))),
     "2 GB of newlines": (".csv.gz", packed((HEADER, 1), (b"\n", 2_000_000_000))),
     "2 GB of comments": (".csv.gz", packed((HEADER, 1), (ROW, 9), (b"#\n", 1_000_000_000))),
-    "500000 empty members": (".csv.gz", lambda path: path.write_bytes(gzip.compress(b"", mtime=0) * 500_000)),
-    "10^5 columns": (".csv", lambda path: path.write_text(",".join(COLUMNS) + "\n" + ("0," * 99_999 + "0\n") * 50)),
+    "500000 empty members": (
+        ".csv.gz",
+        lambda path: path.write_bytes(gzip.compress(b"", mtime=0) * 500_000),
+    ),
+    "10^5 columns": (
+        ".csv",
+        lambda path: path.write_text(",".join(COLUMNS) + "\n" + ("0," * 99_999 + "0\n") * 50),
+    ),
     "header of 20 MB": (".csv", lambda path: path.write_bytes(b"n" * 20_000_000 + b"\n" + ROW)),
     "line of 100 MB": (".csv", lambda path: path.write_bytes(b"0," * 50_000_000)),
-    "NUL bytes behind an hour": (".csv", lambda path: path.write_bytes(HEADER + ROW * 4_000_000 + b"\0" * 1_000_000)),
-    "quotation marks that never close": (".csv", lambda path: path.write_bytes(HEADER + b'"' + ROW * 3_000_000)),
+    "NUL bytes behind an hour": (
+        ".csv",
+        lambda path: path.write_bytes(HEADER + ROW * 4_000_000 + b"\0" * 1_000_000),
+    ),
+    "quotation marks that never close": (
+        ".csv",
+        lambda path: path.write_bytes(HEADER + b'"' + ROW * 3_000_000),
+    ),
     "10^7 blank lines": (".csv", lambda path: path.write_bytes(b"\n" * 10_000_000)),
-    "100 MB of text": (".csv", lambda path: path.write_bytes(b"some, text; without | numbers\n" * 3_400_000)),
-    "20 MB of random bytes": (".csv", lambda path: path.write_bytes(np.random.default_rng(0).bytes(20_000_000))),
+    "100 MB of text": (
+        ".csv",
+        lambda path: path.write_bytes(b"some, text; without | numbers\n" * 3_400_000),
+    ),
+    "20 MB of random bytes": (
+        ".csv",
+        lambda path: path.write_bytes(np.random.default_rng(0).bytes(20_000_000)),
+    ),
 }
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""The one place that finds recordings with truth: those of the tests, and more beside the project where they are."""
+"""The one place that finds recordings with truth: those of the tests, and more beside the project
+where they are."""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""The report of an experiment of one hour: how long it takes beside the estimate, and how large it is.
+"""The report of an experiment of one hour: how long it takes beside the estimate, and how large it
+is.
 
-Run as ``python benchmarks/report.py FOLDER [METHOD]``; the estimate in the same process is the reference.
+Run as ``python benchmarks/report.py FOLDER [METHOD]``; the estimate in the same process is the
+reference.
 """
 
 from __future__ import annotations
@@ -29,7 +31,9 @@ def main(folder: Path, method: str = "least-squares") -> None:
     if not path.exists():
         write_hour(recording)
     experiment = timed("reading", lambda: read_experiment(path))
-    identification = timed(f"estimate, {method}: the reference", lambda: identify(experiment, [AVAILABLE[method]()]))
+    identification = timed(
+        f"estimate, {method}: the reference", lambda: identify(experiment, [AVAILABLE[method]()])
+    )
     start = time.perf_counter()
     made = timed("  hashes of the files", lambda: made_of(experiment, {"method": method}))
     summary = timed("  what is shown, thinned", lambda: summarise(identification, made=made))

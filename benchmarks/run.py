@@ -1,7 +1,8 @@
-"""Prints how long things take and how accurate they are: `make bench`, or `python benchmarks/run.py [NAME ...]`.
+"""Prints how long things take and how accurate they are: `make bench`, or `python benchmarks/run.py
+[NAME ...]`.
 
-Every time is that of a whole process, the median of three, beside that of a bare import of the same libraries in the same run:
-machines differ and are noisy, ratios less so.
+Every time is that of a whole process, the median of three, beside that of a bare import of the same
+libraries in the same run: machines differ and are noisy, ratios less so.
 """
 
 from __future__ import annotations
@@ -25,17 +26,21 @@ from recordings import recordings
 from verdicts import table as verdict_table
 
 from steelyard.arrays import Array
+from steelyard.bodies.consistent_body import solve
 from steelyard.experiment.read import read_experiment
-from steelyard.identification.consistent import Consistent, body_problem
-from steelyard.identification.consistent_body import solve
-from steelyard.identification.instrumental_variables import InstrumentalVariables
-from steelyard.identification.least_squares import LeastSquares
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.two_step import TwoStep
+from steelyard.identification.methods.consistent import Consistent, body_problem
+from steelyard.identification.methods.instrumental_variables import InstrumentalVariables
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.two_step import TwoStep
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
 STEELYARD = [sys.executable, "-m", "steelyard"]
-REFERENCE = [sys.executable, "-c", "import casadi, numpy, polars, pydantic, scipy.interpolate, scipy.integrate"]
+REFERENCE = [
+    sys.executable,
+    "-c",
+    "import casadi, numpy, polars, pydantic, scipy.interpolate, scipy.integrate",
+]
 
 
 def process(command: list[str]) -> tuple[float, float]:
@@ -55,7 +60,10 @@ def measured(command: list[str], repeat: int = 3) -> float:
 
 
 def show(what: str, seconds: float, limit: float, reference: float) -> None:
-    print(f"{what:58} {seconds:7.2f} s   limit {limit:5.1f} s   {seconds / reference:6.1f} x bare import")
+    print(
+        f"{what:58} {seconds:7.2f} s   limit {limit:5.1f} s   {seconds / reference:6.1f} x bare"
+        " import"
+    )
 
 
 def speed(folder: Path) -> None:
@@ -77,7 +85,12 @@ def speed(folder: Path) -> None:
     ]
     show("steelyard --help", measured([*STEELYARD, "--help"]), 0.3, reference)
     show("simulate cogiro, 20 s, sensors of the paper", measured(simulate), 5.0, reference)
-    show("simulate cogiro, 20 s, ideal sensors", measured([*simulate, "--sensors", "ideal"]), 5.0, reference)
+    show(
+        "simulate cogiro, 20 s, ideal sensors",
+        measured([*simulate, "--sensors", "ideal"]),
+        5.0,
+        reference,
+    )
     show(
         "identify 20 s (250 Hz), two-step",
         measured([*STEELYARD, "identify", str(out / "experiment.yaml")]),
@@ -110,7 +123,8 @@ MOMENTS = slice(4, 7)
 
 
 def accuracy(_: Path) -> None:
-    """Errors of every method on recordings of another simulator, with parts of the cable model left out too."""
+    """Errors of every method on recordings of another simulator, with parts of the cable model left
+    out too."""
     header = "".join(f"{name:>9}" for name in BODY_PARAMETERS)
     print(f"{'recording':14}{'method':24}{header}    chi2  verdict   [kg], [mm], [kg m^2]")
     errors: dict[tuple[str, str], list[Array]] = {}
@@ -124,10 +138,15 @@ def accuracy(_: Path) -> None:
             Consistent(),
             MaximumLikelihood(),
         ]
-        variants = [(m.name + (", tracker" if i == 1 else ""), experiment, m) for i, m in enumerate(methods)]
+        variants = [
+            (m.name + (", tracker" if i == 1 else ""), experiment, m) for i, m in enumerate(methods)
+        ]
         if name.startswith("pulleys"):
             straight = replace(experiment, robot=experiment.robot.with_straight_cables())
-            points = replace(experiment, robot=replace(experiment.robot, pulley_radius=np.zeros(experiment.robot.m)))
+            points = replace(
+                experiment,
+                robot=replace(experiment.robot, pulley_radius=np.zeros(experiment.robot.m)),
+            )
             variants += [("least-squares, no sag", straight, LeastSquares())]
             variants += [("least-squares, no pulleys", points, LeastSquares())]
         for label, given, method in variants:
@@ -136,7 +155,9 @@ def accuracy(_: Path) -> None:
             known = np.isfinite(error)
             block = estimate.covariance[np.ix_(known, known)]
             scaled = error[known] / estimate.standard_deviation[known]
-            block /= np.outer(estimate.standard_deviation[known], estimate.standard_deviation[known])
+            block /= np.outer(
+                estimate.standard_deviation[known], estimate.standard_deviation[known]
+            )
             chi = float(scaled @ np.linalg.pinv(block, hermitian=True) @ scaled)
             print(
                 f"{name:14}{label:24}"
@@ -153,7 +174,8 @@ def accuracy(_: Path) -> None:
                 print(
                     f"{'rmse ' + group:14}{label:24}"
                     + "".join(f"{e:9.3f}" for e in rmse)
-                    + f"   moments pooled {_pooled(values):.2f} kg m^2, {_pooled(values) / base:.2f} of two-step's"
+                    + f"   moments pooled {_pooled(values):.2f} kg m^2,"
+                    f" {_pooled(values) / base:.2f} of two-step's"
                 )
 
 
@@ -175,7 +197,13 @@ def million(folder: Path) -> None:
     """A million samples by least squares, on cables that sag."""
     reference = measured(REFERENCE)
     process([sys.executable, str(Path(__file__).parent / "million.py"), str(folder / "million")])
-    command = [*STEELYARD, "identify", str(folder / "million" / "experiment.yaml"), "--method", "least-squares"]
+    command = [
+        *STEELYARD,
+        "identify",
+        str(folder / "million" / "experiment.yaml"),
+        "--method",
+        "least-squares",
+    ]
     seconds, peak = process(command)
     show("identify 1e6 samples, least-squares, whole process", seconds, 20.0, reference)
     print(f"{'  its peak memory':58} {peak:7.0f} MiB limit  1024 MiB")
@@ -193,13 +221,17 @@ def semidefinite(_: Path) -> None:
         solve(problem)
         times.append(1e3 * (time.perf_counter() - start))
     print(
-        f"{'semidefinite step and Newton of the same, median and worst':58} {np.median(times):7.1f} ms {max(times[1:]):7.1f} ms   limit 50 ms"
+        f"{'semidefinite step and Newton of the same, median and worst':58} {np.median(times):7.1f}"
+        f" ms {max(times[1:]):7.1f} ms   limit 50 ms"
     )
 
 
 def coverage(_: Path) -> None:
     """Whether stated 1-sigma are true."""
-    print("(a reference of chance: 95 % intervals of 200 experiments cover 92 to 98 % in 95 of 100 such tables)")
+    print(
+        "(a reference of chance: 95 % intervals of 200 experiments cover 92 to 98 % in 95 of 100"
+        " such tables)"
+    )
     coverage_of(200, os.cpu_count() or 1)
 
 

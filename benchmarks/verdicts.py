@@ -1,4 +1,5 @@
-"""Wrong descriptions and disturbed recordings, and whether the verdict rejects them; sound ones, and whether it accepts them."""
+"""Wrong descriptions and disturbed recordings, and whether the verdict rejects them; sound ones,
+and whether it accepts them."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.least_squares import LeastSquares
+from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.motion.state import State
 from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.file import read_robot
@@ -22,7 +23,8 @@ from steelyard.simulation.trajectories import feasible_multisine
 
 
 class Recorder:
-    """One motion of CoGiRo with straight cables, recorded with sensors of the paper as often as one likes."""
+    """One motion of CoGiRo with straight cables, recorded with sensors of the paper as often as one
+    likes."""
 
     def __init__(self, duration: float = 20.0, trajectory: Trajectory | None = None) -> None:
         self.robot = read_robot("cogiro").with_straight_cables()
@@ -32,20 +34,28 @@ class Recorder:
         self.command = ExactMotion(self.robot, self.robot.platform, trajectory)
         self.instruments = paper_sensors(self.robot).instruments
 
-    def __call__(self, seed: int, disturb: Callable[[State, Array], Array] | None = None) -> Experiment:
+    def __call__(
+        self, seed: int, disturb: Callable[[State, Array], Array] | None = None
+    ) -> Experiment:
         """An experiment; ``disturb`` gives the wrench of a hand at states and times."""
         rng = np.random.default_rng(seed)
         drawn = draw_errors(self.instruments, self.robot.m, ["run"], rng)["run"]
-        response: Response = self.response if disturb is None else Touched(self.robot, self.response, disturb)
+        response: Response = (
+            self.response if disturb is None else Touched(self.robot, self.response, disturb)
+        )
         streams, sync = record(response, self.instruments, drawn, self.robot, self.command, rng)
         exact = {"anchor": 0.0, "attachment": 0.0, "gravity": 0.0}
-        return Experiment("draw", self.robot, self.instruments, (Run("run", streams, sync),), uncertainty=exact)
+        return Experiment(
+            "draw", self.robot, self.instruments, (Run("run", streams, sync),), uncertainty=exact
+        )
 
 
 class Touched:
     """The same motion with a hand on the platform, which the cables feel."""
 
-    def __init__(self, robot: Robot, response: Response, wrench: Callable[[State, Array], Array]) -> None:
+    def __init__(
+        self, robot: Robot, response: Response, wrench: Callable[[State, Array], Array]
+    ) -> None:
         self.robot, self.response, self.wrench = robot, response, wrench
 
     @property
@@ -96,7 +106,9 @@ def swapped(experiment: Experiment, i: int, j: int) -> Experiment:
 
 def clipped(experiment: Experiment) -> Experiment:
     return with_stream(
-        experiment, "cables", lambda v: {"tension": np.minimum(v["tension"], np.quantile(v["tension"], 0.8, axis=0))}
+        experiment,
+        "cables",
+        lambda v: {"tension": np.minimum(v["tension"], np.quantile(v["tension"], 0.8, axis=0))},
     )
 
 
@@ -117,12 +129,18 @@ def wrong(seed: int, recorder: Recorder) -> dict[str, Experiment]:
         "forces clipped at their 80 % quantile": clipped(sound),
         "forces in daN": with_stream(sound, "cables", lambda v: {"tension": v["tension"] / 10}),
         "forces of one sensor in kgf": with_stream(
-            sound, "cables", lambda v: {"tension": v["tension"] * np.where(np.arange(8) == cable, 1 / 9.80665, 1.0)}
+            sound,
+            "cables",
+            lambda v: {"tension": v["tension"] * np.where(np.arange(8) == cable, 1 / 9.80665, 1.0)},
         ),
         "gyro about y with the wrong sign": with_stream(
-            sound, "imu", lambda v: {"angular_velocity": v["angular_velocity"] * np.array([1.0, -1.0, 1.0])}
+            sound,
+            "imu",
+            lambda v: {"angular_velocity": v["angular_velocity"] * np.array([1.0, -1.0, 1.0])},
         ),
-        "accelerometer in g": with_stream(sound, "imu", lambda v: {"specific_force": v["specific_force"] / 9.80665}),
+        "accelerometer in g": with_stream(
+            sound, "imu", lambda v: {"specific_force": v["specific_force"] / 9.80665}
+        ),
         "forces late by 50 ms": with_late_forces(sound),
     }
 
@@ -131,7 +149,11 @@ def with_late_forces(experiment: Experiment) -> Experiment:
     runs = []
     for run in experiment.runs:
         stream = run.streams["cables"]
-        runs.append(replace(run, streams={**run.streams, "cables": replace(stream, time=stream.time + 0.05)}))
+        runs.append(
+            replace(
+                run, streams={**run.streams, "cables": replace(stream, time=stream.time + 0.05)}
+            )
+        )
     return replace(experiment, runs=tuple(runs))
 
 
@@ -144,20 +166,28 @@ def _judged(seed: int, *, with_wrong: bool) -> list[tuple[str, bool, str]]:
     _recorder = _recorder or Recorder()
     cases = {"sound": _recorder(seed), **(wrong(seed, _recorder) if with_wrong else {})}
     estimates = {name: LeastSquares()(experiment) for name, experiment in cases.items()}
-    return [(name, e.verdict.accepted, next(iter(e.verdict.reasons), "")) for name, e in estimates.items()]
+    return [
+        (name, e.verdict.accepted, next(iter(e.verdict.reasons), ""))
+        for name, e in estimates.items()
+    ]
 
 
 def table(sound: int, wrong_each: int, processes: int) -> None:
     """Print how often sound and wrong experiments are rejected."""
     with get_context("spawn").Pool(processes) as pool:
-        jobs = [pool.apply_async(_judged, (FIRST_SEED + i,), {"with_wrong": i < wrong_each}) for i in range(sound)]
+        jobs = [
+            pool.apply_async(_judged, (FIRST_SEED + i,), {"with_wrong": i < wrong_each})
+            for i in range(sound)
+        ]
         judged = [line for job in jobs for line in job.get()]
     print(f"{'experiment':40}{'rejected':>12}   first reason of the first one")
     for name in dict.fromkeys(line[0] for line in judged):
         own = [line for line in judged if line[0] == name]
         rejected = [line for line in own if not line[1]]
         print(
-            f"{name:40}{f'{len(rejected)} of {len(own)}':>12}   {rejected[0][2][:150] if rejected else ''}", flush=True
+            f"{name:40}{f'{len(rejected)} of {len(own)}':>12}  "
+            f" {rejected[0][2][:150] if rejected else ''}",
+            flush=True,
         )
 
 

@@ -1,4 +1,6 @@
-"""How Sphinx builds the documentation: `make docs`. Needs no network, and the pages need none either."""
+"""How Sphinx builds the documentation: `make docs`. Needs no network, and the pages need none
+either.
+"""
 
 import importlib
 import sys
@@ -48,19 +50,26 @@ napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 
 
-def _known_without_a_page(app: Sphinx, env: Any, node: pending_xref, text: nodes.Element) -> nodes.Element | None:
+def _known_without_a_page(
+    app: Sphinx, env: Any, node: pending_xref, text: nodes.Element
+) -> nodes.Element | None:
     """What a docstring names stays a name where it has no page, provided that the code has it."""
     if node.get("refdomain") != "py":
         return None
-    # Whose docstring it is stands in the source of the node; what it names may be known where that is, or where that was written.
+    # Whose docstring it is stands in the source of the node; what it names may be known where that
+    # is, or where that was written.
     place: nodes.Node | None = node
     while place is not None and not place.source:
         place = place.parent
     written = ((place and place.source) or "").rpartition("docstring of ")[2].split(".")
     scopes = [".".join(written[:i]) for i in range(len(written) + 1)]
-    scopes += [module for scope in scopes[2:] if (module := getattr(_object(scope), "__module__", None))]
+    scopes += [
+        module for scope in scopes[2:] if (module := getattr(_object(scope), "__module__", None))
+    ]
     name = node["reftarget"].removesuffix("()").lstrip(".")
-    return text if any(_object(f"{scope}.{name}".strip(".")) is not None for scope in scopes) else None
+    return (
+        text if any(_object(f"{scope}.{name}".strip(".")) is not None for scope in scopes) else None
+    )
 
 
 def _object(path: str) -> Any:
@@ -80,8 +89,12 @@ def _object(path: str) -> Any:
     return None
 
 
-def _whole_sentence(app: Sphinx, what: str, name: str, what_it_is: Any, options: Any, lines: list[str]) -> None:
-    """Keep napoleon from taking the beginning of an attribute's sentence, up to its colon, for a type."""
+def _whole_sentence(
+    app: Sphinx, what: str, name: str, what_it_is: Any, options: Any, lines: list[str]
+) -> None:
+    """Keep napoleon from taking the beginning of an attribute's sentence, up to its colon, for a
+    type.
+    """
     if what in {"attribute", "data", "property"}:
         lines[:0] = ["..", ""]
 

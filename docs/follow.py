@@ -1,4 +1,5 @@
-"""Follows a page as a new reader does: unpacks the project into a new folder and types every command of the page.
+"""Follows a page as a new reader does: unpacks the project into a new folder and types every
+command of the page.
 
 Usage: python docs/follow.py docs/tutorial.md
 """
@@ -17,13 +18,23 @@ sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 from session import CommandError, Session, blocks, screen
 
 ROOT = Path(__file__).parents[1]
-NOT_OURS = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "OPENBLAS_NUM_THREADS", "MAKEFLAGS", "MAKELEVEL", "MFLAGS")
+NOT_OURS = (
+    "PYTHONPATH",
+    "PYTHONHOME",
+    "VIRTUAL_ENV",
+    "OPENBLAS_NUM_THREADS",
+    "MAKEFLAGS",
+    "MAKELEVEL",
+    "MFLAGS",
+)
 """Variables that a new reader has not."""
 
 
 def unpack(folder: Path) -> None:
     """What the project has under version control, as it is now."""
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    listed = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True
+    ).stdout
     for name in filter(None, listed.split("\0")):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / name, folder / name)

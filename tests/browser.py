@@ -1,6 +1,7 @@
 """Pages in a real browser: headless Chromium of the system, driven by selenium.
 
-Where it is not installed tests are skipped and say what to install; where STEELYARD_BROWSER is ``required``, they fail.
+Where it is not installed tests are skipped and say what to install; where STEELYARD_BROWSER is
+``required``, they fail.
 """
 
 import base64
@@ -16,7 +17,9 @@ from types import MappingProxyType
 
 import pytest
 
-_MISSING = "no browser: install chromium and chromium-driver (apt-get install chromium chromium-driver)"
+_MISSING = (
+    "no browser: install chromium and chromium-driver (apt-get install chromium chromium-driver)"
+)
 _FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--hide-scrollbars", "--disable-dev-shm-usage",
@@ -31,7 +34,9 @@ TABBABLE = "a[href], button, select, input, [tabindex='0']"
 @contextmanager
 def browser() -> Iterator[object]:
     """A driver of Chromium; skips, or fails where a browser is required."""
-    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    chromium = next(
+        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+    )
     driver = shutil.which("chromedriver")
     if chromium is None or driver is None:
         if os.environ.get("STEELYARD_BROWSER") == "required":
@@ -53,7 +58,9 @@ def browser() -> Iterator[object]:
             opened.quit()
 
 
-def open_page(driver, path: Path, *, width: int = 1600, scheme: str = "light", scripts: bool = True) -> None:
+def open_page(
+    driver, path: Path, *, width: int = 1600, scheme: str = "light", scripts: bool = True
+) -> None:
     """Load a file as it would be from a mail attachment, with logs emptied before."""
     driver.get("about:blank")
     driver.get_log("browser"), driver.get_log("performance")
@@ -81,9 +88,18 @@ def until(driver, script: str, *arguments: object) -> object:
 
 def draw_all(driver, scheme: str = "light") -> None:
     """Scroll through the page until every picture is drawn in the colours of a scheme."""
-    for name in driver.execute_script("return [...document.querySelectorAll('.plot')].map((p) => p.id)"):
-        driver.execute_script("document.getElementById(arguments[0]).scrollIntoView({block: 'center'})", name)
-        until(driver, "return document.getElementById(arguments[0]).dataset.drawn === arguments[1]", name, scheme)
+    for name in driver.execute_script(
+        "return [...document.querySelectorAll('.plot')].map((p) => p.id)"
+    ):
+        driver.execute_script(
+            "document.getElementById(arguments[0]).scrollIntoView({block: 'center'})", name
+        )
+        until(
+            driver,
+            "return document.getElementById(arguments[0]).dataset.drawn === arguments[1]",
+            name,
+            scheme,
+        )
 
 
 def screenshot(driver, path: Path) -> None:
@@ -96,7 +112,9 @@ def assert_quiet(driver) -> None:
     """Nothing on the console, nothing from anywhere but the file itself."""
     # Of source "rendering" are hints how a canvas could be faster.
     entries = [
-        e for e in driver.get_log("browser") if e["level"] in {"SEVERE", "WARNING"} and e["source"] != "rendering"
+        e
+        for e in driver.get_log("browser")
+        if e["level"] in {"SEVERE", "WARNING"} and e["source"] != "rendering"
     ]
     assert not entries, entries
     page = driver.current_url.partition("#")[0]
@@ -108,7 +126,8 @@ def assert_quiet(driver) -> None:
 
 
 def assert_sound(driver, *, scheme: str = "light") -> None:
-    """What holds of every page: quiet, all pictures drawn, no wider than the window, all that can be operated has a name."""
+    """What holds of every page: quiet, all pictures drawn, no wider than the window, all that can
+    be operated has a name."""
     draw_all(driver, scheme)
     found = MappingProxyType(driver.execute_script(_LOOK, TABBABLE))
     assert found["overflow"] <= 0, found
@@ -124,25 +143,31 @@ def assert_reachable(driver) -> None:
     from selenium.webdriver import ActionChains, Keys
 
     wanted = driver.execute_script(
-        "document.activeElement.blur(); scrollTo(0, 0);"
-        "const all = [...document.querySelectorAll(arguments[0])].filter((e) => e.getClientRects().length);"
-        "all.forEach((e, i) => { e.dataset.stop = i; }); return all.length",
+        "document.activeElement.blur(); scrollTo(0, 0);const all ="
+        " [...document.querySelectorAll(arguments[0])].filter((e) =>"
+        " e.getClientRects().length);all.forEach((e, i) => { e.dataset.stop = i; }); return"
+        " all.length",
         TABBABLE,
     )
     seen = set()
     for _ in range(2 * wanted + 5):
         ActionChains(driver, duration=0).send_keys(Keys.TAB).perform()
         at, shown = driver.execute_script(
-            "const e = document.activeElement; return [e.dataset.stop, getComputedStyle(e).outlineStyle !== 'none']"
+            "const e = document.activeElement; return [e.dataset.stop,"
+            " getComputedStyle(e).outlineStyle !== 'none']"
         )
         if at is not None:
-            assert shown, driver.execute_script("return document.activeElement.outerHTML.slice(0, 200)")
+            assert shown, driver.execute_script(
+                "return document.activeElement.outerHTML.slice(0, 200)"
+            )
             seen.add(int(at))
         if len(seen) == wanted:
             return
     left = [
         driver.execute_script(
-            "return document.querySelector(`[data-stop='${arguments[0]}']`).outerHTML.slice(0, 200)", i
+            "return document.querySelector(`[data-stop='${arguments[0]}']`).outerHTML.slice(0,"
+            " 200)",
+            i,
         )
         for i in set(range(wanted)) - seen
     ]

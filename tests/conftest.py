@@ -5,7 +5,8 @@ import os
 import sys
 from pathlib import Path
 
-# Many small matrices: threads of their own cost more than they do, the more so beside other work. Before NumPy is loaded.
+# Many small matrices: threads of their own cost more than they do, the more so beside other work.
+# Before NumPy is loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np

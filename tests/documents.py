@@ -2,7 +2,16 @@
 
 import numpy as np
 
-from steelyard.report.document import Course, Document, Figure, Grid, Scene, Section, Statement, Statements
+from steelyard.report.document import (
+    Course,
+    Document,
+    Figure,
+    Grid,
+    Scene,
+    Section,
+    Statement,
+    Statements,
+)
 
 TIME = np.linspace(0.0, 20.0, 801)
 CORNERS = np.array([[x, y, z] for x in (-4.0, 4.0) for y in (-3.0, 3.0) for z in (0.2, 5.0)])
@@ -12,7 +21,14 @@ EDGES = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (
 def lines(name="residuals", title="Residuals of the forces", names=tuple("12345678")):
     noise = np.random.default_rng(7).normal(size=(len(TIME), len(names)))
     data = [
-        {"type": "scatter", "mode": "lines", "name": f"cable {each}", "x": TIME, "y": noise[:, i], "line": {"width": 1}}
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "name": f"cable {each}",
+            "x": TIME,
+            "y": noise[:, i],
+            "line": {"width": 1},
+        }
         for i, each in enumerate(names)
     ]
     layout = {
@@ -29,12 +45,26 @@ def bars():
         "type": "bar", "name": "1-sigma", "x": ["mass", "centre of gravity x", "inertia xx"], "y": [0.38, 1.7, None],
         "hovertext": ["kg", "mm", "kg m²"], "hovertemplate": "%{y}<br>%{hovertext}<extra></extra>",
     }  # fmt: skip
-    return Figure("bars", "What is known", "Three bars.", (data,), {"yaxis": {"type": "log", "title": "1-sigma"}}, 260)
+    return Figure(
+        "bars",
+        "What is known",
+        "Three bars.",
+        (data,),
+        {"yaxis": {"type": "log", "title": "1-sigma"}},
+        260,
+    )
 
 
 def heat():
     a = np.outer(np.sin(np.arange(10)), np.cos(np.arange(10)))
-    return Figure("heat", "Correlation", "A matrix.", ({"type": "heatmap", "z": a, "zmin": -1, "zmax": 1},), {}, 320)
+    return Figure(
+        "heat",
+        "Correlation",
+        "A matrix.",
+        ({"type": "heatmap", "z": a, "zmin": -1, "zmax": 1},),
+        {},
+        320,
+    )
 
 
 def view():
@@ -56,16 +86,33 @@ def view():
     rotation = np.stack([np.cos(angle / 2), 0 * TIME, 0 * TIME, np.sin(angle / 2)], axis=1)
     courses = (
         Course("round", TIME, position, rotation),
-        Course("up", TIME[:2] / 5, np.array([[0, 0, 1.0], [0, 0, 3.0]]), np.array([[1.0, 0, 0, 0], [-1.0, 0, 0, 0]])),
+        Course(
+            "up",
+            TIME[:2] / 5,
+            np.array([[0, 0, 1.0], [0, 0, 3.0]]),
+            np.array([[1.0, 0, 0, 0], [-1.0, 0, 0, 0]]),
+        ),
     )
-    layout = {"scene": {axis: {"title": {"text": f"{axis[0]} [m] <i>"}} for axis in ("xaxis", "yaxis", "zaxis")}}
-    figure = Figure("robot", "The robot in motion", "A platform on eight cables.", (*cables, platform), layout, 480)
+    layout = {
+        "scene": {
+            axis: {"title": {"text": f"{axis[0]} [m] <i>"}} for axis in ("xaxis", "yaxis", "zaxis")
+        }
+    }
+    figure = Figure(
+        "robot",
+        "The robot in motion",
+        "A platform on eight cables.",
+        (*cables, platform),
+        layout,
+        480,
+    )
     return Scene(figure, courses)
 
 
 def table():
     rows = tuple(
-        (f"centre of gravity {x}", "mm", "-1", "32 ± 19", "2.4 ± 2.0", "-2.4 ± 1.7", "1.66", "0.4") for x in "xyz"
+        (f"centre of gravity {x}", "mm", "-1", "32 ± 19", "2.4 ± 2.0", "-2.4 ± 1.7", "1.66", "0.4")
+        for x in "xyz"
     )
     head = (
         "",
@@ -110,11 +157,14 @@ def hostile():
     said = Statements(tuple(Statement(name, "bad") for name in names))
     grid = Grid(whole, (whole, *names), tuple((name, *names) for name in names))
     data = tuple(
-        {"type": "scatter", "name": n, "x": names, "y": [1, 2, 3, 4, 5, 6, 7], "hovertext": names} for n in names
+        {"type": "scatter", "name": n, "x": names, "y": [1, 2, 3, 4, 5, 6, 7], "hovertext": names}
+        for n in names
     )
     titles = {"xaxis": {"title": {"text": whole}}, "yaxis": {"title": whole}}
     note = [{"text": name, "x": i, "y": 1} for i, name in enumerate(names)]
-    flat = Figure("f", whole, whole, data, {**titles, "annotations": note, "title": {"text": whole}}, 900)
+    flat = Figure(
+        "f", whole, whole, data, {**titles, "annotations": note, "title": {"text": whole}}, 900
+    )
     points = {
         "type": "scatter3d", "mode": "markers+text", "name": names[0], "text": names, "hovertext": names,
         "x": [0, 1, 2, 3, 4, 5, 6], "y": [0, 1, 0, 1, 0, 1, 0], "z": [0, 0, 0, 0, 0, 0, 1], "meta": {"moves": [True] * 7},
@@ -122,4 +172,9 @@ def hostile():
     still = np.zeros((2, 3)), np.array([[1.0, 0, 0, 0]] * 2)
     courses = tuple(Course(name, np.array([0.0, 1.0]), *still) for name in names)
     scene = Scene(Figure("s", whole, whole, (points,), {"scene": titles}), courses)
-    return Document(whole, Statement(whole, "note"), (Section("a", whole, (said, grid, flat, scene)),)), names
+    return (
+        Document(
+            whole, Statement(whole, "note"), (Section("a", whole, (said, grid, flat, scene)),)
+        ),
+        names,
+    )

@@ -64,7 +64,9 @@ def stamp(ns):
 
 def in_order(found):
     """Name, row and time [ns] of all rows in the order of time."""
-    rows = [(nanoseconds(t), name, i) for name, table in found.items() for i, t in enumerate(table["t"])]
+    rows = [
+        (nanoseconds(t), name, i) for name, table in found.items() for i, t in enumerate(table["t"])
+    ]
     return [(name, i, ns) for ns, name, i in sorted(rows)]
 
 
@@ -150,7 +152,8 @@ def write_mcap(path, channels, messages, **options):
 
     Args:
         path: Of the file.
-        channels: Topic -> encoding of messages, name, encoding and text of the schema (None: no schema).
+        channels: Topic -> encoding of messages, name, encoding and text of the schema (None: no
+            schema).
         messages: Topic, time of reception [ns], bytes.
         options: Of the writer.
     """
@@ -160,7 +163,11 @@ def write_mcap(path, channels, messages, **options):
         writer.start("", "test")
         numbers = {}
         for topic, (encoding, schema) in channels.items():
-            number = 0 if schema is None else writer.register_schema(schema[0], schema[1], schema[2].encode())
+            number = (
+                0
+                if schema is None
+                else writer.register_schema(schema[0], schema[1], schema[2].encode())
+            )
             numbers[topic] = writer.register_channel(topic, encoding, number)
         for topic, ns, data in messages:
             writer.add_message(numbers[topic], ns, data, ns - DELAY)
@@ -168,7 +175,9 @@ def write_mcap(path, channels, messages, **options):
 
 
 def write_mcap_json(path, found, **options):
-    channels = {f"/{name}": ("json", (name.title(), "jsonschema", '{"type": "object"}')) for name in found}
+    channels = {
+        f"/{name}": ("json", (name.title(), "jsonschema", '{"type": "object"}')) for name in found
+    }
     messages = [
         (f"/{name}", ns + DELAY, json.dumps(as_json(name, found[name], i, ns)).encode())
         for name, i, ns in in_order(found)
@@ -181,9 +190,15 @@ def definition(kind, ros1=False):
 
 
 def write_mcap_ros2(path, found, **options):
-    channels = {f"/{name}": ("cdr", (TYPES[name], "ros2msg", definition(TYPES[name]))) for name in found}
+    channels = {
+        f"/{name}": ("cdr", (TYPES[name], "ros2msg", definition(TYPES[name]))) for name in found
+    }
     messages = [
-        (f"/{name}", ns + DELAY, bytes(store().serialize_cdr(as_ros(name, found[name], i, ns), TYPES[name])))
+        (
+            f"/{name}",
+            ns + DELAY,
+            bytes(store().serialize_cdr(as_ros(name, found[name], i, ns), TYPES[name])),
+        )
         for name, i, ns in in_order(found)
     ]
     write_mcap(path, channels, messages, **options)
@@ -191,11 +206,18 @@ def write_mcap_ros2(path, found, **options):
 
 def write_mcap_ros1(path, found):
     channels = {
-        f"/{name}": ("ros1", (TYPES[name].replace("/msg", ""), "ros1msg", definition(TYPES[name], ros1=True)))
+        f"/{name}": (
+            "ros1",
+            (TYPES[name].replace("/msg", ""), "ros1msg", definition(TYPES[name], ros1=True)),
+        )
         for name in found
     }
     messages = [
-        (f"/{name}", ns + DELAY, bytes(store(True).serialize_ros1(as_ros(name, found[name], i, ns, True), TYPES[name])))
+        (
+            f"/{name}",
+            ns + DELAY,
+            bytes(store(True).serialize_ros1(as_ros(name, found[name], i, ns, True), TYPES[name])),
+        )
         for name, i, ns in in_order(found)
     ]
     write_mcap(path, channels, messages)
@@ -206,7 +228,10 @@ def write_bag(path, found, compression=None):
     if compression:
         bag.set_compression(compression)
     with bag:
-        connections = {name: bag.add_connection(f"/{name}", TYPES[name], typestore=store(True)) for name in found}
+        connections = {
+            name: bag.add_connection(f"/{name}", TYPES[name], typestore=store(True))
+            for name in found
+        }
         for name, i, ns in in_order(found):
             data = store(True).serialize_ros1(as_ros(name, found[name], i, ns, True), TYPES[name])
             bag.write(connections[name], ns + DELAY, bytes(data))
@@ -214,7 +239,9 @@ def write_bag(path, found, compression=None):
 
 def write_bag2(path, found, storage=StoragePlugin.SQLITE3):
     with Bag2(path, version=9, storage_plugin=storage) as bag:
-        connections = {name: bag.add_connection(f"/{name}", TYPES[name], typestore=store()) for name in found}
+        connections = {
+            name: bag.add_connection(f"/{name}", TYPES[name], typestore=store()) for name in found
+        }
         for name, i, ns in in_order(found):
             data = store().serialize_cdr(as_ros(name, found[name], i, ns), TYPES[name])
             bag.write(connections[name], ns + DELAY, bytes(data))
@@ -223,21 +250,22 @@ def write_bag2(path, found, storage=StoragePlugin.SQLITE3):
 def write_old_database(path, found):
     """A database as recorders before ROS 2 Iron wrote it: without definitions."""
     connection = sqlite3.connect(path)
-    connection.executescript(
-        """
+    connection.executescript("""
         CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, serialization_format TEXT NOT NULL,
           offered_qos_profiles TEXT NOT NULL);
         CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, data BLOB NOT NULL);
         CREATE INDEX timestamp_idx ON messages (timestamp ASC);
-        """
-    )
+        """)
     numbers = {name: i + 1 for i, name in enumerate(found)}
     for name, number in numbers.items():
-        connection.execute("INSERT INTO topics VALUES (?, ?, ?, 'cdr', '')", (number, f"/{name}", TYPES[name]))
+        connection.execute(
+            "INSERT INTO topics VALUES (?, ?, ?, 'cdr', '')", (number, f"/{name}", TYPES[name])
+        )
     for name, i, ns in in_order(found):
         data = bytes(store().serialize_cdr(as_ros(name, found[name], i, ns), TYPES[name]))
         connection.execute(
-            "INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)", (numbers[name], ns + DELAY, data)
+            "INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)",
+            (numbers[name], ns + DELAY, data),
         )
     connection.commit()
     connection.close()
@@ -300,7 +328,9 @@ def write_mat73(path, found):
             group = file.create_group(name)
             group.attrs["MATLAB_class"] = np.bytes_("struct")
             for key, array in as_arrays(name, table).items():
-                dataset = group.create_dataset(key, data=array.reshape(len(array), -1).T, compression="gzip")
+                dataset = group.create_dataset(
+                    key, data=array.reshape(len(array), -1).T, compression="gzip"
+                )
                 dataset.attrs["MATLAB_class"] = np.bytes_("double")
     write_mat73_header(path)
 
@@ -313,7 +343,9 @@ def write_mat73_header(path):
 def write_tdms(path, found):
     with TdmsWriter(path) as writer:
         for name, table in found.items():
-            writer.write_segment([ChannelObject(name, column, values) for column, values in table.items()])
+            writer.write_segment(
+                [ChannelObject(name, column, values) for column, values in table.items()]
+            )
 
 
 def write_npz(path, table, name, **options):
@@ -321,7 +353,8 @@ def write_npz(path, table, name, **options):
 
 
 def small(folder: Path):
-    """A small file of every format with messages or arrays: name of the file -> path, and the topic of the inertial measurement unit."""
+    """A small file of every format with messages or arrays: name of the file -> path, and the topic
+    of the inertial measurement unit."""
     found = streams()
     write_mcap_json(folder / "json.mcap", found)
     write_mcap_ros2(folder / "ros2.mcap", found)
@@ -332,4 +365,7 @@ def small(folder: Path):
     write_mat73(folder / "v73.mat", found)
     write_tdms(folder / "a.tdms", found)
     write_npz(folder / "imu.npz", found["imu"], "imu", compressed=True)
-    return {path.name: (path, None if path.suffix == ".npz" else "imu") for path in sorted(folder.iterdir())}
+    return {
+        path.name: (path, None if path.suffix == ".npz" else "imu")
+        for path in sorted(folder.iterdir())
+    }

@@ -1,4 +1,5 @@
-"""Mistakes of sign, unit, axis, order and place, made in a sound experiment: what people do to their recordings."""
+"""Mistakes of sign, unit, axis, order and place, made in a sound experiment: what people do to
+their recordings."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -32,7 +33,13 @@ def with_values(experiment, name, change):
         stream = run.streams[name]
         values = {**stream.values, **change(stream.values)}
         runs.append(
-            replace(run, streams={**run.streams, name: Stream(stream.time, values, stream.source, stream.angles)})
+            replace(
+                run,
+                streams={
+                    **run.streams,
+                    name: Stream(stream.time, values, stream.source, stream.angles),
+                },
+            )
         )
     return replace(experiment, runs=tuple(runs))
 
@@ -68,7 +75,9 @@ def instrument(name, **keys):
 
 def columns(name, quantity, order):
     """Columns in another order; ``order`` of the number of columns gives it."""
-    return lambda e: with_values(e, name, lambda v: {quantity: v[quantity][:, order(v[quantity].shape[1])]})
+    return lambda e: with_values(
+        e, name, lambda v: {quantity: v[quantity][:, order(v[quantity].shape[1])]}
+    )
 
 
 def swap(i, k):
@@ -85,7 +94,11 @@ def swap(i, k):
 def one(i, factor):
     """A factor on one column."""
     return lambda e: with_values(
-        e, "cables", lambda v: {"tension": v["tension"] * np.where(np.arange(v["tension"].shape[1]) == i, factor, 1.0)}
+        e,
+        "cables",
+        lambda v: {
+            "tension": v["tension"] * np.where(np.arange(v["tension"].shape[1]) == i, factor, 1.0)
+        },
     )
 
 
@@ -95,10 +108,18 @@ def removed(experiment):
     for run in experiment.runs:
         stream = run.streams["imu"]
         R = stream.values["orientation"]
-        felt = stream.values["specific_force"] + np.einsum("nji,j->ni", R, experiment.robot.gravity)
+        force_samples = stream.values["specific_force"] + np.einsum(
+            "nji,j->ni", R, experiment.robot.gravity
+        )
         runs.append(
             replace(
-                run, streams={**run.streams, "imu": replace(stream, values={**stream.values, "specific_force": felt})}
+                run,
+                streams={
+                    **run.streams,
+                    "imu": replace(
+                        stream, values={**stream.values, "specific_force": force_samples}
+                    ),
+                },
             )
         )
     return replace(experiment, runs=tuple(runs))
@@ -128,9 +149,13 @@ def angles(name, change):
         runs = []
         for run in experiment.runs:
             stream = run.streams[name]
-            rpy = change(Rotation.from_matrix(stream.values["orientation"]).as_euler("ZYX")[:, ::-1])
+            rpy = change(
+                Rotation.from_matrix(stream.values["orientation"]).as_euler("ZYX")[:, ::-1]
+            )
             R = Rotation.from_euler("ZYX", rpy[:, ::-1]).as_matrix()
-            changed = replace(stream, values={**stream.values, "orientation": R}, angles={"orientation": rpy})
+            changed = replace(
+                stream, values={**stream.values, "orientation": R}, angles={"orientation": rpy}
+            )
             runs.append(replace(run, streams={**run.streams, name: changed}))
         return replace(experiment, runs=tuple(runs))
 
@@ -149,7 +174,11 @@ def late(name, delay):
         runs = []
         for run in experiment.runs:
             stream = run.streams[name]
-            runs.append(replace(run, streams={**run.streams, name: replace(stream, time=stream.time + delay)}))
+            runs.append(
+                replace(
+                    run, streams={**run.streams, name: replace(stream, time=stream.time + delay)}
+                )
+            )
         return replace(experiment, runs=tuple(runs))
 
     return make
@@ -179,8 +208,12 @@ _TRACKER, _FORCE, _TURN = ("tracker", "position"), ("cables", "tension"), ("comm
 _FLIP = np.diag([1.0, -1.0, -1.0])
 
 MISTAKES: Mapping[str, Mistake] = {
-    "accelerometer in g": Mistake(vector("imu", "specific_force", 1 / G), "imu", ("in g,", "ax: g"), (_ACC,)),
-    "accelerometer in mm/s^2": Mistake(vector("imu", "specific_force", 1000.0), "imu", ("mm/s",), (_ACC,)),
+    "accelerometer in g": Mistake(
+        vector("imu", "specific_force", 1 / G), "imu", ("in g,", "ax: g"), (_ACC,)
+    ),
+    "accelerometer in mm/s^2": Mistake(
+        vector("imu", "specific_force", 1000.0), "imu", ("mm/s",), (_ACC,)
+    ),
     "gravity removed": Mistake(removed, "imu", ("gravity: removed",), (_ACC, _ATT)),
     "accelerometer upside down": Mistake(
         vector("imu", "specific_force", -1.0), "imu", ("wrong sign", "upside"), (_ACC,)
@@ -188,22 +221,39 @@ MISTAKES: Mapping[str, Mistake] = {
     "ax with the wrong sign": Mistake(
         vector("imu", "specific_force", [-1, 1, 1]), "imu", ("ax has the wrong sign",), (_ACC,)
     ),
-    "ay and az exchanged": Mistake(columns("imu", "specific_force", swap(1, 2)), "imu", ("ay: az",), (_ACC,)),
-    "gyro in deg/s": Mistake(vector("imu", "angular_velocity", 180 / np.pi), "imu", ("deg/s",), (_GYRO,)),
+    "ay and az exchanged": Mistake(
+        columns("imu", "specific_force", swap(1, 2)), "imu", ("ay: az",), (_ACC,)
+    ),
+    "gyro in deg/s": Mistake(
+        vector("imu", "angular_velocity", 180 / np.pi), "imu", ("deg/s",), (_GYRO,)
+    ),
     "gyro y with the wrong sign": Mistake(
         vector("imu", "angular_velocity", [1, -1, 1]), "imu", ("wy has the wrong sign",), (_GYRO,)
     ),
     "gyro with the wrong sign": Mistake(
-        vector("imu", "angular_velocity", -1.0), "imu", ("wx, wy, wz have the wrong sign",), (_GYRO,)
+        vector("imu", "angular_velocity", -1.0),
+        "imu",
+        ("wx, wy, wz have the wrong sign",),
+        (_GYRO,),
     ),
-    "wx and wz exchanged": Mistake(columns("imu", "angular_velocity", swap(0, 2)), "imu", ("wx: wz",), (_GYRO,)),
+    "wx and wz exchanged": Mistake(
+        columns("imu", "angular_velocity", swap(0, 2)), "imu", ("wx: wz",), (_GYRO,)
+    ),
     "orientation transposed": Mistake(
         rotation("imu", lambda R: R.transpose(0, 2, 1)), "imu", ("transposed", "conjugate"), (_ATT,)
     ),
-    "quaternion x y z w": Mistake(rotation("imu", quaternions([1, 2, 3, 0])), "imu", ("quaternion",), (_ATT,)),
-    "angles of the orientation in degrees": Mistake(angles("imu", np.degrees), "imu", ("degrees", "deg"), (_ATT,)),
-    "angles of the orientation in another order": Mistake(angles("imu", as_xyz), "imu", ("another order",), (_ATT,)),
-    "roll and yaw exchanged": Mistake(angles("imu", lambda a: a[:, ::-1]), "imu", ("exchanged",), (_ATT,)),
+    "quaternion x y z w": Mistake(
+        rotation("imu", quaternions([1, 2, 3, 0])), "imu", ("quaternion",), (_ATT,)
+    ),
+    "angles of the orientation in degrees": Mistake(
+        angles("imu", np.degrees), "imu", ("degrees", "deg"), (_ATT,)
+    ),
+    "angles of the orientation in another order": Mistake(
+        angles("imu", as_xyz), "imu", ("another order",), (_ATT,)
+    ),
+    "roll and yaw exchanged": Mistake(
+        angles("imu", lambda a: a[:, ::-1]), "imu", ("exchanged",), (_ATT,)
+    ),
     "IMU turned by 90 degrees": Mistake(
         instrument("imu", rpy_deg=(0.0, 0.0, 90.0)), "imu", ("rpy_deg: [0.0, 0.0, 0.0]",), (_ACC,)
     ),
@@ -216,8 +266,12 @@ MISTAKES: Mapping[str, Mistake] = {
     "left-handed tracker": Mistake(
         vector("tracker", "position", [1, -1, 1]), "tracker", ("y has the wrong sign",), (_TRACKER,)
     ),
-    "tracker x and y exchanged": Mistake(columns("tracker", "position", swap(0, 1)), "tracker", ("x: y",), (_TRACKER,)),
-    "tracker in mm": Mistake(vector("tracker", "position", 1000.0), "tracker", ("mm",), (_TRACKER,)),
+    "tracker x and y exchanged": Mistake(
+        columns("tracker", "position", swap(0, 1)), "tracker", ("x: y",), (_TRACKER,)
+    ),
+    "tracker in mm": Mistake(
+        vector("tracker", "position", 1000.0), "tracker", ("mm",), (_TRACKER,)
+    ),
     "target elsewhere": Mistake(moved_target, "tracker", ("elsewhere", "target"), (_TRACKER,)),
     "cables 2 and 5 exchanged": Mistake(
         columns("cables", "tension", swap(1, 4)), "cables", ("cables 2 and 5",), (_FORCE,)
@@ -226,22 +280,35 @@ MISTAKES: Mapping[str, Mistake] = {
         columns("cables", "tension", swap(2, 3)), "cables", ("cables 3 and 4",), (_FORCE,)
     ),
     "cables in reverse": Mistake(
-        columns("cables", "tension", lambda m: list(range(m))[::-1]), "cables", ("reverse",), (_FORCE,)
+        columns("cables", "tension", lambda m: list(range(m))[::-1]),
+        "cables",
+        ("reverse",),
+        (_FORCE,),
     ),
-    "negative tensions": Mistake(vector("cables", "tension", -1.0), "cables", ("wrong sign",), (_FORCE,)),
-    "tensions in daN": Mistake(vector("cables", "tension", 0.1), "cables", ("daN", "kgf"), (_FORCE,)),
-    "tensions in kgf": Mistake(vector("cables", "tension", 1 / G), "cables", ("daN", "kgf"), (_FORCE,)),
+    "negative tensions": Mistake(
+        vector("cables", "tension", -1.0), "cables", ("wrong sign",), (_FORCE,)
+    ),
+    "tensions in daN": Mistake(
+        vector("cables", "tension", 0.1), "cables", ("daN", "kgf"), (_FORCE,)
+    ),
+    "tensions in kgf": Mistake(
+        vector("cables", "tension", 1 / G), "cables", ("daN", "kgf"), (_FORCE,)
+    ),
     "tensions in kN": Mistake(vector("cables", "tension", 1e-3), "cables", ("kN",), (_FORCE,)),
     "one sensor in kgf": Mistake(one(3, 1 / G), "cables", ("f4",), (_FORCE,)),
     "one sensor with the wrong sign": Mistake(one(6, -1.0), "cables", ("f7",), (_FORCE,)),
     "one sensor dead": Mistake(one(2, 0.0), "cables", ("f3", "cable 3", "tension 3"), (_FORCE,)),
-    "gravity with the wrong sign": Mistake(robot(gravity=lambda r: -r.gravity), "robot", ("gravity",), ()),
+    "gravity with the wrong sign": Mistake(
+        robot(gravity=lambda r: -r.gravity), "robot", ("gravity",), ()
+    ),
     "IMU late by half a second": Mistake(late("imu", 0.5), "imu", ("late",), (_ACC,)),
     "tracker late by 0.3 s": Mistake(late("tracker", 0.3), "tracker", ("late",), (_TRACKER,)),
     "events of IMU and tracker exchanged": Mistake(
         exchanged_events("imu", "tracker"), "", ("exchanged", "late", "early"), (_ACC, _TRACKER)
     ),
-    "command in degrees": Mistake(angles("command", np.degrees), "command", ("degrees", "deg"), (_TURN,)),
+    "command in degrees": Mistake(
+        angles("command", np.degrees), "command", ("degrees", "deg"), (_TURN,)
+    ),
     "command in mm": Mistake(vector("command", "position", 1000.0), "command", ("mm",), (_TURN,)),
 }
 

@@ -1,4 +1,5 @@
-"""A platform on elastic cables in MuJoCo: an oracle that shares no equation of motion with the package."""
+"""A platform on elastic cables in MuJoCo: an oracle that shares no equation of motion with the
+package."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,7 +26,11 @@ EXACT = {"anchor": 0.0, "attachment": 0.0, "gravity": 0.0}
 def point_robot(damping_ratio=0.02, stiffer=1.0):
     """CoGiRo with straight cables from points, as MuJoCo's tendons are."""
     robot = read_robot("cogiro").with_straight_cables()
-    cable = replace(robot.cable, damping_ratio=damping_ratio, axial_stiffness=stiffer * robot.cable.axial_stiffness)
+    cable = replace(
+        robot.cable,
+        damping_ratio=damping_ratio,
+        axial_stiffness=stiffer * robot.cable.axial_stiffness,
+    )
     return replace(robot, pulley_radius=np.zeros(robot.m), cable=cable)
 
 
@@ -34,10 +39,15 @@ def mujoco_model(robot, step):
     body = robot.platform
     inertial = body.to_mujoco()
     numbers = lambda values: " ".join(f"{v:.17g}" for v in values)  # noqa: E731
-    anchors = "".join(f'<site name="a{i}" pos="{numbers(a)}"/>' for i, a in enumerate(robot.anchors))
-    attachments = "".join(f'<site name="b{i}" pos="{numbers(b)}"/>' for i, b in enumerate(robot.attachments))
+    anchors = "".join(
+        f'<site name="a{i}" pos="{numbers(a)}"/>' for i, a in enumerate(robot.anchors)
+    )
+    attachments = "".join(
+        f'<site name="b{i}" pos="{numbers(b)}"/>' for i, b in enumerate(robot.attachments)
+    )
     tendons = "".join(
-        f'<spatial stiffness="1"><site site="a{i}"/><site site="b{i}"/></spatial>' for i in range(robot.m)
+        f'<spatial stiffness="1"><site site="a{i}"/><site site="b{i}"/></spatial>'
+        for i in range(robot.m)
     )
     return mujoco.MjModel.from_xml_string(f"""
         <mujoco><option timestep="{step}" integrator="RK4" gravity="{numbers(robot.gravity)}"/>
@@ -49,7 +59,8 @@ def mujoco_model(robot, step):
 
 @dataclass(frozen=True)
 class Winding:
-    """What winches have fed at instants; each cable pulls with k (length - fed) + c (rate of the length - rate fed)."""
+    """What winches have fed at instants; each cable pulls with k (length - fed) + c (rate of the
+    length - rate fed)."""
 
     fed: np.ndarray  # [m], shape (n, m)
     rate: np.ndarray  # [m/s], shape (n, m)
@@ -62,7 +73,8 @@ class Winding:
 
     @cached_property
     def spring(self):
-        """Length at which MuJoCo's spring is slack: its damper sees the whole rate of the tendon, and what is fed is taken off here."""
+        """Length at which MuJoCo's spring is slack: its damper sees the whole rate of the tendon,
+        and what is fed is taken off here."""
         return self.fed + self.damping / self.stiffness * self.rate
 
     def put(self, model, i):
@@ -75,10 +87,13 @@ class Winding:
 
 
 def wound(robot, feed, times, stiffness=None):
-    """Lengths of a spline over time at instants, fed to cables of EA / fed, or to springs of a stiffness of their own [N/m]."""
+    """Lengths of a spline over time at instants, fed to cables of EA / fed, or to springs of a
+    stiffness of their own [N/m]."""
     fed, rate = feed(times), feed(times, nu=1)
     k = robot.cable.axial_stiffness / fed if stiffness is None else stiffness[None]
-    return Winding(fed, rate, k, 2 * robot.cable.damping_ratio * np.sqrt(k * robot.platform.mass / 4))
+    return Winding(
+        fed, rate, k, 2 * robot.cable.damping_ratio * np.sqrt(k * robot.platform.mass / 4)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,19 +103,18 @@ class Hanging:
     robot: object
     duration: float
     time: np.ndarray  # [s], shape (n,)
-    seen: (
-        np.ndarray
-    )  # position, quaternion (w, x, y, z), velocity, omega, their derivatives and the tensions, shape (n, 19 + m)
+    seen: np.ndarray  # position, quaternion (w, x, y, z), velocity, omega, their derivatives and the tensions, shape (n, 19 + m)
 
     @cached_property
     def _between(self):
         return make_interp_spline(self.time, self.seen, k=5)
 
     def at(self, times):
-        """State between the recorded ones, which follow each other much faster than the platform swings."""
+        """State between the recorded ones, which follow each other much faster than the platform
+        swings."""
         x = self._between(times)
         rotation = Rotation.from_quat(x[:, 3:7], scalar_first=True).as_matrix()
-        felt = np.einsum("nji,nj->ni", rotation, x[:, 13:16] - self.robot.gravity)
+        force_samples = np.einsum("nji,nj->ni", rotation, x[:, 13:16] - self.robot.gravity)
         # The wrench of the cables, from MuJoCo's own tensions and geometry.
         point = np.einsum("nij,mj->nmi", rotation, self.robot.attachments)
         pull = self.robot.anchors - x[:, None, :3] - point
@@ -111,7 +125,7 @@ class Hanging:
             rotation=rotation,
             velocity=x[:, 7:10],
             omega=x[:, 10:13],
-            specific_force=felt,
+            specific_force=force_samples,
             alpha=x[:, 16:19],
             tension=x[:, 19:],
             wrench=np.einsum("nji,nkj->nki", rotation, total).reshape(-1, 6),
@@ -130,20 +144,25 @@ class Hanging:
         return np.hstack([self.seen[:, :3], np.unwrap(rpy, axis=0)])
 
     def uses(self):
-        """Name -> largest use of each limit on pose, speed and acceleration, 1 being all that is allowed."""
+        """Name -> largest use of each limit on pose, speed and acceleration, 1 being all that is
+        allowed."""
         x = self.seen
-        found = extremes_of(self.robot.limits, self.pose, x[:, 7:10], x[:, 13:16], x[:, 10:13], x[:, 16:19])
+        found = extremes_of(
+            self.robot.limits, self.pose, x[:, 7:10], x[:, 13:16], x[:, 10:13], x[:, 16:19]
+        )
         return {use.name: use.fraction for use in found.uses}
 
 
 def hung(robot, trajectory, level, law="cables", step=STEP):
-    """Move the nominal platform of a robot by winches that feed what holds it at rest in the commanded poses.
+    """Move the nominal platform of a robot by winches that feed what holds it at rest in the
+    commanded poses.
 
     Args:
         robot: With straight cables from points.
         trajectory: The command.
         level: Mean tension that the winches would hold [N].
-        law: ``cables``: a metre of cable stretches like every other; ``springs``: each pulls as in the first pose however much is fed.
+        law: ``cables``: a metre of cable stretches like every other; ``springs``: each pulls as in
+            the first pose however much is fed.
         step: Of the integration [s].
     """
     times = np.linspace(0.0, trajectory.duration, round(trajectory.duration / FED) + 1)
@@ -179,7 +198,8 @@ def moved(robot, feed, start, duration, *, stiffness=None, step=STEP):
     every = round(SEEN / step)
     count = round(duration / step)
     time = np.arange(0, count + 1, every) * step
-    # MuJoCo holds the springs during a step: their values in its middle keep that second-order accurate.
+    # MuJoCo holds the springs during a step: their values in its middle keep that second-order
+    # accurate.
     during = wound(robot, feed, (np.arange(count) + 0.5) * step, stiffness)
     now = wound(robot, feed, time, stiffness)
     seen = []

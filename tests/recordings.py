@@ -47,7 +47,8 @@ runs:
 
 @cache
 def simulated() -> Experiment:
-    """Cogiro on straight cables with the sensors of the paper, one short motion; under a name that is not bundled."""
+    """Cogiro on straight cables with the sensors of the paper, one short motion; under a name that
+    is not bundled."""
     robot = replace(read_robot("cogiro").with_straight_cables(), name="straight")
     motion = trajectories(robot, "multisine", DURATION)
     return simulate(robot, {RUN: motion["multisine"]}, paper_sensors(robot), seed=3).experiment
@@ -65,12 +66,17 @@ def _files() -> dict[str, bytes]:
         for name in names:
             path = folder / RUN / f"{name}.csv"
             write_stream(run.streams[name], experiment.instruments[name], experiment.robot.m, path)
-        (folder / "experiment.yaml").write_text(EXPERIMENT % tuple(run.sync[name] for name in names))
-        return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+        (folder / "experiment.yaml").write_text(
+            EXPERIMENT % tuple(run.sync[name] for name in names)
+        )
+        return {
+            str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()
+        }
 
 
 def write_small(folder: Path) -> Path:
-    """Write the small experiment into a folder that may exist; gives the path of its experiment file."""
+    """Write the small experiment into a folder that may exist; gives the path of its experiment
+    file."""
     for name, content in _files().items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)

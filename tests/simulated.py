@@ -1,4 +1,5 @@
-"""Simulated experiments of known truth: one motion recorded as often as one likes, and studies of them that several tests share."""
+"""Simulated experiments of known truth: one motion recorded as often as one likes, and studies of
+them that several tests share."""
 
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
@@ -8,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.classical import study
+from steelyard.identification.solve.classical import study
 from steelyard.inertia import Inertia
 from steelyard.instruments.equations import means, predict
 from steelyard.motion.state import State, motion_of_poses
@@ -49,7 +50,8 @@ def with_tension(state, wrench):
 
 @dataclass(frozen=True)
 class Following:
-    """A platform that follows its command exactly, on cables of no weight that pull as they must."""
+    """A platform that follows its command exactly, on cables of no weight that pull as they
+    must."""
 
     trajectory: object
     body: Inertia = BODY
@@ -65,7 +67,8 @@ class Following:
 
 @dataclass(frozen=True)
 class Touched:
-    """The same motion with a hand on the platform, which the cables feel: a push with 40 N for two seconds, .5 m beside the origin."""
+    """The same motion with a hand on the platform, which the cables feel: a push with 40 N for two
+    seconds, .5 m beside the origin."""
 
     response: object
 
@@ -79,7 +82,9 @@ class Touched:
         wrench = np.zeros((len(times), 6))
         wrench[:, 1], wrench[:, 5] = push, 0.5 * push
         W = cables_at(ROBOT, state.position, state.rotation, state.tension).structure
-        return replace(state, tension=state.tension - np.einsum("nmk,nk->nm", np.linalg.pinv(W), wrench))
+        return replace(
+            state, tension=state.tension - np.einsum("nmk,nk->nm", np.linalg.pinv(W), wrench)
+        )
 
 
 @dataclass
@@ -102,15 +107,20 @@ class Recorder:
             return Following(self.command.trajectory, self.body)
         return CablePlatform(ROBOT, self.body).move(self.command.trajectory)
 
-    def __call__(self, seed, *, instruments=None, stated=None, runs=("run",), touched=False, **keys):
-        """An experiment with errors drawn from ``instruments``; ``stated`` is what the file says of them, if not what they are."""
+    def __call__(
+        self, seed, *, instruments=None, stated=None, runs=("run",), touched=False, **keys
+    ):
+        """An experiment with errors drawn from ``instruments``; ``stated`` is what the file says of
+        them, if not what they are."""
         instruments = instruments or PAPER
         rng = np.random.default_rng(seed)
         self.drawn = draw_errors(instruments, ROBOT.m, list(runs), rng)
         response = Touched(self.response) if touched else self.response
         recorded = []
         for name in runs:
-            streams, sync = record(response, instruments, self.drawn[name], ROBOT, self.command, rng)
+            streams, sync = record(
+                response, instruments, self.drawn[name], ROBOT, self.command, rng
+            )
             recorded.append(Run(name, streams, sync))
         keys = {"uncertainty": EXACT, **keys}
         return Experiment("draw", ROBOT, stated or instruments, tuple(recorded), **keys)
@@ -150,7 +160,8 @@ def moving(axes, duration=DURATION, scale=1.0, harmonics=6):
 
 
 def at_rest(poses, drawn=None, *, instruments=PAPER, seed=0, name="poses"):
-    """A static run at poses x, y, z [m], roll, pitch, yaw [rad]; with the errors drawn for a run in motion, or with none."""
+    """A static run at poses x, y, z [m], roll, pitch, yaw [rad]; with the errors drawn for a run in
+    motion, or with none."""
     poses = np.asarray(poses, dtype=float)
     rng = np.random.default_rng(seed)
     state = _still(poses)
@@ -162,14 +173,18 @@ def at_rest(poses, drawn=None, *, instruments=PAPER, seed=0, name="poses"):
             true, sigma = values[quantity.name], quantity.noise or 0.0
             noise = rng.normal(0.0, sigma, (len(poses), quantity.size))
             rotated = quantity.rotation
-            values[quantity.name] = true @ Rotation.from_rotvec(noise).as_matrix() if rotated else true + noise
+            values[quantity.name] = (
+                true @ Rotation.from_rotvec(noise).as_matrix() if rotated else true + noise
+            )
         streams[key] = Stream(np.arange(len(poses), dtype=float), values, key)
     return Run(name, streams, static=True)
 
 
 def _still(poses):
     motion = motion_of_poses(poses, np.zeros_like(poses), np.zeros_like(poses), ROBOT.gravity)
-    wrench = platform_wrench(BODY.parameters, motion["specific_force"], motion["omega"], motion["alpha"])
+    wrench = platform_wrench(
+        BODY.parameters, motion["specific_force"], motion["omega"], motion["alpha"]
+    )
     return with_tension(State(**motion, tension=None, wrench=wrench, gravity=ROBOT.gravity), wrench)
 
 
@@ -180,7 +195,11 @@ def with_stream(experiment, name, change):
         stream = run.streams[name]
         runs.append(
             replace(
-                run, streams={**run.streams, name: replace(stream, values={**stream.values, **change(stream.values)})}
+                run,
+                streams={
+                    **run.streams,
+                    name: replace(stream, values={**stream.values, **change(stream.values)}),
+                },
             )
         )
     return replace(experiment, runs=tuple(runs))
@@ -196,4 +215,6 @@ def without(experiment, instrument, quantity=None):
         values = {name: value for name, value in stream.values.items() if name != quantity}
         return {**streams, instrument: replace(stream, values=values)}
 
-    return replace(experiment, runs=tuple(replace(r, streams=less(r.streams)) for r in experiment.runs))
+    return replace(
+        experiment, runs=tuple(replace(r, streams=less(r.streams)) for r in experiment.runs)
+    )

@@ -20,14 +20,16 @@ from scipy.spatial.transform import Rotation
 
 import steelyard
 from steelyard.errors import SteelyardError
+from steelyard.estimates.estimate import Estimate, Verdict, judge
 from steelyard.excitation.criterion import Target
 from steelyard.excitation.plan import planned
-from steelyard.identification.estimate import Estimate, Verdict, judge
-from steelyard.identification.fitted_motion import QUANTITIES, FittedMotion
 from steelyard.identification.identify import AVAILABLE, Identification, chosen_methods
+from steelyard.identification.model.fitted_motion import QUANTITIES, FittedMotion
 from steelyard.inertia import BODY_PARAMETERS
 
-BODY = steelyard.Inertia(161.058, np.array([-0.001, -0.077, -0.118]), np.diag([94.955, 88.859, 31.635]))
+BODY = steelyard.Inertia(
+    161.058, np.array([-0.001, -0.077, -0.118]), np.diag([94.955, 88.859, 31.635])
+)
 SIGMA = np.array([0.38, 1.66e-3, 1.26e-3, 2.26e-3, 0.48, 0.6, 0.6, 0.4, 0.37, 0.29])
 
 
@@ -76,11 +78,17 @@ def test_what_is_not_told_by_the_data_is_labelled_and_reasons_are_given(half_tol
     assert lines[1].split() == ["mass", "kg", "161.06", "±", "0.38", "prior"]
     assert lines[5].split() == ["inertia", "xx", "kg", "m²", "94.95", "±", "0.48"]
     assert lines[8].split() == ["inertia", "yz", "kg", "m²", "-", "unidentifiable"]
-    assert lines[11:] == ["the residual drifts", "<b>\N{REPLACEMENT CHARACTER}[31m & more", "notes: 2"]
+    assert lines[11:] == [
+        "the residual drifts",
+        "<b>\N{REPLACEMENT CHARACTER}[31m & more",
+        "notes: 2",
+    ]
 
 
 def test_an_identification_shows_all_methods(half_told):
-    found = Identification("two <methods>", None, {"least-squares": half_told, "consistent": estimated()})
+    found = Identification(
+        "two <methods>", None, {"least-squares": half_told, "consistent": estimated()}
+    )
     lines = repr(found).splitlines()
     assert lines[0] == "two <methods>"
     assert lines[1].split() == ["least-squares", "consistent"]
@@ -112,7 +120,9 @@ class Text(HTMLParser):
 
 
 def test_html_says_the_same_and_is_escaped(half_told):
-    found = Identification("two <methods>", None, {"least-squares": half_told, "consistent": estimated()})
+    found = Identification(
+        "two <methods>", None, {"least-squares": half_told, "consistent": estimated()}
+    )
     for shown in (half_told, found):
         source = shown._repr_html_()
         read = Text(source)
@@ -126,8 +136,10 @@ def test_html_says_the_same_and_is_escaped(half_told):
 
 
 def test_a_body_and_a_robot_show_themselves():
-    assert repr(BODY) == (
-        "Inertia: 161.058 kg at (-1, -77, -118) mm, xx 94.955, yy 88.859, zz 31.635, yz 0, xz 0, xy 0 kg m²"
+    assert (
+        repr(BODY)
+        == "Inertia: 161.058 kg at (-1, -77, -118) mm, xx 94.955, yy 88.859, zz 31.635, yz 0, xz 0,"
+        " xy 0 kg m²"
     )
     robot = steelyard.read_robot("cogiro")
     assert repr(robot) == "Robot 'cogiro': 8 cables, nominal platform 161.058 kg"
@@ -206,26 +218,34 @@ def test_streams_as_frames(tmp_path):
         # The columns of the file, which the reader reads.
         assert frame.equals(pl.read_csv(written / f"{name}.csv"))
     np.testing.assert_array_equal(
-        experiment.to_polars(RUN, "cables").drop("t").to_numpy(), run.streams["cables"].values["tension"]
+        experiment.to_polars(RUN, "cables").drop("t").to_numpy(),
+        run.streams["cables"].values["tension"],
     )
     quaternion = experiment.to_polars(RUN, "imu").select("qw", "qx", "qy", "qz").to_numpy()
     turned = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     np.testing.assert_allclose(turned, run.streams["imu"].values["orientation"], atol=1e-12)
     shifted = experiment.to_polars(RUN, "tracker", clock="common")["t"].to_numpy()
-    np.testing.assert_allclose(shifted, run.streams["tracker"].time - run.sync["tracker"], atol=1e-9)
+    np.testing.assert_allclose(
+        shifted, run.streams["tracker"].time - run.sync["tracker"], atol=1e-9
+    )
 
 
 def test_poses_have_no_time(examples):
-    poses = steelyard.read_experiment(examples / "kuka-tool" / "experiment.yaml").to_polars("poses", "wrench")
+    poses = steelyard.read_experiment(examples / "kuka-tool" / "experiment.yaml").to_polars(
+        "poses", "wrench"
+    )
     assert poses.columns == ["fx", "fy", "fz", "tx", "ty", "tz"]
     assert len(poses) == 24
 
 
 def test_what_is_not_there_is_named():
-    with pytest.raises(SteelyardError, match="run: expected one of moving, found 'still'; choose one of these"):
+    with pytest.raises(
+        SteelyardError, match="run: expected one of moving, found 'still'; choose one of these"
+    ):
         simulated().to_polars("still", "imu")
     with pytest.raises(
-        SteelyardError, match="run 'moving': expected one of cables, imu, tracker, command, found 'eye'"
+        SteelyardError,
+        match="run 'moving': expected one of cables, imu, tracker, command, found 'eye'",
     ):
         simulated().to_pandas(RUN, "eye")
 
@@ -233,7 +253,11 @@ def test_what_is_not_there_is_named():
 def test_a_fitted_motion_as_a_frame(rng):
     values = {name: rng.normal(size=(5, 3)) for name in QUANTITIES}
     motion = FittedMotion(
-        "a", np.arange(5.0), rng.normal(size=(5, 4)), {k: v for k, v in values.items() if k != "rotation"}, values
+        "a",
+        np.arange(5.0),
+        rng.normal(size=(5, 4)),
+        {k: v for k, v in values.items() if k != "rotation"},
+        values,
     )
     same(motion.to_polars(), motion.to_pandas(), motion.columns())
     assert repr(motion) == "FittedMotion of run 'a': 5 instants from 0.00 to 4.00 s"
@@ -242,7 +266,10 @@ def test_a_fitted_motion_as_a_frame(rng):
 def test_without_pandas_one_sentence_says_what_to_do(monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(
-        SteelyardError, match=r"expected the package pandas, found none installed; pip install 'steelyard\[pandas\]'"
+        SteelyardError,
+        match=(
+            r"expected the package pandas, found none installed; pip install 'steelyard\[pandas\]'"
+        ),
     ):
         estimated().to_pandas()
     assert len(estimated().to_polars()) == 10
@@ -270,7 +297,8 @@ def test_methods_by_name():
     assert chosen_methods([own, "least-squares"])[0] is own
     assert chosen_methods(["all"], {"two-step": own})[0] is own
     with pytest.raises(
-        SteelyardError, match=r"expected one of two-step, .*, or all, found 'best'; choose one of these"
+        SteelyardError,
+        match=r"expected one of two-step, .*, or all, found 'best'; choose one of these",
     ):
         chosen_methods(["best"])
 
@@ -287,18 +315,25 @@ def test_simulate_and_write(tmp_path):
     virtual = steelyard.simulate("cogiro", duration=DURATION, seed=3)
     robot = steelyard.read_robot("cogiro")
     same_again = steelyard.simulate(
-        robot, steelyard.trajectories(robot, "multisine", DURATION), steelyard.read_sensors("paper", robot), seed=3
+        robot,
+        steelyard.trajectories(robot, "multisine", DURATION),
+        steelyard.read_sensors("paper", robot),
+        seed=3,
     )
     for name, stream in virtual.experiment.runs[0].streams.items():
         np.testing.assert_array_equal(stream.time, same_again.experiment.runs[0].streams[name].time)
     assert repr(virtual).splitlines()[-1] == f"  truth: {robot.platform!r}"
     virtual.write(tmp_path / "made")
     read = steelyard.read_experiment(tmp_path / "made" / "experiment.yaml")
-    assert read.to_polars("multisine", "tracker").equals(virtual.experiment.to_polars("multisine", "tracker"))
+    assert read.to_polars("multisine", "tracker").equals(
+        virtual.experiment.to_polars("multisine", "tracker")
+    )
     assert (tmp_path / "made" / "truth.json").is_file()
     with pytest.raises(SteelyardError, match="made"):
         virtual.write(tmp_path / "made")
-    with pytest.raises(SteelyardError, match="duration: expected none with trajectories, found one"):
+    with pytest.raises(
+        SteelyardError, match="duration: expected none with trajectories, found one"
+    ):
         steelyard.simulate(robot, {}, duration=3.0)
 
 
@@ -337,7 +372,8 @@ def test_a_design_shows_itself():
 def test_compare_and_payload():
     heavier = estimated(
         value=steelyard.Inertia.from_parameters(
-            BODY.parameters + steelyard.Inertia(20.0, np.array([0.3, 0, 0.2]), np.diag([2.0, 2.0, 1.0])).parameters
+            BODY.parameters
+            + steelyard.Inertia(20.0, np.array([0.3, 0, 0.2]), np.diag([2.0, 2.0, 1.0])).parameters
         ).body_parameters
     )
     comparison = steelyard.compare({"monday": estimated(), "tuesday": heavier})
@@ -359,7 +395,9 @@ def test_an_inspection_is_short():
 
 def test_import_by_path(recordings):
     folder = recordings / "caspr" / "CoGiRo"
-    imported = steelyard.import_robot([str(folder / "CoGiRo_bodies.xml"), folder / "CoGiRo_cables.xml"])
+    imported = steelyard.import_robot(
+        [str(folder / "CoGiRo_bodies.xml"), folder / "CoGiRo_cables.xml"]
+    )
     assert repr(imported).startswith(repr(imported.robot))
 
 
@@ -382,7 +420,9 @@ def members(value):
         return
     for name, member in vars(value).items():
         if not name.startswith("_") and value.__module__.startswith("steelyard"):
-            function = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+            function = (
+                member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+            )
             if isinstance(function, types.FunctionType):
                 yield f"{value.__name__}.{name}", function
 
@@ -404,6 +444,9 @@ def test_all_is_documented_and_typed(name, value):
 
 
 def test_the_face_is_cheap():
-    code = "import sys, steelyard; print(sorted({'numpy', 'casadi', 'polars', 'pandas', 'plotly', 'scipy'} & set(sys.modules)))"
+    code = (
+        "import sys, steelyard; print(sorted({'numpy', 'casadi', 'polars', 'pandas', 'plotly',"
+        " 'scipy'} & set(sys.modules)))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

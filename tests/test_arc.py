@@ -1,10 +1,11 @@
-"""Splines in time and their banded, bordered normal equations against SciPy's splines and dense matrices."""
+"""Splines in time and their banded, bordered normal equations against SciPy's splines and dense
+matrices."""
 
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from steelyard.identification.arc import (
+from steelyard.identification.model.segment import (
     POSE,
     WIDTH,
     Rows,
@@ -24,7 +25,9 @@ STEP = 1e-6  # of central differences of functions that curve within 1e-2
 DIFFERENCES = 1e-7  # relative, of central differences
 
 EVEN = knots(START, END, SPACING)
-UNEVEN = np.concatenate([[START] * 6, START + np.cumsum([0.05, 0.4, 0.11, 0.3, 0.02, 0.7]), [END] * 6])
+UNEVEN = np.concatenate(
+    [[START] * 6, START + np.cumsum([0.05, 0.4, 0.11, 0.3, 0.02, 0.7]), [END] * 6]
+)
 
 
 def all_functions(grid, times, order):
@@ -79,12 +82,17 @@ def test_a_motion_of_constant_snap_has_the_derivatives_of_its_polynomial():
 
     FOURS = [(0, 1, 2, 3), (0, 1, 2, 4), (0, 1, 3, 4), (0, 2, 3, 4), (1, 2, 3, 4)]
     count = len(UNEVEN) - DEGREE - 1
-    coefficients = np.array([coefficient(UNEVEN[j + 1 : j + DEGREE + 1]) for j in range(count)])[:, None] * np.ones(
-        POSE
-    )
+    coefficients = np.array([coefficient(UNEVEN[j + 1 : j + DEGREE + 1]) for j in range(count)])[
+        :, None
+    ] * np.ones(POSE)
     t = np.linspace(START, END, 21)
     pose, rate, acceleration, jerk = motion_at(basis(UNEVEN, t), coefficients)
-    for found, expected in ((pose, t**4 / 24), (rate, t**3 / 6), (acceleration, t**2 / 2), (jerk, t)):
+    for found, expected in (
+        (pose, t**4 / 24),
+        (rate, t**3 / 6),
+        (acceleration, t**2 / 2),
+        (jerk, t),
+    ):
         np.testing.assert_allclose(found, np.tile(expected[:, None], POSE), atol=1e-9)
 
 
@@ -93,11 +101,17 @@ FUNCTIONS, BORDER = 9, 4
 
 @pytest.fixture
 def parts(rng):
-    """Readings of three instruments, of different numbers and noise; one of them has no sample left."""
+    """Readings of three instruments, of different numbers and noise; one of them has no sample
+    left."""
 
     def rows(n, k):
         first = np.sort(rng.integers(0, FUNCTIONS - DEGREE, n))
-        return Rows(first, rng.normal(size=(n, k)), rng.normal(size=(n, k, WIDTH)), rng.normal(size=(n, k, BORDER)))
+        return Rows(
+            first,
+            rng.normal(size=(n, k)),
+            rng.normal(size=(n, k, WIDTH)),
+            rng.normal(size=(n, k, BORDER)),
+        )
 
     return [rows(60, 3), rows(0, 3), rows(25, 7), rows(1, 1)]
 
@@ -127,7 +141,9 @@ def test_the_step_is_that_of_dense_least_squares(parts):
     matrix, gradient = equations.reduced()
     border = np.linalg.solve(matrix, gradient)
     np.testing.assert_allclose(border, expected[-BORDER:], rtol=1e-8, atol=1e-8)
-    np.testing.assert_allclose(equations.motion_step(border), expected[:-BORDER], rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(
+        equations.motion_step(border), expected[:-BORDER], rtol=1e-8, atol=1e-8
+    )
 
 
 def test_the_reduced_matrix_is_the_inverse_of_the_border_s_covariance(parts):
@@ -147,7 +163,9 @@ def test_the_step_of_the_motion_goes_with_any_step_of_the_border(parts, rng):
 
 def test_the_order_of_the_samples_does_not_matter(parts, rng):
     order = rng.permutation(60)
-    mixed = Rows(*(getattr(parts[0], key)[order] for key in ("first", "residual", "by_motion", "by_errors")))
+    mixed = Rows(
+        *(getattr(parts[0], key)[order] for key in ("first", "residual", "by_motion", "by_errors"))
+    )
     one, other = (accumulate(FUNCTIONS, BORDER, iter([p, *parts[1:]])) for p in (parts[0], mixed))
     for key in ("band", "side", "corner", "motion_gradient", "border_gradient"):
         a, b = getattr(one, key), getattr(other, key)
@@ -156,7 +174,9 @@ def test_the_order_of_the_samples_does_not_matter(parts, rng):
 
 def test_a_motion_that_nothing_determines_is_refused(parts):
     some = parts[0]
-    blind = Rows(some.first, some.residual, some.by_motion * (np.arange(WIDTH) % POSE != 2), some.by_errors)
+    blind = Rows(
+        some.first, some.residual, some.by_motion * (np.arange(WIDTH) % POSE != 2), some.by_errors
+    )
     with pytest.raises(np.linalg.LinAlgError):
         accumulate(FUNCTIONS, BORDER, iter([blind])).reduced()
 
@@ -189,7 +209,9 @@ def test_derivatives_by_the_coefficients_are_those_of_differences(rng):
         expected[:, :, function, number] = (ahead - behind) / (2 * STEP)
     for row, first in enumerate(local.first):
         own = expected[row, :, first : first + DEGREE + 1]
-        np.testing.assert_allclose(found[row], own.reshape(4, WIDTH), atol=DIFFERENCES * np.abs(expected).max())
+        np.testing.assert_allclose(
+            found[row], own.reshape(4, WIDTH), atol=DIFFERENCES * np.abs(expected).max()
+        )
         expected[row, :, first : first + DEGREE + 1] = 0
     assert not expected.any()
 
@@ -245,16 +267,24 @@ def some_bands(rng, size, width, count=2):
     found = []
     for _ in range(count):
         full = rng.normal(size=(size, size))
-        found.append(np.tril(np.triu(full + full.T, 1 - width), width - 1) + 4 * width * np.eye(size))
+        found.append(
+            np.tril(np.triu(full + full.T, 1 - width), width - 1) + 4 * width * np.eye(size)
+        )
     return found
 
 
 def some_costs(rng, functions, width, count=2):
     """Such matrices between coefficients that some instant depends on."""
-    return [blocks_that_meet(functions, width) * each for each in some_bands(rng, functions * POSE, width, count)]
+    return [
+        blocks_that_meet(functions, width) * each
+        for each in some_bands(rng, functions * POSE, width, count)
+    ]
 
 
-@pytest.fixture(params=[(WIDTH, f) for f in LENGTHS] + [(POSE, 1), (POSE, 8)], ids=lambda p: f"width {p[0]} of {p[1]}")
+@pytest.fixture(
+    params=[(WIDTH, f) for f in LENGTHS] + [(POSE, 1), (POSE, 8)],
+    ids=lambda p: f"width {p[0]} of {p[1]}",
+)
 def problem(request, rng):
     """Three kinds of rows of a spline, or of poses at rest; two of them of one instrument."""
     width, functions = request.param
@@ -282,7 +312,9 @@ def test_the_inverse_is_the_dense_one_where_an_instant_depends_on_both(problem):
     assert equations.inverse.shape == (width, functions * POSE)
     # Nothing stands beyond the end of the matrix.
     assert not equations.inverse[in_band(np.ones_like(dense), width) == 0].any()
-    np.testing.assert_allclose(equations.inverse * told, expected, atol=FACTORED * np.abs(dense).max())
+    np.testing.assert_allclose(
+        equations.inverse * told, expected, atol=FACTORED * np.abs(dense).max()
+    )
 
 
 def test_the_inverse_is_as_good_where_the_motion_is_stiff(problem, rng):
@@ -293,7 +325,9 @@ def test_the_inverse_is_as_good_where_the_motion_is_stiff(problem, rng):
     dense = np.linalg.inv(A.T @ A + extra)
     told = blocks_that_meet(functions, width)
     found = stiff.inverse * in_band(told.astype(float), width)
-    np.testing.assert_allclose(found, in_band(dense * told, width), atol=FACTORED * np.abs(dense).max())
+    np.testing.assert_allclose(
+        found, in_band(dense * told, width), atol=FACTORED * np.abs(dense).max()
+    )
 
 
 def test_the_determinant_is_the_dense_one(problem):
@@ -344,7 +378,9 @@ def test_a_cost_of_the_coefficients_counts_as_readings_of_them(problem, rng):
     np.testing.assert_allclose(border, expected[-BORDER:], rtol=1e-8, atol=1e-8)
     np.testing.assert_allclose(stiff.motion_step(border), expected[:-BORDER], rtol=1e-8, atol=1e-8)
     # What it is made of stays.
-    np.testing.assert_array_equal(equations.band, accumulate(functions, BORDER, iter(rows), width=width).band)
+    np.testing.assert_array_equal(
+        equations.band, accumulate(functions, BORDER, iter(rows), width=width).band
+    )
 
 
 @pytest.mark.parametrize(("size", "width"), [(1, 1), (5, 1), (7, 7), (20, 7), (90, WIDTH)])
@@ -365,7 +401,9 @@ def test_a_banded_trace_is_that_of_the_dense_product(rng, size, width):
     assert found == pytest.approx(np.trace(one @ other), rel=ROUNDING)
     # The second may reach further than it is told.
     found = banded_trace(in_band(one, width), in_band(full, width))
-    assert found == pytest.approx(np.trace(one @ full), rel=ROUNDING, abs=ROUNDING * np.abs(one).max())
+    assert found == pytest.approx(
+        np.trace(one @ full), rel=ROUNDING, abs=ROUNDING * np.abs(one).max()
+    )
 
 
 def test_a_pose_at_rest_is_its_own_coefficients(rng):
@@ -395,14 +433,23 @@ def test_rows_of_some_border_parameters_say_nothing_about_the_others(parts, rng)
     equations = accumulate(FUNCTIONS, BORDER, iter(some))
     border = np.linalg.solve(*equations.reduced())
     np.testing.assert_allclose(border, expected[-BORDER:], rtol=1e-8, atol=1e-8)
-    np.testing.assert_allclose(equations.motion_step(border), expected[:-BORDER], rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(
+        equations.motion_step(border), expected[:-BORDER], rtol=1e-8, atol=1e-8
+    )
 
 
 def test_samples_of_a_part_of_the_border_may_come_in_any_order(parts, rng):
     order, columns = rng.permutation(60), np.array([3, 1])
     part = parts[0]
     sorted_, mixed = (
-        Rows(part.first[o], part.residual[o], part.by_motion[o], part.by_errors[o][:, :, columns], columns, GYRO)
+        Rows(
+            part.first[o],
+            part.residual[o],
+            part.by_motion[o],
+            part.by_errors[o][:, :, columns],
+            columns,
+            GYRO,
+        )
         for o in (np.arange(60), order)
     )
     one, other = (accumulate(FUNCTIONS, BORDER, iter([p])) for p in (sorted_, mixed))
@@ -418,10 +465,15 @@ def test_a_long_motion_is_summed_up_as_a_short_one(rng):
     equations = accumulate(functions, 1, [rows], width=POSE)
     J = rows.by_motion
     np.testing.assert_allclose(
-        equations.band[0].reshape(-1, POSE), np.einsum("nki,nki->ni", J, J), rtol=ROUNDING, atol=ROUNDING
+        equations.band[0].reshape(-1, POSE),
+        np.einsum("nki,nki->ni", J, J),
+        rtol=ROUNDING,
+        atol=ROUNDING,
     )
     np.testing.assert_allclose(
-        equations.side[:, 0].reshape(-1, POSE), np.einsum("nki,nk->ni", J, rows.by_errors[:, :, 0]), atol=ROUNDING
+        equations.side[:, 0].reshape(-1, POSE),
+        np.einsum("nki,nk->ni", J, rows.by_errors[:, :, 0]),
+        atol=ROUNDING,
     )
     assert equations.corner[0, 0] == pytest.approx(np.sum(rows.by_errors**2), rel=ROUNDING)
 
@@ -430,5 +482,7 @@ def test_the_labels_together_make_the_band(problem):
     rows, equations, A, width, functions = problem
     for label in {part.label for part in rows}:
         own = np.vstack([dense_motion(part, functions) for part in rows if part.label == label])
-        np.testing.assert_allclose(equations.parts[label], in_band(own.T @ own, width), atol=ROUNDING * len(A))
+        np.testing.assert_allclose(
+            equations.parts[label], in_band(own.T @ own, width), atol=ROUNDING * len(A)
+        )
     np.testing.assert_allclose(equations.band, in_band(A.T @ A, width), atol=ROUNDING * len(A))

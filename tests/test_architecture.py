@@ -1,4 +1,5 @@
-"""A module imports only from layers left of its own, and no modules import each other in a circle."""
+"""A module imports only from layers left of its own, and no modules import each other in a
+circle."""
 
 import ast
 from graphlib import TopologicalSorter
@@ -23,6 +24,7 @@ LAYERS = [
     {"drafts"},
     {"clocks"},
     {"simulation"},
+    {"bodies", "estimates"},
     {"identification"},
     {"excitation"},
     {"inspection"},
@@ -53,7 +55,11 @@ def imported(path):
             base = node.module.split(".")[1:]
             for alias in node.names:
                 inner = PACKAGE.joinpath(*base, alias.name)
-                yield (*base, alias.name) if inner.with_suffix(".py").exists() or inner.is_dir() else tuple(base)
+                yield (
+                    (*base, alias.name)
+                    if inner.with_suffix(".py").exists() or inner.is_dir()
+                    else tuple(base)
+                )
         elif isinstance(node, ast.Import):
             for alias in node.names:
                 if alias.name.split(".")[0] == "steelyard":
@@ -61,7 +67,9 @@ def imported(path):
 
 
 @pytest.mark.parametrize(
-    ("path", "module"), list(modules()), ids=lambda value: str(value) if isinstance(value, tuple) else ""
+    ("path", "module"),
+    list(modules()),
+    ids=lambda value: str(value) if isinstance(value, tuple) else "",
 )
 def test_imports_come_from_the_left(path, module):
     for target in imported(path):
@@ -73,7 +81,10 @@ def test_imports_come_from_the_left(path, module):
 
 
 def test_no_import_cycles():
-    graph = {module: {target for target in imported(path) if target and target != module} for path, module in modules()}
+    graph = {
+        module: {target for target in imported(path) if target and target != module}
+        for path, module in modules()
+    }
     list(TopologicalSorter(graph).static_order())
 
 

@@ -1,4 +1,5 @@
-"""Verdicts: sound recordings pass, wrong descriptions and disturbed recordings do not, and the reason says what to do."""
+"""Verdicts: sound recordings pass, wrong descriptions and disturbed recordings do not, and the
+reason says what to do."""
 
 import re
 from dataclasses import replace
@@ -21,10 +22,16 @@ from simulated import (
     with_stream,
 )
 
-from steelyard.identification.assessment import FAMILY, directed_tests, label_mask, priors_share, reasons
-from steelyard.identification.classical import study
-from steelyard.identification.least_squares import LeastSquares
-from steelyard.identification.unknowns import LAG
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.model.calibration_parameters import LAG
+from steelyard.identification.solve.classical import study
+from steelyard.identification.verdict.assessment import (
+    FAMILY,
+    directed_tests,
+    label_mask,
+    priors_share,
+    reasons,
+)
 from steelyard.inertia import Inertia
 from steelyard.simulation.trajectories import feasible_multisine
 
@@ -48,11 +55,17 @@ def by_name(found):
 @pytest.fixture(scope="module")
 def scores():
     """Score of every directed test of every sound recording, shape (seeds, tests)."""
-    return np.array([[test.z for test in sorted(directed_tests(studied(s)), key=lambda t: t.name)] for s in SEEDS])
+    return np.array(
+        [
+            [test.z for test in sorted(directed_tests(studied(s)), key=lambda t: t.name)]
+            for s in SEEDS
+        ]
+    )
 
 
 def test_scores_of_sound_recordings_are_standard_normal(scores):
-    # Tests of one recording go together: 8 x 90 numbers are worth some hundred, which tell the spread to a tenth.
+    # Tests of one recording go together: 8 x 90 numbers are worth some hundred, which tell the
+    # spread to a tenth.
     assert abs(scores.mean()) < 0.2
     assert 0.8 < scores.std() < 1.2
     assert np.abs(scores).max() < norm.isf(FAMILY / scores.shape[1] / 2)
@@ -91,7 +104,9 @@ def moved(experiment, key, cable, axis, size):
     return replace(experiment, robot=replace(experiment.robot, **{key: points}))
 
 
-@pytest.mark.parametrize(("key", "cable", "axis"), [("attachments", 2, 0), ("attachments", 6, 2), ("anchors", 4, 2)])
+@pytest.mark.parametrize(
+    ("key", "cable", "axis"), [("attachments", 2, 0), ("attachments", 6, 2), ("anchors", 4, 2)]
+)
 def test_a_cable_that_is_fixed_elsewhere_is_found_with_its_size(key, cable, axis):
     size = 0.03 if key == "attachments" else 0.06
     found = study(moved(sound(1), key, cable, axis, size))
@@ -108,7 +123,9 @@ def test_forces_that_are_late_by_themselves_are_found_with_their_size(late):
     experiment = sound(2)
     run = experiment.runs[0]
     stream = run.streams["cables"]
-    shifted = replace(run, streams={**run.streams, "cables": replace(stream, time=stream.time + late)})
+    shifted = replace(
+        run, streams={**run.streams, "cables": replace(stream, time=stream.time + late)}
+    )
     found = study(replace(experiment, runs=(shifted,)))
     test = next(t for t in directed_tests(found) if f".{LAG}" in t.name)
     # Some of it looks like errors that were estimated.
@@ -119,7 +136,9 @@ def test_forces_that_are_late_by_themselves_are_found_with_their_size(late):
 
 def test_a_gain_that_was_stated_exactly_and_is_not_is_found():
     experiment = with_stream(
-        sound(3), "cables", lambda v: {"tension": v["tension"] * np.where(np.arange(8) == 4, 1.05, 1)}
+        sound(3),
+        "cables",
+        lambda v: {"tension": v["tension"] * np.where(np.arange(8) == 4, 1.05, 1)},
     )
     test = by_name(study(experiment))["cables.gain of cable 5"]
     assert test.size == pytest.approx(0.05, abs=4 * test.sigma)
@@ -129,7 +148,9 @@ def test_a_gain_that_was_stated_exactly_and_is_not_is_found():
 
 def test_an_error_far_outside_its_prior_is_found():
     strict = {**PAPER, "imu": changed(PAPER["imu"], calibration={"accelerometer_bias": 0.01})}
-    off = with_stream(sound(0), "imu", lambda v: {"specific_force": v["specific_force"] + [0.3, 0, 0]})
+    off = with_stream(
+        sound(0), "imu", lambda v: {"specific_force": v["specific_force"] + [0.3, 0, 0]}
+    )
     found = by_name(study(replace(off, instruments=strict)))
     test = found["imu.accelerometer_bias x"]
     assert test.z > 5
@@ -153,12 +174,18 @@ def late(experiment, seconds):
     runs = []
     for run in experiment.runs:
         stream = run.streams["cables"]
-        runs.append(replace(run, streams={**run.streams, "cables": replace(stream, time=stream.time + seconds)}))
+        runs.append(
+            replace(
+                run, streams={**run.streams, "cables": replace(stream, time=stream.time + seconds)}
+            )
+        )
     return replace(experiment, runs=tuple(runs))
 
 
 def turned(experiment, signs):
-    return with_stream(experiment, "imu", lambda v: {"angular_velocity": v["angular_velocity"] * np.array(signs)})
+    return with_stream(
+        experiment, "imu", lambda v: {"angular_velocity": v["angular_velocity"] * np.array(signs)}
+    )
 
 
 # Name -> what is done to a sound recording, and what the reasons must say.
@@ -243,13 +270,17 @@ def test_forces_in_decanewtons_with_no_noise_stated_need_a_nominal_body(nominal)
 
 
 def test_runs_with_another_payload_contradict_each_other():
-    heavy = recorder_of(Inertia(BODY.mass + 15.0, BODY.center_of_gravity + 0.05 * np.eye(3)[2], BODY.inertia * 1.1))
+    heavy = recorder_of(
+        Inertia(BODY.mass + 15.0, BODY.center_of_gravity + 0.05 * np.eye(3)[2], BODY.inertia * 1.1)
+    )
     light = recorder_of(BODY)
     one, other = light(0), heavy(0)
     both = replace(one, runs=(one.runs[0], replace(other.runs[0], name="again")))
     found, text = verdict(both)
     assert not found.accepted
-    assert re.search("the runs contradict each other|do not balance|stretches of the recording contradict", text), text
+    assert re.search(
+        "the runs contradict each other|do not balance|stretches of the recording contradict", text
+    ), text
 
 
 def recorder_of(body):
@@ -263,7 +294,10 @@ def test_too_short_a_recording_is_not_accepted():
     estimate = METHOD(replace(sound(0), runs=(run,)))
     assert not estimate.verdict.accepted or np.isnan(estimate.value[4:]).any()
     use = np.isfinite(estimate.value)
-    assert np.abs((estimate.value - TRUTH)[use] / estimate.standard_deviation[use]).max(initial=0.0) < 5
+    assert (
+        np.abs((estimate.value - TRUTH)[use] / estimate.standard_deviation[use]).max(initial=0.0)
+        < 5
+    )
 
 
 # Shares
@@ -272,7 +306,8 @@ def test_too_short_a_recording_is_not_accepted():
 def test_the_share_of_priors_is_that_of_what_does_not_average_out():
     share = priors_share(studied(0))
     assert np.all((share >= 0) & (share <= 1))
-    # Eight offsets of 5 N each stand against noise that averages out: most of the mass's variance is theirs.
+    # Eight offsets of 5 N each stand against noise that averages out: most of the mass's variance
+    # is theirs.
     assert share[0] > 0.3
     assert not label_mask(studied(0)).any()
 

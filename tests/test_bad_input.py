@@ -1,4 +1,5 @@
-"""Bad input ends with exit status 2 and one sentence that says where, what was found and what to do."""
+"""Bad input ends with exit status 2 and one sentence that says where, what was found and what to
+do."""
 
 import os
 import re
@@ -87,7 +88,9 @@ def first_rows(file, n):
 def append(file, content):
     def corrupt(folder):
         before = (folder / file).read_bytes()
-        (folder / file).write_bytes(before + (content if isinstance(content, bytes) else content.encode()))
+        (folder / file).write_bytes(
+            before + (content if isinstance(content, bytes) else content.encode())
+        )
 
     return corrupt
 
@@ -157,12 +160,28 @@ def still(folder):
     """Nothing moves: constants with the noise of the instruments."""
     rng = np.random.default_rng(0)
     for file, value in (
-        (IMU, {"wx": 0, "wy": 0, "wz": 0, "ax": 0, "ay": 0, "az": 9.81, "qw": 1, "qx": 0, "qy": 0, "qz": 0}),
+        (
+            IMU,
+            {
+                "wx": 0,
+                "wy": 0,
+                "wz": 0,
+                "ax": 0,
+                "ay": 0,
+                "az": 9.81,
+                "qw": 1,
+                "qx": 0,
+                "qy": 0,
+                "qz": 0,
+            },
+        ),
         (TRACKER, {"x": 0.1, "y": 0.2, "z": 3.1}),
     ):
         for name, number in value.items():
             sigma = 0.0 if name.startswith("q") else {"w": 0.0017, "a": 0.03}.get(name[0], 0.0005)
-            columns(file, [name], lambda _, i, c=number, s=sigma: c + s * rng.standard_normal())(folder)
+            columns(file, [name], lambda _, i, c=number, s=sigma: c + s * rng.standard_normal())(
+                folder
+            )
 
 
 def case(name, corrupt, pattern, arguments=IDENTIFY):
@@ -170,7 +189,11 @@ def case(name, corrupt, pattern, arguments=IDENTIFY):
 
 
 EXPERIMENT_FILE = [
-    case("experiment file missing", remove(EXPERIMENT), r"experiment\.yaml: expected a file, found nothing there"),
+    case(
+        "experiment file missing",
+        remove(EXPERIMENT),
+        r"experiment\.yaml: expected a file, found nothing there",
+    ),
     case(
         "experiment file is a folder",
         steps(remove(EXPERIMENT), mkdir(EXPERIMENT)),
@@ -181,12 +204,26 @@ EXPERIMENT_FILE = [
         steps(remove(EXPERIMENT), fifo(EXPERIMENT)),
         r"experiment\.yaml: expected a file, found something that is no regular file",
     ),
-    case("experiment file empty", write(EXPERIMENT, ""), r"experiment\.yaml: expected a mapping .* found nothing"),
     case(
-        "experiment file is a list", write(EXPERIMENT, "- a\n- b\n"), r"experiment\.yaml: expected a mapping .*\[\"a\""
+        "experiment file empty",
+        write(EXPERIMENT, ""),
+        r"experiment\.yaml: expected a mapping .* found nothing",
     ),
-    case("missing key", change(EXPERIMENT, "robot: robot.yaml\n", ""), r"experiment\.yaml: 'robot': .*missing.*add"),
-    case("no format", change(EXPERIMENT, "format: steelyard/1\n", ""), r"experiment\.yaml: 'format': .*missing"),
+    case(
+        "experiment file is a list",
+        write(EXPERIMENT, "- a\n- b\n"),
+        r"experiment\.yaml: expected a mapping .*\[\"a\"",
+    ),
+    case(
+        "missing key",
+        change(EXPERIMENT, "robot: robot.yaml\n", ""),
+        r"experiment\.yaml: 'robot': .*missing.*add",
+    ),
+    case(
+        "no format",
+        change(EXPERIMENT, "format: steelyard/1\n", ""),
+        r"experiment\.yaml: 'format': .*missing",
+    ),
     case(
         "wrong format number",
         change(EXPERIMENT, "steelyard/1", "steelyard/2"),
@@ -210,7 +247,8 @@ EXPERIMENT_FILE = [
     case(
         "unknown key of run",
         change(EXPERIMENT, "    sync:", "    comment: good one\n    sync:"),
-        r"experiment\.yaml:26: 'runs\[0\]\.comment': expected the name of an instrument, found 'comment'",
+        r"experiment\.yaml:26: 'runs\[0\]\.comment': expected the name of an instrument, found"
+        r" 'comment'",
     ),
     case(
         "unknown key of noise",
@@ -270,17 +308,20 @@ EXPERIMENT_FILE = [
     case(
         "negative calibration sigma",
         change(EXPERIMENT, "offset: 5.0", "offset: {value: 0, sigma: -1}"),
-        r"experiment\.yaml:10: 'instruments\.cables\.calibration\.offset.*': expected a number at least 0, found -1",
+        r"experiment\.yaml:10: 'instruments\.cables\.calibration\.offset.*': expected a number at"
+        r" least 0, found -1",
     ),
     case(
         "calibration without sigma",
         change(EXPERIMENT, "offset: 5.0", "offset: {value: 3}"),
-        r"experiment\.yaml:10: 'instruments\.cables\.calibration\.offset': expected the key 'sigma'",
+        r"experiment\.yaml:10: 'instruments\.cables\.calibration\.offset': expected the key"
+        r" 'sigma'",
     ),
     case(
         "calibration of too few cables",
         change(EXPERIMENT, "offset: 5.0", "offset: [1, 2, 3]"),
-        r"experiment\.yaml:10: 'instruments\.cables\.calibration\.offset': expected one sigma or 8 of them, found 3",
+        r"experiment\.yaml:10: 'instruments\.cables\.calibration\.offset': expected one sigma or 8"
+        r" of them, found 3",
     ),
     case(
         "delay of one clock per axis",
@@ -300,12 +341,14 @@ EXPERIMENT_FILE = [
     case(
         "calibration per what",
         change(EXPERIMENT, "offset: 5.0", "offset: {sigma: 1, per: day}"),
-        r"experiment\.yaml:10: 'instruments\.cables\.calibration\.offset\.per': .*'experiment' or 'run', found 'day'",
+        r"experiment\.yaml:10: 'instruments\.cables\.calibration\.offset\.per': .*'experiment' or"
+        r" 'run', found 'day'",
     ),
     case(
         "unknown kind of instrument",
         change(EXPERIMENT, "kind: tension", "kind: tention"),
-        r"experiment\.yaml:\d+: 'instruments\.cables.*': expected one of .*'tension'.*found 'tention'",
+        r"experiment\.yaml:\d+: 'instruments\.cables.*': expected one of .*'tension'.*found"
+        r" 'tention'",
     ),
     case(
         "instrument without kind",
@@ -321,14 +364,16 @@ EXPERIMENT_FILE = [
         "no runs",
         write(
             EXPERIMENT,
-            "format: steelyard/1\nrobot: cogiro\ninstruments: {cables: {kind: tension}}\nruns: []\n",
+            "format: steelyard/1\nrobot: cogiro\ninstruments: {cables: {kind: tension}}\nruns:"
+            " []\n",
         ),
         r"experiment\.yaml:4: 'runs': expected ",
     ),
     case(
         "run names an unknown instrument",
         change(EXPERIMENT, "    tracker: moving", "    laser: moving"),
-        r"experiment\.yaml:25: 'runs\[0\]\.laser': .*found 'laser'; known here: cables, imu, tracker",
+        r"experiment\.yaml:25: 'runs\[0\]\.laser': .*found 'laser'; known here: cables, imu,"
+        r" tracker",
     ),
     case(
         "two runs of one name",
@@ -343,7 +388,8 @@ EXPERIMENT_FILE = [
     case(
         "run without forces",
         change(EXPERIMENT, f"    cables: {CABLES}\n", ""),
-        r"experiment\.yaml:22: 'runs\[0\]': run 'moving': expected a stream of kind 'tension' or 'wrench', found none",
+        r"experiment\.yaml:22: 'runs\[0\]': run 'moving': expected a stream of kind 'tension' or"
+        r" 'wrench', found none",
     ),
     case(
         "run without motion",
@@ -356,7 +402,8 @@ EXPERIMENT_FILE = [
     case(
         "run without streams",
         append(EXPERIMENT, "  - name: nothing\n"),
-        r"experiment\.yaml:27: 'runs\[1\]': expected streams of the instruments cables, imu, tracker, found none",
+        r"experiment\.yaml:27: 'runs\[1\]': expected streams of the instruments cables, imu,"
+        r" tracker, found none",
     ),
     case(
         "cables and tracker without orientation",
@@ -376,7 +423,8 @@ EXPERIMENT_FILE = [
     case(
         "window of a moment",
         change(EXPERIMENT, "    sync:", "    window: [1, 1.1]\n    sync:"),
-        r"experiment\.yaml:22: 'runs\[0\]': run 'moving': expected at least 10 force samples .*found [123]",
+        r"experiment\.yaml:22: 'runs\[0\]': run 'moving': expected at least 10 force samples"
+        r" .*found [123]",
     ),
     case(
         "window of three",
@@ -386,14 +434,16 @@ EXPERIMENT_FILE = [
     case(
         "sync without one instrument",
         change(EXPERIMENT, ", tracker: 0", ", tracker2: 0"),
-        r"experiment\.yaml:26: 'runs\[0\]\.sync\.tracker2': expected the name of an instrument, found 'tracker2'",
+        r"experiment\.yaml:26: 'runs\[0\]\.sync\.tracker2': expected the name of an instrument,"
+        r" found 'tracker2'",
     ),
     case(
         "sync of all but one",
         lambda folder: (folder / EXPERIMENT).write_text(
             re.sub(r", tracker: 0\.\d+}", "}", (folder / EXPERIMENT).read_text())
         ),
-        r"experiment\.yaml:26: 'runs\[0\]\.sync': expected a time for every instrument, found none for 'tracker'",
+        r"experiment\.yaml:26: 'runs\[0\]\.sync': expected a time for every instrument, found none"
+        r" for 'tracker'",
     ),
     case(
         "sync other text",
@@ -407,7 +457,8 @@ EXPERIMENT_FILE = [
         lambda folder: (folder / EXPERIMENT).write_text(
             re.sub(r"tracker: 0\.\d+}", "tracker: 500}", (folder / EXPERIMENT).read_text())
         ),
-        r"experiment\.yaml:22: 'runs\[0\]': run 'moving': expected streams that overlap in time.*'sync'",
+        r"experiment\.yaml:22: 'runs\[0\]': run 'moving': expected streams that overlap in"
+        r" time.*'sync'",
     ),
     case(
         "static run of unequal rows",
@@ -427,13 +478,22 @@ EXPERIMENT_FILE = [
     case(
         "tension on a robot without cables",
         steps(write(ROBOT, "name: none\ncables: []\n")),
-        r"experiment\.yaml:7: 'instruments\.cables\.kind': expected a robot with cables.*'tension', found none in robot 'none'",
+        r"experiment\.yaml:7: 'instruments\.cables\.kind': expected a robot with cables.*'tension',"
+        r" found none in robot 'none'",
     ),
 ]
 
 YAML_FILE = [
-    case("not YAML", change(EXPERIMENT, "name: small", "name: [small"), r"experiment\.yaml:\d+: expected YAML"),
-    case("tab in YAML", change(EXPERIMENT, "name: small", "\tname: small"), r"experiment\.yaml:2: expected YAML"),
+    case(
+        "not YAML",
+        change(EXPERIMENT, "name: small", "name: [small"),
+        r"experiment\.yaml:\d+: expected YAML",
+    ),
+    case(
+        "tab in YAML",
+        change(EXPERIMENT, "name: small", "\tname: small"),
+        r"experiment\.yaml:2: expected YAML",
+    ),
     case(
         "two documents",
         append(EXPERIMENT, "---\nformat: steelyard/1\n"),
@@ -454,8 +514,16 @@ YAML_FILE = [
         write(EXPERIMENT, bytes(range(256)) * 20),
         r"experiment\.yaml: expected UTF-8 text, found a byte that is not at 128",
     ),
-    case("control characters as YAML", write(EXPERIMENT, b"a: \x00\x01\x02\n"), r"experiment\.yaml.*: expected YAML"),
-    case("UTF-16 as YAML", write(EXPERIMENT, "format: steelyard/1".encode("utf-16")), r"experiment\.yaml: .*UTF-8"),
+    case(
+        "control characters as YAML",
+        write(EXPERIMENT, b"a: \x00\x01\x02\n"),
+        r"experiment\.yaml.*: expected YAML",
+    ),
+    case(
+        "UTF-16 as YAML",
+        write(EXPERIMENT, "format: steelyard/1".encode("utf-16")),
+        r"experiment\.yaml: .*UTF-8",
+    ),
     case(
         "alias bomb",
         write(
@@ -499,7 +567,11 @@ YAML_FILE = [
         append(EXPERIMENT, "known:\n" + "- 1\n" * 1_000_000),
         r"experiment\.yaml.*: expected at most .*found ",
     ),
-    case("tagged object", change(EXPERIMENT, "small", "!!python/object/apply:os.system [ls]"), r"experiment\.yaml:2: "),
+    case(
+        "tagged object",
+        change(EXPERIMENT, "small", "!!python/object/apply:os.system [ls]"),
+        r"experiment\.yaml:2: ",
+    ),
     case(
         "number of 10000 digits",
         change(EXPERIMENT, "noise: 5.0", "noise: " + "9" * 10_000),
@@ -549,16 +621,26 @@ ROBOT_FILE = [
         steps(remove(ROBOT), fifo(ROBOT)),
         r"robot\.yaml: expected a file, found something that is no regular file",
     ),
-    case("robot is a folder", change(EXPERIMENT, "robot.yaml", "moving"), r"moving: expected a file, found a folder"),
     case(
-        "path with NUL", change(EXPERIMENT, "robot.yaml", r'"robot\0.yaml"'), r"robot.*\.yaml: expected a file, found "
+        "robot is a folder",
+        change(EXPERIMENT, "robot.yaml", "moving"),
+        r"moving: expected a file, found a folder",
+    ),
+    case(
+        "path with NUL",
+        change(EXPERIMENT, "robot.yaml", r'"robot\0.yaml"'),
+        r"robot.*\.yaml: expected a file, found ",
     ),
     case(
         "very long path",
         change(EXPERIMENT, "robot.yaml", "r" * 5000 + ".yaml"),
         r"r…r+\.yaml: expected a file, found .*too long",
     ),
-    case("missing key of robot", change(ROBOT, "name: straight\n", ""), r"robot\.yaml: 'name': .*missing; add 'name'"),
+    case(
+        "missing key of robot",
+        change(ROBOT, "name: straight\n", ""),
+        r"robot\.yaml: 'name': .*missing; add 'name'",
+    ),
     case(
         "unknown key of robot",
         change(ROBOT, "gravity: 9.81", "gravitation: 9.81"),
@@ -575,13 +657,20 @@ ROBOT_FILE = [
         r"robot\.yaml:4: 'cables\[0\]\.anchor\[0\]': expected a number, found 'left'",
     ),
     case(
-        "negative gravity", change(ROBOT, "gravity: 9.81", "gravity: -9.81"), r"robot\.yaml:2: 'gravity'.*found -9\.81"
+        "negative gravity",
+        change(ROBOT, "gravity: 9.81", "gravity: -9.81"),
+        r"robot\.yaml:2: 'gravity'.*found -9\.81",
     ),
-    case("no gravity", change(ROBOT, "gravity: 9.81", "gravity: [0, 0, 0]"), r"robot\.yaml:2: 'gravity': .*length 0"),
+    case(
+        "no gravity",
+        change(ROBOT, "gravity: 9.81", "gravity: [0, 0, 0]"),
+        r"robot\.yaml:2: 'gravity': .*length 0",
+    ),
     case(
         "anchors that coincide",
         change(ROBOT, "[-7.4786, -5.1544, 5.4009]", "[-7.1967, -5.4398, 5.3928]"),
-        r"robot\.yaml:9: 'cables\[1\]\.anchor': expected anchors that differ, found cable 2 at the anchor of cable 1",
+        r"robot\.yaml:9: 'cables\[1\]\.anchor': expected anchors that differ, found cable 2 at the"
+        r" anchor of cable 1",
     ),
     case(
         "roller without axis",
@@ -612,7 +701,8 @@ ROBOT_FILE = [
         "65 cables",
         write(
             ROBOT,
-            "name: many\ncables:\n" + "".join(f"- {{anchor: [{i}, 0, 0], attachment: [0, 0, 0]}}\n" for i in range(65)),
+            "name: many\ncables:\n"
+            + "".join(f"- {{anchor: [{i}, 0, 0], attachment: [0, 0, 0]}}\n" for i in range(65)),
         ),
         r"robot\.yaml:2: 'cables': expected .*64",
     ),
@@ -620,8 +710,16 @@ ROBOT_FILE = [
 
 STREAMS = [
     case("stream missing", remove(IMU), r"moving/imu\.csv: expected a log, found nothing there"),
-    case("stream is a folder", steps(remove(IMU), mkdir(IMU)), r"moving/imu\.csv: expected a log, found a folder"),
-    case("stream is a pipe", steps(remove(IMU), fifo(IMU)), r"moving/imu\.csv: expected a log, found something"),
+    case(
+        "stream is a folder",
+        steps(remove(IMU), mkdir(IMU)),
+        r"moving/imu\.csv: expected a log, found a folder",
+    ),
+    case(
+        "stream is a pipe",
+        steps(remove(IMU), fifo(IMU)),
+        r"moving/imu\.csv: expected a log, found something",
+    ),
     case(
         "stream is a device",
         steps(remove(IMU), link(IMU, "/dev/zero")),
@@ -633,7 +731,11 @@ STREAMS = [
         r"moving/imu\.xyz: expected a log in one of the formats \.csv.*found '\.xyz'",
     ),
     case("empty stream", write(IMU, ""), r"moving/imu\.csv: expected .*found .*no columns"),
-    case("header only", first_rows(IMU, 0), r"moving/imu\.csv: expected rows of numbers, found none below the header"),
+    case(
+        "header only",
+        first_rows(IMU, 0),
+        r"moving/imu\.csv: expected rows of numbers, found none below the header",
+    ),
     case(
         "header without newline",
         write(TRACKER, "t,x,y,z"),
@@ -662,7 +764,8 @@ STREAMS = [
     case(
         "fewer cables in the log than in the robot",
         without_columns(CABLES, ["f7", "f8"]),
-        r"moving/cables\.csv: expected columns f1, .* for the 8 cables of the robot, found no f7, f8",
+        r"moving/cables\.csv: expected columns f1, .* for the 8 cables of the robot, found no"
+        r" f7, f8",
     ),
     case(
         "text for a number",
@@ -705,21 +808,41 @@ STREAMS = [
         r"moving/cables\.csv:12: column 'f5': expected a finite number, found infinity",
     ),
     case(
-        "minus infinity", cell(IMU, 12, "wx", "-Infinity"), r"moving/imu\.csv:12: column 'wx': expected a finite number"
+        "minus infinity",
+        cell(IMU, 12, "wx", "-Infinity"),
+        r"moving/imu\.csv:12: column 'wx': expected a finite number",
     ),
     case(
-        "number beyond all numbers", cell(IMU, 12, "wx", "1e400"), r"moving/imu\.csv:12: column 'wx': expected a finite"
+        "number beyond all numbers",
+        cell(IMU, 12, "wx", "1e400"),
+        r"moving/imu\.csv:12: column 'wx': expected a finite",
     ),
-    case("impossibly large numbers", columns(CABLES, ["f1"], "1e300"), r"moving/cables\.csv.*: .*(expected|found)"),
+    case(
+        "impossibly large numbers",
+        columns(CABLES, ["f1"], "1e300"),
+        r"moving/cables\.csv.*: .*(expected|found)",
+    ),
     case(
         "time running backwards",
         cell(IMU, 30, "t", "0.1"),
         r"moving/imu\.csv:30: column 't': expected time that never decreases, found 0\.1 s after",
     ),
-    case("NaN in time", cell(IMU, 30, "t", "nan"), r"moving/imu\.csv:30: column 't': expected a time, found none"),
-    case("empty time", cell(IMU, 2, "t", ""), r"moving/imu\.csv:2: column 't': expected a time, found none"),
+    case(
+        "NaN in time",
+        cell(IMU, 30, "t", "nan"),
+        r"moving/imu\.csv:30: column 't': expected a time, found none",
+    ),
+    case(
+        "empty time",
+        cell(IMU, 2, "t", ""),
+        r"moving/imu\.csv:2: column 't': expected a time, found none",
+    ),
     case("time stands still", columns(IMU, ["t"], "1.5"), r"expected "),
-    case("too few samples", first_rows(CABLES, 5), r"run 'moving': expected at least 10 force samples .*found \d"),
+    case(
+        "too few samples",
+        first_rows(CABLES, 5),
+        r"run 'moving': expected at least 10 force samples .*found \d",
+    ),
     case("one sample", first_rows(IMU, 1), r"run 'moving': expected streams that overlap"),
     case(
         "two complete samples of many",
@@ -734,7 +857,11 @@ STREAMS = [
         ),
         r"moving/cables\.csv: expected at least 2 complete samples of tension, found 0",
     ),
-    case("too little motion", still, r"run 'moving': expected a motion, found a platform \(nearly\) at rest"),
+    case(
+        "too little motion",
+        still,
+        r"run 'moving': expected a motion, found a platform \(nearly\) at rest",
+    ),
     case(
         "unknown unit",
         change(EXPERIMENT, f"imu: {IMU}", f"imu: {{file: {IMU}, units: {{ax: furlong}}}}"),
@@ -763,7 +890,8 @@ STREAMS = [
     case(
         "quaternions of length 2",
         columns(IMU, ["qw", "qx", "qy", "qz"], lambda x, i: 2 * x),
-        r"moving/imu\.csv:2: columns qw to qz: expected unit quaternions, found one that is off by 1",
+        r"moving/imu\.csv:2: columns qw to qz: expected unit quaternions, found one that is off"
+        r" by 1",
     ),
     case(
         "quaternion of zeros",
@@ -775,9 +903,16 @@ STREAMS = [
         steps(
             change(EXPERIMENT, "kind: imu", "kind: attitude"),
             lambda folder: (folder / EXPERIMENT).write_text(
-                re.sub(r"    (position|noise: {ang|calibration: {gyro).*\n", "", (folder / EXPERIMENT).read_text())
+                re.sub(
+                    r"    (position|noise: {ang|calibration: {gyro).*\n",
+                    "",
+                    (folder / EXPERIMENT).read_text(),
+                )
             ),
-            write(IMU, "t,r11,r12,r13,r21,r22,r23,r31,r32,r33\n0.6,1,0,0,0,1,0,0,0,1\n0.7,1,0,0,0,1,0,0,0,-1\n"),
+            write(
+                IMU,
+                "t,r11,r12,r13,r21,r22,r23,r31,r32,r33\n0.6,1,0,0,0,1,0,0,0,1\n0.7,1,0,0,0,1,0,0,0,-1\n",
+            ),
         ),
         r"moving/imu\.csv:3: columns r11 to r33: expected rotation matrices",
     ),
@@ -805,17 +940,30 @@ STREAMS = [
         "quotation marks that swallow rows",
         lambda folder: save(
             folder / TRACKER,
-            [[*row, "note" if i == 0 else '5" pipe'] for i, row in enumerate(table(folder / TRACKER))],
+            [
+                [*row, "note" if i == 0 else '5" pipe']
+                for i, row in enumerate(table(folder / TRACKER))
+            ],
         ),
         r"moving/tracker\.csv.*: expected ",
     ),
     case(
         "header of a megabyte",
-        lambda folder: (folder / TRACKER).write_text("q" * 1_000_000 + "".join(f" {i}" for i in range(9999)) + "\n1\n"),
+        lambda folder: (folder / TRACKER).write_text(
+            "q" * 1_000_000 + "".join(f" {i}" for i in range(9999)) + "\n1\n"
+        ),
         r"moving/tracker\.csv: expected columns x, y, z",
     ),
-    case("semicolons", change(TRACKER, "t,x,y,z", "t;x;y;z"), r"moving/tracker\.csv:1: expected .*found .*t;x;y;z"),
-    case("column twice", change(TRACKER, "t,x,y,z", "t,x,y,y"), r"moving/tracker\.csv: expected .*(twice|again|z)"),
+    case(
+        "semicolons",
+        change(TRACKER, "t,x,y,z", "t;x;y;z"),
+        r"moving/tracker\.csv:1: expected .*found .*t;x;y;z",
+    ),
+    case(
+        "column twice",
+        change(TRACKER, "t,x,y,z", "t,x,y,y"),
+        r"moving/tracker\.csv: expected .*(twice|again|z)",
+    ),
     case(
         "needed column twice",
         lambda folder: save(folder / TRACKER, [[*row, row[1]] for row in table(folder / TRACKER)]),
@@ -823,14 +971,20 @@ STREAMS = [
     ),
     case(
         "CSV as Parquet",
-        steps(change(EXPERIMENT, TRACKER, "moving/t.parquet"), write("moving/t.parquet", "t,x,y,z\n1,2,3,4\n")),
+        steps(
+            change(EXPERIMENT, TRACKER, "moving/t.parquet"),
+            write("moving/t.parquet", "t,x,y,z\n1,2,3,4\n"),
+        ),
         r"moving/t\.parquet: expected a Parquet file, found something else",
     ),
     case(
         "Parquet of text",
         steps(
             change(EXPERIMENT, TRACKER, "moving/t.parquet"),
-            parquet("moving/t.parquet", lambda: pl.DataFrame({"t": [1.0], "x": ["a"], "y": [1.0], "z": [1.0]})),
+            parquet(
+                "moving/t.parquet",
+                lambda: pl.DataFrame({"t": [1.0], "x": ["a"], "y": [1.0], "z": [1.0]}),
+            ),
         ),
         r"moving/t\.parquet: column 'x': expected numbers, found String",
     ),
@@ -862,7 +1016,10 @@ STREAMS = [
         "Parquet without rows",
         steps(
             change(EXPERIMENT, TRACKER, "moving/t.parquet"),
-            parquet("moving/t.parquet", lambda: pl.DataFrame({c: pl.Series([], dtype=pl.Float64) for c in "txyz"})),
+            parquet(
+                "moving/t.parquet",
+                lambda: pl.DataFrame({c: pl.Series([], dtype=pl.Float64) for c in "txyz"}),
+            ),
         ),
         r"moving/t\.parquet: expected rows of numbers, found none",
     ),
@@ -875,7 +1032,12 @@ SIMULATIONS = [
         r"none\.yaml: expected a file, found nothing",
         "simulate none.yaml --out results",
     ),
-    case("unknown robot to simulate", nothing, r"'cogito': expected ", "simulate cogito --out results"),
+    case(
+        "unknown robot to simulate",
+        nothing,
+        r"'cogito': expected ",
+        "simulate cogito --out results",
+    ),
     case(
         "unknown trajectory",
         nothing,
@@ -891,7 +1053,8 @@ SIMULATIONS = [
     case(
         "trajectory beyond the limits",
         write("far.csv", FAR),
-        r"trajectory 'far': expected a motion within the limits .*position\[0\] 0 to 7 of -4 to 4 m",
+        r"trajectory 'far': expected a motion within the limits .*position\[0\] 0 to 7 of -4"
+        r" to 4 m",
         "simulate cogiro --trajectory far.csv --out results",
     ),
     case(
@@ -909,10 +1072,17 @@ SIMULATIONS = [
     case(
         "trajectory of a moment",
         steps(
-            write("blink.csv", "t,x,y,z,roll,pitch,yaw\n" + "".join(f"{t * 1e-3},0,0,2,0,0,0\n" for t in range(6))),
+            write(
+                "blink.csv",
+                "t,x,y,z,roll,pitch,yaw\n" + "".join(f"{t * 1e-3},0,0,2,0,0,0\n" for t in range(6)),
+            ),
             change(ROBOT, "limits:", "limits: {}\n#limits:"),
             lambda folder: (folder / ROBOT).write_text(
-                re.sub(r"limits: {}\n(.*\n)*?platform", "limits: {}\nplatform", (folder / ROBOT).read_text())
+                re.sub(
+                    r"limits: {}\n(.*\n)*?platform",
+                    "limits: {}\nplatform",
+                    (folder / ROBOT).read_text(),
+                )
             ),
         ),
         r"blink.*: expected ",
@@ -920,7 +1090,10 @@ SIMULATIONS = [
     ),
     case(
         "trajectory of a century",
-        write("age.csv", "t,x,y,z,roll,pitch,yaw\n" + "".join(f"{t}e9,0,0,2,0,0,0\n" for t in range(6))),
+        write(
+            "age.csv",
+            "t,x,y,z,roll,pitch,yaw\n" + "".join(f"{t}e9,0,0,2,0,0,0\n" for t in range(6)),
+        ),
         r"age.*: expected ",
         "simulate cogiro --trajectory age.csv --out results",
     ),
@@ -960,8 +1133,18 @@ SIMULATIONS = [
         r"trajectory 't\d-\w+': expected a motion within the limits .*; choose a longer --duration",
         "simulate cogiro --trajectory paper --duration 0.5 --out results",
     ),
-    case("unknown sensors", nothing, r"--sensors: expected .*found 'cheap'", f"{SIMULATE} --sensors cheap"),
-    case("sensors file missing", nothing, r"s\.yaml: expected a file, found nothing", f"{SIMULATE} --sensors s.yaml"),
+    case(
+        "unknown sensors",
+        nothing,
+        r"--sensors: expected .*found 'cheap'",
+        f"{SIMULATE} --sensors cheap",
+    ),
+    case(
+        "sensors file missing",
+        nothing,
+        r"s\.yaml: expected a file, found nothing",
+        f"{SIMULATE} --sensors s.yaml",
+    ),
     case(
         "sensors without rate",
         write("s.yaml", SENSORS.replace(", rate: 25", "")),
@@ -971,7 +1154,8 @@ SIMULATIONS = [
     case(
         "sensors without forces",
         write("s.yaml", "instruments:\n  tracker: {kind: position, rate: 25}\n"),
-        r"s\.yaml:1: 'instruments': expected an instrument of kind 'tension' or 'wrench', found none",
+        r"s\.yaml:1: 'instruments': expected an instrument of kind 'tension' or 'wrench', found"
+        r" none",
         f"{SIMULATE} --sensors s.yaml",
     ),
     case(
@@ -982,8 +1166,12 @@ SIMULATIONS = [
     ),
     case(
         "sensors with calibration of too few cables",
-        write("s.yaml", "instruments:\n  cables: {kind: tension, rate: 25, calibration: {offset: [1, 2]}}\n"),
-        r"s\.yaml:2: 'instruments\.cables\.calibration\.offset': expected one sigma or 8 of them, found 2",
+        write(
+            "s.yaml",
+            "instruments:\n  cables: {kind: tension, rate: 25, calibration: {offset: [1, 2]}}\n",
+        ),
+        r"s\.yaml:2: 'instruments\.cables\.calibration\.offset': expected one sigma or 8 of them,"
+        r" found 2",
         f"{SIMULATE} --sensors s.yaml",
     ),
     case(
@@ -1022,15 +1210,19 @@ SIMULATIONS = [
             write("s.yaml", SENSORS),
             write(
                 ROBOT,
-                "name: none\ncables: []\nplatform: {mass: 1, center_of_gravity: [0, 0, 0], inertia: {xx: 1, yy: 1, zz: 1}}\n",
+                "name: none\ncables: []\nplatform: {mass: 1, center_of_gravity: [0, 0, 0], inertia:"
+                " {xx: 1, yy: 1, zz: 1}}\n",
             ),
         ),
-        r"s\.yaml:2: 'instruments\.cables\.kind': expected a robot with cables.*, found none in robot 'none'",
+        r"s\.yaml:2: 'instruments\.cables\.kind': expected a robot with cables.*, found none in"
+        r" robot 'none'",
         f"{SIMULATE} --sensors s.yaml",
     ),
     case(
         "platform missing",
-        lambda folder: (folder / ROBOT).write_text((folder / ROBOT).read_text().split("platform:")[0]),
+        lambda folder: (folder / ROBOT).write_text(
+            (folder / ROBOT).read_text().split("platform:")[0]
+        ),
         r"robot 'straight': expected a nominal platform to simulate, found none; add 'platform'",
         SIMULATE,
     ),
@@ -1043,7 +1235,8 @@ SIMULATIONS = [
     case(
         "platform that cannot exist",
         change(ROBOT, "xx: 94.955", "xx: 294.955"),
-        r"robot 'straight': expected a platform that can exist, found one whose inertia no body has",
+        r"robot 'straight': expected a platform that can exist, found one whose inertia no"
+        r" body has",
         SIMULATE,
     ),
     case(
@@ -1059,16 +1252,22 @@ SIMULATIONS = [
         write(
             ROBOT,
             "name: parallel\ncables:\n"
-            + "".join(f"- {{anchor: [{i}, {i % 3}, 5], attachment: [{i}, {i % 3}, 0]}}\n" for i in range(8))
+            + "".join(
+                f"- {{anchor: [{i}, {i % 3}, 5], attachment: [{i}, {i % 3}, 0]}}\n"
+                for i in range(8)
+            )
             + "cable: {axial_stiffness: 5.0e5}\n"
-            + "platform: {mass: 10, center_of_gravity: [0, 0, 0], inertia: {xx: 1, yy: 1, zz: 1}}\n",
+            + "platform: {mass: 10, center_of_gravity: [0, 0, 0], inertia: {xx: 1, yy: 1, zz:"
+            " 1}}\n",
         ),
         r"robot 'parallel': expected ",
         SIMULATE,
     ),
     case(
         "rollers larger than the robot",
-        lambda folder: (folder / ROBOT).write_text((folder / ROBOT).read_text().replace("radius: 0.05", "radius: 50")),
+        lambda folder: (folder / ROBOT).write_text(
+            (folder / ROBOT).read_text().replace("radius: 0.05", "radius: 50")
+        ),
         r"robot.*: expected ",
         SIMULATE,
     ),
@@ -1081,7 +1280,12 @@ COMMAND_LINE = [
     case("missing argument", nothing, r"Missing argument 'EXPERIMENT'", "identify --out results"),
     case("missing option", nothing, r"Missing option '--out'", "simulate cogiro"),
     case("one argument too many", nothing, r"unexpected extra argument", f"{IDENTIFY} more.yaml"),
-    case("option without value", nothing, r"--out.*requires an argument", "identify experiment.yaml --out"),
+    case(
+        "option without value",
+        nothing,
+        r"--out.*requires an argument",
+        "identify experiment.yaml --out",
+    ),
     case(
         "text for a number on the command line",
         nothing,
@@ -1089,17 +1293,32 @@ COMMAND_LINE = [
         "simulate cogiro --duration long --out results",
     ),
     case("negative seed", nothing, r"--seed.*-1", "simulate cogiro --seed -1 --out results"),
-    case("wrong method", nothing, r"--method: expected one of two-step.*found 'magic'", f"{IDENTIFY} --method magic"),
+    case(
+        "wrong method",
+        nothing,
+        r"--method: expected one of two-step.*found 'magic'",
+        f"{IDENTIFY} --method magic",
+    ),
     case(
         "wrong method beside all",
         nothing,
         r"--method: expected .*found 'magic'",
         f"{IDENTIFY} --method all --method magic",
     ),
-    case("wrong run", nothing, r"--run: expected one of moving, found 'resting'", f"{IDENTIFY} --run resting"),
+    case(
+        "wrong run",
+        nothing,
+        r"--run: expected one of moving, found 'resting'",
+        f"{IDENTIFY} --run resting",
+    ),
     case("wrong acceleration", nothing, r"--acceleration.*'gps'", f"{IDENTIFY} --acceleration gps"),
     case("unknown robot to print", nothing, r"'cogito': expected one of cogiro", "robots cogito"),
-    case("path for a robot to print", nothing, r"'\.\./robot': expected one of cogiro", "robots ../robot"),
+    case(
+        "path for a robot to print",
+        nothing,
+        r"'\.\./robot': expected one of cogiro",
+        "robots ../robot",
+    ),
     case(
         "results folder not empty",
         nothing,
@@ -1130,8 +1349,18 @@ COMMAND_LINE = [
         r"robot\.yaml/results: expected a place that can be written to, found none",
         "identify experiment.yaml --out robot.yaml/results",
     ),
-    case("name of results folder too long", nothing, r"too long", f"identify experiment.yaml --out {'r' * 300}"),
-    case("name of experiment too long", nothing, r"too long", f"identify {'e' * 5000}.yaml --out results"),
+    case(
+        "name of results folder too long",
+        nothing,
+        r"too long",
+        f"identify experiment.yaml --out {'r' * 300}",
+    ),
+    case(
+        "name of experiment too long",
+        nothing,
+        r"too long",
+        f"identify {'e' * 5000}.yaml --out results",
+    ),
 ]
 
 CASES = [*EXPERIMENT_FILE, *YAML_FILE, *ROBOT_FILE, *STREAMS, *SIMULATIONS, *COMMAND_LINE]
@@ -1139,7 +1368,10 @@ CASES = [*EXPERIMENT_FILE, *YAML_FILE, *ROBOT_FILE, *STREAMS, *SIMULATIONS, *COM
 
 def contents(folder):
     """Every path below a folder, with the bytes of its files."""
-    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+    return {
+        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
+        for path in folder.rglob("*")
+    }
 
 
 @pytest.fixture
@@ -1181,7 +1413,9 @@ def assert_one_sentence(status, stdout, stderr, pattern):
 
 @pytest.mark.usefixtures("limited")
 @pytest.mark.parametrize(("corrupt", "pattern", "arguments"), CASES)
-def test_bad_input_ends_with_one_sentence(corrupt, pattern, arguments, folder, tmp_path, monkeypatch, capsys):
+def test_bad_input_ends_with_one_sentence(
+    corrupt, pattern, arguments, folder, tmp_path, monkeypatch, capsys
+):
     corrupt(folder)
     before = contents(tmp_path)
     monkeypatch.setattr(sys, "argv", ["steelyard", *arguments.split()])

@@ -9,12 +9,20 @@ ROUNDING = 1e-13  # a few additions and products of numbers near one
 
 def products() -> Batched:
     A, v, k = ca.SX.sym("A", 2, 3), ca.SX.sym("v", 3), ca.SX.sym("k")
-    return Batched("products", {"A": A, "v": v, "k": k}, {"Av": A @ v, "kA": k * A, "row": v.T, "norm": ca.norm_2(v)})
+    return Batched(
+        "products",
+        {"A": A, "v": v, "k": k},
+        {"Av": A @ v, "kA": k * A, "row": v.T, "norm": ca.norm_2(v)},
+    )
 
 
 def numbers(n: int) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(n)
-    return {"A": rng.normal(size=(n, 2, 3)), "v": rng.normal(size=(n, 3)), "k": rng.normal(size=(n, 1))}
+    return {
+        "A": rng.normal(size=(n, 2, 3)),
+        "v": rng.normal(size=(n, 3)),
+        "k": rng.normal(size=(n, 1)),
+    }
 
 
 @pytest.mark.parametrize("n", [1, 2, 255, 256, 257, 600])
@@ -22,7 +30,9 @@ def test_equals_numpy_sample_by_sample(n):
     given = numbers(n)
     A, v, k = given.values()
     result = products()(**given)
-    np.testing.assert_allclose(result["Av"], np.einsum("nij,nj->ni", A, v), rtol=ROUNDING, atol=ROUNDING)
+    np.testing.assert_allclose(
+        result["Av"], np.einsum("nij,nj->ni", A, v), rtol=ROUNDING, atol=ROUNDING
+    )
     np.testing.assert_allclose(result["kA"], k[:, :, None] * A, rtol=ROUNDING)
     np.testing.assert_array_equal(result["row"], v[:, None, :])
     np.testing.assert_allclose(result["norm"], np.linalg.norm(v, axis=1)[:, None], rtol=ROUNDING)
@@ -31,7 +41,10 @@ def test_equals_numpy_sample_by_sample(n):
 @pytest.mark.parametrize("cores", [1, 2, 3, None])
 def test_threads_change_nothing(cores, monkeypatch):
     given, whole = numbers(20_001), products()
-    pieces = [whole(**{key: value[a : a + 500] for key, value in given.items()}) for a in range(0, 20_001, 500)]
+    pieces = [
+        whole(**{key: value[a : a + 500] for key, value in given.items()})
+        for a in range(0, 20_001, 500)
+    ]
     monkeypatch.setattr("os.cpu_count", lambda: cores)
     for key, values in whole(**given).items():
         np.testing.assert_array_equal(values, np.concatenate([piece[key] for piece in pieces]))
@@ -100,7 +113,9 @@ def test_the_function_of_one_sample_takes_and_gives_matrices_row_by_row():
 def test_mx_symbols_work_like_sx_symbols():
     A = ca.MX.sym("A", 2, 3)
     given = numbers(5)["A"]
-    np.testing.assert_array_equal(Batched("t", {"A": A}, {"T": A.T})(A=given)["T"], given.transpose(0, 2, 1))
+    np.testing.assert_array_equal(
+        Batched("t", {"A": A}, {"T": A.T})(A=given)["T"], given.transpose(0, 2, 1)
+    )
 
 
 def test_unequal_numbers_of_samples_are_refused():

@@ -1,4 +1,5 @@
-"""The Cramer-Rao bound against a dense Fisher matrix of readings predicted with NumPy, and against estimates."""
+"""The Cramer-Rao bound against a dense Fisher matrix of readings predicted with NumPy, and against
+estimates."""
 
 from dataclasses import replace
 
@@ -6,24 +7,41 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
-from simulated import BODY, CENTER, EXACT, IDEAL, REACH, RECORDER, ROBOT, at_rest, changed, pair, pair_studied, studied
+from simulated import (
+    BODY,
+    CENTER,
+    EXACT,
+    IDEAL,
+    REACH,
+    RECORDER,
+    ROBOT,
+    at_rest,
+    changed,
+    pair,
+    pair_studied,
+    studied,
+)
 
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.bound import attainable, cramer_rao
-from steelyard.identification.classical import study
-from steelyard.identification.force_rows import Forces
-from steelyard.identification.least_squares import LeastSquares
-from steelyard.identification.motion_rows import Arc, Reading
-from steelyard.identification.unknowns import Systematic, gather
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.model.calibration_parameters import Calibration, gather
+from steelyard.identification.model.force_residuals import Forces
+from steelyard.identification.model.motion_residuals import Reading, Segment
+from steelyard.identification.solve.bound import attainable, cramer_rao
+from steelyard.identification.solve.classical import study
 from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian
 from steelyard.instruments import Imu, Position, Tension
 from steelyard.motion.trajectory import multisine
 from steelyard.smoothing import DEGREE, knots
 
-DIFFERENCES = 1e-4  # relative: central differences, and a Fisher matrix of a condition of many orders
+DIFFERENCES = (
+    1e-4  # relative: central differences, and a Fisher matrix of a condition of many orders
+)
 LENGTH, SPACING = 4.0, 0.5  # [s]
-POINTS = replace(ROBOT, name="points", pulley_radius=np.zeros(8))  # cables leave from points: directions in one line
+POINTS = replace(
+    ROBOT, name="points", pulley_radius=np.zeros(8)
+)  # cables leave from points: directions in one line
 NOISE = {"angular_velocity": 0.002, "specific_force": 0.03, "orientation": 0.003}
 IMU_ERRORS = {
     "gyro_bias": 0.005,
@@ -46,7 +64,12 @@ def instruments(*, exact=False, tiny=False):
 
     return {
         "cables": Tension.model_validate(
-            {"kind": "tension", "clock": "recorder", "noise": 5.0, "calibration": sized(CABLE_ERRORS)}
+            {
+                "kind": "tension",
+                "clock": "recorder",
+                "noise": 5.0,
+                "calibration": sized(CABLE_ERRORS),
+            }
         ),
         "imu": Imu.model_validate(
             {
@@ -78,7 +101,9 @@ class Problem:
         pose = trajectory.derivative(fine, 0)
         quaternion = Rotation.from_euler("ZYX", pose[:, :2:-1]).as_quat(scalar_first=True)
         design = BSpline.design_matrix(fine, self.knots, DEGREE).toarray()
-        self.coefficients = np.linalg.lstsq(design, np.hstack([pose[:, :3], quaternion]), rcond=None)[0]
+        self.coefficients = np.linalg.lstsq(
+            design, np.hstack([pose[:, :3], quaternion]), rcond=None
+        )[0]
         rng = np.random.default_rng(0)
         self.times = {
             "imu": np.arange(0.01, LENGTH - 0.05, 0.06),
@@ -90,21 +115,35 @@ class Problem:
         s = np.einsum("nji,nj->ni", R, acceleration - ROBOT.gravity)
         W = self.structure(p, R, POINTS.anchors, POINTS.attachments)
         inner = 600 + 150 * rng.normal(size=(len(p), 8))
-        missing = platform_wrench(BODY.parameters, s, omega, alpha) - np.einsum("nkm,nm->nk", W, inner)
+        missing = platform_wrench(BODY.parameters, s, omega, alpha) - np.einsum(
+            "nkm,nm->nk", W, inner
+        )
         self.tension = inner + np.einsum("nmk,nk->nm", np.linalg.pinv(W), missing)
         streams = {
             "cables": Stream(self.times["cables"], {"tension": self.tension}, "cables"),
-            "imu": Stream(self.times["imu"], {key: np.zeros((len(self.times["imu"]), 3)) for key in NOISE}, "imu"),
+            "imu": Stream(
+                self.times["imu"],
+                {key: np.zeros((len(self.times["imu"]), 3)) for key in NOISE},
+                "imu",
+            ),
             "tracker": Stream(
-                self.times["tracker"], {"position": np.zeros((len(self.times["tracker"]), 3))}, "tracker"
+                self.times["tracker"],
+                {"position": np.zeros((len(self.times["tracker"]), 3))},
+                "tracker",
             ),
         }
         self.experiment = Experiment(
-            "small", POINTS, suite, (Run("run", streams, dict.fromkeys(suite, 0.0)),), uncertainty=uncertainty
+            "small",
+            POINTS,
+            suite,
+            (Run("run", streams, dict.fromkeys(suite, 0.0)),),
+            uncertainty=uncertainty,
         )
-        self.unknowns = gather(self.experiment)
-        self.systematic = Systematic(self.unknowns, self.unknowns.mean)
-        self.active = self.unknowns.deviation > 0
+        self.calibration_parameters = gather(self.experiment)
+        self.calibration = Calibration(
+            self.calibration_parameters, self.calibration_parameters.mean
+        )
+        self.active = self.calibration_parameters.deviation > 0
 
     # The same physics, written out once more
 
@@ -114,7 +153,9 @@ class Problem:
 
         def product(x, y):
             w = x[:, 0] * y[:, 0] - np.sum(x[:, 1:] * y[:, 1:], axis=1)
-            return np.column_stack([w, x[:, :1] * y[:, 1:] + y[:, :1] * x[:, 1:] + np.cross(x[:, 1:], y[:, 1:])])
+            return np.column_stack(
+                [w, x[:, :1] * y[:, 1:] + y[:, :1] * x[:, 1:] + np.cross(x[:, 1:], y[:, 1:])]
+            )
 
         square = np.sum(q**2, axis=1, keepdims=True)
         inverse = q * [1, -1, -1, -1] / square
@@ -125,17 +166,25 @@ class Problem:
         return p[:, :3], R, omega[:, 1:], alpha[:, 1:], a[:, :3]
 
     def residuals(self, coefficients, parameters, errors):
-        """All readings less what is measured, in their 1-sigma; rotations against those of the start."""
-        e = {(u.owner, u.key): errors[self.unknowns.places[u.owner, u.key, u.run]] for u in self.unknowns.entries}
+        """All readings less what is measured, in their 1-sigma; rotations against those of the
+        start."""
+        e = {
+            (u.owner, u.key): errors[self.calibration_parameters.places[u.owner, u.key, u.run]]
+            for u in self.calibration_parameters.entries
+        }
         gravity = e["robot", "gravity"]
         found = []
         _, R, omega, alpha, acceleration = self.motion(coefficients, self.times["imu"])
         turned = Rotation.from_rotvec(e["imu", "misalignment"]).as_matrix()
         place = np.array([0.1, -0.05, 0.3]) + e["imu", "position"]
-        felt = np.einsum("nji,nj->ni", R, acceleration - gravity)
-        felt = felt + np.cross(alpha, place) + np.cross(omega, np.cross(omega, place))
+        force_samples = np.einsum("nji,nj->ni", R, acceleration - gravity)
+        force_samples = (
+            force_samples + np.cross(alpha, place) + np.cross(omega, np.cross(omega, place))
+        )
         found.append((omega @ turned + e["imu", "gyro_bias"]) / NOISE["angular_velocity"])
-        found.append((felt @ turned + e["imu", "accelerometer_bias"]) / NOISE["specific_force"])
+        found.append(
+            (force_samples @ turned + e["imu", "accelerometer_bias"]) / NOISE["specific_force"]
+        )
         attitude = Rotation.from_rotvec(e["imu", "reference"]).as_matrix().T @ R @ turned
         if not hasattr(self, "start"):
             self.start = attitude
@@ -145,10 +194,15 @@ class Problem:
         target = p + R @ (np.array([0.1, 0.2, 1.1]) + e["tracker", "target"])
         frame = Rotation.from_rotvec(e["tracker", "frame.rotation"]).as_matrix()
         found.append((target - e["tracker", "frame.position"]) @ frame / 0.0005)
-        # Forces: the wrench of the measured tensions less what moves the body, in the 1-sigma of the wrench.
+        # Forces: the wrench of the measured tensions less what moves the body, in the 1-sigma of
+        # the wrench.
         p, R, omega, alpha, acceleration = self.motion(coefficients, self.times["cables"])
-        tension = (self.tension - e["cables", "offset"]) / (e["cables", "gain"] * e["cables", "common_gain"])
-        W = self.structure(p, R, e["robot", "anchor"].reshape(-1, 3), e["robot", "attachment"].reshape(-1, 3))
+        tension = (self.tension - e["cables", "offset"]) / (
+            e["cables", "gain"] * e["cables", "common_gain"]
+        )
+        W = self.structure(
+            p, R, e["robot", "anchor"].reshape(-1, 3), e["robot", "attachment"].reshape(-1, 3)
+        )
         if not hasattr(self, "white"):
             self.white = np.linalg.inv(np.linalg.cholesky(25.0 * W @ W.transpose(0, 2, 1)))
         body = Inertia.from_parameters(parameters)
@@ -158,8 +212,9 @@ class Problem:
         torque = np.cross(h, s) + alpha @ J + np.cross(omega, omega @ J)
         left = np.einsum("nkm,nm->nk", W, tension) - np.hstack([force, torque])
         found.append(np.einsum("nij,nj->ni", self.white, left))
-        # The quaternion may have any length, which is held near one as the package does: to 1 % at the knots and between them. That
-        # matters little (.2 %), but not nothing, since a spline of unit length has fewer shapes.
+        # The quaternion may have any length, which is held near one as the package does: to 1 % at
+        # the knots and between them. That matters little (.2 %), but not nothing, since a spline of
+        # unit length has fewer shapes.
         held = np.linspace(0, LENGTH, round(2 * LENGTH / SPACING) + 1)
         norm = np.sum(BSpline(self.knots, coefficients, DEGREE)(held)[:, 3:] ** 2, axis=1)
         found.append(norm[:, None] / 0.01)
@@ -173,8 +228,11 @@ class Problem:
         return np.concatenate([pull, np.cross(attachments, pull)], axis=2).transpose(0, 2, 1)
 
     def dense(self, known=None):
-        """Covariance of the ten body parameters and of the errors that are not exact, by inverting everything at once."""
-        x0 = np.concatenate([self.coefficients.ravel(), BODY.parameters, self.unknowns.mean])
+        """Covariance of the ten body parameters and of the errors that are not exact, by inverting
+        everything at once."""
+        x0 = np.concatenate(
+            [self.coefficients.ravel(), BODY.parameters, self.calibration_parameters.mean]
+        )
         count, columns = self.coefficients.size, []
 
         def at(x):
@@ -183,7 +241,11 @@ class Problem:
         at(x0)
         places = np.concatenate([np.arange(count + 10), count + 10 + np.flatnonzero(self.active)])
         sizes = np.concatenate(
-            [np.full(count, 1e-5), 1e-4 * np.maximum(np.abs(BODY.parameters), 1.0), np.full(self.active.sum(), 1e-5)]
+            [
+                np.full(count, 1e-5),
+                1e-4 * np.maximum(np.abs(BODY.parameters), 1.0),
+                np.full(self.active.sum(), 1e-5),
+            ]
         )
         for place, size in zip(places, sizes, strict=True):
             step = np.zeros(len(x0))
@@ -191,7 +253,7 @@ class Problem:
             columns.append((at(x0 + step) - at(x0 - step)) / (2 * size))
         A = np.array(columns).T
         prior = np.zeros((int(self.active.sum()), A.shape[1]))
-        prior[:, count + 10 :] = np.diag(1 / self.unknowns.deviation[self.active])
+        prior[:, count + 10 :] = np.diag(1 / self.calibration_parameters.deviation[self.active])
         J = body_jacobian(BODY.parameters)
         rows = [A, prior]
         for name, sigma in (known or {}).items():
@@ -204,13 +266,16 @@ class Problem:
         upper = np.linalg.qr(stacked / scale, mode="r")
         inverse = np.linalg.inv(upper) / scale[:, None]
         covariance = inverse @ inverse.T
-        return J @ covariance[count : count + 10, count : count + 10] @ J.T, covariance[count + 10 :, count + 10 :]
+        return (
+            J @ covariance[count : count + 10, count : count + 10] @ J.T,
+            covariance[count + 10 :, count + 10 :],
+        )
 
     def bound(self, *, left_out=(), known=None, finer=1.0):
         """The bound by the package, of some of the readings."""
         readings = []
         _, R, *_ = self.motion(self.coefficients, self.times["imu"])
-        self.residuals(self.coefficients, BODY.parameters, self.unknowns.mean)
+        self.residuals(self.coefficients, BODY.parameters, self.calibration_parameters.mean)
         for name, sigmas in (("imu", NOISE), ("tracker", {"position": 0.0005})):
             for quantity, sigma in sigmas.items():
                 if (name, quantity) in left_out:
@@ -219,7 +284,7 @@ class Problem:
                 values = R if quantity == "orientation" else self.exact(name, quantity)
                 assert len(values) == n
                 readings.append(Reading((name, quantity), self.times[name], values, sigma / finer))
-        arc = Arc("run", self.knots, tuple(readings), self.coefficients)
+        segment = Segment("run", self.knots, tuple(readings), self.coefficients)
         n = len(self.tension)
         forces = Forces(
             "cables",
@@ -229,7 +294,12 @@ class Problem:
             np.zeros((n, 8), dtype=bool),
         )
         return cramer_rao(
-            self.experiment, self.systematic, {"run": (arc,)}, {"run": (forces,)}, BODY.parameters, known=known
+            self.experiment,
+            self.calibration,
+            {"run": (segment,)},
+            {"run": (forces,)},
+            BODY.parameters,
+            known=known,
         )
 
     def exact(self, name, quantity):
@@ -239,8 +309,8 @@ class Problem:
             return omega
         if quantity == "specific_force":
             place = np.array([0.1, -0.05, 0.3])
-            felt = np.einsum("nji,nj->ni", R, acceleration - ROBOT.gravity)
-            return felt + np.cross(alpha, place) + np.cross(omega, np.cross(omega, place))
+            force_samples = np.einsum("nji,nj->ni", R, acceleration - ROBOT.gravity)
+            return force_samples + np.cross(alpha, place) + np.cross(omega, np.cross(omega, place))
         p, R, *_ = self.motion(self.coefficients, self.times["tracker"])
         return p + R @ np.array([0.1, 0.2, 1.1])
 
@@ -251,18 +321,22 @@ UNSURE = {"anchor": 0.003, "attachment": 0.002, "gravity": 0.002}
 def assert_covariances(found, expected, relative):
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(np.sqrt(np.diag(found)), scale, rtol=relative)
-    np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=5 * relative)
+    np.testing.assert_allclose(
+        found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=5 * relative
+    )
 
 
-@pytest.mark.parametrize("uncertainty", [EXACT, UNSURE], ids=["geometry exact", "geometry uncertain"])
+@pytest.mark.parametrize(
+    "uncertainty", [EXACT, UNSURE], ids=["geometry exact", "geometry uncertain"]
+)
 def test_the_bound_is_that_of_the_dense_fisher_matrix(uncertainty):
     problem = Problem(instruments(), uncertainty)
     found = problem.bound()
     body, errors = problem.dense()
     assert_covariances(found.covariance, body, DIFFERENCES)
-    own = found.systematic[np.ix_(problem.active, problem.active)]
+    own = found.calibration[np.ix_(problem.active, problem.active)]
     assert_covariances(own, errors, DIFFERENCES)
-    np.testing.assert_array_equal(found.systematic[~problem.active], 0.0)
+    np.testing.assert_array_equal(found.calibration[~problem.active], 0.0)
 
 
 def test_what_is_known_about_the_body_counts_as_a_reading_of_it():
@@ -277,7 +351,9 @@ def test_errors_known_exactly_are_errors_known_nearly_exactly():
     exact, nearly = (Problem(instruments(exact=e, tiny=not e)) for e in (True, False))
     assert not exact.active.any()
     assert nearly.active.sum() > 30
-    np.testing.assert_allclose(exact.bound().standard_deviation, nearly.bound().standard_deviation, rtol=1e-4)
+    np.testing.assert_allclose(
+        exact.bound().standard_deviation, nearly.bound().standard_deviation, rtol=1e-4
+    )
 
 
 def test_more_and_better_readings_tell_more():
@@ -292,7 +368,8 @@ def test_more_and_better_readings_tell_more():
         assert np.all(less.standard_deviation > everything.standard_deviation * (1 + 1e-9))
     exact = Problem(instruments(exact=True)).bound()
     assert np.all(exact.standard_deviation < everything.standard_deviation)
-    # Without priors, half of the noise is half of the uncertainty, but for the length of the quaternion.
+    # Without priors, half of the noise is half of the uncertainty, but for the length of the
+    # quaternion.
     finer = Problem(instruments(exact=True)).bound(finer=2.0)
     np.testing.assert_allclose(finer.standard_deviation, exact.standard_deviation / 2, rtol=2e-3)
 
@@ -305,7 +382,8 @@ def test_no_estimate_is_surer_than_the_bound(seed):
     found = studied(seed)
     own, bound = LeastSquares().of(found), attainable(found)
     ratio = own.standard_deviation / bound.standard_deviation
-    # The bound stands at the estimate, whose noise moves it; the filter and the weights cost the rest.
+    # The bound stands at the estimate, whose noise moves it; the filter and the weights cost the
+    # rest.
     assert np.all(ratio > 0.97), ratio
     assert np.all(ratio < 1.4), ratio
 
@@ -336,7 +414,8 @@ def runs():
 
 def test_several_runs_tell_more_than_one(runs):
     one, two, _ = runs
-    # No more than twice the information in what noise limits, and less where priors do; the filters differ a little.
+    # No more than twice the information in what noise limits, and less where priors do; the filters
+    # differ a little.
     assert np.all((two / one < 0.95) & (two / one > 0.63)), two / one
 
 

@@ -29,13 +29,19 @@ def motion():
 @pytest.fixture
 def robot():
     bundled = read_robot("cogiro")
-    return replace(bundled, pulley_radius=np.zeros(bundled.m), cable=replace(bundled.cable, axial_stiffness=None))
+    return replace(
+        bundled,
+        pulley_radius=np.zeros(bundled.m),
+        cable=replace(bundled.cable, axial_stiffness=None),
+    )
 
 
 def by_slices(robot, motion, sample):
-    """Every slice of a straight cable moves across it in proportion to its distance from the anchor; moments about the anchor give
-    what the platform end has to carry of its inertia."""
-    p, R, s, w, dw = (motion[key][sample] for key in ("position", "rotation", "specific_force", "omega", "alpha"))
+    """Every slice of a straight cable moves across it in proportion to its distance from the
+    anchor; moments about the anchor give what the platform end has to carry of its inertia."""
+    p, R, s, w, dw = (
+        motion[key][sample] for key in ("position", "rotation", "specific_force", "omega", "alpha")
+    )
     wrench = np.zeros(6)
     for anchor, b in zip(robot.anchors, robot.attachments, strict=True):
         acceleration = R @ (s + np.cross(dw, b) + np.cross(w, np.cross(w, b))) + motion["gravity"]

@@ -21,29 +21,53 @@ from steelyard.robot.catenary import (
 TOLERANCE = 1e-8  # [m], relative force: what the module accepts as solved; the integration itself is good to 1e-11
 
 WEIGHT, STIFFNESS = 0.064 * 9.81, 5e5  # [N/m], [N]
-ANCHORS = {"above": [-7.2, -5.4, 5.4], "below": [6.0, 4.0, -2.5], "level": [3.0, -8.0, 1.2], "steep": [0.4, 0.3, 8.0]}
+ANCHORS = {
+    "above": [-7.2, -5.4, 5.4],
+    "below": [6.0, 4.0, -2.5],
+    "level": [3.0, -8.0, 1.2],
+    "steep": [0.4, 0.3, 8.0],
+}
 UPS = {"upright": [0.0, 0.0, 1.0], "tilted": [0.06, -0.1, 0.99]}
 POINT = np.array([0.3, -0.5, 1.2])
-SIXTH_ORDER = [(1, 45), (-1, -45), (2, -9), (-2, 9), (3, 1), (-3, -1)]  # of central differences, over 60 h
+SIXTH_ORDER = [
+    (1, 45),
+    (-1, -45),
+    (2, -9),
+    (-2, 9),
+    (3, 1),
+    (-3, -1),
+]  # of central differences, over 60 h
 
 
 def unit(v):
     return np.asarray(v) / np.linalg.norm(v)
 
 
-def cable_spec(anchor, up=(0, 0, 1), radius=0.0, axis=(0, 0, 1), weight=WEIGHT, stiffness=STIFFNESS):
-    return CableSpec(ca.DM(np.array(anchor)), unit(axis), radius, unit(up), weight, 1 / stiffness if stiffness else 0.0)
+def cable_spec(
+    anchor, up=(0, 0, 1), radius=0.0, axis=(0, 0, 1), weight=WEIGHT, stiffness=STIFFNESS
+):
+    return CableSpec(
+        ca.DM(np.array(anchor)),
+        unit(axis),
+        radius,
+        unit(up),
+        weight,
+        1 / stiffness if stiffness else 0.0,
+    )
 
 
 def solved(form, cable, value, points=POINT[None]):
     point, given = ca.SX.sym("point", 3), ca.SX.sym("value")
     shape = form(cable, point, given)
-    values = Batched("cable", {"point": point, "value": given}, shape._asdict())(point=points, value=[value])
+    values = Batched("cable", {"point": point, "value": given}, shape._asdict())(
+        point=points, value=[value]
+    )
     return {key: v[0] if v.shape[1] > 1 else v.item() for key, v in values.items()}
 
 
 def hang(start, force, length, up, weight, compliance):
-    """Position and force at the far end of a cable integrated element by element from the platform end."""
+    """Position and force at the far end of a cable integrated element by element from the platform
+    end."""
 
     def element(s, y):
         pull = force + weight * s * up
@@ -55,10 +79,13 @@ def hang(start, force, length, up, weight, compliance):
 
 
 def assert_hangs(cable, shape, point=POINT):
-    """The cable, integrated from the attachment, ends on the roller (or at the anchor) and leaves it tangentially."""
+    """The cable, integrated from the attachment, ends on the roller (or at the anchor) and leaves
+    it tangentially."""
     on_roller = cable.radius * shape["wrap"] / (1 + shape["winch_tension"] * cable.compliance)
     force = shape["tension"] * shape["direction"]
-    end, pull = hang(point, force, shape["length"] - on_roller, cable.up, cable.weight, cable.compliance)
+    end, pull = hang(
+        point, force, shape["length"] - on_roller, cable.up, cable.weight, cable.compliance
+    )
     anchor = np.array(cable.anchor).ravel()
     outward = point - anchor - (point - anchor) @ cable.axis * cable.axis
     centre = anchor + cable.radius * unit(outward)
@@ -68,10 +95,16 @@ def assert_hangs(cable, shape, point=POINT):
         heading = np.cross(hinge, radial)
         assert np.linalg.norm(radial) == pytest.approx(1, abs=TOLERANCE / cable.radius)
         assert hinge @ radial == pytest.approx(0, abs=TOLERANCE / cable.radius)
-        assert radial @ pull / np.linalg.norm(pull) == pytest.approx(0, abs=TOLERANCE / cable.radius)
+        assert radial @ pull / np.linalg.norm(pull) == pytest.approx(
+            0, abs=TOLERANCE / cable.radius
+        )
         assert heading @ pull < 0  # the cable travels towards the platform
-        angle = np.arctan2(np.cross(anchor - centre, end - centre) @ hinge, (anchor - centre) @ (end - centre))
-        assert shape["wrap"] % (2 * np.pi) == pytest.approx(angle % (2 * np.pi), abs=TOLERANCE / cable.radius)
+        angle = np.arctan2(
+            np.cross(anchor - centre, end - centre) @ hinge, (anchor - centre) @ (end - centre)
+        )
+        assert shape["wrap"] % (2 * np.pi) == pytest.approx(
+            angle % (2 * np.pi), abs=TOLERANCE / cable.radius
+        )
     else:
         np.testing.assert_allclose(end, anchor, atol=TOLERANCE)
     np.testing.assert_allclose(end, shape["leave_point"], atol=TOLERANCE)
@@ -79,14 +112,17 @@ def assert_hangs(cable, shape, point=POINT):
 
 
 def integrated(H, V, compliance, length=9.0):
-    """Span of a cable of known forces, by integration, and the cable in terms of the mean of its end tensions."""
+    """Span of a cable of known forces, by integration, and the cable in terms of the mean of its
+    end tensions."""
     up = np.array([0, 0, 1])
     end, pull = hang(np.zeros(3), np.array([H, 0, V]), length, up, WEIGHT, compliance)
     mean = (np.hypot(H, V) + np.linalg.norm(pull)) / 2
     return end[0], end[2], Catenary(ca.DM(mean), ca.DM(length), WEIGHT, compliance)
 
 
-FORCES = pytest.mark.parametrize(("H", "V"), [(600, 400), (50, -30), (5, 0), (2000, -2500), (0.5, 3)])
+FORCES = pytest.mark.parametrize(
+    ("H", "V"), [(600, 400), (50, -30), (5, 0), (2000, -2500), (0.5, 3)]
+)
 COMPLIANCES = pytest.mark.parametrize("compliance", [0.0, 2e-6, 1e-4])
 
 
@@ -113,7 +149,9 @@ def test_mean_tension_and_that_of_the_near_end_follow_from_each_other(H, V, comp
     assert float(mean_of_near_end(np.hypot(H, V), rise, WEIGHT, compliance)) == pytest.approx(
         float(cable.mean), rel=TOLERANCE
     )
-    assert float(near_end_of_mean(cable.mean, rise, WEIGHT, compliance)) == pytest.approx(np.hypot(H, V), rel=TOLERANCE)
+    assert float(near_end_of_mean(cable.mean, rise, WEIGHT, compliance)) == pytest.approx(
+        np.hypot(H, V), rel=TOLERANCE
+    )
 
 
 @COMPLIANCES
@@ -133,7 +171,8 @@ def test_a_shallow_cable_is_its_parabola(tension):
     shallow = float(shallow_length(tension, 64.0, 3.0, WEIGHT, 2e-6))
     cable = Catenary(ca.DM(tension), ca.DM(shallow), WEIGHT, 2e-6)
     assert (
-        abs(float(required_length(cable, 64.0, 3.0).value) - shallow) < shallow * (WEIGHT * shallow / 2 / tension) ** 4
+        abs(float(required_length(cable, 64.0, 3.0).value) - shallow)
+        < shallow * (WEIGHT * shallow / 2 / tension) ** 4
     )
 
 
@@ -174,11 +213,14 @@ def test_a_cable_of_known_length_reaches_its_anchor(anchor, tension, radius):
 
 @pytest.mark.parametrize("axis", [(0, 0, 1), (1, 2, 2)], ids=["up", "slanting"])
 @pytest.mark.parametrize(
-    ("radius", "slack"), [*product([0.0, 0.05, 0.3], [0.995, 1.0, 1.01, 1.03]), (0.0, 1.1), (0.0, 1.3)]
+    ("radius", "slack"),
+    [*product([0.0, 0.05, 0.3], [0.995, 1.0, 1.01, 1.03]), (0.0, 1.1), (0.0, 1.3)],
 )
 @pytest.mark.parametrize("anchor", [ANCHORS[name] for name in ("above", "below", "level")])
 def test_a_cable_of_known_length_hangs_from_taut_to_slack(anchor, slack, radius, axis):
-    straight = solved(by_tension, cable_spec(anchor, radius=radius, axis=axis, weight=0.0, stiffness=None), 1.0)
+    straight = solved(
+        by_tension, cable_spec(anchor, radius=radius, axis=axis, weight=0.0, stiffness=None), 1.0
+    )
     cable = cable_spec(anchor, radius=radius, axis=axis)
     shape = solved(by_length, cable, slack * straight["length"])
     assert shape["residual"] < TOLERANCE
@@ -189,21 +231,31 @@ def test_a_cable_of_known_length_hangs_from_taut_to_slack(anchor, slack, radius,
 @pytest.mark.parametrize("radius", [0.0, 0.05])
 @pytest.mark.parametrize("tension", [20.0, 300.0])
 def test_derivatives_through_the_steps_are_those_of_the_solution(tension, radius):
-    """Instruments differentiate the expressions; sixth-order differences of a length of ten metres are good to 1e-9."""
+    """Instruments differentiate the expressions; sixth-order differences of a length of ten metres
+    are good to 1e-9."""
     cable, h = cable_spec(ANCHORS["above"], radius=radius), 0.02
     point, given = ca.SX.sym("point", 3), ca.SX.sym("tension")
     length = by_tension(cable, point, given).length
-    gradient = np.array(ca.Function("g", [point, given], [ca.gradient(length, point)])(POINT, tension)).ravel()
+    gradient = np.array(
+        ca.Function("g", [point, given], [ca.gradient(length, point)])(POINT, tension)
+    ).ravel()
     for e, derived in zip(np.eye(3), gradient, strict=True):
-        moved = [c * solved(by_tension, cable, tension, (POINT + k * h * e)[None])["length"] for k, c in SIXTH_ORDER]
+        moved = [
+            c * solved(by_tension, cable, tension, (POINT + k * h * e)[None])["length"]
+            for k, c in SIXTH_ORDER
+        ]
         assert derived == pytest.approx(sum(moved) / (60 * h), abs=1e-8)
 
 
 def test_constants_of_a_cable_may_be_symbols():
     numbers = cable_spec(ANCHORS["above"], UPS["tilted"], radius=0.05, axis=(1, 2, 2))
-    symbols = CableSpec(*[ca.SX.sym(name, ca.DM(value).numel()) for name, value in numbers._asdict().items()])
+    symbols = CableSpec(
+        *[ca.SX.sym(name, ca.DM(value).numel()) for name, value in numbers._asdict().items()]
+    )
     expected = by_tension(numbers, ca.DM(POINT), 300.0)
-    found = ca.Function("shape", list(symbols), list(by_tension(symbols, ca.DM(POINT), 300.0)))(*map(ca.DM, numbers))
+    found = ca.Function("shape", list(symbols), list(by_tension(symbols, ca.DM(POINT), 300.0)))(
+        *map(ca.DM, numbers)
+    )
     for name, value, wanted in zip(expected._fields, found, expected, strict=True):
         np.testing.assert_allclose(
             np.array(value), np.array(ca.DM(wanted)), rtol=TOLERANCE, atol=TOLERANCE, err_msg=name
@@ -227,7 +279,9 @@ def test_stiffness_of_a_cable_is_symmetric_since_its_force_has_a_potential(stret
     anchor, point, fed = np.array(ANCHORS["above"]), ca.SX.sym("point", 3), ca.SX.sym("fed")
     shape = by_length(cable_spec(anchor), point, fed)
     stiffness = ca.jacobian(shape.tension * shape.direction, point)
-    K = np.array(ca.Function("K", [point, fed], [stiffness])(POINT, stretch * np.linalg.norm(anchor - POINT)))
+    K = np.array(
+        ca.Function("K", [point, fed], [stiffness])(POINT, stretch * np.linalg.norm(anchor - POINT))
+    )
     np.testing.assert_allclose(K, K.T, atol=TOLERANCE * np.abs(K).max())
     assert (np.linalg.eigvalsh((K + K.T) / 2) < 0).all()  # it pulls back
 
@@ -243,9 +297,14 @@ def test_without_weight_the_cable_becomes_straight(radius):
         light = hanging(weight)
         half_weight = weight * straight["length"] / 2 / 1000.0
         turned = np.linalg.norm(light["direction"] - straight["direction"])
-        # Half the weight hangs on the platform's end, nearly square to the cable; the sag lengthens it in second order.
+        # Half the weight hangs on the platform's end, nearly square to the cable; the sag lengthens
+        # it in second order.
         assert 0.7 * half_weight < turned < 1.001 * half_weight
-        assert 0 < light["length"] - straight["length"] < straight["length"] / 6 * half_weight**2 + TOLERANCE
+        assert (
+            0
+            < light["length"] - straight["length"]
+            < straight["length"] / 6 * half_weight**2 + TOLERANCE
+        )
 
 
 @pytest.mark.parametrize("weight", [1e-4, 1e-6, 1e-9])
@@ -253,14 +312,18 @@ def test_a_cable_of_nearly_no_weight_is_solved_too(weight):
     straight = solved(by_tension, cable_spec(ANCHORS["above"], weight=0.0), 1000.0)
     light = solved(by_tension, cable_spec(ANCHORS["above"], weight=weight), 1000.0)
     assert light["residual"] < TOLERANCE
-    np.testing.assert_allclose(light["direction"], straight["direction"], atol=weight * 0.01 + TOLERANCE)
+    np.testing.assert_allclose(
+        light["direction"], straight["direction"], atol=weight * 0.01 + TOLERANCE
+    )
 
 
 def test_a_cable_that_hangs_plumb_carries_its_own_weight():
     anchor = POINT + np.array([0, 0, 6.0])
     shape = solved(by_tension, cable_spec(anchor), 300.0)
     assert shape["residual"] < TOLERANCE
-    np.testing.assert_allclose(shape["direction"], [0, 0, 1], atol=1e-6)  # the micrometre of the module over metres
+    np.testing.assert_allclose(
+        shape["direction"], [0, 0, 1], atol=1e-6
+    )  # the micrometre of the module over metres
     free = brentq(lambda L: L * (1 + (300.0 + WEIGHT * L / 2) / STIFFNESS) - 6.0, 1, 10, xtol=1e-14)
     assert shape["length"] == pytest.approx(free, abs=TOLERANCE)
     assert shape["winch_tension"] == pytest.approx(300.0 + WEIGHT * free, abs=TOLERANCE)
@@ -271,4 +334,6 @@ def test_taut_tension_is_the_positive_root_of_its_cubic(length):
     stretch, sag = STIFFNESS * (10.0 / length - 1), STIFFNESS * (WEIGHT * 10.0) ** 2 / 24
     roots = np.roots([1, -stretch, 0, -sag])
     expected = roots[np.isreal(roots)].real.max()
-    assert float(taut_tension(10.0, length, WEIGHT, STIFFNESS)) == pytest.approx(expected, rel=TOLERANCE)
+    assert float(taut_tension(10.0, length, WEIGHT, STIFFNESS)) == pytest.approx(
+        expected, rel=TOLERANCE
+    )

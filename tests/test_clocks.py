@@ -1,4 +1,5 @@
-"""Clocks from the data: readings written down by hand from one motion, each on a clock of its own, and whole simulations."""
+"""Clocks from the data: readings written down by hand from one motion, each on a clock of its own,
+and whole simulations."""
 
 from dataclasses import replace
 
@@ -7,14 +8,23 @@ import pytest
 from scipy.spatial.transform import Rotation
 from simulated import PAPER, ROBOT, sound
 
+from steelyard.clocks.clock_signals import (
+    FORCE,
+    POSITION,
+    RATE,
+    ROTATION,
+    SPECIFIC_FORCE,
+    Clock,
+    Signal,
+    clocks_of,
+)
 from steelyard.clocks.offsets import drift_of, joined
 from steelyard.clocks.search import candidates
 from steelyard.clocks.shift import Shift, refined
-from steelyard.clocks.witness import FORCE, POSITION, RATE, ROTATION, SPECIFIC_FORCE, Clock, Signal, clocks_of
 from steelyard.errors import InputError
 from steelyard.identification.identify import identify
+from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.synchronisation import offsets_of, synchronise
-from steelyard.identification.two_step import TwoStep
 from steelyard.simulation.sensors import draw_errors
 
 G = np.array([0, 0, -9.81])
@@ -29,10 +39,18 @@ class Motion:
     def __init__(self, seed=0, periods=None):
         rng = np.random.default_rng(seed)
         self.rates = (
-            2 * np.pi * (rng.uniform(0.1, 0.6, (6, 5)) if periods is None else 1 / np.broadcast_to(periods, (6, 5)))
+            2
+            * np.pi
+            * (
+                rng.uniform(0.1, 0.6, (6, 5))
+                if periods is None
+                else 1 / np.broadcast_to(periods, (6, 5))
+            )
         )
         self.phases = rng.uniform(0, 2 * np.pi, (6, 5))
-        self.sizes = rng.uniform(0.3, 1.0, (6, 5)) * np.array([[0.3], [0.3], [0.2], [0.1], [0.1], [0.1]])
+        self.sizes = rng.uniform(0.3, 1.0, (6, 5)) * np.array(
+            [[0.3], [0.3], [0.2], [0.1], [0.1], [0.1]]
+        )
 
     def coordinates(self, t):
         return np.sum(self.sizes * np.sin(self.rates * t[:, None, None] + self.phases), axis=2)
@@ -47,7 +65,7 @@ class Motion:
         """Angular velocity in the platform's axes, from the change of the attitude."""
         return (self.attitude(t - STEP).inv() * self.attitude(t + STEP)).as_rotvec() / (2 * STEP)
 
-    def felt(self, t, lever=LEVER):
+    def force_samples(self, t, lever=LEVER):
         """Specific force at a point of the platform, from the change of its place."""
 
         def point(s):
@@ -62,7 +80,9 @@ def tracker(motion, rng, *, late=0.0, drift=0.0, duration=20.0, noise=5e-4, rate
     lever = np.array([0.2, 0.1, 0.9])
     seen = motion.place(t) + motion.attitude(t).apply(lever)
     # Its axes and unit are its own.
-    seen = 1e3 * Rotation.from_euler("xyz", [0.3, 0.2, 1.0]).apply(seen) + rng.normal(0, 1e3 * noise, seen.shape)
+    seen = 1e3 * Rotation.from_euler("xyz", [0.3, 0.2, 1.0]).apply(seen) + rng.normal(
+        0, 1e3 * noise, seen.shape
+    )
     return Clock(("tracker",), {POSITION: Signal(t * (1 + drift) + late, seen)})
 
 
@@ -70,13 +90,21 @@ def imu(motion, rng, *, late=0.0, duration=20.0, attitude=True, rate=50.0):
     t = np.arange(0, duration, 1 / rate)
     signals = {
         RATE: -MOUNTED.apply(motion.rate(t)) + 0.01 + rng.normal(0, 0.002, (len(t), 3)),
-        SPECIFIC_FORCE: MOUNTED.apply(motion.felt(t)) / 9.81 + 0.02 + rng.normal(0, 0.003, (len(t), 3)),
+        SPECIFIC_FORCE: (
+            MOUNTED.apply(motion.force_samples(t)) / 9.81 + 0.02 + rng.normal(0, 0.003, (len(t), 3))
+        ),
     }
     if attitude:
-        noisy = motion.attitude(t) * MOUNTED.inv() * Rotation.from_rotvec(rng.normal(0, 0.003, (len(t), 3)))
+        noisy = (
+            motion.attitude(t)
+            * MOUNTED.inv()
+            * Rotation.from_rotvec(rng.normal(0, 0.003, (len(t), 3)))
+        )
         quaternions = noisy.as_quat(scalar_first=True)
         signs = np.cumprod(
-            np.concatenate([[1], np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1, 1)])
+            np.concatenate(
+                [[1], np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1, 1)]
+            )
         )
         signals[ROTATION] = quaternions * signs[:, None]
     return Clock(("imu",), {name: Signal(t + late, values) for name, values in signals.items()})
@@ -132,7 +160,9 @@ def test_a_gap_is_no_motion():
 
 def test_motion_that_repeats_itself_tells_nothing():
     motion, rng = Motion(5, periods=np.array([2.0, 2.0, 1.0, 1.0, 4 / 2])), np.random.default_rng(0)
-    offset = joined([imu(motion, rng, duration=60.0), tracker(motion, rng, duration=60.0, late=0.7)])[1]
+    offset = joined(
+        [imu(motion, rng, duration=60.0), tracker(motion, rng, duration=60.0, late=0.7)]
+    )[1]
     # It may be told by where the recordings end, but must not be claimed to be precise and wrong.
     assert not offset.told or abs(offset.value - 0.7) < 0.01
 
@@ -158,7 +188,9 @@ def test_drift(drift):
 
 
 def test_drift_from_parts():
-    slope, sigma = drift_of(lambda middle, reach: Shift(1.0 + 3e-5 * middle, 1e-4, 0.0), (0.0, 1000.0))
+    slope, sigma = drift_of(
+        lambda middle, reach: Shift(1.0 + 3e-5 * middle, 1e-4, 0.0), (0.0, 1000.0)
+    )
     assert slope == pytest.approx(3e-5, rel=1e-6)
     assert 0 < sigma < 1e-6
     assert drift_of(lambda middle, reach: Shift(1.0, 1e-4, 0.0), (0.0, 1000.0))[0] == 0.0
@@ -250,7 +282,10 @@ def test_a_platform_at_rest_is_an_honest_failure():
         for name, stream in run.streams.items()
     }
     auto = without_clocks(replace(experiment, runs=(replace(run, streams=still),)))
-    with pytest.raises(InputError, match=r"expected a motion that tells how far the clocks are apart, found .*'sync'"):
+    with pytest.raises(
+        InputError,
+        match=r"expected a motion that tells how far the clocks are apart, found .*'sync'",
+    ):
         synchronise(auto)
 
 
@@ -258,6 +293,7 @@ def _frozen(values, rng):
     """The first reading again and again, with noise."""
     if values.ndim == 3:
         return (
-            Rotation.from_matrix(values[0]) * Rotation.from_rotvec(rng.normal(0, 0.003, (len(values), 3)))
+            Rotation.from_matrix(values[0])
+            * Rotation.from_rotvec(rng.normal(0, 0.003, (len(values), 3)))
         ).as_matrix()
     return values[0] + rng.normal(0, 1e-3 * np.abs(values[0]).max(), values.shape)

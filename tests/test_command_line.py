@@ -37,7 +37,11 @@ def parsed(text):
 
 
 def files(folder):
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(Path(folder).rglob("*")) if p.is_file()}
+    return {
+        str(p.relative_to(folder)): p.read_bytes()
+        for p in sorted(Path(folder).rglob("*"))
+        if p.is_file()
+    }
 
 
 def change_cells(path, names, change):
@@ -94,7 +98,9 @@ sys.exit(f"imported {heavy}" if heavy else 0)
 
 
 def test_help_waits_for_no_heavy_import():
-    ended = subprocess.run([sys.executable, "-c", LIGHT], capture_output=True, text=True, timeout=60, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", LIGHT], capture_output=True, text=True, timeout=60, check=False
+    )
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
@@ -127,7 +133,9 @@ def test_a_printed_robot_is_a_robot_file(run, tmp_path, name, option):
     assert copy.tension_limits == original.tension_limits
     for field in ("anchors", "attachments", "gravity", "pulley_radius", "pulley_axis"):
         np.testing.assert_array_equal(getattr(copy, field), getattr(original, field))
-    np.testing.assert_allclose(copy.platform.body_parameters, original.platform.body_parameters, rtol=1e-12)
+    np.testing.assert_allclose(
+        copy.platform.body_parameters, original.platform.body_parameters, rtol=1e-12
+    )
     np.testing.assert_allclose(np.array(copy.limits.rpy), np.array(original.limits.rpy), rtol=1e-12)
 
 
@@ -145,7 +153,9 @@ def test_simulate_writes_an_experiment_and_its_truth(run, tmp_path):
     }
     experiment = read_experiment(tmp_path / "out" / "experiment.yaml")
     assert experiment.robot.name == "cogiro"
-    assert all(stream.time[-1] - stream.time[0] > 1.8 for stream in experiment.runs[0].streams.values())
+    assert all(
+        stream.time[-1] - stream.time[0] > 1.8 for stream in experiment.runs[0].streams.values()
+    )
     truth = parsed((tmp_path / "out" / "truth.json").read_text())
     body = Inertia(truth["mass"], np.array(truth["center_of_gravity"]), np.array(truth["inertia"]))
     np.testing.assert_allclose(body.body_parameters, experiment.robot.platform.body_parameters)
@@ -164,7 +174,9 @@ def test_the_same_seed_gives_the_same_bytes(run, tmp_path):
     one, two, other = (files(tmp_path / name) for name in ("one", "two", "other"))
     assert one == two
     assert one.keys() == other.keys()
-    assert all(one[name] != other[name] for name in one if name.endswith(("cables.csv", "truth.json")))
+    assert all(
+        one[name] != other[name] for name in one if name.endswith(("cables.csv", "truth.json"))
+    )
 
 
 def test_simulate_as_json(run, tmp_path):
@@ -193,7 +205,9 @@ instruments:
   gyro: {kind: imu, rate: 100, calibration: {gyro_bias: {value: 0.1, sigma: 0}, position: 0}}
   encoders: {kind: length, rate: 10}
 """
-COMMAND = "t,x,y,z,roll,pitch,yaw\n" + "".join(f"{10 + 0.5 * t},{0.02 * t},0,2,0,0,{0.01 * t}\n" for t in range(8))
+COMMAND = "t,x,y,z,roll,pitch,yaw\n" + "".join(
+    f"{10 + 0.5 * t},{0.02 * t},0,2,0,0,{0.01 * t}\n" for t in range(8)
+)
 
 
 def test_sensors_and_trajectory_from_files(run, tmp_path):
@@ -224,7 +238,10 @@ platform: {mass: 4.2, center_of_gravity: [0.02, -0.03, 0.08], inertia: {xx: 0.05
 
 def test_a_body_on_a_wrench_sensor_from_simulation_to_estimate(run, tmp_path):
     (tmp_path / "tool.yaml").write_text(BODY)
-    assert run("simulate", tmp_path / "tool.yaml", "--sensors", "ideal", "--out", tmp_path / "out")[0] == 0
+    assert (
+        run("simulate", tmp_path / "tool.yaml", "--sensors", "ideal", "--out", tmp_path / "out")[0]
+        == 0
+    )
     status, out, err = run("identify", tmp_path / "out" / "experiment.yaml", "--json")
     assert (status, err) == (0, "")
     estimate = parsed(out)["estimates"]["two-step"]
@@ -256,7 +273,10 @@ def assert_has_the_shape_of_the_contract(estimate):
         assert is_number_or_null(values["mass"])
         assert len(values["center_of_gravity"]) == 3
         assert np.shape(values["inertia"]) == (3, 3)
-        assert all(is_number_or_null(v) for v in [*values["center_of_gravity"], *np.ravel(values["inertia"])])
+        assert all(
+            is_number_or_null(v)
+            for v in [*values["center_of_gravity"], *np.ravel(values["inertia"])]
+        )
     assert estimate["covariance"]["parameters"] == list(BODY_PARAMETERS)
     assert np.shape(estimate["covariance"]["matrix"]) == (10, 10)
     assert isinstance(estimate["physical"], bool)
@@ -287,7 +307,9 @@ def test_what_identify_writes_has_the_shape_of_the_contract(run, small, tmp_path
     assert np.sqrt(covariance[0, 0]) == pytest.approx(sigma["mass"])
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)[1:4]), sigma["center_of_gravity"])
     J = np.array(sigma["inertia"])
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance)[4:]), [J[0, 0], J[1, 1], J[2, 2], J[1, 2], J[0, 2], J[0, 1]])
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(covariance)[4:]), [J[0, 0], J[1, 1], J[2, 2], J[1, 2], J[0, 2], J[0, 1]]
+    )
     np.testing.assert_array_equal(estimate["inertia"], np.transpose(estimate["inertia"]))
     report = (tmp_path / "out" / "report.md").read_text()
     assert report.startswith("# small\n")
@@ -335,12 +357,17 @@ def test_a_run_can_be_chosen(run, small):
     small.write_text(text + second)
     chosen = parsed(run("identify", small, "--json", "--run", "again")[1])
     assert chosen["estimates"]["two-step"]["mass"] == alone["estimates"]["two-step"]["mass"]
-    assert set(parsed(run("identify", small, "--json")[1])["estimates"]["two-step"]["runs"]) == {"moving", "again"}
+    assert set(parsed(run("identify", small, "--json")[1])["estimates"]["two-step"]["runs"]) == {
+        "moving",
+        "again",
+    }
 
 
 def test_the_acceleration_can_come_from_the_tracker(run, small):
     imu, tracker = (
-        parsed(run("identify", small, "--json", "--acceleration", which)[1])["estimates"]["two-step"]["mass"]
+        parsed(run("identify", small, "--json", "--acceleration", which)[1])["estimates"][
+            "two-step"
+        ]["mass"]
         for which in ("imu", "tracker")
     )
     assert imu != tracker
@@ -363,9 +390,18 @@ def test_the_truth_of_a_simulation_stands_beside_the_estimate(run, small):
         "3",
         '{"mass": 1}',
         '{"mass": "a", "center_of_gravity": [0, 0], "inertia": 3}',
-        '{"mass": NaN, "center_of_gravity": [0, 0, 0], "inertia": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}',
-        f'{{"mass": 1{"0" * 400}, "center_of_gravity": [0, 0, 0], "inertia": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}}',
-        '{"mass": 1, "center_of_gravity": [[0], [0, 0]], "inertia": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}',
+        (
+            '{"mass": NaN, "center_of_gravity": [0, 0, 0], "inertia": [[1, 0, 0], [0, 1, 0], [0, 0,'
+            " 1]]}"
+        ),
+        (
+            f'{{"mass": 1{"0" * 400}, "center_of_gravity": [0, 0, 0], "inertia": [[1, 0, 0], [0, 1,'
+            " 0], [0, 0, 1]]}"
+        ),
+        (
+            '{"mass": 1, "center_of_gravity": [[0], [0, 0]], "inertia": [[1, 0, 0], [0, 1, 0], [0,'
+            " 0, 1]]}"
+        ),
         "[" * 100_000,
         b"\xff\xfe\x00",
     ],
@@ -379,7 +415,9 @@ def test_a_truth_that_makes_no_sense_is_none(run, small, text):
 
 def test_a_truth_that_never_ends_is_none(small):
     os.mkfifo(small.parent / "truth.json")
-    ended = subprocess.run([*PROCESS, "identify", str(small)], capture_output=True, text=True, timeout=10, check=False)
+    ended = subprocess.run(
+        [*PROCESS, "identify", str(small)], capture_output=True, text=True, timeout=10, check=False
+    )
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
@@ -408,7 +446,8 @@ def test_pushing_cables_are_not_accepted(run, small, tmp_path):
 
 
 def test_an_inertia_that_no_body_has_is_not_accepted(run, small, tmp_path):
-    # Turning about x told faster than it was makes the moment about it small, less than the others differ.
+    # Turning about x told faster than it was makes the moment about it small, less than the others
+    # differ.
     change_cells(small.parent / "moving" / "imu.csv", ["wx"], lambda w: 3 * w)
     estimate = not_accepted(run, small, tmp_path, "--method", "two-step")
     assert estimate["physical"] is False
@@ -456,7 +495,11 @@ def test_force_replaces_files_of_the_same_names_alone(run, small, tmp_path, verb
     assert status == 2
     assert err.startswith("steelyard: ")
     assert "--force" in err
-    assert files(out) == {**dict.fromkeys(fresh, b"old"), "notes.txt": b"mine", "plots/a.png": b"mine"}
+    assert files(out) == {
+        **dict.fromkeys(fresh, b"old"),
+        "notes.txt": b"mine",
+        "plots/a.png": b"mine",
+    }
     assert run(*arguments, "--out", out, "--force")[0] == 0
     assert files(out) == {**fresh, "notes.txt": b"mine", "plots/a.png": b"mine"}
 
@@ -501,7 +544,9 @@ def test_stderr_is_silent_where_nobody_looks(small, tmp_path):
         ["simulate", "cogiro", *QUICK, "--out", str(tmp_path / "out")],
         ["identify", str(small), "--out", str(tmp_path / "results")],
     ):
-        ended = subprocess.run([*PROCESS, *arguments], capture_output=True, text=True, timeout=60, check=False)
+        ended = subprocess.run(
+            [*PROCESS, *arguments], capture_output=True, text=True, timeout=60, check=False
+        )
         assert (ended.returncode, ended.stderr) == (0, "")
         assert ended.stdout
 
@@ -509,7 +554,15 @@ def test_stderr_is_silent_where_nobody_looks(small, tmp_path):
 @pytest.mark.parametrize("quiet", [False, True])
 def test_progress_is_shown_to_a_person_only(tmp_path, quiet):
     ours, theirs = pty.openpty()
-    arguments = ["simulate", "cogiro", *QUICK, "--json", "--out", str(tmp_path / "out"), *["--quiet"] * quiet]
+    arguments = [
+        "simulate",
+        "cogiro",
+        *QUICK,
+        "--json",
+        "--out",
+        str(tmp_path / "out"),
+        *["--quiet"] * quiet,
+    ]
     with subprocess.Popen([*PROCESS, *arguments], stdout=subprocess.PIPE, stderr=theirs) as process:
         os.close(theirs)
         shown = b""
@@ -530,7 +583,12 @@ def test_a_reader_that_has_gone_is_no_reason_to_complain():
     ours, theirs = os.pipe()
     os.close(ours)
     ended = subprocess.run(
-        [*PROCESS, "robots", "cogiro"], stdout=theirs, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+        [*PROCESS, "robots", "cogiro"],
+        stdout=theirs,
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=60,
+        check=False,
     )
     os.close(theirs)
     assert ended.stderr == ""
@@ -579,7 +637,9 @@ def test_the_demo_tells_the_whole_story(run, tmp_path, monkeypatch):
     assert estimate["mass"] == pytest.approx(161.058, rel=0.03)
     before = files(tmp_path)
     # What it printed can be done next, and a second demo does not replace the first unasked.
-    assert run("identify", folder / "paper-moves" / "experiment.yaml", "--acceleration", "tracker")[0] in (0, 3)
+    assert run("identify", folder / "paper-moves" / "experiment.yaml", "--acceleration", "tracker")[
+        0
+    ] in (0, 3)
     status, out, err = run("demo")
     assert (status, out) == (2, "")
     assert "--force" in err

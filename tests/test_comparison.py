@@ -15,10 +15,10 @@ from scipy import stats
 from scipy.special import gammaln, log_ndtr, logsumexp
 
 from steelyard.errors import InputError
-from steelyard.identification.comparison import SIGNIFICANT, agreement, compare
-from steelyard.identification.estimate import FORMAT, Estimate, judge
-from steelyard.identification.estimate_file import NamedEstimate, read_estimate_file, read_estimates
-from steelyard.identification.payload import payload
+from steelyard.estimates.comparison import SIGNIFICANT, agreement, compare
+from steelyard.estimates.estimate import FORMAT, Estimate, judge
+from steelyard.estimates.estimate_file import NamedEstimate, read_estimate_file, read_estimates
+from steelyard.estimates.payload import payload
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.report.comparison import comparison_statements, payload_statements
 
@@ -51,7 +51,9 @@ def named(value, covariance, name="one", *, method="two-step", source="", labels
     covariance[unknown, :] = covariance[:, unknown] = np.nan
     verdict = judge(value)
     verdict = replace(verdict, parameters={**verdict.parameters, **(labels or {})})
-    return NamedEstimate(name, Estimate(method, value, covariance, verdict, notes=()), source=source, **others)
+    return NamedEstimate(
+        name, Estimate(method, value, covariance, verdict, notes=()), source=source, **others
+    )
 
 
 def without(value, *names):
@@ -83,7 +85,10 @@ def test_a_difference_is_second_minus_first_with_the_sum_of_the_covariances():
 
 def test_what_one_does_not_know_is_left_out():
     C1, C2 = covariance_of(1), covariance_of(2)
-    x1, x2 = without(BEFORE.body_parameters, "Jxx", "cz"), without(BEFORE.body_parameters + SIZES, "Jxy")
+    x1, x2 = (
+        without(BEFORE.body_parameters, "Jxx", "cz"),
+        without(BEFORE.body_parameters + SIZES, "Jxy"),
+    )
     (pair,) = compare([named(x1, C1, "a"), named(x2, C2, "b")]).pairs
     known = ~np.isin(BODY_PARAMETERS, ("Jxx", "cz", "Jxy"))
     for values in (pair.difference, pair.standard_deviation, pair.z):
@@ -104,7 +109,9 @@ def test_nothing_in_common_is_no_agreement():
     assert (found.freedom, found.parameters) == (0, ())
     assert np.isnan(found.p_value)
     assert comparison.exceeding(1e6) == ("a and b: nothing that both know can be compared",)
-    assert "nothing that they all know" in " ".join(text for text, _ in comparison_statements(comparison))
+    assert "nothing that they all know" in " ".join(
+        text for text, _ in comparison_statements(comparison)
+    )
 
 
 def exact_mass(seed):
@@ -140,7 +147,8 @@ def test_estimates_of_exact_values_alone():
 
 @pytest.mark.parametrize("rank", [14, 6])
 def test_chi_square_of_two_is_calibrated(rng, rank):
-    """Also where a covariance has less than full rank: such directions are left out and do not count."""
+    """Also where a covariance has less than full rank: such directions are left out and do not
+    count."""
     C1, C2 = covariance_of(1, rank=rank), covariance_of(1, rank=rank) * 2.5
     x = BEFORE.body_parameters
     pairs = zip(draws(x, C1, 800, rng), draws(x, C2, 800, rng), strict=True)
@@ -153,7 +161,9 @@ def test_chi_square_of_two_is_calibrated(rng, rank):
 
 
 def test_heterogeneity_is_cochrans_q_and_calibrated(rng):
-    covariances = [covariance_of(seed) * scale for seed, scale in ((1, 1.0), (2, 4.0), (3, 0.3), (4, 1.5))]
+    covariances = [
+        covariance_of(seed) * scale for seed, scale in ((1, 1.0), (2, 4.0), (3, 0.3), (4, 1.5))
+    ]
     information = [np.linalg.inv(C) for C in covariances]
     statistics = []
     for i in range(600):
@@ -161,7 +171,9 @@ def test_heterogeneity_is_cochrans_q_and_calibrated(rng):
         found = agreement(values, covariances)
         statistics.append(found.chi_square)
         if i < 20:
-            mean = np.linalg.solve(sum(information), sum(W @ x for W, x in zip(information, values, strict=True)))
+            mean = np.linalg.solve(
+                sum(information), sum(W @ x for W, x in zip(information, values, strict=True))
+            )
             q = sum((x - mean) @ W @ (x - mean) for W, x in zip(information, values, strict=True))
             assert found.chi_square == pytest.approx(q, rel=1e-6)
             assert found.freedom == 30
@@ -173,7 +185,13 @@ def test_the_whole_takes_one_estimate_of_each_recording():
     files = [
         named(x + i * SIZES, covariance_of(i), f"{source} {method}", method=method, source=source)
         for i, (source, method) in enumerate(
-            [("1", "two-step"), ("1", "maximum-likelihood"), ("2", "two-step"), ("3", "consistent"), ("3", "two-step")]
+            [
+                ("1", "two-step"),
+                ("1", "maximum-likelihood"),
+                ("2", "two-step"),
+                ("3", "consistent"),
+                ("3", "two-step"),
+            ]
         )
     ]
     comparison = compare(files)
@@ -187,7 +205,8 @@ def test_the_whole_takes_one_estimate_of_each_recording():
 
 
 @pytest.mark.parametrize(
-    ("chi_square", "freedom"), [(9.0, 1), (50.0, 10), (700.0, 2), (1300.0, 2), (1400.0, 2), (4000.0, 2)]
+    ("chi_square", "freedom"),
+    [(9.0, 1), (50.0, 10), (700.0, 2), (1300.0, 2), (1400.0, 2), (4000.0, 2)],
 )
 def test_the_sigmas_of_a_chi_square(chi_square, freedom):
     C = np.diag(np.where(np.arange(10) < freedom, 1.0, 0.0))
@@ -219,13 +238,17 @@ def test_nothing_is_too_far_apart_to_disagree(distance, k):
 
 
 def regression(seed):
-    """A linear problem with unequal noise: the best estimate, an ordinary one, and both over many draws of the noise."""
+    """A linear problem with unequal noise: the best estimate, an ordinary one, and both over many
+    draws of the noise."""
     rng = np.random.default_rng(seed)
     A, sigma = rng.normal(size=(60, 10)), rng.uniform(0.2, 3.0, 60)
     best = np.linalg.solve(A.T / sigma**2 @ A, A.T / sigma**2)
     plain = np.linalg.solve(A.T @ A, A.T)
     errors = rng.normal(size=(600, 60)) * sigma
-    return (errors @ best.T, best * sigma @ (best * sigma).T), (errors @ plain.T, plain * sigma @ (plain * sigma).T)
+    return (errors @ best.T, best * sigma @ (best * sigma).T), (
+        errors @ plain.T,
+        plain * sigma @ (plain * sigma).T,
+    )
 
 
 def test_methods_on_the_same_data_are_compared_by_the_difference_of_covariances():
@@ -238,11 +261,17 @@ def test_methods_on_the_same_data_are_compared_by_the_difference_of_covariances(
         found.append(compare([a, b]).pairs[0])
     assert {pair.basis for pair in found} == {"nested"}
     np.testing.assert_allclose(found[0].covariance, C_plain - C_best, rtol=1e-9, atol=1e-12)
-    assert stats.kstest([pair.agreement.chi_square for pair in found], stats.chi2(10).cdf).pvalue > CHANCE
+    assert (
+        stats.kstest([pair.agreement.chi_square for pair in found], stats.chi2(10).cdf).pvalue
+        > CHANCE
+    )
     z = np.array([pair.z for pair in found])
     assert stats.kstest(z[:, 0], stats.norm.cdf).pvalue > CHANCE
     # What independence would say is never more than that.
-    independent = [agreement([x + a, x + b], [C_best, C_plain]).chi_square for a, b in zip(best, plain, strict=True)]
+    independent = [
+        agreement([x + a, x + b], [C_best, C_plain]).chi_square
+        for a, b in zip(best, plain, strict=True)
+    ]
     assert all(i < pair.agreement.chi_square for i, pair in zip(independent, found, strict=True))
 
 
@@ -265,7 +294,10 @@ def test_otherwise_the_uncertainty_on_the_same_data_is_an_upper_bound(methods, f
     comparison = compare(pair)
     assert comparison.pairs[0].basis == "bound"
     np.testing.assert_allclose(comparison.pairs[0].covariance, (1 + factor) * C)
-    assert any("upper bound" in note and note.startswith("a and b: the same recordings") for note in comparison.notes)
+    assert any(
+        "upper bound" in note and note.startswith("a and b: the same recordings")
+        for note in comparison.notes
+    )
 
 
 def test_an_estimate_agrees_with_itself():
@@ -288,7 +320,9 @@ def test_notes_say_what_makes_a_comparison_doubtful():
     assert "b: the file has no covariance" in notes
     assert "one name" not in " ".join(compare([a, replace(b, experiment="other")]).notes)
     singular = covariance_of(1, rank=5)
-    assert "few pieces of data" in " ".join(compare([named(x, singular, "a"), named(x, singular, "b")]).notes)
+    assert "few pieces of data" in " ".join(
+        compare([named(x, singular, "a"), named(x, singular, "b")]).notes
+    )
 
 
 @pytest.mark.parametrize("count", [0, 1])
@@ -303,7 +337,9 @@ def test_one_estimate_is_no_comparison(count):
 def test_the_payload_is_what_was_added():
     C = covariance_of(1) * 1e-4
     found = payload(named(BEFORE.body_parameters, C, "a"), named(AFTER.body_parameters, C, "b"))
-    np.testing.assert_allclose(found.estimate.value, ADDED.body_parameters, rtol=ROUNDING, atol=ROUNDING)
+    np.testing.assert_allclose(
+        found.estimate.value, ADDED.body_parameters, rtol=ROUNDING, atol=ROUNDING
+    )
     assert found.estimate.verdict.accepted
     assert found.estimate.physical
     assert found.possible
@@ -311,18 +347,30 @@ def test_the_payload_is_what_was_added():
 
 
 def test_covariance_of_the_payload_is_that_of_many_draws(rng):
-    """The clouds' composite with scattered parameters, taken apart by the linear parameters of Inertia."""
+    """The clouds' composite with scattered parameters, taken apart by the linear parameters of
+    Inertia."""
     C1, C2 = covariance_of(1) * 1e-4, covariance_of(2) * 4e-4
-    predicted = payload(named(BEFORE.body_parameters, C1, "a"), named(AFTER.body_parameters, C2, "b")).estimate
+    predicted = payload(
+        named(BEFORE.body_parameters, C1, "a"), named(AFTER.body_parameters, C2, "b")
+    ).estimate
 
     def linear(values):
         return Inertia.from_body_parameters(values).parameters
 
-    pairs = zip(draws(BEFORE.body_parameters, C1, 8000, rng), draws(AFTER.body_parameters, C2, 8000, rng), strict=True)
-    seen = np.cov([Inertia.from_parameters(linear(b) - linear(a)).body_parameters for a, b in pairs], rowvar=False)
+    pairs = zip(
+        draws(BEFORE.body_parameters, C1, 8000, rng),
+        draws(AFTER.body_parameters, C2, 8000, rng),
+        strict=True,
+    )
+    seen = np.cov(
+        [Inertia.from_parameters(linear(b) - linear(a)).body_parameters for a, b in pairs],
+        rowvar=False,
+    )
     sigma = predicted.standard_deviation
     # 1-sigma of a sample covariance of n draws is at most sqrt(2 / n) in units of the sigmas.
-    np.testing.assert_allclose(seen / np.outer(sigma, sigma), predicted.covariance / np.outer(sigma, sigma), atol=0.07)
+    np.testing.assert_allclose(
+        seen / np.outer(sigma, sigma), predicted.covariance / np.outer(sigma, sigma), atol=0.07
+    )
 
 
 def test_a_payload_below_its_uncertainty_has_no_place():
@@ -374,9 +422,13 @@ def test_what_one_estimate_lacks_the_payload_lacks_where_it_needs_it(missing, to
     values[which] = without(values[which], *missing)
     found = payload(named(values[0], C, "a"), named(values[1], C, "b"))
     known = np.isin(BODY_PARAMETERS, told)
-    np.testing.assert_allclose(found.estimate.value, np.where(known, ADDED.body_parameters, np.nan), atol=1e-9)
     np.testing.assert_allclose(
-        found.estimate.covariance, np.where(np.outer(known, known), whole.covariance, np.nan), rtol=1e-9
+        found.estimate.value, np.where(known, ADDED.body_parameters, np.nan), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        found.estimate.covariance,
+        np.where(np.outer(known, known), whole.covariance, np.nan),
+        rtol=1e-9,
     )
     assert found.possible is None
     assert found.estimate.verdict.accepted is ("mass" in told)
@@ -391,7 +443,9 @@ def test_a_body_that_cannot_exist_is_said_and_whether_it_may_be_chance():
     assert chance.estimate.physical is False
     assert chance.possible is True
     assert chance.estimate.verdict.accepted
-    assert any("not positive" in note and "body that can exist" in note for note in chance.estimate.notes)
+    assert any(
+        "not positive" in note and "body that can exist" in note for note in chance.estimate.notes
+    )
     certain = payload(named(BEFORE.body_parameters, fine, "a"), named(after, fine, "b"))
     assert certain.possible is False
     assert not certain.estimate.verdict.accepted
@@ -399,13 +453,16 @@ def test_a_body_that_cannot_exist_is_said_and_whether_it_may_be_chance():
 
 
 def test_the_margin_of_a_thin_body_is_calibrated(rng):
-    """Of a flat plate, on the edge of what can exist, about one in 740 lies three sigmas outside."""
+    """Of a flat plate, on the edge of what can exist, about one in 740 lies three sigmas
+    outside."""
     plate = Inertia(20.0, [0.1, 0.0, 0.3], np.diag([1.0, 2.0, 3.0]))
     after = Inertia.from_parameters(BEFORE.parameters + plate.parameters).body_parameters
     C = covariance_of(1) * 1e-4
     found = [
         payload(named(a, C, "a"), named(b, C, "b"))
-        for a, b in zip(draws(BEFORE.body_parameters, C, 400, rng), draws(after, C, 400, rng), strict=True)
+        for a, b in zip(
+            draws(BEFORE.body_parameters, C, 400, rng), draws(after, C, 400, rng), strict=True
+        )
     ]
     assert np.mean([bool(each.estimate.physical) for each in found]) == pytest.approx(0.5, abs=0.1)
     assert np.mean([each.possible is True for each in found]) > 0.98
@@ -420,7 +477,10 @@ def test_a_mass_without_uncertainty_is_not_told_from_nothing():
 
 
 def test_inputs_stay_as_they_are():
-    a, b = named(BEFORE.body_parameters, covariance_of(1), "a"), named(AFTER.body_parameters, covariance_of(2), "b")
+    a, b = (
+        named(BEFORE.body_parameters, covariance_of(1), "a"),
+        named(AFTER.body_parameters, covariance_of(2), "b"),
+    )
     before = [copy.deepcopy((e.estimate.value, e.estimate.covariance)) for e in (a, b)]
     compare([a, b])
     payload(a, b)
@@ -437,7 +497,9 @@ def contents(body=BEFORE, scale=1.0, experiment="lab", methods=("two-step",), se
     value = without(body.body_parameters, *missing)
     estimates = {}
     for i, method in enumerate(methods):
-        each = named(value + 0.1 * i * SIZES, covariance_of(seed + i) * scale, method=method).estimate
+        each = named(
+            value + 0.1 * i * SIZES, covariance_of(seed + i) * scale, method=method
+        ).estimate
         estimates[method] = json.loads(json.dumps(replace(each, notes=("a remark",)).to_dict()))
     nominal = BEFORE.to_dict()
     return {
@@ -463,7 +525,9 @@ def test_a_file_is_read_back_as_it_was_written(tmp_path, missing):
     np.testing.assert_allclose(file.nominal.body_parameters, BEFORE.body_parameters)
     for i, method in enumerate(("consistent", "two-step")):
         expected = named(
-            without(BEFORE.body_parameters, *missing) + 0.1 * i * SIZES, covariance_of(1 + i), method=method
+            without(BEFORE.body_parameters, *missing) + 0.1 * i * SIZES,
+            covariance_of(1 + i),
+            method=method,
         ).estimate
         found = file.estimates[method].estimate
         np.testing.assert_array_equal(found.value, expected.value)
@@ -488,7 +552,9 @@ def test_tiny_sigmas_without_covariance(tmp_path):
     values = contents()
     del entry_of(values)["covariance"]
     entry_of(values)["standard_deviation"]["mass"] = 1e-150
-    with pytest.raises(InputError, match=r"'estimates\.two-step': expected variances of 0 or of a possible size"):
+    with pytest.raises(
+        InputError, match=r"'estimates\.two-step': expected variances of 0 or of a possible size"
+    ):
         read_estimate_file(save(tmp_path / "e.json", values))
 
 
@@ -508,7 +574,9 @@ def test_optional_and_further_keys(tmp_path):
 def test_methods_are_chosen_by_suffix_or_option(tmp_path):
     both = ("consistent", "two-step")
     one = str(save(tmp_path / "one" / "estimate.json", contents(methods=both)))
-    two = str(save(tmp_path / "two:x" / "estimate.json", contents(methods=both, experiment="yard")).parent)
+    two = str(
+        save(tmp_path / "two:x" / "estimate.json", contents(methods=both, experiment="yard")).parent
+    )
 
     def chosen(*places, method=None):
         return [(e.experiment, e.estimate.method) for e in read_estimates(places, method)]
@@ -517,7 +585,10 @@ def test_methods_are_chosen_by_suffix_or_option(tmp_path):
     assert chosen(one, two, method="two-step") == [("lab", "two-step"), ("yard", "two-step")]
     assert chosen(f"{one}:two-step", two) == [("lab", "two-step"), ("yard", "consistent")]
     assert chosen(f"{two}:all") == [("yard", "consistent"), ("yard", "two-step")]
-    assert chosen(one, f"{two}:consistent", method="two-step") == [("lab", "two-step"), ("yard", "consistent")]
+    assert chosen(one, f"{two}:consistent", method="two-step") == [
+        ("lab", "two-step"),
+        ("yard", "consistent"),
+    ]
 
 
 def test_names_are_short_and_differ(tmp_path):
@@ -534,7 +605,11 @@ def test_names_are_short_and_differ(tmp_path):
     assert names(a, f"{a}:two-step", c) == ["lab, consistent", "lab, two-step", "yard, consistent"]
     assert names(a, b, c) == ["monday", "tuesday", "other"]
     assert names(f"{a}:all", b)[2] == "tuesday, consistent"
-    assert names(a, a, b) == ["monday, consistent #1", "monday, consistent #2", "tuesday, consistent"]
+    assert names(a, a, b) == [
+        "monday, consistent #1",
+        "monday, consistent #2",
+        "tuesday, consistent",
+    ]
 
 
 # The verb
@@ -545,7 +620,10 @@ def files(tmp_path, monkeypatch):
     """Estimates of the platform, of nearly the same, and of the loaded one."""
     monkeypatch.chdir(tmp_path)
     near = Inertia.from_body_parameters(BEFORE.body_parameters + 0.5 * SIZES)
-    save(tmp_path / "empty" / "estimate.json", contents(methods=("consistent", "two-step"), experiment="empty"))
+    save(
+        tmp_path / "empty" / "estimate.json",
+        contents(methods=("consistent", "two-step"), experiment="empty"),
+    )
     save(tmp_path / "again" / "estimate.json", contents(near, experiment="empty again", seed=5))
     save(tmp_path / "loaded" / "estimate.json", contents(AFTER, experiment="loaded", seed=7))
     return tmp_path
@@ -555,7 +633,15 @@ def test_compare_prints_values_differences_and_whether_they_agree(run, files):
     status, out, err = run("compare", "empty", "again")
     assert (status, err) == (0, "")
     assert "empty again, two-step, compared with empty, consistent" in out
-    for word in ("mass", "kg", "mm", "kg m²", "difference", "in sigmas", "agree within their uncertainty: chi-square"):
+    for word in (
+        "mass",
+        "kg",
+        "mm",
+        "kg m²",
+        "difference",
+        "in sigmas",
+        "agree within their uncertainty: chi-square",
+    ):
         assert word in out
     row = next(line for line in out.splitlines() if "mass" in line)
     assert "+0.20 ± 0.57" in row
@@ -593,12 +679,16 @@ def test_each_parameter_alone_can_exceed(run, files):
 
 
 def test_comparison_as_json(run, files):
-    status, out, err = run("compare", "empty", "again", "loaded", "--json", "--fail-above", "4", "--quiet")
+    status, out, err = run(
+        "compare", "empty", "again", "loaded", "--json", "--fail-above", "4", "--quiet"
+    )
     assert (status, err) == (1, "")
     answer = json.loads(out)
     comparison = compare(read_estimates(["empty", "again", "loaded"]))
     exceeding = list(comparison.exceeding(4))
-    assert answer == json.loads(json.dumps({**comparison.to_dict(), "fail_above": 4.0, "exceeding": exceeding}))
+    assert answer == json.loads(
+        json.dumps({**comparison.to_dict(), "fail_above": 4.0, "exceeding": exceeding})
+    )
     empty, again, loaded = "empty, consistent", "empty again, two-step", "loaded, two-step"
     assert [e["name"] for e in answer["estimates"]] == [empty, again, loaded]
     assert [(p["first"], p["second"]) for p in answer["pairs"]] == [
@@ -632,7 +722,10 @@ def test_payload_of_two_estimates(run, files):
 
 def test_an_estimate_that_was_not_accepted_is_named(run, files):
     values = contents(experiment="odd")
-    values["estimates"]["two-step"]["verdict"] = {"accepted": False, "reasons": ["the mass is\x1b[31m not positive"]}
+    values["estimates"]["two-step"]["verdict"] = {
+        "accepted": False,
+        "reasons": ["the mass is\x1b[31m not positive"],
+    }
     save(files / "odd.json", values)
     out = run("compare", "odd.json", "empty")[1]
     assert "was not accepted when it was made: the mass is" in out
@@ -644,8 +737,19 @@ def test_what_identify_wrote_can_be_compared(tmp_path):
     ideal = contents()
     save(tmp_path / "a.json", ideal)
     save(tmp_path / "b.json", ideal)
-    command = [sys.executable, "-m", "steelyard", "compare", "a.json", "b.json", "--fail-above", "1"]
-    ended = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=60, check=False)
+    command = [
+        sys.executable,
+        "-m",
+        "steelyard",
+        "compare",
+        "a.json",
+        "b.json",
+        "--fail-above",
+        "1",
+    ]
+    ended = subprocess.run(
+        command, capture_output=True, text=True, cwd=tmp_path, timeout=60, check=False
+    )
     assert (ended.returncode, ended.stderr) == (0, "")
     assert "p = 1" in ended.stdout
     assert "experiments of one name" in ended.stdout
@@ -692,9 +796,17 @@ BAD_VALUES = [
         set_at("format", to="steelyard-estimate/2"),
         r"'format': expected 'steelyard-estimate/1', found \"ste",
     ),
-    ("no format", set_at("format", to=LEFT_OUT), r"'format': .*found no such key; name a file that identify wrote"),
+    (
+        "no format",
+        set_at("format", to=LEFT_OUT),
+        r"'format': .*found no such key; name a file that identify wrote",
+    ),
     ("format of another kind", set_at("format", to=[1] * 1000), r"'format': expected"),
-    ("no estimates", set_at("estimates", to=LEFT_OUT), r"'estimates': expected this key, found it missing"),
+    (
+        "no estimates",
+        set_at("estimates", to=LEFT_OUT),
+        r"'estimates': expected this key, found it missing",
+    ),
     (
         "empty estimates",
         set_at("estimates", to={}),
@@ -702,14 +814,46 @@ BAD_VALUES = [
     ),
     ("estimates a list", set_at("estimates", to=[1]), r"'estimates': expected a mapping"),
     ("estimate a number", set_at(*ENTRY, to=3), r"'estimates\.two-step': expected a mapping"),
-    ("result of another name", set_at("result", to="best"), r"'result': expected .*\(two-step\), found 'best'"),
-    ("no mass", set_at(*ENTRY, "mass", to=LEFT_OUT), r"'estimates\.two-step\.mass': expected this key"),
-    ("mass as text", set_at(*ENTRY, "mass", to="12 kg"), r"two-step\.mass': expected a number, found '12 kg'"),
-    ("mass beyond reason", set_at(*ENTRY, "mass", to=1e300), r"two-step\.mass': expected a number of a possible size"),
-    ("mass of 400 digits", set_at(*ENTRY, "mass", to=10**400), r"two-step\.mass': expected a number"),
-    ("two coordinates", set_at(*ENTRY, "center_of_gravity", to=[0, 0]), r"center_of_gravity.*found 2"),
-    ("null for a vector", set_at(*ENTRY, "center_of_gravity", to=None), r"center_of_gravity': expected a list"),
-    ("inertia of four rows", set_at(*ENTRY, "inertia", to=[[1, 0, 0]] * 4), r"inertia': expected at most 3 values"),
+    (
+        "result of another name",
+        set_at("result", to="best"),
+        r"'result': expected .*\(two-step\), found 'best'",
+    ),
+    (
+        "no mass",
+        set_at(*ENTRY, "mass", to=LEFT_OUT),
+        r"'estimates\.two-step\.mass': expected this key",
+    ),
+    (
+        "mass as text",
+        set_at(*ENTRY, "mass", to="12 kg"),
+        r"two-step\.mass': expected a number, found '12 kg'",
+    ),
+    (
+        "mass beyond reason",
+        set_at(*ENTRY, "mass", to=1e300),
+        r"two-step\.mass': expected a number of a possible size",
+    ),
+    (
+        "mass of 400 digits",
+        set_at(*ENTRY, "mass", to=10**400),
+        r"two-step\.mass': expected a number",
+    ),
+    (
+        "two coordinates",
+        set_at(*ENTRY, "center_of_gravity", to=[0, 0]),
+        r"center_of_gravity.*found 2",
+    ),
+    (
+        "null for a vector",
+        set_at(*ENTRY, "center_of_gravity", to=None),
+        r"center_of_gravity': expected a list",
+    ),
+    (
+        "inertia of four rows",
+        set_at(*ENTRY, "inertia", to=[[1, 0, 0]] * 4),
+        r"inertia': expected at most 3 values",
+    ),
     (
         "inertia not symmetric",
         set_at(*ENTRY, "inertia", to=[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]),
@@ -720,8 +864,16 @@ BAD_VALUES = [
         set_at(*ENTRY, "inertia", to=[[1, None, 0], [0, 1, 0], [0, 0, 1]]),
         r"inertia': expected a symmetric matrix, found \[\[1\.0, None",
     ),
-    ("no sigmas", set_at(*ENTRY, "standard_deviation", to=LEFT_OUT), r"standard_deviation': expected this key"),
-    ("negative sigma", set_at(*ENTRY, "standard_deviation", "mass", to=-1), r"expected no 1-sigma below 0, found -1"),
+    (
+        "no sigmas",
+        set_at(*ENTRY, "standard_deviation", to=LEFT_OUT),
+        r"standard_deviation': expected this key",
+    ),
+    (
+        "negative sigma",
+        set_at(*ENTRY, "standard_deviation", "mass", to=-1),
+        r"expected no 1-sigma below 0, found -1",
+    ),
     ("no verdict", set_at(*ENTRY, "verdict", to=LEFT_OUT), r"verdict': expected this key"),
     (
         "verdict as text",
@@ -738,28 +890,52 @@ BAD_VALUES = [
         set_at(*MATRIX, to=np.eye(10)[:9].tolist()),
         r"matrix': expected 10 rows of 10, found 9 of 10",
     ),
-    ("covariance 9 x 9", set_at(*MATRIX, to=np.eye(9).tolist()), r"matrix': expected 10 rows of 10, found 9 of 9"),
+    (
+        "covariance 9 x 9",
+        set_at(*MATRIX, to=np.eye(9).tolist()),
+        r"matrix': expected 10 rows of 10, found 9 of 9",
+    ),
     ("empty covariance", set_at(*MATRIX, to=[]), r"matrix': expected 10 rows of 10, found 0 of 0"),
-    ("ragged covariance", set_at(*MATRIX, 3, to=[1.0]), r"matrix': expected 10 rows of 10, found 10 of 1"),
+    (
+        "ragged covariance",
+        set_at(*MATRIX, 3, to=[1.0]),
+        r"matrix': expected 10 rows of 10, found 10 of 1",
+    ),
     (
         "covariance not symmetric",
         skew,
         r"matrix': expected a symmetric matrix, found two different numbers for Jxx and Jyy",
     ),
-    ("covariance indefinite", indefinite, r"matrix': expected a matrix without negative eigenvalues, found -"),
+    (
+        "covariance indefinite",
+        indefinite,
+        r"matrix': expected a matrix without negative eigenvalues, found -",
+    ),
     (
         "correlation of two",
         set_at(*MATRIX, 0, 1, to=1.0),
         r"expected correlations from -1 to 1, found one beyond between mass and cx",
     ),
-    ("correlation with an exact value", set_at(*MATRIX, 0, 0, to=0.0), r"found one beyond between mass and cx"),
+    (
+        "correlation with an exact value",
+        set_at(*MATRIX, 0, 0, to=0.0),
+        r"found one beyond between mass and cx",
+    ),
     (
         "covariance next to zero",
         set_at(*MATRIX, 0, 0, to=1e-320),
         r"expected variances of 0 or of a possible size, found 1e-320 of mass",
     ),
-    ("negative variance", set_at(*MATRIX, 2, 2, to=-1.0), r"expected no variance below 0, found -1 of cy"),
-    ("covariance with a hole", set_at(*MATRIX, 0, 1, to=None), r"expected a number for mass and cx, .*found null"),
+    (
+        "negative variance",
+        set_at(*MATRIX, 2, 2, to=-1.0),
+        r"expected no variance below 0, found -1 of cy",
+    ),
+    (
+        "covariance with a hole",
+        set_at(*MATRIX, 0, 1, to=None),
+        r"expected a number for mass and cx, .*found null",
+    ),
     (
         "covariance of other parameters",
         set_at(*ENTRY, "covariance", "parameters", to=["m"] * 10),
@@ -770,7 +946,11 @@ BAD_VALUES = [
         lambda v: v["estimates"]["two-step"].update(mass=nested(100)),
         r"at most 16 lists in each other",
     ),
-    ("nominal not symmetric", set_at("nominal", "inertia", 0, to=[1, 2, 3]), r"'nominal': .*symmetric"),
+    (
+        "nominal not symmetric",
+        set_at("nominal", "inertia", 0, to=[1, 2, 3]),
+        r"'nominal': .*symmetric",
+    ),
     ("nominal of nothing", set_at("nominal", to={}), r"'nominal\.mass': expected this key"),
     ("many notes", set_at(*ENTRY, "notes", to=["x"] * 200_000), r"expected at most 100000 values"),
     ("name of control characters", set_at("result", to="\x1b[31mred\n"), r"'result': expected"),
@@ -801,7 +981,11 @@ BAD_TEXTS = [
     ("nested a million times", "[" * 1_000_000, r"found lists too deep"),
     ("nested in an estimate", '{"a":' * 100_000, r"found lists too deep"),
     ("truth of a simulation", json.dumps(BEFORE.to_dict()), r"'format': .*found no such key"),
-    ("design", '{"format": "steelyard-design/1"}', r"found \"steelyard-design/1\"; name a file that identify wrote"),
+    (
+        "design",
+        '{"format": "steelyard-design/1"}',
+        r"found \"steelyard-design/1\"; name a file that identify wrote",
+    ),
     ("a robot file", "name: cogiro\ncables: []\n", r"expected JSON"),
 ]
 
@@ -816,7 +1000,9 @@ def assert_one_sentence(status, out, err):
     assert "; " in err
 
 
-@pytest.mark.parametrize(("corrupt", "pattern"), [pytest.param(*case[1:], id=case[0]) for case in BAD_VALUES])
+@pytest.mark.parametrize(
+    ("corrupt", "pattern"), [pytest.param(*case[1:], id=case[0]) for case in BAD_VALUES]
+)
 def test_bad_values_end_with_one_sentence(run, files, corrupt, pattern):
     values = contents()
     corrupt(values)
@@ -828,7 +1014,9 @@ def test_bad_values_end_with_one_sentence(run, files, corrupt, pattern):
     assert "bad.json: " in err
 
 
-@pytest.mark.parametrize(("text", "pattern"), [pytest.param(*case[1:], id=case[0]) for case in BAD_TEXTS])
+@pytest.mark.parametrize(
+    ("text", "pattern"), [pytest.param(*case[1:], id=case[0]) for case in BAD_TEXTS]
+)
 def test_bad_text_ends_with_one_sentence(run, files, text, pattern):
     save(files / "bad.json", text)
     assert_one_sentence(*run("compare", "bad.json", "empty"))
@@ -841,23 +1029,44 @@ def test_bad_text_ends_with_one_sentence(run, files, text, pattern):
     [
         ("compare", r"Missing argument"),
         ("compare empty", r"at least two estimates, found 1; .*':all'"),
-        ("compare empty nowhere", r"nowhere: expected a file that identify wrote, or its folder, found nothing there"),
-        ("compare empty .", r"estimate\.json: expected a file that identify wrote, or its folder, found nothing there"),
+        (
+            "compare empty nowhere",
+            r"nowhere: expected a file that identify wrote, or its folder, found nothing there",
+        ),
+        (
+            "compare empty .",
+            (
+                r"estimate\.json: expected a file that identify wrote, or its folder, found nothing"
+                r" there"
+            ),
+        ),
         (
             "compare empty loaded:magic",
             r"loaded/estimate\.json: expected an estimate of method 'magic', found two-step",
         ),
         ("compare empty loaded --method magic", r"'magic', found consistent, two-step; choose"),
-        ("compare empty loaded --method consistent", r"loaded/estimate\.json: .*'consistent', found two-step"),
-        ("compare empty loaded --fail-above 0", r"--fail-above: expected a number of sigmas above 0, found 0"),
+        (
+            "compare empty loaded --method consistent",
+            r"loaded/estimate\.json: .*'consistent', found two-step",
+        ),
+        (
+            "compare empty loaded --fail-above 0",
+            r"--fail-above: expected a number of sigmas above 0, found 0",
+        ),
         ("compare empty loaded --fail-above nan", r"--fail-above: .*found nan"),
         ("compare empty loaded --fail-above -3", r"--fail-above: .*found -3"),
         ("compare empty loaded --fail-above inf", r"--fail-above: .*found inf"),
         ("compare empty loaded --fail-above much", r"--fail-above.*'much'"),
-        ("compare empty --payload", r"--payload: expected two estimates, before and after, found 1"),
+        (
+            "compare empty --payload",
+            r"--payload: expected two estimates, before and after, found 1",
+        ),
         ("compare empty again loaded --payload", r"--payload: expected two .*found 3"),
         ("compare empty:all loaded --payload", r"--payload: expected two .*found 3"),
-        ("compare empty loaded --payload --fail-above 3", r"--fail-above: expected none with --payload"),
+        (
+            "compare empty loaded --payload --fail-above 3",
+            r"--fail-above: expected none with --payload",
+        ),
         ("compare " + "empty " * 21, r"expected at most 20 estimates, found 21"),
         (f"compare empty {'x' * 5000}", r"too long"),
     ],
@@ -894,7 +1103,11 @@ def read_or_refuse(path):
     try:
         return read_estimates(["empty", path])
     except InputError as error:
-        return None if str(error).startswith(f"{path}: ") else pytest.fail(f"does not say where: {error}")
+        return (
+            None
+            if str(error).startswith(f"{path}: ")
+            else pytest.fail(f"does not say where: {error}")
+        )
 
 
 @pytest.mark.slow
@@ -908,7 +1121,11 @@ def test_any_part_may_be_missing_or_of_another_type(files, seed):
     def visit(value, key):
         places.append(key)
         for part, inner in (
-            value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+            value.items()
+            if isinstance(value, dict)
+            else enumerate(value)
+            if isinstance(value, list)
+            else ()
         ):
             visit(inner, (*key, part))
 

@@ -1,4 +1,5 @@
-"""Consistent estimates: always a body, least squares where that is one, and the nearest one where it is not."""
+"""Consistent estimates: always a body, least squares where that is one, and the nearest one where
+it is not."""
 
 from dataclasses import replace
 
@@ -7,11 +8,11 @@ import pytest
 from scipy.stats import chi2
 from simulated import BODY, PAPER, RECORDER, TRUTH, changed, moving, sound, studied
 
+from steelyard.bodies.mass_region import Box, Ellipsoid
 from steelyard.errors import InputError
-from steelyard.identification.classical import study
-from steelyard.identification.consistent import Consistent
-from steelyard.identification.least_squares import LeastSquares
-from steelyard.identification.mass_region import Box, Ellipsoid
+from steelyard.identification.methods.consistent import Consistent
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.solve.classical import study
 from steelyard.inertia import Inertia, body_jacobian
 
 AGREEMENT = 1e-6  # of the two solvers, in sigmas per (1 + distance)
@@ -58,20 +59,26 @@ def test_an_estimate_that_is_no_body_gives_the_nearest_one_and_says_so(flat):
         assert not plain.verdict.accepted
         assert own.details["constraints"]["status"] == "boundary"
         assert own.details["constraints"]["binding"]
-        assert any("no body, and the nearest one is on the edge" in text for text in (*own.notes, *own.verdict.reasons))
+        assert any(
+            "no body, and the nearest one is on the edge" in text
+            for text in (*own.notes, *own.verdict.reasons)
+        )
         # Near, in what the data tell: no body is nearer than the true one.
         error = Inertia.from_body_parameters(own.value).parameters - found.parameters
         truth = FLAT.parameters - found.parameters
         information = np.linalg.inv(found.solution.covariance[:10, :10])
         assert error @ information @ error <= truth @ information @ truth * (1 + 1e-6)
-        assert own.details["constraints"]["misfit"] == pytest.approx(error @ information @ error, rel=1e-6)
+        assert own.details["constraints"]["misfit"] == pytest.approx(
+            error @ information @ error, rel=1e-6
+        )
         # The flat body lies level, at the height of its centre of gravity.
         assert "all mass lies in the plane" in own.details["constraints"]["binding"][0]
     assert none >= 2  # else the fixture does not test what it is for
 
 
 def test_constraints_bring_the_estimate_nearer_to_the_truth(flat):
-    """On average: the truth keeps the constraints, and a projection onto a convex set moves nowhere away from it."""
+    """On average: the truth keeps the constraints, and a projection onto a convex set moves nowhere
+    away from it."""
     for found in flat:
         information = np.linalg.inv(found.solution.covariance[:10, :10])
 
@@ -86,7 +93,9 @@ def test_constraints_bring_the_estimate_nearer_to_the_truth(flat):
 def test_what_the_constraints_cost_too_much_is_a_reason_against_it():
     # The sign of a product of inertia that no body has: forces of another motion.
     found = studied(0)
-    impossible = replace(found, parameters=found.parameters + np.array([0, 0, 0, 0, 0, 0, 400.0, 0, 0, 0]))
+    impossible = replace(
+        found, parameters=found.parameters + np.array([0, 0, 0, 0, 0, 0, 400.0, 0, 0, 0])
+    )
     estimate = Consistent().of(impossible)
     assert estimate.physical
     assert not estimate.verdict.accepted
@@ -94,16 +103,22 @@ def test_what_the_constraints_cost_too_much_is_a_reason_against_it():
 
 
 def test_a_region_that_holds_the_body_changes_nothing():
-    # The cloud of equal masses at the ends of the principal axes has the body's second moments; it lies well within.
-    corners = np.abs(BODY.center_of_gravity) + 2 * np.sqrt(np.linalg.eigvalsh(second_moments(BODY)).max() / BODY.mass)
-    found = Consistent(regions=[Box(-3 * corners, 3 * corners), Ellipsoid(np.zeros(3), 4 * corners)]).of(studied(0))
+    # The cloud of equal masses at the ends of the principal axes has the body's second moments; it
+    # lies well within.
+    corners = np.abs(BODY.center_of_gravity) + 2 * np.sqrt(
+        np.linalg.eigvalsh(second_moments(BODY)).max() / BODY.mass
+    )
+    found = Consistent(
+        regions=[Box(-3 * corners, 3 * corners), Ellipsoid(np.zeros(3), 4 * corners)]
+    ).of(studied(0))
     np.testing.assert_allclose(found.value, LeastSquares().of(studied(0)).value, rtol=1e-9)
 
 
 def test_a_box_is_kept_to():
     S = second_moments(BODY)
     radius = np.sqrt(np.diag(S) / BODY.mass)
-    # Smaller than the body: mass no further than one radius of gyration from the centre of gravity on each side.
+    # Smaller than the body: mass no further than one radius of gyration from the centre of gravity
+    # on each side.
     low, high = BODY.center_of_gravity - 0.95 * radius, BODY.center_of_gravity + 0.95 * radius
     estimate = Consistent(regions=[Box(low, high)]).of(studied(0))
     body = estimate.body
@@ -141,7 +156,9 @@ def test_a_pull_to_the_right_body_helps_what_the_data_tell_badly():
         free.append((Consistent().of(found).value - TRUTH)[4:])
         pulled.append((estimate.value - TRUTH)[4:])
         if details["weight"]:
-            assert np.all(estimate.standard_deviation < 1.001 * LeastSquares().of(found).standard_deviation)
+            assert np.all(
+                estimate.standard_deviation < 1.001 * LeastSquares().of(found).standard_deviation
+            )
             assert any("pulled towards the nominal body" in note for note in estimate.notes)
     assert np.linalg.norm(pulled) < 1.1 * np.linalg.norm(free)
 
@@ -159,8 +176,12 @@ def test_a_pull_to_a_wrong_body_is_not_let_to_spoil_good_data():
 
 def test_there_must_be_a_nominal_body_to_pull_towards():
     experiment = sound(0)
-    found = replace(studied(0), experiment=replace(experiment, robot=replace(experiment.robot, platform=None)))
-    with pytest.raises(InputError, match="expected a nominal body to pull towards, found none; add 'platform'"):
+    found = replace(
+        studied(0), experiment=replace(experiment, robot=replace(experiment.robot, platform=None))
+    )
+    with pytest.raises(
+        InputError, match="expected a nominal body to pull towards, found none; add 'platform'"
+    ):
         Consistent(towards_nominal=True).of(found)
 
 

@@ -13,8 +13,8 @@ from steelyard.experiment.model import Stream
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.tidy import tidied
 from steelyard.experiment.write import write_experiment
-from steelyard.identification.least_squares import LeastSquares
-from steelyard.identification.two_step import TwoStep
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.methods.two_step import TwoStep
 from steelyard.instruments import Attitude
 
 SAME = 1e-9
@@ -22,7 +22,11 @@ SAME = 1e-9
 
 
 def files(folder):
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def converted(run, place, out, *options):
@@ -49,7 +53,9 @@ def test_the_estimate_stays_the_same(tmp_path, run, form):
         "robot.yaml",
         *(f"moving/{n}.{form}" for n in ("cables", "imu", "tracker")),
     }
-    assert_same_estimates(read_experiment(small), read_experiment(tmp_path / "tidy" / "experiment.yaml"))
+    assert_same_estimates(
+        read_experiment(small), read_experiment(tmp_path / "tidy" / "experiment.yaml")
+    )
 
 
 def test_a_window_is_kept(tmp_path, run):
@@ -66,8 +72,13 @@ def test_clocks_that_agree_begin_with_the_forces(tmp_path, run):
     small = write_small(tmp_path / "small")
     experiment = read_experiment(small)
     sync = experiment.runs[0].sync
-    streams = {n: Stream(s.time - sync[n] + 1e4, s.values, s.source) for n, s in experiment.runs[0].streams.items()}
-    agreeing = replace(experiment, runs=(replace(experiment.runs[0], streams=streams, sync={}, window=(0.3, 3.2)),))
+    streams = {
+        n: Stream(s.time - sync[n] + 1e4, s.values, s.source)
+        for n, s in experiment.runs[0].streams.items()
+    }
+    agreeing = replace(
+        experiment, runs=(replace(experiment.runs[0], streams=streams, sync={}, window=(0.3, 3.2)),)
+    )
     tidy = tidied(agreeing)
     assert tidy.runs[0].streams["cables"].time[0] == 0
     for name in streams:
@@ -82,7 +93,9 @@ def test_a_real_recording_with_poses_at_rest(tmp_path, run, examples):
     original, tidy = read_experiment(place), read_experiment(tmp_path / "tidy" / "experiment.yaml")
     for one, other in zip(original.runs, tidy.runs, strict=True):
         for name, stream in one.streams.items():
-            np.testing.assert_array_equal(original.common_time(one, name), tidy.common_time(other, name))
+            np.testing.assert_array_equal(
+                original.common_time(one, name), tidy.common_time(other, name)
+            )
             for quantity, values in stream.values.items():
                 np.testing.assert_allclose(other.streams[name].values[quantity], values, atol=1e-14)
     assert {n: i.model_dump() for n, i in tidy.instruments.items()} == {
@@ -98,13 +111,18 @@ def test_clocks_that_are_to_be_found_are_found(tmp_path, run, monkeypatch):
 
     def found(experiment, progress):
         assert experiment.runs[0].unsynchronised
-        return replace(experiment, runs=(replace(experiment.runs[0], sync=known.runs[0].sync, unsynchronised=False),))
+        return replace(
+            experiment,
+            runs=(replace(experiment.runs[0], sync=known.runs[0].sync, unsynchronised=False),),
+        )
 
     monkeypatch.setattr("steelyard.identification.synchronisation.synchronised", found)
     converted(run, small, tmp_path / "tidy")
     tidy = read_experiment(tmp_path / "tidy" / "experiment.yaml")
     for name in ("cables", "imu", "tracker"):
-        np.testing.assert_array_equal(tidy.common_time(tidy.runs[0], name), known.common_time(known.runs[0], name))
+        np.testing.assert_array_equal(
+            tidy.common_time(tidy.runs[0], name), known.common_time(known.runs[0], name)
+        )
 
 
 def test_columns_units_and_where_they_came_from(tmp_path, run):
@@ -140,7 +158,10 @@ def test_twice_gives_the_same_bytes(tmp_path, run):
     three = files(tmp_path / "three")
     assert one["experiment.yaml"] == three["experiment.yaml"]
     for name in ("cables", "imu", "tracker"):
-        tables = [pl.read_parquet(tmp_path / folder / "moving" / f"{name}.parquet") for folder in ("one", "three")]
+        tables = [
+            pl.read_parquet(tmp_path / folder / "moving" / f"{name}.parquet")
+            for folder in ("one", "three")
+        ]
         np.testing.assert_allclose(tables[0].to_numpy(), tables[1].to_numpy(), atol=1e-15)
 
 
@@ -149,24 +170,39 @@ def test_quaternions_do_not_jump_and_gaps_are_null(tmp_path):
     turning = Rotation.from_rotvec(np.outer(np.linspace(0, 9, 200), [0, 0, 1])).as_matrix()
     turning[50] = np.nan
     tension = experiment.runs[0].streams["cables"]
-    tension = Stream(tension.time, {"tension": np.where(np.arange(8) == 2, np.nan, tension.values["tension"])}, "f")
-    streams = {"cables": tension, "arm": Stream(np.arange(200) * 0.01, {"orientation": turning}, "a")}
+    tension = Stream(
+        tension.time,
+        {"tension": np.where(np.arange(8) == 2, np.nan, tension.values["tension"])},
+        "f",
+    )
+    streams = {
+        "cables": tension,
+        "arm": Stream(np.arange(200) * 0.01, {"orientation": turning}, "a"),
+    }
     instruments = {"cables": experiment.instruments["cables"], "arm": Attitude(kind="attitude")}
     run = replace(experiment.runs[0], streams=streams, sync={})
-    write_experiment(tidied(replace(experiment, instruments=instruments, runs=(run,))), tmp_path, tables="parquet")
+    write_experiment(
+        tidied(replace(experiment, instruments=instruments, runs=(run,))),
+        tmp_path,
+        tables="parquet",
+    )
     table = pl.read_parquet(tmp_path / "moving" / "arm.parquet").select("qw", "qx", "qy", "qz")
     assert table.null_count().row(0) == (1, 1, 1, 1)
     q = table.drop_nulls().to_numpy()
     assert (np.sum(q[1:] * q[:-1], axis=1) > 0.9).all()
     assert q[0, 0] > 0
-    assert pl.read_parquet(tmp_path / "moving" / "cables.parquet")["f3"].null_count() == len(tension)
+    assert pl.read_parquet(tmp_path / "moving" / "cables.parquet")["f3"].null_count() == len(
+        tension
+    )
 
 
 def test_names_of_runs_that_cannot_be_folders(tmp_path):
     experiment = simulated()
     names = ["experiment.yaml", "a/b", "Same", "same", "..", "run-2"]
     runs = tuple(replace(experiment.runs[0], name=name) for name in names)
-    write_experiment(tidied(replace(experiment, runs=runs)), tmp_path, tables="parquet", with_robot=True)
+    write_experiment(
+        tidied(replace(experiment, runs=runs)), tmp_path, tables="parquet", with_robot=True
+    )
     back = read_experiment(tmp_path / "experiment.yaml")
     assert [each.name for each in back.runs] == names
     assert all(path.resolve().is_relative_to(tmp_path) for path in tmp_path.rglob("*"))

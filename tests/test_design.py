@@ -1,4 +1,5 @@
-"""The verb `design` from outside: what it writes, that it is feasible, what it says beforehand, and how it refuses."""
+"""The verb `design` from outside: what it writes, that it is feasible, what it says beforehand, and
+how it refuses."""
 
 import json
 import os
@@ -22,7 +23,7 @@ from steelyard.excitation.ringing import softness_at
 from steelyard.excitation.verification import bodies_within, verify
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.write import write_experiment, write_yaml
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments import Wrench
 from steelyard.motion.limits import check_times, commanded_tensions, motion_extremes
@@ -42,7 +43,9 @@ QUICK = ["--duration", "8", "--budget", "44", "--processes", "1"]
 
 
 def planned(robot=ROBOT, **keys):
-    return Experiment("plan", robot, paper_sensors(robot).instruments, (), **{"uncertainty": EXACT, **keys})
+    return Experiment(
+        "plan", robot, paper_sensors(robot).instruments, (), **{"uncertainty": EXACT, **keys}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -144,17 +147,27 @@ def test_designed_motion_keeps_every_limit_densely_and_for_other_bodies(command,
     times = np.linspace(0, command.duration, 4001)
     assert motion_extremes(ROBOT, command, times).fraction <= 1
     margin = 0.2
-    for share, shift in ((1 - margin, [0.05, 0, 0]), (1 + margin, [0, -0.05, 0]), (1.1, [0, 0, 0.05])):
+    for share, shift in (
+        (1 - margin, [0.05, 0, 0]),
+        (1 + margin, [0, -0.05, 0]),
+        (1.1, [0, 0, 0.05]),
+    ):
         body = ROBOT.platform
-        other = type(body)(share * body.mass, body.center_of_gravity + np.array(shift), share * body.inertia)
+        other = type(body)(
+            share * body.mass, body.center_of_gravity + np.array(shift), share * body.inertia
+        )
         for still in (False, True):
-            tension = commanded_tensions(replace(ROBOT, platform=other), command, times[::40], still=still)
+            tension = commanded_tensions(
+                replace(ROBOT, platform=other), command, times[::40], still=still
+            )
             assert tension.min() >= ROBOT.tension_limits[0]
             assert tension.max() <= ROBOT.tension_limits[1]
 
 
 def test_designed_motion_keeps_the_limits_on_elastic_cables(command):
-    state = CablePlatform(ROBOT, ROBOT.platform).move(command, tolerance=1e-5).at(check_times(command))
+    state = (
+        CablePlatform(ROBOT, ROBOT.platform).move(command, tolerance=1e-5).at(check_times(command))
+    )
     acceleration = np.einsum("nij,nj->ni", state.rotation, state.specific_force) + ROBOT.gravity
     assert np.linalg.norm(acceleration, axis=1).max() <= ROBOT.limits.acceleration
     assert np.linalg.norm(state.alpha, axis=1).max() <= ROBOT.limits.angular_acceleration
@@ -173,7 +186,9 @@ def test_maximum_likelihood_reports_what_was_predicted(command, told):
     estimate = MaximumLikelihood()(recorded.experiment)
     said = told["standard_deviation"]
     J = np.array(said["inertia"])
-    predicted = np.concatenate([[said["mass"]], said["center_of_gravity"], np.diag(J), [J[1, 2], J[0, 2], J[0, 1]]])
+    predicted = np.concatenate(
+        [[said["mass"]], said["center_of_gravity"], np.diag(J), [J[1, 2], J[0, 2], J[0, 1]]]
+    )
     # One recording: its noise decides a little how well it is known.
     np.testing.assert_allclose(estimate.standard_deviation / predicted, 1, atol=0.12)
     error = estimate.value - ROBOT.platform.body_parameters
@@ -196,7 +211,8 @@ def test_check_says_what_a_motion_cannot_tell_and_what_it_exceeds(run, tmp_path)
     times = np.linspace(0, 6, 601)
     move = RestToRest(np.array([0, 0, 2, 0, 0, 0.0]), np.array([1.0, 0, 2, 0, 0, 0]), 1.0, 2.5)
     pl.DataFrame(
-        np.column_stack([times, move.derivative(times, 0)]), schema=["t", "x", "y", "z", "roll", "pitch", "yaw"]
+        np.column_stack([times, move.derivative(times, 0)]),
+        schema=["t", "x", "y", "z", "roll", "pitch", "yaw"],
     ).write_csv(tmp_path / "own.csv")
     status, out, _ = run("design", "cogiro", "--check", str(tmp_path / "own.csv"), "--json")
     assert status == 0
@@ -218,7 +234,15 @@ def test_what_is_known_already_adds_to_what_a_motion_will_tell(run, tmp_path):
     recorded = simulate(ROBOT, {"run": motion}, paper_sensors(ROBOT))
     (tmp_path / "earlier").mkdir()
     write_experiment(recorded.experiment, tmp_path / "earlier")
-    assert run("identify", str(tmp_path / "earlier" / "experiment.yaml"), "--out", str(tmp_path / "estimate"))[0] == 0
+    assert (
+        run(
+            "identify",
+            str(tmp_path / "earlier" / "experiment.yaml"),
+            "--out",
+            str(tmp_path / "estimate"),
+        )[0]
+        == 0
+    )
     found = []
     for earlier in (tmp_path / "estimate", tmp_path / "earlier" / "experiment.yaml"):
         check = ("--check", "multisine", "--duration", "9", "--after", str(earlier), "--json")
@@ -247,18 +271,22 @@ found = design(planned(), 8.0, budget=30.0, seed=int(sys.argv[1]))
 assert found.in_time
 np.save(sys.argv[2], found.trajectories["design"].derivative(np.linspace(0, 8, 801), 0))
 """
-"""A design whose search is never cut short, however busy the machine is: only then the seed alone decides."""
+"""A design whose search is never cut short, however busy the machine is: only then the seed alone
+decides."""
 
 
 @pytest.mark.slow
 def test_same_seed_gives_the_same_motion_and_another_another(tmp_path, told, command):
-    """In processes of their own, and as the command line has written it, where its search ended in time."""
+    """In processes of their own, and as the command line has written it, where its search ended in
+    time."""
     found = []
     for i, seed in enumerate("001"):
         path = tmp_path / f"{i}.npy"
         places = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
         subprocess.run(
-            [sys.executable, "-c", WITHOUT_HASTE, seed, str(path)], check=True, env={**os.environ, "PYTHONPATH": places}
+            [sys.executable, "-c", WITHOUT_HASTE, seed, str(path)],
+            check=True,
+            env={**os.environ, "PYTHONPATH": places},
         )
         found.append(np.load(path))
     once, again, other = found
@@ -290,7 +318,10 @@ def test_start_and_end_are_those_asked_for():
 def test_targets_of_trackers_and_cables_keep_their_limits():
     instruments = dict(paper_sensors(ROBOT).instruments)
     instruments["tracker"] = type(instruments["tracker"]).model_validate(
-        {**instruments["tracker"].model_dump(exclude_unset=True), "limits": {"speed": 1.2, "acceleration": 2.0}}
+        {
+            **instruments["tracker"].model_dump(exclude_unset=True),
+            "limits": {"speed": 1.2, "acceleration": 2.0},
+        }
     )
     robot = replace(ROBOT, limits=replace(ROBOT.limits, cable_speed=1.0))
     experiment = replace(planned(robot), instruments=instruments)
@@ -324,7 +355,12 @@ def test_body_on_a_wrench_sensor_is_designed_for_too(tmp_path):
     instruments = {k: v for k, v in paper_sensors(robot).instruments.items() if k != "sensor"}
     instruments = {
         "sensor": Wrench.model_validate(
-            {"kind": "wrench", "clock": "recorder", "rate": 100.0, "noise": {"force": 1.0, "torque": 0.1}}
+            {
+                "kind": "wrench",
+                "clock": "recorder",
+                "rate": 100.0,
+                "noise": {"force": 1.0, "torque": 0.1},
+            }
         ),
         **instruments,
     }
@@ -357,7 +393,9 @@ def test_natural_frequencies_are_those_of_a_platform_that_is_let_go():
     state = platform.move(Pushed(), tolerance=1e-9).at(times)
     swings = np.hstack([state.specific_force, state.alpha])
     power = np.sum(
-        np.abs(np.fft.rfft((swings - swings.mean(0)) * np.hanning(len(times))[:, None], axis=0)) ** 2, axis=1
+        np.abs(np.fft.rfft((swings - swings.mean(0)) * np.hanning(len(times))[:, None], axis=0))
+        ** 2,
+        axis=1,
     )
     seen = np.fft.rfftfreq(len(times), 0.01)
     peaks, _ = find_peaks(power)
@@ -368,7 +406,8 @@ def test_natural_frequencies_are_those_of_a_platform_that_is_let_go():
 
 @pytest.mark.parametrize("pose", [[0, 0, 2, 0, 0, 0], [0.5, -1, 3, 0.3, -0.2, 0.4]])
 def test_softness_sums_up_how_slowly_the_platform_swings(pose):
-    """What the tension of the cables adds to their stiffness, and what their sag takes, is left out."""
+    """What the tension of the cables adds to their stiffness, and what their sag takes, is left
+    out."""
     pose = np.array(pose, dtype=float)
     angular = 2 * np.pi * CablePlatform(ROBOT, ROBOT.platform).natural_frequencies(pose)
     assert softness_at(ROBOT, pose) == pytest.approx(np.sum(angular**-2.0), rel=0.1)
@@ -392,7 +431,9 @@ def test_bodies_within_a_margin_reach_its_edges():
     masses = [body.mass / ROBOT.platform.mass for body in bodies]
     assert min(masses) == pytest.approx(0.65)
     assert max(masses) == pytest.approx(1.35)
-    shifts = [np.linalg.norm(body.center_of_gravity - ROBOT.platform.center_of_gravity) for body in bodies]
+    shifts = [
+        np.linalg.norm(body.center_of_gravity - ROBOT.platform.center_of_gravity) for body in bodies
+    ]
     assert max(shifts) == pytest.approx(margin.off)
     assert margin.off >= 0.1
 
@@ -429,16 +470,28 @@ REFUSED = {
     "no duration": ({}, [], "--duration"),
     "not a duration": ({}, ["--duration", "nan"], "--duration"),
     "no workspace": ({"tension": {"min": 900.0, "max": 1000.0}}, ["--duration", "10"], "tension"),
-    "start outside": ({}, ["--duration", "10", "--start", *["0", "0", "9", "0", "0", "0"]], "--start"),
+    "start outside": (
+        {},
+        ["--duration", "10", "--start", *["0", "0", "9", "0", "0", "0"]],
+        "--start",
+    ),
     "end outside": ({}, ["--duration", "10", "--end", *["0", "0", "2", "80", "0", "0"]], "--end"),
     "start that no cable holds": (
         {},
         ["--duration", "10", "--start", *["3.9", "2.9", "3.4", "30", "30", "30"]],
         "--start",
     ),
-    "start that is no number": ({}, ["--duration", "10", "--start", *["nan", "0", "2", "0", "0", "0"]], "--start"),
+    "start that is no number": (
+        {},
+        ["--duration", "10", "--start", *["nan", "0", "2", "0", "0", "0"]],
+        "--start",
+    ),
     "cable missing": ({"cables": robot_file(ROBOT)["cables"][:-1]}, ["--duration", "10"], "cables"),
-    "three cables missing": ({"cables": robot_file(ROBOT)["cables"][:-3]}, ["--duration", "10"], "cables"),
+    "three cables missing": (
+        {"cables": robot_file(ROBOT)["cables"][:-3]},
+        ["--duration", "10"],
+        "cables",
+    ),
     "no body": ({"platform": None}, ["--duration", "10"], "platform"),
     "margin too large": ({}, ["--duration", "10", "--margin", "3"], "--margin"),
     "margin that leaves nothing": ({}, ["--duration", "10", "--margin", ".85"], "--margin"),
@@ -458,10 +511,18 @@ REFUSED = {
     "target of nothing": ({}, ["--duration", "10", "--target", "mass=0"], "--target"),
     "no runs": ({}, ["--duration", "10", "--runs", "0"], "--runs"),
     "no time": ({}, ["--duration", "10", "--budget", "0"], "--budget"),
-    "estimate that is not there": ({}, ["--duration", "10", "--after", "nothing.json"], "nothing.json"),
+    "estimate that is not there": (
+        {},
+        ["--duration", "10", "--after", "nothing.json"],
+        "nothing.json",
+    ),
     "body that is not there": ({}, ["--duration", "10", "--body", "nothing.json"], "nothing.json"),
     "motion that is not there": ({}, ["--check", "nothing.csv"], "nothing.csv"),
-    "sensors that are not there": ({}, ["--duration", "10", "--sensors", "nothing.yaml"], "nothing.yaml"),
+    "sensors that are not there": (
+        {},
+        ["--duration", "10", "--sensors", "nothing.yaml"],
+        "nothing.yaml",
+    ),
 }
 
 
@@ -487,7 +548,11 @@ def test_instruments_must_say_how_good_and_how_fast_they_are(run, tmp_path, monk
         "robot": "cogiro",
         "instruments": {
             "cables": {"kind": "tension", "rate": 25},
-            "imu": {"kind": "imu", "rate": 25, "noise": {"angular_velocity": 0.002, "orientation": 0.003}},
+            "imu": {
+                "kind": "imu",
+                "rate": 25,
+                "noise": {"angular_velocity": 0.002, "orientation": 0.003},
+            },
             "tracker": {"kind": "position", "rate": 100, "noise": 0.0005},
         },
     }
@@ -513,8 +578,17 @@ def test_an_experiment_that_has_not_been_recorded_yet_is_designed_for(run, tmp_p
         "robot": "cogiro",
         "instruments": {
             "cables": {"kind": "tension", "rate": 25, "noise": 5.0},
-            "imu": {"kind": "imu", "rate": 25, "noise": {"angular_velocity": 0.002, "orientation": 0.003}},
-            "tracker": {"kind": "position", "rate": 100, "noise": 0.0005, "target": [0.1, 0.2, 1.1]},
+            "imu": {
+                "kind": "imu",
+                "rate": 25,
+                "noise": {"angular_velocity": 0.002, "orientation": 0.003},
+            },
+            "tracker": {
+                "kind": "position",
+                "rate": 100,
+                "noise": 0.0005,
+                "target": [0.1, 0.2, 1.1],
+            },
         },
     }
     write_yaml(plan, Path("plan.yaml"))
@@ -542,9 +616,23 @@ def test_robot_without_limits_stays_about_the_middle_and_the_report_says_what_is
 
 def test_an_interrupted_search_ends_with_one_sentence_and_leaves_nothing(tmp_path):
     """Ctrl-C in a terminal reaches the searching processes too."""
-    command = [sys.executable, "-m", "steelyard", "design", "cogiro", "--duration", "20", "--processes", "2"]
+    command = [
+        sys.executable,
+        "-m",
+        "steelyard",
+        "design",
+        "cogiro",
+        "--duration",
+        "20",
+        "--processes",
+        "2",
+    ]
     process = subprocess.Popen(
-        [*command, "--out", "results"], cwd=tmp_path, start_new_session=True, stderr=subprocess.PIPE, text=True
+        [*command, "--out", "results"],
+        cwd=tmp_path,
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     time.sleep(8)
     os.killpg(process.pid, signal.SIGINT)

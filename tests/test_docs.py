@@ -1,4 +1,5 @@
-"""The documentation: its commands are commands, its links lead somewhere, its pages need no network; what runs its commands does so."""
+"""The documentation: its commands are commands, its links lead somewhere, its pages need no
+network; what runs its commands does so."""
 
 import ast
 import contextlib
@@ -72,8 +73,9 @@ def test_a_command_that_ends_the_shell(session):
 
 
 def test_a_block_shows_prompt_command_and_output(session):
-    assert session.do(block("shell", "", {}, "echo one \\\n  two\n\nfalse || echo three\n")) == (
-        "$ echo one \\\n>   two\none two\n$ false || echo three\nthree\n"
+    assert (
+        session.do(block("shell", "", {}, "echo one \\\n  two\n\nfalse || echo three\n"))
+        == "$ echo one \\\n>   two\none two\n$ false || echo three\nthree\n"
     )
 
 
@@ -89,7 +91,10 @@ def test_a_file_is_written(session):
 
 
 def test_blocks_of_a_page():
-    page = "text\n```{shell}\n:status: 3\n:setup:\nls -l\n```\n~~~\n```{file} a.yaml\na: 1\n\nb: 2\n```\n```python\nno\n```\n"
+    page = (
+        "text\n```{shell}\n:status: 3\n:setup:\nls -l\n```\n~~~\n```{file} a.yaml\na: 1\n\nb:"
+        " 2\n```\n```python\nno\n```\n"
+    )
     first, second = blocks(page)
     assert (first.kind, first.commands, first.status, first.setup) == ("shell", ("ls -l",), 3, True)
     assert (second.kind, second.name, second.text) == ("file", "a.yaml", "a: 1\n\nb: 2\n")
@@ -113,9 +118,12 @@ def test_some_lines():
 
 
 def parse(command):
-    """What click makes of a command, without doing it; an error where there is no such verb or option."""
+    """What click makes of a command, without doing it; an error where there is no such verb or
+    option."""
     words = shlex.split(command, comments=True)
-    words = words[: next((i for i, word in enumerate(words) if word in {"|", ">", "&&", ";"}), len(words))]
+    words = words[
+        : next((i for i, word in enumerate(words) if word in {"|", ">", "&&", ";"}), len(words))
+    ]
     context = app.make_context("steelyard", words[1:]) if len(words) > 1 else None
     if context is not None:
         name, verb, rest = app.resolve_command(context, [*context._protected_args, *context.args])
@@ -134,7 +142,9 @@ def test_commands_of_blocks_are_commands(page):
 
 @pytest.mark.parametrize("page", EVERYWHERE, ids=by_name)
 def test_commands_within_sentences_are_commands(page):
-    text = re.sub(r"^(```+|~~~+).*?^\1", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(
+        r"^(```+|~~~+).*?^\1", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
+    )
     top = click.Context(app, info_name="steelyard")
     for command in re.findall(r"`steelyard ([a-z][^`]*)`", text):
         verb = app.get_command(top, command.split()[0])
@@ -146,7 +156,9 @@ def test_commands_within_sentences_are_commands(page):
 
 @pytest.mark.parametrize("page", EVERYWHERE, ids=by_name)
 def test_python_compiles(page):
-    for code in re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE):
+    for code in re.findall(
+        r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
+    ):
         ast.parse(code)
 
 
@@ -159,12 +171,18 @@ def test_links_lead_to_files(page):
 
 def test_the_page_of_python_has_the_whole_public_face():
     page = (DOCS / "api.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"^\.\. auto\w+:: steelyard\.(\w+)$", page, flags=re.MULTILINE)) == set(steelyard.__all__)
+    assert set(re.findall(r"^\.\. auto\w+:: steelyard\.(\w+)$", page, flags=re.MULTILINE)) == set(
+        steelyard.__all__
+    )
 
 
 def test_citations_of_the_code_are_defined():
     defined = set(
-        re.findall(r"^- \*\*\[(\w+)\]\*\*", (DOCS / "references.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+        re.findall(
+            r"^- \*\*\[(\w+)\]\*\*",
+            (DOCS / "references.md").read_text(encoding="utf-8"),
+            flags=re.MULTILINE,
+        )
     )
     cited = {
         key
@@ -183,7 +201,16 @@ def built(tmp_path_factory):
     out = tmp_path_factory.mktemp("docs")
     options = ["-q", "-W", "--keep-going", "-n", "-D", "shell_execute=0"]
     done = subprocess.run(
-        [sys.executable, "-m", "sphinx", *options, "-d", str(out / "trees"), str(DOCS), str(out / "html")],
+        [
+            sys.executable,
+            "-m",
+            "sphinx",
+            *options,
+            "-d",
+            str(out / "trees"),
+            str(DOCS),
+            str(out / "html"),
+        ],
         capture_output=True,
         text=True,
     )
@@ -215,9 +242,9 @@ def test_pages_load_nothing_from_elsewhere(built):
         assert not resources.found, page.name
         assert not re.search(r"mathjax[^\"' ]*\.js", text, flags=re.IGNORECASE), page.name
     for sheet in built.rglob("*.css"):
-        assert not re.search(r"(@import\s+|url\(\s*)['\"]?(?:https?:)?//", sheet.read_text(encoding="utf-8")), (
-            sheet.name
-        )
+        assert not re.search(
+            r"(@import\s+|url\(\s*)['\"]?(?:https?:)?//", sheet.read_text(encoding="utf-8")
+        ), sheet.name
 
 
 def test_mathematics_is_mathml(built):
@@ -230,7 +257,9 @@ def test_mathematics_is_mathml(built):
 
 
 def test_every_verb_and_kind_has_its_place(built):
-    commands, files = ((built / name).read_text(encoding="utf-8") for name in ("commands.html", "files.html"))
+    commands, files = (
+        (built / name).read_text(encoding="utf-8") for name in ("commands.html", "files.html")
+    )
     for verb in app.commands:
         assert f'id="{verb}"' in commands
     for kind in ("tension", "wrench", "imu", "attitude", "position", "pose", "length", "command"):

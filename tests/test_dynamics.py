@@ -17,7 +17,8 @@ MASSES, POSITIONS = rng.uniform(0.5, 20.0, 15), rng.normal(0.1, 0.6, (15, 3))
 BODY = Inertia.from_points(MASSES, POSITIONS)
 GRAVITY = np.array([0.3, -0.2, -9.7])
 PINOCCHIO_NAMES = [
-    name.replace("I", "J").replace("m", "h") if len(name) > 1 else name for name in PinocchioParameters._fields
+    name.replace("I", "J").replace("m", "h") if len(name) > 1 else name
+    for name in PinocchioParameters._fields
 ]
 
 
@@ -35,13 +36,18 @@ def free_flyer(body=BODY):
 
 
 def pinocchio_state(k):
-    """Configuration, twist and spatial acceleration of a free flyer that feels specific force S[k]."""
+    """Configuration, twist and spatial acceleration of a free flyer that feels specific force
+    S[k]."""
     turn = Rotation.random(random_state=k)
     v_in_platform = np.random.default_rng(k).normal(size=3)
     a_in_platform = S[k] + turn.inv().apply(GRAVITY)
     # The derivative of the body coordinates of v lacks omega x v of the acceleration of the origin.
     spatial = a_in_platform - np.cross(OMEGA[k], v_in_platform)
-    return np.r_[0.4, -0.7, 1.1, turn.as_quat()], np.r_[v_in_platform, OMEGA[k]], np.r_[spatial, ALPHA[k]]
+    return (
+        np.r_[0.4, -0.7, 1.1, turn.as_quat()],
+        np.r_[v_in_platform, OMEGA[k]],
+        np.r_[spatial, ALPHA[k]],
+    )
 
 
 def test_wrench_is_that_of_pinocchios_spatial_algebra():
@@ -61,7 +67,9 @@ def test_wrench_is_that_of_pinocchios_free_flyer_under_gravity():
 
 def test_regressor_is_pinocchios_with_its_columns_in_our_order():
     model, data = free_flyer()
-    expected = np.array([pin.computeJointTorqueRegressor(model, data, *pinocchio_state(k)).copy() for k in range(N)])
+    expected = np.array(
+        [pin.computeJointTorqueRegressor(model, data, *pinocchio_state(k)).copy() for k in range(N)]
+    )
     order = [PINOCCHIO_NAMES.index(name) for name in LINEAR_PARAMETERS]
     found = platform_regressor(S, OMEGA, ALPHA)
     assert found.shape == (N, 6, 10)
@@ -72,7 +80,10 @@ def test_regressor_times_pinocchios_parameters_through_the_adapters_is_the_wrenc
     model, data = free_flyer()
     for k in range(N):
         Y = pin.computeJointTorqueRegressor(model, data, *pinocchio_state(k))
-        close(Y @ np.array(BODY.to_pinocchio()), platform_wrench(BODY.parameters, S[[k]], OMEGA[[k]], ALPHA[[k]])[0])
+        close(
+            Y @ np.array(BODY.to_pinocchio()),
+            platform_wrench(BODY.parameters, S[[k]], OMEGA[[k]], ALPHA[[k]])[0],
+        )
 
 
 def test_regressor_times_parameters_is_the_wrench_for_any_ten_numbers():
@@ -84,14 +95,18 @@ def test_regressor_times_parameters_is_the_wrench_for_any_ten_numbers():
 def test_wrench_is_newtons_law_for_every_point_of_a_cloud():
     found = platform_wrench(BODY.parameters, S, OMEGA, ALPHA)
     for k in range(N):
-        s_of_points = S[k] + np.cross(ALPHA[k], POSITIONS) + np.cross(OMEGA[k], np.cross(OMEGA[k], POSITIONS))
+        s_of_points = (
+            S[k] + np.cross(ALPHA[k], POSITIONS) + np.cross(OMEGA[k], np.cross(OMEGA[k], POSITIONS))
+        )
         forces = MASSES[:, None] * s_of_points
         close(found[k], np.r_[forces.sum(axis=0), np.cross(POSITIONS, forces).sum(axis=0)])
 
 
 def test_point_specific_force_is_that_of_the_point():
     s, w, a, p = (ca.SX.sym(name, 3) for name in "swap")
-    batched = Batched("point", {"s": s, "w": w, "a": a, "p": p}, {"f": point_specific_force(s, w, a, p)})
+    batched = Batched(
+        "point", {"s": s, "w": w, "a": a, "p": p}, {"f": point_specific_force(s, w, a, p)}
+    )
     point = np.array([0.3, -0.8, 1.2])
     expected = S + np.cross(ALPHA, point) + np.cross(OMEGA, np.cross(OMEGA, point))
     close(batched(s=S, w=OMEGA, a=ALPHA, p=point)["f"], expected)
@@ -128,7 +143,11 @@ def test_equation_1_needs_the_corrected_sign():
     for k in range(N):
         gyroscopic = np.cross(OMEGA[k], (J - m * rho @ rho) @ OMEGA[k])
         close(found[k, 3:], m * rho @ S[k] + (J - m * rho @ rho) @ ALPHA[k] + gyroscopic)
-        printed = m * rho @ S[k] + (J + m * rho @ rho) @ ALPHA[k] + np.cross(OMEGA[k], (J + m * rho @ rho) @ OMEGA[k])
+        printed = (
+            m * rho @ S[k]
+            + (J + m * rho @ rho) @ ALPHA[k]
+            + np.cross(OMEGA[k], (J + m * rho @ rho) @ OMEGA[k])
+        )
         assert np.abs(found[k, 3:] - printed).max() > 1
 
 

@@ -1,4 +1,5 @@
-"""How fine knots must be, against dense normal distributions of the readings and against motions whose frequency is known."""
+"""How fine knots must be, against dense normal distributions of the readings and against motions
+whose frequency is known."""
 
 import numpy as np
 import pytest
@@ -6,7 +7,7 @@ from scipy.interpolate import BSpline
 from scipy.optimize import minimize_scalar
 from scipy.stats import Covariance, multivariate_normal
 
-from steelyard.identification.evidence import Channelled, best_spacing, evidence
+from steelyard.identification.model.knot_spacing import Channelled, best_spacing, evidence
 from steelyard.smoothing import DEGREE, knots
 
 START, END = 0.0, 4.0  # [s]
@@ -22,7 +23,9 @@ def sine(frequency, noise, *, order=0, stated=True, unit=1.0, seed=0, length=6.0
     rng = np.random.default_rng(seed)
     time = np.arange(0, length, 1 / rate)
     phase = 2 * np.pi * frequency * time
-    values = np.column_stack([np.sin(phase), 0.5 * np.cos(phase + 0.3)]) + noise * rng.normal(size=(len(time), 2))
+    values = np.column_stack([np.sin(phase), 0.5 * np.cos(phase + 0.3)]) + noise * rng.normal(
+        size=(len(time), 2)
+    )
     return Channelled(time, unit * values, order, unit * noise if stated else None)
 
 
@@ -37,7 +40,8 @@ def squared_integral(grid, order):
 
 
 def log_likelihood(stream, grid):
-    """Of a stream: white noise over a spline whose coefficients are normal, by intensity (and the likeliest noise, if unstated)."""
+    """Of a stream: white noise over a spline whose coefficients are normal, by intensity (and the
+    likeliest noise, if unstated)."""
     values = stream.values - stream.values.mean(axis=0)
     n = len(values)
     design = BSpline(grid, np.eye(len(grid) - DEGREE - 1), DEGREE)(stream.time)
@@ -53,7 +57,9 @@ def log_likelihood(stream, grid):
         def of_noise(log_variance):
             return -density(root.T @ root + np.exp(log_variance) * np.eye(n))
 
-        return -minimize_scalar(of_noise, bounds=NOISE, method="bounded", options={"xatol": 1e-3}).fun
+        return -minimize_scalar(
+            of_noise, bounds=NOISE, method="bounded", options={"xatol": 1e-3}
+        ).fun
 
     def density(covariance):
         factored = Covariance.from_cholesky(np.linalg.cholesky(covariance))
@@ -62,7 +68,10 @@ def log_likelihood(stream, grid):
     return at
 
 
-NOISE = 2 * np.log(0.005), 2 * np.log(0.1)  # logarithm of the variances among which the likeliest is sought
+NOISE = (
+    2 * np.log(0.005),
+    2 * np.log(0.1),
+)  # logarithm of the variances among which the likeliest is sought
 
 
 def largest(stream, grid, around):
@@ -70,16 +79,21 @@ def largest(stream, grid, around):
     at = log_likelihood(stream, grid)
     steps = around + np.arange(-7.0, 8.0)
     best = steps[np.argmax([at(s) for s in steps])]
-    found = minimize_scalar(lambda x: -at(x), bounds=(best - 1, best + 1), method="bounded", options={"xatol": 0.02})
+    found = minimize_scalar(
+        lambda x: -at(x), bounds=(best - 1, best + 1), method="bounded", options={"xatol": 0.02}
+    )
     return -found.fun
 
 
 def recorded(frequency, order, sigma=0.02, *, stated=True):
-    """Two channels of a sine in noise, at uneven times, and the logarithm of the mean square of its derivative over a second."""
+    """Two channels of a sine in noise, at uneven times, and the logarithm of the mean square of its
+    derivative over a second."""
     rng = np.random.default_rng(3)
     time = np.sort(rng.uniform(START, END, 120))
     phase = 2 * np.pi * frequency * time
-    values = np.column_stack([np.sin(phase), 0.5 * np.cos(phase + 0.3)]) + sigma * rng.normal(size=(120, 2))
+    values = np.column_stack([np.sin(phase), 0.5 * np.cos(phase + 0.3)]) + sigma * rng.normal(
+        size=(120, 2)
+    )
     rough = np.log((2 * np.pi * frequency) ** (2 * (3 - order)) / 4)
     return Channelled(time, values, order, sigma if stated else None), rough
 
@@ -124,7 +138,10 @@ STATED = {"stated": True, "unstated": False}
 @pytest.mark.parametrize("stated", STATED.values(), ids=STATED)
 @pytest.mark.parametrize("order", range(3))
 def test_a_slow_motion_takes_wide_knots(order, stated):
-    assert best_spacing([sine(0.2, 0.02, order=order, stated=stated)], CANDIDATES, 0.0, 6.0) == CANDIDATES[-1]
+    assert (
+        best_spacing([sine(0.2, 0.02, order=order, stated=stated)], CANDIDATES, 0.0, 6.0)
+        == CANDIDATES[-1]
+    )
 
 
 @pytest.mark.parametrize("order", range(3))
@@ -148,9 +165,13 @@ def test_a_fast_motion_takes_fine_knots_where_noise_is_not_stated(frequency, ord
 def test_a_platform_that_rings_while_it_moves_takes_fine_knots(order, stated):
     slow, fast = sine(0.2, 0.01, order=order, stated=stated), sine(6.0, 0.0)
     both = Channelled(slow.time, slow.values + 0.05 * fast.values, order, slow.sigma)
-    # The ringing is five times the noise: no knots that are too wide for it are anywhere near as likely.
+    # The ringing is five times the noise: no knots that are too wide for it are anywhere near as
+    # likely.
     likely = {spacing: evidence(both, knots(0.0, 6.0, spacing)) for spacing in CANDIDATES}
-    assert max(likely.values()) > max(value for spacing, value in likely.items() if spacing > 0.1) + 100
+    assert (
+        max(likely.values())
+        > max(value for spacing, value in likely.items() if spacing > 0.1) + 100
+    )
     assert best_spacing([both], CANDIDATES, 0.0, 6.0) < 0.1
 
 
@@ -171,14 +192,19 @@ def test_the_widest_that_is_about_as_likely_as_the_best_is_taken(streams):
 
 def test_the_stream_that_moves_fastest_decides():
     slow, fast = sine(0.2, 0.01), sine(2.0, 0.01, order=2)
-    assert best_spacing([slow, fast], CANDIDATES, 0.0, 6.0) == best_spacing([fast], CANDIDATES, 0.0, 6.0)
+    assert best_spacing([slow, fast], CANDIDATES, 0.0, 6.0) == best_spacing(
+        [fast], CANDIDATES, 0.0, 6.0
+    )
 
 
 @pytest.mark.parametrize("unit", [1e-4, 1e-2, 1e2, 1e4])
 @pytest.mark.parametrize("order", [0, 2])
 @pytest.mark.parametrize("frequency", [0.2, 1.0, 4.0])
 def test_the_choice_does_not_depend_on_units_where_noise_is_stated(frequency, order, unit):
-    one, other = (best_spacing([sine(frequency, 0.01, order=order, unit=u)], CANDIDATES, 0.0, 6.0) for u in (1.0, unit))
+    one, other = (
+        best_spacing([sine(frequency, 0.01, order=order, unit=u)], CANDIDATES, 0.0, 6.0)
+        for u in (1.0, unit)
+    )
     assert one == other
 
 

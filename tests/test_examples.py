@@ -22,7 +22,9 @@ SIGMAS = 4.0
 def project(tmp_path_factory):
     """A copy of the examples in a folder that looks like the project's root."""
     folder = tmp_path_factory.mktemp("project")
-    shutil.copytree(ROOT / "examples", folder / "examples", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        ROOT / "examples", folder / "examples", ignore=shutil.ignore_patterns("__pycache__")
+    )
     return folder
 
 
@@ -32,7 +34,12 @@ def output(project):
 
     def output(*command):
         before = {path for path in project.rglob("*") if "__pycache__" not in path.parts}
-        environment = {**os.environ, "PYTHONIOENCODING": "utf-8", "POLARS_FMT_MAX_COLS": "20", "COLUMNS": "200"}
+        environment = {
+            **os.environ,
+            "PYTHONIOENCODING": "utf-8",
+            "POLARS_FMT_MAX_COLS": "20",
+            "COLUMNS": "200",
+        }
         ended = subprocess.run(
             [sys.executable, "-W", "error", *map(str, command)],
             cwd=project,
@@ -52,7 +59,9 @@ def output(project):
 def column(out, name):
     """Numbers of a column of the last table of Polars in a text."""
     rows = [
-        [cell.strip() for cell in re.split("[│┆]", line)[1:-1]] for line in out.splitlines() if line.startswith("│")
+        [cell.strip() for cell in re.split("[│┆]", line)[1:-1]]
+        for line in out.splitlines()
+        if line.startswith("│")
     ]
     head = max(i for i, row in enumerate(rows) if row[0] == "parameter")
     place = rows[head].index(name)
@@ -69,11 +78,17 @@ def test_the_paper(output):
         for line in out.splitlines()
         if re.match(r"(mass|cog|J)", line)
     ]
-    table = np.array([[(np.nan if b else float(a), np.nan if b else float(s)) for a, s, b in row] for row in rows])
+    table = np.array(
+        [
+            [(np.nan if b else float(a), np.nan if b else float(s)) for a, s, b in row]
+            for row in rows
+        ]
+    )
     assert table.shape == (10, 5, 2)
     error, sigma = np.moveaxis(table, 2, 0)
     assert np.all(np.abs(error[:, 4]) < SIGMAS * sigma[:, 4])
-    # The sag makes the two steps too heavy, whatever the sensors, and nothing else does where there is no noise.
+    # The sag makes the two steps too heavy, whatever the sensors, and nothing else does where there
+    # is no noise.
     assert np.all(error[0, :3] > 1.0)
     assert np.abs(error[:, 3]).max() < 0.05
     assert np.all(np.abs(error[4:7, 4]) < 3.0)
@@ -104,7 +119,9 @@ def test_design_simulate_identify(output):
     out = output("examples/design-simulate-identify/run.py")
     assert re.search("^maximum-likelihood: accepted$", out, re.M)
     assert np.abs(column(out, "error_in_sigmas")).max() < SIGMAS
-    low, high = map(float, re.search(r"stated 1-sigma over predicted: ([\d.]+) to ([\d.]+)", out).groups())
+    low, high = map(
+        float, re.search(r"stated 1-sigma over predicted: ([\d.]+) to ([\d.]+)", out).groups()
+    )
     # What was said beforehand is what the recording says of itself.
     assert 0.85 < low <= high < 1.2
 
@@ -121,7 +138,9 @@ def test_a_new_robot(output, tmp_path):
     assert "CASPR" in attributed
     assert "BSD-3-Clause" in attributed
     for file in (ROOT / "tests" / "data" / "caspr" / "CAROCA").iterdir():
-        assert (ROOT / "examples" / "new-robot" / "caspr" / file.name).read_bytes() == file.read_bytes()
+        assert (
+            ROOT / "examples" / "new-robot" / "caspr" / file.name
+        ).read_bytes() == file.read_bytes()
 
 
 EXECUTE = """

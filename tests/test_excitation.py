@@ -1,4 +1,5 @@
-"""The design of motions against NumPy, SciPy, differences and what the estimators' own equations say of the same instants."""
+"""The design of motions against NumPy, SciPy, differences and what the estimators' own equations
+say of the same instants."""
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -12,7 +13,12 @@ from scipy.spatial.transform import Rotation
 from simulated import EXACT, changed
 
 from steelyard.batch import Batched
-from steelyard.excitation.appraisal import appraise, highest_frequency, natural_frequencies, rehearse
+from steelyard.excitation.appraisal import (
+    appraise,
+    highest_frequency,
+    natural_frequencies,
+    rehearse,
+)
 from steelyard.excitation.course import SIX, Course
 from steelyard.excitation.criterion import Criterion, Target
 from steelyard.excitation.demands import AT, Demands, Margin
@@ -21,12 +27,12 @@ from steelyard.excitation.ringing import ALLOWED, BAND, PER_INTERVAL, Ringing
 from steelyard.excitation.search import Problem
 from steelyard.excitation.sight import INSTANT, View, border_of, columns_of, motion_of
 from steelyard.experiment.model import Experiment
-from steelyard.identification.arc import POSE, accumulate, banded_product
-from steelyard.identification.force_rows import Forces, balance_of, force_rows
-from steelyard.identification.motion_rows import Tally, holding_rows
-from steelyard.identification.regression import TEN
-from steelyard.identification.unknowns import DRAG, Systematic
-from steelyard.identification.unknowns import ROBOT as FILE
+from steelyard.identification.model.calibration_parameters import DRAG, Calibration
+from steelyard.identification.model.calibration_parameters import ROBOT as FILE
+from steelyard.identification.model.force_residuals import Forces, balance_of, force_residuals
+from steelyard.identification.model.motion_residuals import Tally, holding_rows
+from steelyard.identification.model.segment import POSE, accumulate, banded_product
+from steelyard.identification.solve.normal_equations import TEN
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.instruments import Length, Wrench
 from steelyard.instruments.equations import linearised, predict
@@ -57,12 +63,15 @@ DIFFERENCES = 1e-6  # relative to the largest: fourth-order differences of what 
 
 def central(function, x, way, step=1e-3):
     """Derivative along a way, of fourth order."""
-    near, far = (np.asarray(function(x + k * step * way)) - function(x - k * step * way) for k in (1, 2))
+    near, far = (
+        np.asarray(function(x + k * step * way)) - function(x - k * step * way) for k in (1, 2)
+    )
     return (8 * near - far) / (12 * step)
 
 
 def in_every_way(function, rows):
-    """Derivatives of what each row of an array gives, by each of its numbers, the latter on the last axis."""
+    """Derivatives of what each row of an array gives, by each of its numbers, the latter on the
+    last axis."""
     n, k = rows.shape
     tiled = np.repeat(rows, k, axis=0)
     found = central(function, tiled, np.tile(np.eye(k), (n, 1)))
@@ -70,7 +79,8 @@ def in_every_way(function, rows):
 
 
 def over_time(function, order, reach=0.1):
-    """Derivative at time 0 of an array that is smooth in time, by a polynomial through Chebyshev's points."""
+    """Derivative at time 0 of an array that is smooth in time, by a polynomial through Chebyshev's
+    points."""
     times = reach * np.cos(np.pi * (np.arange(13) + 0.5) / 13)
     return KroghInterpolator(times, np.array([function(t) for t in times])).derivative(0.0, order)
 
@@ -83,11 +93,19 @@ def random_commands(n, seed=0):
     """Poses within the robot, and their first three derivatives, as large as they may be."""
     rng = np.random.default_rng(seed)
     pose = rng.uniform([-2, -1.5, 1, -0.3, -0.3, -0.3], [2, 1.5, 2.5, 0.3, 0.3, 0.3], (n, 6))
-    return np.hstack([pose, 0.5 * rng.normal(size=(n, 6)), 1.0 * rng.normal(size=(n, 6)), rng.normal(size=(n, 6))])
+    return np.hstack(
+        [
+            pose,
+            0.5 * rng.normal(size=(n, 6)),
+            1.0 * rng.normal(size=(n, 6)),
+            rng.normal(size=(n, 6)),
+        ]
+    )
 
 
 def moved(command):
-    """Position and SciPy's rotation around the instant of a command, as functions of time: what its derivatives say."""
+    """Position and SciPy's rotation around the instant of a command, as functions of time: what its
+    derivatives say."""
     orders = command.reshape(-1, 6)
 
     def pose(t):
@@ -98,17 +116,32 @@ def moved(command):
 
 def axial(matrix):
     """Vector whose cross product is the antisymmetric part of a matrix."""
-    return np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]) / 2
+    return (
+        np.array(
+            [matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]
+        )
+        / 2
+    )
 
 
 def motion_in_time(command, gravity=HEAVY.gravity):
-    """State of the platform, and its velocity and acceleration in the world, by differences in time."""
+    """State of the platform, and its velocity and acceleration in the world, by differences in
+    time."""
     position, rotation = moved(command)
     R = rotation(0.0).as_matrix()
     dR, ddR = (over_time(lambda t: rotation(t).as_matrix(), order) for order in (1, 2))
     velocity, acceleration = (over_time(position, order) for order in (1, 2))
-    # R^T R'' is the angular acceleration's matrix and the square of the angular velocity's, which is symmetric.
-    return position(0.0), R, velocity, acceleration, axial(R.T @ dR), axial(R.T @ ddR), R.T @ (acceleration - gravity)
+    # R^T R'' is the angular acceleration's matrix and the square of the angular velocity's, which
+    # is symmetric.
+    return (
+        position(0.0),
+        R,
+        velocity,
+        acceleration,
+        axial(R.T @ dR),
+        axial(R.T @ ddR),
+        R.T @ (acceleration - gravity),
+    )
 
 
 def motions(commands):
@@ -142,7 +175,9 @@ def test_a_course_goes_from_rest_at_one_pose_to_rest_at_the_other(end):
 
 def test_a_course_without_freedom_taken_is_the_plain_move():
     course, _ = some_course()
-    poses = course.trajectory(np.zeros(course.size)).derivative(np.linspace(0, course.duration, 100), 0)
+    poses = course.trajectory(np.zeros(course.size)).derivative(
+        np.linspace(0, course.duration, 100), 0
+    )
     share = (poses - START) / (END - START)
     # All six coordinates as one, and never back.
     np.testing.assert_allclose(share, np.tile(share[:, :1], 6), atol=1e-12)
@@ -160,7 +195,9 @@ def test_commands_along_a_course_are_its_trajectory_and_its_derivatives():
         np.testing.assert_allclose(found, course.trajectory(x).derivative(times, order), atol=1e-11)
     # And the last of these is the third derivative of the pose in time.
     middle = times[10]
-    around = over_time(lambda t: course.trajectory(x).derivative(np.array([middle + t]), 0)[0], 3, reach=0.05)
+    around = over_time(
+        lambda t: course.trajectory(x).derivative(np.array([middle + t]), 0)[0], 3, reach=0.05
+    )
     np.testing.assert_allclose(commands[10, 18:], around, rtol=1e-5)
 
 
@@ -211,19 +248,26 @@ def test_the_course_nearest_to_another_motion_is_the_one_of_least_squares():
     found = course.near(motion)
 
     def missed(x):
-        return np.sum(((course.trajectory(x).derivative(times, 0) - motion.derivative(times, 0)) / REACH) ** 2)
+        return np.sum(
+            ((course.trajectory(x).derivative(times, 0) - motion.derivative(times, 0)) / REACH) ** 2
+        )
 
     # No way leads to a smaller sum.
     assert missed(found) < 0.2 * missed(np.zeros(course.size))
-    np.testing.assert_allclose([central(missed, found, way) for way in np.eye(course.size)], 0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        [central(missed, found, way) for way in np.eye(course.size)], 0.0, atol=1e-9
+    )
 
 
 def test_the_highest_frequency_of_a_motion_has_all_but_a_hundredth_of_its_power_below():
-    # Two frequencies in one coordinate; of the accelerations .5 % of the power lies above, then 1.5 %.
+    # Two frequencies in one coordinate; of the accelerations .5 % of the power lies above, then 1.5
+    # %.
     time = np.linspace(0, 10, 2001)
     for share, expected in ((0.005, 0.5), (0.015, 2.0)):
         poses = np.zeros((2001, SIX))
-        poses[:, 1] = np.sin(2 * np.pi * 0.5 * time) + np.sqrt(share) * np.sin(2 * np.pi * 2.0 * time) / 16
+        poses[:, 1] = (
+            np.sin(2 * np.pi * 0.5 * time) + np.sqrt(share) * np.sin(2 * np.pi * 2.0 * time) / 16
+        )
         assert highest_frequency(Sampled.through(time, poses)) == pytest.approx(expected, abs=0.11)
     assert highest_frequency(Sampled.through(time, np.zeros((2001, SIX)))) == 0.0
 
@@ -233,7 +277,9 @@ def test_the_highest_frequency_of_a_motion_has_all_but_a_hundredth_of_its_power_
 
 def test_a_command_moves_the_quaternion_as_scipy_turns_it_in_time():
     command = ca.SX.sym("command", INSTANT)
-    function = Batched("motion", {"command": command}, dict(zip("pvaj", motion_of(command), strict=True)))
+    function = Batched(
+        "motion", {"command": command}, dict(zip("pvaj", motion_of(command), strict=True))
+    )
     commands = random_commands(20)
     # Far beyond where angles of rotation are ambiguous.
     commands[10:, 3:6] *= 8
@@ -243,10 +289,14 @@ def test_a_command_moves_the_quaternion_as_scipy_turns_it_in_time():
 
         def pose(t, i=i, position=position, rotation=rotation):
             quaternion = rotation(t).as_quat(scalar_first=True)
-            return np.concatenate([position(t), quaternion * np.sign(quaternion @ found["p"][i, 3:])])
+            return np.concatenate(
+                [position(t), quaternion * np.sign(quaternion @ found["p"][i, 3:])]
+            )
 
         for order, key in enumerate("pvaj"):
-            np.testing.assert_allclose(found[key][i], over_time(pose, order), atol=2e-9, err_msg=f"order {order}")
+            np.testing.assert_allclose(
+                found[key][i], over_time(pose, order), atol=2e-9, err_msg=f"order {order}"
+            )
 
 
 # What instruments see
@@ -264,8 +314,8 @@ class Plan:
         return rehearse(self.experiment, {"run": MOTION}, self.level)
 
     @cached_property
-    def unknowns(self):
-        return self.joint.fit.state.systematic.unknowns
+    def calibration_parameters(self):
+        return self.joint.fit.state.calibration.calibration_parameters
 
     @cached_property
     def view(self):
@@ -275,18 +325,24 @@ class Plan:
     def elsewhere(self):
         """The same view about errors and a body that are not as stated, as an estimate may be."""
         rng = np.random.default_rng(4)
-        values = self.unknowns.mean + self.unknowns.deviation * rng.normal(size=len(self.unknowns))
+        values = (
+            self.calibration_parameters.mean
+            + self.calibration_parameters.deviation
+            * rng.normal(size=len(self.calibration_parameters))
+        )
         body = BODY.parameters * (1 + 0.1 * rng.normal(size=TEN))
-        return replace(self.view, systematic=Systematic(self.unknowns, values), parameters=body)
+        return replace(
+            self.view, calibration=Calibration(self.calibration_parameters, values), parameters=body
+        )
 
     @cached_property
-    def arc(self):
-        (arc,) = self.joint.fit.state.arcs
-        return arc
+    def segment(self):
+        (segment,) = self.joint.fit.state.segments
+        return segment
 
     @cached_property
     def known(self):
-        return border_of(self.unknowns)
+        return border_of(self.calibration_parameters)
 
     @cached_property
     def outlook(self):
@@ -297,7 +353,7 @@ class Plan:
         return self.seen_by(self.elsewhere)
 
     def seen_by(self, view):
-        return Outlook(view, self.arc, DURATION, len(self.known))
+        return Outlook(view, self.segment, DURATION, len(self.known))
 
     @cached_property
     def commands(self):
@@ -324,7 +380,9 @@ def plan(which):
         suite["cables"] = changed(suite["cables"], calibration=GAINS)
     if which == "rollers":
         suite["cables"] = changed(
-            suite["cables"], end="winch", calibration={**GAINS, "friction": {"value": 0.02, "sigma": 0.005}}
+            suite["cables"],
+            end="winch",
+            calibration={**GAINS, "friction": {"value": 0.02, "sigma": 0.005}},
         )
     if which == "late":
         # The clock of the forces has an error of its own, and those of the others have none.
@@ -345,7 +403,11 @@ def plan(which):
                 "position": (0.02, -0.01, 0.1),
                 "rpy_deg": (5, -10, 30),
                 "noise": {"force": 2.0, "torque": 0.4},
-                "calibration": {"offset": {"force": 5.0, "torque": 1.0}, "position": 0.001, "misalignment": 0.01},
+                "calibration": {
+                    "offset": {"force": 5.0, "torque": 1.0},
+                    "position": 0.001,
+                    "misalignment": 0.01,
+                },
             }
         )
     uncertainty = EXACT if which in {"gains", "late"} else UNSURE
@@ -357,14 +419,15 @@ INSTANTS = np.array([0.6, 1.7, 2.4, 3.3, 4.1, 5.2])  # [s]
 
 
 def states_at(view, times):
-    """State of the platform by differences in time, with the wrench that moves the body and the tensions that make it."""
-    each = [motion_in_time(command, view.systematic.gravity) for command in commands_at(times)]
+    """State of the platform by differences in time, with the wrench that moves the body and the
+    tensions that make it."""
+    each = [motion_in_time(command, view.calibration.gravity) for command in commands_at(times)]
     position, R, velocity, _, omega, alpha, s = (np.array(part) for part in zip(*each, strict=True))
     wrench = moving_wrench(Inertia.from_parameters(view.parameters), s, omega, alpha)
     tension = None
     if view.experiment.robot.m:
         tension = nearest_tensions(structure_of(placed(view), position, R), wrench, view.level)
-    return State(position, R, velocity, omega, s, alpha, tension, wrench, view.systematic.gravity)
+    return State(position, R, velocity, omega, s, alpha, tension, wrench, view.calibration.gravity)
 
 
 def moving_wrench(body, s, omega, alpha):
@@ -378,11 +441,14 @@ def moving_wrench(body, s, omega, alpha):
 def nearest_tensions(W, wrench, level):
     """Of least squares about a level."""
     even = np.full(W.shape[:1] + W.shape[2:], level)
-    return even + np.einsum("nmk,nk->nm", np.linalg.pinv(W), wrench - np.einsum("nkm,nm->nk", W, even))
+    return even + np.einsum(
+        "nmk,nk->nm", np.linalg.pinv(W), wrench - np.einsum("nkm,nm->nk", W, even)
+    )
 
 
 def structure_of(robot, position, R):
-    """Of straight cables: torques by arms and forces in the world, then turned into the platform."""
+    """Of straight cables: torques by arms and forces in the world, then turned into the
+    platform."""
     direction = cables_at(robot.with_straight_cables(), position, R, np.ones(robot.m)).direction
     arm = np.einsum("nij,mj->nmi", R, robot.attachments)
     return np.concatenate([direction @ R, np.cross(arm, direction) @ R], axis=2).transpose(0, 2, 1)
@@ -390,8 +456,11 @@ def structure_of(robot, position, R):
 
 def placed(view):
     """The robot as the systematic errors have it."""
-    values, places = view.systematic.values, view.systematic.unknowns.places
-    where = {key + "s": values[places[FILE, key, None]].reshape(-1, 3) for key in ("anchor", "attachment")}
+    values, places = view.calibration.values, view.calibration.calibration_parameters.places
+    where = {
+        key + "s": values[places[FILE, key, None]].reshape(-1, 3)
+        for key in ("anchor", "attachment")
+    }
     return replace(view.experiment.robot, **where)
 
 
@@ -403,7 +472,12 @@ def quaternion_motion(times):
         for command in commands_at(times):
             position, rotation = moved(command)
             found.append(
-                over_time(lambda t: np.concatenate([position(t), rotation(t).as_quat(scalar_first=True)]), order)  # noqa: B023
+                over_time(
+                    lambda t, p=position, r=rotation: np.concatenate(
+                        [p(t), r(t).as_quat(scalar_first=True)]
+                    ),
+                    order,
+                )
             )
         return np.array(found)
 
@@ -414,68 +488,93 @@ def quaternion_motion(times):
 @pytest.mark.parametrize("which", [*ELSEWHERE, "late"])
 def test_what_looks_at_the_motion_is_linearised_as_the_estimators_do(which):
     view = plan(which).elsewhere
-    unknowns, robot = view.systematic.unknowns, view.experiment.robot
+    calibration_parameters, robot = view.calibration.calibration_parameters, view.experiment.robot
     state, motion = states_at(view, INSTANTS), quaternion_motion(INSTANTS)
-    column_of = columns_of(unknowns)
+    column_of = columns_of(calibration_parameters)
     sights = plan(which).outlook_elsewhere.sights
-    assert [sight.name for sight in sights] == [name for name, *_ in view.readers] + [view.forces[0]]
+    assert [sight.name for sight in sights] == [name for name, *_ in view.readers] + [
+        view.forces[0]
+    ]
     for (name, quantity, sigma, rate), sight in zip(view.readers, sights, strict=False):
         instrument = view.experiment.instruments[name]
-        errors = view.systematic.of(name, instrument, "run")
+        errors = view.calibration.of(name, instrument, "run")
         measured = predict(instrument, robot, state, errors)[quantity]
         found = linearised(
             instrument, quantity, robot, measured, motion[:3], np.concatenate(list(errors.values())),
-            view.systematic.gravity, state.tension if instrument.kind == "length" else None,
+            view.calibration.gravity, state.tension if instrument.kind == "length" else None,
         )  # fmt: skip
         np.testing.assert_allclose(found["residual"], 0.0, atol=1e-8)
         by_motion, by_border = sight.derivatives(commands_at(INSTANTS))
         by = np.concatenate([found["by_pose"], found["by_rate"], found["by_acceleration"]], axis=2)
         assert_near(by_motion * sigma, by, 1e-8)
-        expected = np.zeros((*by.shape[:2], len(unknowns)))
+        expected = np.zeros((*by.shape[:2], len(calibration_parameters)))
         column = 0
         for term in instrument.terms(robot.m):
             own = slice(column, column := column + term.size)
-            expected[:, :, unknowns.place(name, term.key, "run")] = found["by_errors"][:, :, own]
-        expected[:, :, unknowns.places[FILE, "gravity", None]] = found["by_gravity"]
+            expected[:, :, calibration_parameters.place(name, term.key, "run")] = found[
+                "by_errors"
+            ][:, :, own]
+        expected[:, :, calibration_parameters.places[FILE, "gravity", None]] = found["by_gravity"]
         if (clock := instrument.clock or name) != "recorder":
-            # The motion is told in the time of the forces: if their clock is late, the others are early.
+            # The motion is told in the time of the forces: if their clock is late, the others are
+            # early.
             late = delayed(view, name, quantity)[:, :, None]
-            expected[:, :, unknowns.place(clock, "delay", "run")] = late
-            expected[:, :, unknowns.place("recorder", "delay", "run")] = -late
+            expected[:, :, calibration_parameters.place(clock, "delay", "run")] = late
+            expected[:, :, calibration_parameters.place("recorder", "delay", "run")] = -late
         full = np.zeros((*by.shape[:2], TEN + int((column_of >= 0).sum())))
         full[:, :, sight.columns] = by_border * sigma
         np.testing.assert_array_equal(full[:, :, :TEN], 0.0)
         wanted = expected[:, :, column_of >= 0]
         np.testing.assert_allclose(
-            full[:, :, TEN:], wanted, atol=1e-8 * np.abs(wanted).max(initial=1.0), err_msg=f"{name} {quantity}"
+            full[:, :, TEN:],
+            wanted,
+            atol=1e-8 * np.abs(wanted).max(initial=1.0),
+            err_msg=f"{name} {quantity}",
         )
         assert sight.rate == pytest.approx(instrument.rate)
         assert rate == sight.rate
 
 
 def delayed(view, name, quantity):
-    """How readings exceed what is predicted for each second by which their clock is later: the way of the prediction in time."""
-    instrument, robot, gravity = view.experiment.instruments[name], view.experiment.robot, view.systematic.gravity
+    """How readings exceed what is predicted for each second by which their clock is later: the way
+    of the prediction in time."""
+    instrument, robot, gravity = (
+        view.experiment.instruments[name],
+        view.experiment.robot,
+        view.calibration.gravity,
+    )
     orders = commands_at(INSTANTS).reshape(-1, 4, SIX)
     tension = states_at(view, INSTANTS).tension  # taken as known
 
     def reading(t):
-        poses = [sum(orders[:, k] * t ** (k - d) / factorial(k - d) for k in range(d, 4)) for d in range(3)]
-        state = State(**motion_of_poses(*poses, gravity), tension=tension, wrench=None, gravity=gravity)
-        return predict(instrument, robot, state, view.systematic.of(name, instrument, "run"))[quantity]
+        poses = [
+            sum(orders[:, k] * t ** (k - d) / factorial(k - d) for k in range(d, 4))
+            for d in range(3)
+        ]
+        state = State(
+            **motion_of_poses(*poses, gravity), tension=tension, wrench=None, gravity=gravity
+        )
+        return predict(instrument, robot, state, view.calibration.of(name, instrument, "run"))[
+            quantity
+        ]
 
     found = over_time(reading, 1)
     # Of a rotation it is how fast it turns, in its own axes.
-    return np.array([axial(R.T @ dR) for R, dR in zip(reading(0.0), found, strict=True)]) if found.ndim == 3 else found
+    return (
+        np.array([axial(R.T @ dR) for R, dR in zip(reading(0.0), found, strict=True)])
+        if found.ndim == 3
+        else found
+    )
 
 
-def spline_through(arc):
-    """The commanded motion as an estimator has it, near to exact: a spline of many knots in position and quaternion."""
+def spline_through(segment):
+    """The commanded motion as an estimator has it, near to exact: a spline of many knots in
+    position and quaternion."""
     grid = np.linspace(0, DURATION, 601)
     pose = MOTION.derivative(grid, 0)
     quaternion = Rotation.from_euler("ZYX", pose[:, :2:-1]).as_quat(scalar_first=True)
     spline = make_interp_spline(grid, np.hstack([pose[:, :3], quaternion]), k=DEGREE)
-    return replace(arc, knots=spline.t, coefficients=spline.c, readings=())
+    return replace(segment, knots=spline.t, coefficients=spline.c, readings=())
 
 
 def products(by_motion, by_border, columns, size):
@@ -499,28 +598,43 @@ def test_the_balance_of_forces_tells_what_it_tells_the_estimators(which):
     view, known = plan(which).elsewhere, plan(which).known
     robot, (name, quantities, sigma, rate) = view.experiment.robot, view.forces
     instrument = view.experiment.instruments[name]
-    readings = predict(instrument, robot, states_at(view, INSTANTS), view.systematic.of(name, instrument, "run"))
+    readings = predict(
+        instrument, robot, states_at(view, INSTANTS), view.calibration.of(name, instrument, "run")
+    )
     left_out = np.zeros((len(INSTANTS), len(sigma)), dtype=bool)
     forces = Forces(name, INSTANTS, {q: readings[q] for q in quantities}, sigma, left_out)
-    arc = spline_through(plan(which).arc)
+    segment = spline_through(plan(which).segment)
     if which == "heavy":
-        # Cables that sag and are dragged along pull a little otherwise; readings that do not balance would count less.
+        # Cables that sag and are dragged along pull a little otherwise; readings that do not
+        # balance would count less.
         for _ in range(4):
-            at = balance_of(view.experiment, arc, forces, view.systematic, view.parameters, {})
+            at = balance_of(view.experiment, segment, forces, view.calibration, view.parameters, {})
             off = np.einsum("nri,ni->nr", np.linalg.pinv(at.by_reading), at.left_over)
             forces = replace(forces, readings={"tension": forces.readings["tension"] - off})
-    unknowns = view.systematic.unknowns
-    rows = force_rows(view.experiment, arc, forces, view.systematic, columns_of(unknowns), view.parameters, {}, Tally())
+    calibration_parameters = view.calibration.calibration_parameters
+    rows = force_residuals(
+        view.experiment,
+        segment,
+        forces,
+        view.calibration,
+        columns_of(calibration_parameters),
+        view.parameters,
+        {},
+        Tally(),
+    )
     np.testing.assert_allclose(rows.residual, 0.0, atol=1e-4)
     sight = plan(which).outlook_elsewhere.sights[-1]
     by_motion, by_border = sight.derivatives(commands_at(INSTANTS))
     by_order = by_motion.reshape(len(INSTANTS), 6, 3, POSE)
-    along = np.einsum("oni,nkod->nkid", arc.basis(INSTANTS).values[:3], by_order).reshape(len(INSTANTS), 6, -1)
+    along = np.einsum("oni,nkod->nkid", segment.basis(INSTANTS).values[:3], by_order).reshape(
+        len(INSTANTS), 6, -1
+    )
     found = products(along, by_border, sight.columns, len(known))
     expected = products(rows.by_motion, rows.by_errors, rows.columns, len(known))
     if which == "heavy":
-        # That cables sag is of no account for derivatives, the module says: a few per cent of what is known of body and drag.
-        place = columns_of(unknowns)[unknowns.places[FILE, DRAG, None]]
+        # That cables sag is of no account for derivatives, the module says: a few per cent of what
+        # is known of body and drag.
+        place = columns_of(calibration_parameters)[calibration_parameters.places[FILE, DRAG, None]]
         own = along.shape[2] + np.concatenate([np.arange(TEN), place])
         found, expected = found[:, own][:, :, own], expected[:, own][:, :, own]
         assert expected[:, -1, -1].min() > 0
@@ -539,7 +653,10 @@ def test_what_is_seen_changes_along_the_command_as_differences_say(which):
 
         def total(rows, sight=sight, weight=weight):
             repeated = [np.repeat(each, len(rows) // len(each), axis=0) for each in weight]
-            return sum(np.sum(w * d, axis=(1, 2)) for w, d in zip(repeated, sight.derivatives(rows), strict=True))
+            return sum(
+                np.sum(w * d, axis=(1, 2))
+                for w, d in zip(repeated, sight.derivatives(rows), strict=True)
+            )
 
         assert_near(sight.slope(commands, *weight), in_every_way(total, commands), DIFFERENCES)
 
@@ -553,12 +670,15 @@ def test_a_motion_tells_what_the_bound_of_its_rehearsal_says(which):
     covariance = np.linalg.inv(found.information[0] + found.known)
     J = body_jacobian(found.joint.study.parameters)
     sigmas = np.sqrt(np.diag(J @ covariance[:TEN, :TEN] @ J.T))
-    bound, relative = found.joint.bound, {"heavy": GRID_SAG, "rollers": GRID_ROLLERS}.get(which, GRID)
+    bound, relative = (
+        found.joint.bound,
+        {"heavy": GRID_SAG, "rollers": GRID_ROLLERS}.get(which, GRID),
+    )
     np.testing.assert_allclose(sigmas, bound.standard_deviation, rtol=relative)
     # And so are the systematic errors known as well as they will be.
-    active = found.unknowns.deviation > 0
+    active = found.calibration_parameters.deviation > 0
     errors = np.sqrt(np.diag(covariance)[TEN:])
-    np.testing.assert_allclose(errors, np.sqrt(np.diag(bound.systematic)[active]), rtol=relative)
+    np.testing.assert_allclose(errors, np.sqrt(np.diag(bound.calibration)[active]), rtol=relative)
 
 
 @pytest.mark.parametrize("which", ["unsure", "tight", "bare"])
@@ -579,7 +699,10 @@ def test_information_changes_along_the_commands_as_differences_say(which):
             expected = central(total, found.commands, way)
             # A sum of many signs may nearly vanish: against the size of what is summed.
             np.testing.assert_allclose(
-                np.sum(slope * way), expected, rtol=1e-5, atol=1e-6 * np.sqrt(np.sum((slope * way) ** 2))
+                np.sum(slope * way),
+                expected,
+                rtol=1e-5,
+                atol=1e-6 * np.sqrt(np.sum((slope * way) ** 2)),
             )
 
 
@@ -592,10 +715,13 @@ def test_what_instants_add_and_what_holds_the_motion_is_all_that_is_known(which)
     shares = found.outlook.shares(seen, ways)
     assert shares.shape == (len(found.outlook.times), TEN)
     assert np.all(shares >= 0)
-    # Motions that go with the body cost what holds them: their smoothness, and quaternions of length one in a hall.
-    held = holding_rows(found.arc)
-    band = accumulate(len(found.arc.coefficients), 0, [held]).band
-    band = band + sum(found.arc.jerks[part] / value for part, value in found.arc.smoothness.items())
+    # Motions that go with the body cost what holds them: their smoothness, and quaternions of
+    # length one in a hall.
+    held = holding_rows(found.segment)
+    band = accumulate(len(found.segment.coefficients), 0, [held]).band
+    band = band + sum(
+        found.segment.jerks[part] / value for part, value in found.segment.smoothness.items()
+    )
     holding = []
     for way in ways.T:
         moved = -np.linalg.solve(dense(seen.equations.band), seen.equations.side @ way)
@@ -622,7 +748,9 @@ def test_all_that_is_told_of_a_parameter_is_told_at_some_instant_or_was_known_or
     found = plan("bare")
     target, margin = Target.default(BODY), Margin(0.2, 1.0)
     seen = appraise(found.experiment, {"run": MOTION}, target=target, margin=margin, level=0.0)
-    np.testing.assert_allclose(seen.standard_deviation, found.joint.bound.standard_deviation, rtol=1e-6)
+    np.testing.assert_allclose(
+        seen.standard_deviation, found.joint.bound.standard_deviation, rtol=1e-6
+    )
     J = body_jacobian(found.view.parameters)
     ways = np.linalg.inv(found.information[0] + found.known)[:, :TEN] @ J.T
     known = np.einsum("id,ij,jd->d", ways, found.known, ways) / np.einsum("di,id->d", J, ways[:TEN])
@@ -638,7 +766,9 @@ def test_all_that_is_told_of_a_parameter_is_told_at_some_instant_or_was_known_or
 
 
 def criterion_of(found):
-    return Criterion.about(found.view.parameters, Target.default(BODY), found.known, found.information[0])
+    return Criterion.about(
+        found.view.parameters, Target.default(BODY), found.known, found.information[0]
+    )
 
 
 def test_ratios_are_those_of_the_inverse_of_the_information():
@@ -678,8 +808,8 @@ def test_the_criterion_changes_with_the_information_as_differences_say(which):
 
 
 def test_no_motion_tells_a_gain_that_all_force_sensors_share():
-    # Eight gains of 1 % and one of .5 % that all share: heavier bodies on sensors that read less look the same. What the eight have
-    # in common is told by nothing, how they differ is.
+    # Eight gains of 1 % and one of .5 % that all share: heavier bodies on sensors that read less
+    # look the same. What the eight have in common is told by nothing, how they differ is.
     found = plan("gains")
     common = np.hypot(0.01 / np.sqrt(8), 0.005)
     target = Target.default(BODY)
@@ -692,13 +822,17 @@ def test_no_motion_tells_a_gain_that_all_force_sensors_share():
 
 
 def test_the_wanted_is_a_hundredth_of_mass_and_largest_moment_and_two_millimetres():
-    np.testing.assert_allclose(Target.default(BODY).each, [1.61058, 0.002, 0.002, 0.002, *[0.94955] * 6], rtol=1e-12)
+    np.testing.assert_allclose(
+        Target.default(BODY).each, [1.61058, 0.002, 0.002, 0.002, *[0.94955] * 6], rtol=1e-12
+    )
 
 
 # What a command demands
 
 LIMITED = replace(STRAIGHT, limits=replace(STRAIGHT.limits, cable_speed=1.7))
-TRACKER = changed(paper_sensors(HEAVY).instruments["tracker"], limits={"speed": 2.5, "acceleration": 4.0})
+TRACKER = changed(
+    paper_sensors(HEAVY).instruments["tracker"], limits={"speed": 2.5, "acceleration": 4.0}
+)
 MARGIN = Margin(0.2, STRAIGHT.size)
 SHARE = 0.85
 
@@ -721,7 +855,10 @@ def test_a_command_demands_its_part_of_every_limit():
     commands[:, 18:] = 0.0
     found = demanded(commands)
     limits = STRAIGHT.limits
-    for name, six, box in (("position", slice(0, 3), limits.position), ("orientation", slice(3, 6), limits.rpy)):
+    for name, six, box in (
+        ("position", slice(0, 3), limits.position),
+        ("orientation", slice(3, 6), limits.rpy),
+    ):
         low, high = np.array(box)
         beyond = 2 * (commands[:, six] - low) / (high - low) - 1
         np.testing.assert_allclose(found[name], np.hstack([beyond, -beyond]), atol=1e-12)
@@ -734,7 +871,10 @@ def test_a_command_demands_its_part_of_every_limit():
         "angular speed": (omega, limits.angular_speed),
         "angular acceleration": (alpha, limits.angular_acceleration),
         "speed of the target of 'tracker'": (np.array([over_time(each, 1) for each in flown]), 2.5),
-        "acceleration of the target of 'tracker'": (np.array([over_time(each, 2) for each in flown]), 4.0),
+        "acceleration of the target of 'tracker'": (
+            np.array([over_time(each, 2) for each in flown]),
+            4.0,
+        ),
     }
     for name, (vectors, limit) in sizes.items():
         used = np.linalg.norm(vectors, axis=1) / (SHARE * limit)
@@ -770,14 +910,20 @@ def test_what_has_no_limit_demands_nothing():
 
 
 def bodies_around(n, seed=8):
-    """Bodies within the margin, half of them at its edges: the share by which mass and inertia are scaled, and the body."""
+    """Bodies within the margin, half of them at its edges: the share by which mass and inertia are
+    scaled, and the body."""
     rng = np.random.default_rng(seed)
     for i in range(n):
         share = MARGIN.share * (rng.uniform(-1, 1) if i % 2 else rng.choice([-1, 1]))
         way = rng.normal(size=3)
-        shift = MARGIN.off * (rng.uniform() ** (1 / 3) if i % 2 else 1.0) * way / np.linalg.norm(way)
+        shift = (
+            MARGIN.off * (rng.uniform() ** (1 / 3) if i % 2 else 1.0) * way / np.linalg.norm(way)
+        )
         scale = 1 + share
-        yield scale, Inertia(scale * BODY.mass, BODY.center_of_gravity + shift, scale * BODY.inertia)
+        yield (
+            scale,
+            Inertia(scale * BODY.mass, BODY.center_of_gravity + shift, scale * BODY.inertia),
+        )
 
 
 @pytest.mark.parametrize("level", [0.0, TIGHT])
@@ -799,7 +945,8 @@ def test_bodies_within_the_margin_are_moved_by_the_tensions_that_are_demanded(na
     for scale, body in bodies_around(300):
         wrench = moving_wrench(body, s, omega, alpha)
         tension.append(even + np.einsum("nmk,nk->nm", inverse, wrench - W @ even))
-        # What a shift changes of the inertia about the origin, beside the first moment, which is all that is demanded.
+        # What a shift changes of the inertia about the origin, beside the first moment, which is
+        # all that is demanded.
         further = body.inertia_about_origin - scale * BODY.inertia_about_origin
         torque = alpha @ further + np.cross(omega, omega @ further)
         by_shift.append(np.einsum("nmk,nk->nm", inverse[:, :, 3:], torque))
@@ -808,7 +955,8 @@ def test_bodies_within_the_margin_are_moved_by_the_tensions_that_are_demanded(na
     assert slack.max() < BY_SHIFT * unit
     assert np.all(lowest > least - slack - 1e-6)
     assert np.all(highest < most + slack + 1e-6)
-    # Some body needs nearly these. The light body's mass is taken to be shifted as that of the heavy one would be.
+    # Some body needs nearly these. The light body's mass is taken to be shifted as that of the
+    # heavy one would be.
     np.testing.assert_allclose(lowest, least, rtol=0, atol=0.05 * unit)
     np.testing.assert_allclose(highest, most, rtol=0, atol=0.02 * unit)
 
@@ -830,7 +978,9 @@ LIVELY = Course(START, START, 6.0, 11, REACH)
 
 @cache
 def ringing():
-    return Ringing(LIMITED, LIVELY.instants(PER_INTERVAL), natural_frequencies(LIMITED, START, 0.0)[0])
+    return Ringing(
+        LIMITED, LIVELY.instants(PER_INTERVAL), natural_frequencies(LIMITED, START, 0.0)[0]
+    )
 
 
 def ringing_commands():
@@ -847,11 +997,14 @@ def stiffness_of(robot, position, R):
 
 
 def test_a_platform_swings_as_its_stiffness_and_its_mass_let_it():
-    # That of the cables alone: what they pull turns with the platform, and stiffens it by another per cent.
+    # That of the cables alone: what they pull turns with the platform, and stiffens it by another
+    # per cent.
     R = Rotation.from_euler("ZYX", START[:2:-1]).as_matrix()[None]
     (stiffness,) = stiffness_of(LIMITED, START[None, :3], R)
     mass = np.array([moving_wrench(BODY, way[:3], np.zeros(3), way[3:]) for way in np.eye(6)]).T
-    expected = np.sort(np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real)) / (2 * np.pi)
+    expected = np.sort(np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real)) / (
+        2 * np.pi
+    )
     np.testing.assert_allclose(natural_frequencies(LIMITED, START, 0.0), expected, rtol=0.02)
 
 
@@ -861,9 +1014,12 @@ def test_ringing_is_what_the_bent_cables_add_in_the_band_of_their_resonance():
     stiffness = stiffness_of(LIMITED, position, R)
     still = np.zeros((len(R), 3))
     hanging = moving_wrench(BODY, -np.einsum("nji,j->ni", R, LIMITED.gravity), still, still)
-    bent = np.linalg.solve(stiffness, (moving_wrench(BODY, s, omega, alpha) - hanging)[:, :, None])[:, :, 0]
+    bent = np.linalg.solve(stiffness, (moving_wrench(BODY, s, omega, alpha) - hanging)[:, :, None])[
+        :, :, 0
+    ]
     bent = np.hstack([np.einsum("nij,nj->ni", R, part) for part in (bent[:, :3], bent[:, 3:])])
-    # Differentiated twice and cut off below the band in frequency; the mean square of what is left, without the last frequency.
+    # Differentiated twice and cut off below the band in frequency; the mean square of what is left,
+    # without the last frequency.
     n, step = len(found.times), found.times[1] - found.times[0]
     frequency = np.fft.rfftfreq(n, step)
     spectrum = np.fft.rfft(bent, axis=0) * -((2 * np.pi * frequency[:, None]) ** 2)
@@ -884,7 +1040,10 @@ def test_ringing_changes_along_the_commands_as_differences_say():
         way = rng.normal(size=commands.shape)
         expected = central(lambda c: ringing().value(c)[0], commands, way)
         np.testing.assert_allclose(
-            np.sum(slope * way), expected, rtol=DIFFERENCES, atol=DIFFERENCES * np.linalg.norm(slope)
+            np.sum(slope * way),
+            expected,
+            rtol=DIFFERENCES,
+            atol=DIFFERENCES * np.linalg.norm(slope),
         )
 
 
@@ -916,7 +1075,9 @@ def test_the_objective_changes_with_the_course_as_differences_say():
     assert value == problem().criterion.value(problem().information(x)[0])[0]
     for way in [*np.eye(len(x))[::7], *rng.normal(size=(3, len(x)))]:
         expected = central(lambda each: problem().objective(each)[0], x, way)
-        np.testing.assert_allclose(gradient @ way, expected, rtol=1e-5, atol=1e-6 * np.linalg.norm(gradient))
+        np.testing.assert_allclose(
+            gradient @ way, expected, rtol=1e-5, atol=1e-6 * np.linalg.norm(gradient)
+        )
 
 
 def test_the_constraints_change_with_the_course_as_differences_say():
@@ -930,7 +1091,9 @@ def test_the_constraints_change_with_the_course_as_differences_say():
     for way in [*np.eye(len(x))[3::11], *ways]:
         expected = central(lambda each: problem().constraints(each)[0], x, way)
         assert_near((matrix @ way)[:-1], expected[:-1], DIFFERENCES)
-        np.testing.assert_allclose(matrix[-1] @ way, expected[-1], atol=DIFFERENCES * np.linalg.norm(matrix[-1]))
+        np.testing.assert_allclose(
+            matrix[-1] @ way, expected[-1], atol=DIFFERENCES * np.linalg.norm(matrix[-1])
+        )
     # They are those of the trajectory itself.
     course = problem().course
     times = course.instants(5)
@@ -944,7 +1107,12 @@ STEPS = 6
 @cache
 def searched():
     told = []
-    return problem().search(beginning(), steps=STEPS, seconds=600.0, told=lambda *news: told.append(news)), told
+    return (
+        problem().search(
+            beginning(), steps=STEPS, seconds=600.0, told=lambda *news: told.append(news)
+        ),
+        told,
+    )
 
 
 def test_a_search_of_a_few_steps_makes_the_experiment_better_within_the_limits():
@@ -957,7 +1125,8 @@ def test_a_search_of_a_few_steps_makes_the_experiment_better_within_the_limits()
     assert found.steps == STEPS
     assert told[0] == (1, before)
     assert [step for step, _ in told] == list(range(1, len(told) + 1))
-    # A search that is broken off may stand outside the limits for the moment; then the best within them is at hand.
+    # A search that is broken off may stand outside the limits for the moment; then the best within
+    # them is at hand.
     kept = found.kept
     assert problem().constraints(kept)[0].max() <= 1.01
     # By a third at least of all 1-sigma together.

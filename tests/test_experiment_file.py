@@ -12,7 +12,7 @@ from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.identify import identify
-from steelyard.identification.preparation import prepare
+from steelyard.identification.model.preparation import prepare
 from steelyard.instruments import Attitude, Imu, Position, Tension, Wrench
 from steelyard.robot.file import read_robot
 
@@ -72,7 +72,9 @@ def test_what_stands_in_the_file_stands_in_the_experiment(original):
     run = original.runs[0]
     assert not run.static
     assert run.window is None
-    assert run.sync == {name: simulated().runs[0].sync[name] for name in ("cables", "imu", "tracker")}
+    assert run.sync == {
+        name: simulated().runs[0].sync[name] for name in ("cables", "imu", "tracker")
+    }
     for name, stream in run.streams.items():
         assert_same_stream(stream, simulated().runs[0].streams[name])
 
@@ -91,17 +93,23 @@ def test_paths_are_relative_to_the_experiment_file(small, original, tmp_path, mo
 
 def test_a_bundled_robot_goes_by_its_name(small):
     change(small, "robot: robot.yaml", "robot: cogiro")
-    np.testing.assert_array_equal(read_experiment(small).robot.anchors, read_robot("cogiro").anchors)
+    np.testing.assert_array_equal(
+        read_experiment(small).robot.anchors, read_robot("cogiro").anchors
+    )
 
 
 def test_without_a_name_the_folder_gives_it(small):
     change(small, "name: small\n", "")
     small.parent.rename(small.parent.with_name("forklift"))
-    assert read_experiment(small.parent.with_name("forklift") / "experiment.yaml").name == "forklift"
+    assert (
+        read_experiment(small.parent.with_name("forklift") / "experiment.yaml").name == "forklift"
+    )
 
 
 def test_a_run_need_not_have_every_instrument(small, original):
-    change(small, "instruments:\n", "instruments:\n  winches: {kind: length}\n  camera: {kind: pose}\n")
+    change(
+        small, "instruments:\n", "instruments:\n  winches: {kind: length}\n  camera: {kind: pose}\n"
+    )
     assert_same_recording(read_experiment(small), original)
 
 
@@ -124,7 +132,9 @@ def test_aliases_and_merges_of_yaml_are_followed(small, original):
     assert experiment.instruments == original.instruments
 
 
-@pytest.mark.parametrize("name", ["[2024-05-01] run", "all*", "what?", "{a,b}", "50%", "~", "Übung ☃", "a;b", "-"])
+@pytest.mark.parametrize(
+    "name", ["[2024-05-01] run", "all*", "what?", "{a,b}", "50%", "~", "Übung ☃", "a;b", "-"]
+)
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_a_folder_may_have_any_name(small, original, name, ending):
     path = small.parent / RUN
@@ -160,7 +170,8 @@ def test_files_of_other_editors_are_read(small, original, mark, end):
 
 def test_known_values_are_exact_or_have_a_sigma(small):
     known = (
-        "{mass: {value: 161.1, sigma: 0.2}, center_of_gravity: {z: -0.1, x: {value: 0, sigma: 0.01}}, inertia: {xy: 0}}"
+        "{mass: {value: 161.1, sigma: 0.2}, center_of_gravity: {z: -0.1, x: {value: 0, sigma:"
+        " 0.01}}, inertia: {xy: 0}}"
     )
     small.write_text(small.read_text() + f"known: {known}\n")
     assert read_experiment(small).known == {
@@ -173,10 +184,22 @@ def test_known_values_are_exact_or_have_a_sigma(small):
 
 def test_uncertainty_of_the_robot_has_defaults(small, original):
     assert original.uncertainty == {"anchor": 0.0, "attachment": 0.0, "gravity": 0.0}
-    change(small, "uncertainty: {anchor: 0.0, attachment: 0.0, gravity: 0.0}", "uncertainty: {anchor: 0.01}")
-    assert read_experiment(small).uncertainty == {"anchor": 0.01, "attachment": 0.002, "gravity": 0.005}
+    change(
+        small,
+        "uncertainty: {anchor: 0.0, attachment: 0.0, gravity: 0.0}",
+        "uncertainty: {anchor: 0.01}",
+    )
+    assert read_experiment(small).uncertainty == {
+        "anchor": 0.01,
+        "attachment": 0.002,
+        "gravity": 0.005,
+    }
     change(small, "uncertainty: {anchor: 0.01}\n", "")
-    assert read_experiment(small).uncertainty == {"anchor": 0.002, "attachment": 0.002, "gravity": 0.005}
+    assert read_experiment(small).uncertainty == {
+        "anchor": 0.002,
+        "attachment": 0.002,
+        "gravity": 0.005,
+    }
 
 
 def calibrated(small, text):
@@ -236,7 +259,11 @@ def test_a_comma_in_a_quoted_name_separates_nothing(small, original, behind):
     file = small.parent / TRACKER
     lines = file.read_text().splitlines()
     first = [f'"wall clock, local",{lines[0]}', *(f"7,{line}" for line in lines[1:])]
-    file.write_text("\n".join(f"{line},{'more' if i == 0 else 9}" if behind else line for i, line in enumerate(first)))
+    file.write_text(
+        "\n".join(
+            f"{line},{'more' if i == 0 else 9}" if behind else line for i, line in enumerate(first)
+        )
+    )
     assert_same_recording(read_experiment(small), original)
 
 
@@ -262,8 +289,14 @@ def test_units_are_turned_to_si(small, original, named):
     contract = [name.removeprefix("log_") for name in rows[0]]
     columns = ", ".join(f"{name}: log_{name}" for name in contract)
     prefix = "log_" if named == "in the log" else ""
-    units = ", ".join(f"{prefix}{name}: {'deg/s' if name[0] == 'w' else 'g'}" for name in contract if name[0] in "wa")
-    change(small, f"imu: {IMU}", f"imu: {{file: {IMU}, columns: {{{columns}}}, units: {{{units}}}}}")
+    units = ", ".join(
+        f"{prefix}{name}: {'deg/s' if name[0] == 'w' else 'g'}"
+        for name in contract
+        if name[0] in "wa"
+    )
+    change(
+        small, f"imu: {IMU}", f"imu: {{file: {IMU}, columns: {{{columns}}}, units: {{{units}}}}}"
+    )
     assert_same_recording(read_experiment(small), original, atol=1e-11)
 
 
@@ -275,7 +308,9 @@ def test_units_belong_to_the_columns_of_the_log_where_axes_are_exchanged(small, 
     for row in rows[1:]:
         row[x], row[y] = repr(float(row[y]) / 9.80665), row[x]
     save(file, rows)
-    change(small, f"imu: {IMU}", f"imu: {{file: {IMU}, columns: {{ax: ay, ay: ax}}, units: {{ax: g}}}}")
+    change(
+        small, f"imu: {IMU}", f"imu: {{file: {IMU}, columns: {{ax: ay, ay: ax}}, units: {{ax: g}}}}"
+    )
     assert_same_recording(read_experiment(small), original, atol=1e-11)
 
 
@@ -284,7 +319,9 @@ def test_time_stamps_of_sixteen_digits_in_microseconds(small, original):
     file = small.parent / TRACKER
     rows = table(file)
     ticks = [start + round(float(row[0]) * 1e6) for row in rows[1:]]
-    save(file, [rows[0]] + [[str(tick), *row[1:]] for tick, row in zip(ticks, rows[1:], strict=True)])
+    save(
+        file, [rows[0]] + [[str(tick), *row[1:]] for tick, row in zip(ticks, rows[1:], strict=True)]
+    )
     change(small, f"tracker: {TRACKER}", f"tracker: {{file: {TRACKER}, units: {{t: us}}}}")
     event = original.runs[0].sync["tracker"] + start * 1e-6
     change(small, f"tracker: {original.runs[0].sync['tracker']!r}", f"tracker: {event!r}")
@@ -369,7 +406,9 @@ def test_an_empty_cell_or_nan_is_no_sample_of_its_column(small, original, missin
     np.testing.assert_array_equal(stream.values["specific_force"], whole.values["specific_force"])
     assert np.isnan(stream.values["orientation"][8]).all()
     others = np.arange(len(stream)) != 8
-    np.testing.assert_array_equal(stream.values["orientation"][others], whole.values["orientation"][others])
+    np.testing.assert_array_equal(
+        stream.values["orientation"][others], whole.values["orientation"][others]
+    )
 
 
 def result(path):
@@ -431,7 +470,10 @@ def test_orientations_in_every_form_are_the_same(small, original, form):
     numbers = orientation(form, Rotation.from_matrix(matrices))
     header = ["t", *FORMS[form].split()]
     time = streams(original)["imu"].time
-    rows = [[repr(float(t)), *(repr(float(v)) for v in row)] for t, row in zip(time, numbers, strict=True)]
+    rows = [
+        [repr(float(t)), *(repr(float(v)) for v in row)]
+        for t, row in zip(time, numbers, strict=True)
+    ]
     save(small.parent / IMU, [header, *rows])
     stream = streams(read_experiment(small))["imu"]
     assert set(stream.values) == {"orientation"}
@@ -441,12 +483,21 @@ def test_orientations_in_every_form_are_the_same(small, original, form):
 def test_roll_pitch_yaw_are_those_of_the_contract(small):
     save(
         small.parent / IMU,
-        [["t", "roll", "pitch", "yaw"], *[[str(0.6 + 0.1 * i), "30", "-20", "100"] for i in range(40)]],
+        [
+            ["t", "roll", "pitch", "yaw"],
+            *[[str(0.6 + 0.1 * i), "30", "-20", "100"] for i in range(40)],
+        ],
     )
-    change(small, f"imu: {IMU}", f"imu: {{file: {IMU}, units: {{roll: deg, pitch: deg, yaw: deg}}}}")
+    change(
+        small, f"imu: {IMU}", f"imu: {{file: {IMU}, units: {{roll: deg, pitch: deg, yaw: deg}}}}"
+    )
     R = streams(read_experiment(small))["imu"].values["orientation"][0]
     expected = Rotation.from_rotvec([0, 0, np.radians(100)])
-    expected = expected * Rotation.from_rotvec([0, np.radians(-20), 0]) * Rotation.from_rotvec([np.radians(30), 0, 0])
+    expected = (
+        expected
+        * Rotation.from_rotvec([0, np.radians(-20), 0])
+        * Rotation.from_rotvec([np.radians(30), 0, 0])
+    )
     np.testing.assert_allclose(R, expected.as_matrix(), atol=EXACT)
 
 
@@ -498,10 +549,14 @@ def test_an_attitude_with_columns_of_its_own_leaves_those_of_the_imu(small, orig
     save(small.parent / IMU, [[*row, *more] for row, more in zip(rows, extra, strict=True)])
     change(small, "  tracker:\n    kind", "  attitude: {kind: attitude}\n  tracker:\n    kind")
     columns = "columns: {qw: q0, qx: q1, qy: q2, qz: q3}"
-    change(small, f"    imu: {IMU}\n", f"    imu: {IMU}\n    attitude: {{file: {IMU}, {columns}}}\n")
+    change(
+        small, f"    imu: {IMU}\n", f"    imu: {IMU}\n    attitude: {{file: {IMU}, {columns}}}\n"
+    )
     change(small, "sync: {", "sync: {attitude: 0.1, ")
     both = streams(read_experiment(small))
-    np.testing.assert_allclose(both["attitude"].values["orientation"][0], turned.as_matrix(), atol=EXACT)
+    np.testing.assert_allclose(
+        both["attitude"].values["orientation"][0], turned.as_matrix(), atol=EXACT
+    )
     assert_same_stream(both["imu"], streams(original)["imu"])
 
 
@@ -511,7 +566,9 @@ def test_an_attitude_with_columns_of_its_own_leaves_those_of_the_imu(small, orig
 def test_with_sync_common_time_counts_from_the_event(original):
     run = original.runs[0]
     for name, stream in run.streams.items():
-        np.testing.assert_allclose(original.common_time(run, name), stream.time - run.sync[name], atol=EXACT)
+        np.testing.assert_allclose(
+            original.common_time(run, name), stream.time - run.sync[name], atol=EXACT
+        )
 
 
 def test_without_sync_common_time_counts_from_the_first_force_sample(small, original):
@@ -522,7 +579,9 @@ def test_without_sync_common_time_counts_from_the_first_force_sample(small, orig
     first = streams(original)["cables"].time[0]
     assert experiment.common_time(run, "cables")[0] == 0
     for name, stream in run.streams.items():
-        np.testing.assert_allclose(experiment.common_time(run, name), stream.time - first, atol=EXACT)
+        np.testing.assert_allclose(
+            experiment.common_time(run, name), stream.time - first, atol=EXACT
+        )
 
 
 def test_clocks_that_agree_need_no_sync(small):
@@ -530,15 +589,24 @@ def test_clocks_that_agree_need_no_sync(small):
     sync = read_experiment(small).runs[0].sync
     for name, file in (("cables", CABLES), ("imu", IMU), ("tracker", TRACKER)):
         rows = table(small.parent / file)
-        save(small.parent / file, [rows[0]] + [[repr(float(row[0]) - sync[name]), *row[1:]] for row in rows[1:]])
+        save(
+            small.parent / file,
+            [rows[0]] + [[repr(float(row[0]) - sync[name]), *row[1:]] for row in rows[1:]],
+        )
     small.write_text(small.read_text().split("    sync:")[0])
     np.testing.assert_allclose(result(small).value, whole.value, rtol=1e-6, atol=1e-6)
 
 
 def test_a_delay_that_is_known_is_taken_off(small, original):
-    change(small, "    kind: position\n", "    kind: position\n    calibration: {delay: {value: 0.3, sigma: 0.01}}\n")
+    change(
+        small,
+        "    kind: position\n",
+        "    kind: position\n    calibration: {delay: {value: 0.3, sigma: 0.01}}\n",
+    )
     experiment = read_experiment(small)
-    late = original.common_time(original.runs[0], "tracker") - experiment.common_time(experiment.runs[0], "tracker")
+    late = original.common_time(original.runs[0], "tracker") - experiment.common_time(
+        experiment.runs[0], "tracker"
+    )
     np.testing.assert_allclose(late, 0.3, atol=EXACT)
 
 
@@ -615,7 +683,9 @@ def pose_rows(n):
 def write_poses(small, n, time):
     f, angles, place = pose_rows(n)
     header = [*(f"f{i + 1}" for i in range(8)), "roll", "pitch", "yaw", "x", "y", "z"]
-    rows = [[repr(float(v)) for v in [*a, *b, *c]] for a, b, c in zip(f, angles, place, strict=True)]
+    rows = [
+        [repr(float(v)) for v in [*a, *b, *c]] for a, b, c in zip(f, angles, place, strict=True)
+    ]
     if time:
         header = ["t", *header]
         rows = [[str(t), *row] for t, row in zip(time, rows, strict=True)]
@@ -624,7 +694,9 @@ def write_poses(small, n, time):
     small.write_text(small.read_text() + "  - name: poses\n    static: true\n" + streams)
 
 
-@pytest.mark.parametrize("time", [None, [5, 1, 3, 2], ["", "", "", ""], ["9:00", "9:05", "9:10", "9:20"]])
+@pytest.mark.parametrize(
+    "time", [None, [5, 1, 3, 2], ["", "", "", ""], ["9:00", "9:05", "9:10", "9:20"]]
+)
 def test_static_runs_need_no_time(small, time):
     write_poses(small, 4, time)
     run = read_experiment(small).runs[1]
@@ -646,7 +718,9 @@ def assert_same_experiment(one, other):
     assert one.robot.name == other.robot.name
     for name in ("anchors", "attachments", "gravity", "pulley_radius", "pulley_axis"):
         np.testing.assert_allclose(getattr(one.robot, name), getattr(other.robot, name), atol=EXACT)
-    np.testing.assert_allclose(one.robot.platform.body_parameters, other.robot.platform.body_parameters)
+    np.testing.assert_allclose(
+        one.robot.platform.body_parameters, other.robot.platform.body_parameters
+    )
     assert dict(one.instruments) == dict(other.instruments)
     assert dict(one.uncertainty) == dict(other.uncertainty)
     assert dict(one.known) == dict(other.known)
@@ -660,7 +734,10 @@ def assert_same_experiment(one, other):
             for quantity, values in stream.values.items():
                 # Vectors keep every digit; rotations go through quaternions or angles.
                 np.testing.assert_allclose(
-                    values, b.streams[name].values[quantity], rtol=0, atol=0 if values.ndim == 2 else EXACT
+                    values,
+                    b.streams[name].values[quantity],
+                    rtol=0,
+                    atol=0 if values.ndim == 2 else EXACT,
                 )
 
 
@@ -702,7 +779,9 @@ def test_windows_and_errors_of_single_cables_come_back(tmp_path, original):
 
 
 def test_known_values_come_back(tmp_path, small):
-    small.write_text(small.read_text() + "known: {mass: {value: 161.1, sigma: 0.2}, inertia: {xy: 0}}\n")
+    small.write_text(
+        small.read_text() + "known: {mass: {value: 161.1, sigma: 0.2}, inertia: {xy: 0}}\n"
+    )
     experiment = read_experiment(small)
     assert_same_experiment(experiment, written_and_read(experiment, tmp_path / "copy"))
 
@@ -717,7 +796,9 @@ def test_a_written_file_is_the_same_whoever_writes_it(tmp_path, original):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         write_experiment(original, tmp_path / name)
-    files = sorted(p.relative_to(tmp_path / "one") for p in (tmp_path / "one").rglob("*") if p.is_file())
+    files = sorted(
+        p.relative_to(tmp_path / "one") for p in (tmp_path / "one").rglob("*") if p.is_file()
+    )
     assert len(files) == 5
     for file in files:
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()

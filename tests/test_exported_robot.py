@@ -1,4 +1,5 @@
-"""The exported robot in MuJoCo: it hangs where it is said to hang, with the tensions of this package."""
+"""The exported robot in MuJoCo: it hangs where it is said to hang, with the tensions of this
+package."""
 
 import json
 from dataclasses import replace
@@ -24,7 +25,9 @@ from steelyard.yaml_file import to_yaml
 TENSIONS = 1e-6  # relative; what a user is promised. They agree to 1e-10
 POINTS = point_robot()
 ROLLERS = read_robot("cogiro").with_straight_cables()
-BODY = Inertia(183.2, [0.06, -0.05, -0.21], [[101.0, -4.1, 2.2], [-4.1, 92.0, 5.3], [2.2, 5.3, 40.0]])
+BODY = Inertia(
+    183.2, [0.06, -0.05, -0.21], [[101.0, -4.1, 2.2], [-4.1, 92.0, 5.3], [2.2, 5.3, 40.0]]
+)
 """Another one than the nominal."""
 POSES = (
     (0.0, 0.0, 2.0, 0.0, 0.0, 0.0),
@@ -58,7 +61,8 @@ def ours(robot, position, rotation, length, stiffness):
     elastic = replace(robot, cable=replace(robot.cable, axial_stiffness=stiffness))
     points = position + robot.attachments @ rotation.T
     shapes = [
-        cable.by_length(cable.spec(elastic, i), ca.DM(points[i]), float(length[i])).tension for i in range(robot.m)
+        cable.by_length(cable.spec(elastic, i), ca.DM(points[i]), float(length[i])).tension
+        for i in range(robot.m)
     ]
     return np.array(ca.evalf(ca.vertcat(*shapes))).ravel()
 
@@ -73,7 +77,9 @@ def test_it_hangs_at_rest_with_our_tensions(exported, robot, pose):
     np.testing.assert_allclose(data.body("platform").xmat.reshape(3, 3), R, atol=1e-12)
     found = tensions(model, data)
     np.testing.assert_allclose(
-        found, ours(robot, np.array(pose[:3]), R, hanging.length, robot.cable.axial_stiffness), rtol=TENSIONS
+        found,
+        ours(robot, np.array(pose[:3]), R, hanging.length, robot.cable.axial_stiffness),
+        rtol=TENSIONS,
     )
     np.testing.assert_allclose(found, hanging.tension, rtol=TENSIONS)
     assert found.min() > robot.tension_limits[0] - 1e-6
@@ -82,7 +88,9 @@ def test_it_hangs_at_rest_with_our_tensions(exported, robot, pose):
     weight = BODY.mass * robot.gravity
     lever = R @ BODY.center_of_gravity
     np.testing.assert_allclose(data.qfrc_spring[:3], -weight, rtol=1e-9, atol=1e-6)
-    np.testing.assert_allclose(R @ data.qfrc_spring[3:], -np.cross(lever, weight), rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(
+        R @ data.qfrc_spring[3:], -np.cross(lever, weight), rtol=1e-9, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize(("moved", "slack"), [(0.002, False), (0.1, True)])
@@ -167,7 +175,8 @@ def test_motors_add_tension_within_the_limits_of_the_robot(exported):
 
 
 def test_winches_feed_by_the_springs(exported):
-    """As the comment says: length and stiffness set while it runs are those of a cable of another unstrained length."""
+    """As the comment says: length and stiffness set while it runs are those of a cable of another
+    unstrained length."""
     hanging = hang(POINTS, BODY)
     model, data = simulated(exported, hanging)
     fed = hanging.length + np.linspace(-0.01, 0.01, POINTS.m)
@@ -183,7 +192,8 @@ def test_sites_stand_where_the_robot_file_has_them(exported):
     for i in range(ROLLERS.m):
         np.testing.assert_array_equal(model.site(f"anchor_{i + 1}").pos, ROLLERS.anchors[i])
         np.testing.assert_array_equal(model.site(f"attachment_{i + 1}").pos, ROLLERS.attachments[i])
-        # On the roller: as far from its centre as it is wide, and the cable is square to that radius.
+        # On the roller: as far from its centre as it is wide, and the cable is square to that
+        # radius.
         leave, end = data.site(f"leave_{i + 1}").xpos, data.site(f"attachment_{i + 1}").xpos
         outward = (end - ROLLERS.anchors[i]) * [1, 1, 0]
         centre = ROLLERS.anchors[i] + 0.05 * outward / np.linalg.norm(outward)
@@ -222,7 +232,8 @@ def test_what_is_left_out_is_said(exported):
 
 def test_sag_and_roll_are_of_the_size_that_is_said():
     hanging = hang(read_robot("cogiro"), BODY)
-    # A parabola: weight across over eight times the tension; a hundredth of ten metres of 64 g/m at some 650 N.
+    # A parabola: weight across over eight times the tension; a hundredth of ten metres of 64 g/m at
+    # some 650 N.
     chord = np.linalg.norm(hanging.leave - hanging.position - hanging.robot.attachments, axis=1)
     assert 0.5 < hanging.sag / (0.064 * 9.81 * chord.max() ** 2 / (8 * hanging.tension.min())) <= 1
     assert 0.005 < hanging.roll < 0.1
@@ -275,8 +286,17 @@ def test_the_verb_writes_the_robot(run, tmp_path):
     file_of(tmp_path, estimate_of(BODY.body_parameters))
     robot = robot_file(replace(POINTS, name='a "robot" --><x/>'))
     (tmp_path / "robot.yaml").write_text(to_yaml(robot))
-    options = ["--format", "mjcf", "--robot", tmp_path / "robot.yaml", "--out", tmp_path / "robot.xml"]
-    status, out, err = run("export", tmp_path, *options, "--pose", 1.2, -0.8, 1.4, 5, -10, 15, "--json")
+    options = [
+        "--format",
+        "mjcf",
+        "--robot",
+        tmp_path / "robot.yaml",
+        "--out",
+        tmp_path / "robot.xml",
+    ]
+    status, out, err = run(
+        "export", tmp_path, *options, "--pose", 1.2, -0.8, 1.4, 5, -10, 15, "--json"
+    )
     assert (status, err) == (0, "")
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml"))
     data = mujoco.MjData(model)
@@ -285,18 +305,24 @@ def test_the_verb_writes_the_robot(run, tmp_path):
     np.testing.assert_allclose(found["position"], [1.2, -0.8, 1.4])
     turned = Rotation.from_euler("ZYX", [15, -10, 5], degrees=True)
     np.testing.assert_allclose(
-        Rotation.from_quat(found["quaternion"], scalar_first=True).as_matrix(), turned.as_matrix(), atol=1e-12
+        Rotation.from_quat(found["quaternion"], scalar_first=True).as_matrix(),
+        turned.as_matrix(),
+        atol=1e-12,
     )
     np.testing.assert_allclose(tensions(model, data), found["tension"], rtol=TENSIONS)
     np.testing.assert_allclose(model.tendon_lengthspring[:, 1], found["length"], rtol=1e-12)
     first = (tmp_path / "robot.xml").read_bytes()
-    assert run("export", tmp_path, *options, "--pose", 1.2, -0.8, 1.4, 5, -10, 15, "--force")[0] == 0
+    assert (
+        run("export", tmp_path, *options, "--pose", 1.2, -0.8, 1.4, 5, -10, 15, "--force")[0] == 0
+    )
     assert (tmp_path / "robot.xml").read_bytes() == first
 
 
 def test_the_verb_takes_bundled_robots(run, tmp_path):
     file_of(tmp_path, estimate_of(BODY.body_parameters))
-    status, out, err = run("export", tmp_path, "--format", "mjcf", "--robot", "cogiro", "--out", tmp_path / "robot.xml")
+    status, out, err = run(
+        "export", tmp_path, "--format", "mjcf", "--robot", "cogiro", "--out", tmp_path / "robot.xml"
+    )
     assert (status, err) == (0, "")
     assert "on the 8 cables of cogiro as MJCF" in out
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml")).ntendon == 8

@@ -1,4 +1,5 @@
-"""Every export loaded by its own consumer: the same body comes back, and no text of a file becomes more than text."""
+"""Every export loaded by its own consumer: the same body comes back, and no text of a file becomes
+more than text."""
 
 import itertools
 import json
@@ -19,11 +20,11 @@ from written_estimates import covariance, estimate_of, file_of
 
 from steelyard.dynamics import platform_regressor, platform_wrench
 from steelyard.errors import InputError
+from steelyard.estimates.estimate import FORMAT, Verdict, judge
+from steelyard.estimates.estimate_file import read_estimate_file
 from steelyard.exports.exported import Exported, exported_of, read_exported
 from steelyard.exports.formats import FORMATS, export
 from steelyard.exports.remarks import number
-from steelyard.identification.estimate import FORMAT, Verdict, judge
-from steelyard.identification.estimate_file import read_estimate_file
 from steelyard.inertia import BODY_PARAMETERS, LINEAR_PARAMETERS
 from steelyard.robot.file import read_robot
 
@@ -55,7 +56,9 @@ class Cloud:
     @property
     def ten(self):
         J = self.about_cog
-        return np.array([self.mass, *self.cog, J[0, 0], J[1, 1], J[2, 2], J[1, 2], J[0, 2], J[0, 1]])
+        return np.array(
+            [self.mass, *self.cog, J[0, 0], J[1, 1], J[2, 2], J[1, 2], J[0, 2], J[0, 1]]
+        )
 
     @property
     def signs(self):
@@ -63,12 +66,15 @@ class Cloud:
 
 
 def clouds():
-    """A body for each combination of signs of the three products, from a gram and a centimetre to a tonne and metres."""
+    """A body for each combination of signs of the three products, from a gram and a centimetre to a
+    tonne and metres."""
     rng = np.random.default_rng(7)
     found = {}
     while len(found) < 8:
         size = 10 ** rng.uniform(-2, 0.5)
-        cloud = Cloud(10 ** rng.uniform(-4, 2) * rng.uniform(0.1, 1, 12), size * rng.normal(size=(12, 3)))
+        cloud = Cloud(
+            10 ** rng.uniform(-4, 2) * rng.uniform(0.1, 1, 12), size * rng.normal(size=(12, 3))
+        )
         found.setdefault(cloud.signs, cloud)
     return [found[signs] for signs in sorted(found)]
 
@@ -130,9 +136,12 @@ def test_mjcf_compiled_by_mujoco_is_the_same_body(tmp_path, cloud):
 
 def test_urdf_compiled_by_mujoco_is_the_same_body_as_mjcf(tmp_path):
     text = text_of(tmp_path, CLOUD, "urdf").replace(
-        '<robot name="platform">', '<robot name="platform"><mujoco><compiler fusestatic="false"/></mujoco>'
+        '<robot name="platform">',
+        '<robot name="platform"><mujoco><compiler fusestatic="false"/></mujoco>',
     )
-    for found, expected in zip(compiled_body(text), compiled_body(text_of(tmp_path, CLOUD, "mjcf")), strict=True):
+    for found, expected in zip(
+        compiled_body(text), compiled_body(text_of(tmp_path, CLOUD, "mjcf")), strict=True
+    ):
         same(found, expected)
 
 
@@ -140,7 +149,8 @@ XSD = "<xsd:schema xmlns:xsd='http://www.w3.org/2001/XMLSchema'>{}</xsd:schema>"
 # What the schema of SDFormat says of numbers in a row: an exponent only behind a decimal point.
 NUMBER = r"-?\d+(\.\d+([eE][\-+]?\d+)?)?"
 TYPES = "".join(
-    f"<xsd:simpleType name='{name}'><xsd:restriction base='xsd:string'><xsd:pattern value='{NUMBER}( {NUMBER}){{{n}}}'/></xsd:restriction></xsd:simpleType>"
+    f"<xsd:simpleType name='{name}'><xsd:restriction base='xsd:string'><xsd:pattern"
+    f" value='{NUMBER}( {NUMBER}){{{n}}}'/></xsd:restriction></xsd:simpleType>"
     for name, n in (("pose", 5), ("vector3", 2))
 )
 
@@ -153,7 +163,11 @@ class Includes(etree.Resolver):
         if path.exists():
             return self.resolve_filename(str(path), context)
         return self.resolve_string(
-            XSD.format(TYPES if path.name == "types.xsd" else f"<xsd:element name='{path.stem}' type='xsd:byte'/>"),
+            XSD.format(
+                TYPES
+                if path.name == "types.xsd"
+                else f"<xsd:element name='{path.stem}' type='xsd:byte'/>"
+            ),
             context,
         )
 
@@ -178,13 +192,21 @@ def test_sdf_keeps_its_schema_and_is_the_same_body(tmp_path, sdf_schema, cloud):
     # Each once: the schema does not count.
     names = [each.tag for each in inertial.find("inertia")]
     assert sorted(names) == ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"]
-    values = [float(inertial.findtext(f"inertia/{name}")) for name in ("ixx", "iyy", "izz", "iyz", "ixz", "ixy")]
+    values = [
+        float(inertial.findtext(f"inertia/{name}"))
+        for name in ("ixx", "iyy", "izz", "iyz", "ixz", "ixy")
+    ]
     exactly([float(inertial.findtext("mass")), *cloud.cog, *values], cloud.ten)
 
 
 def test_the_schema_would_refuse_another_file(tmp_path, sdf_schema):
     text = text_of(tmp_path, CLOUD, "sdf")
-    for old, new in (("<ixy>", "<ixy>x"), ("mass>", "weight>"), ("0 0 0</pose>", "0 0</pose>"), (' version="1.9"', "")):
+    for old, new in (
+        ("<ixy>", "<ixy>x"),
+        ("mass>", "weight>"),
+        ("0 0 0</pose>", "0 0</pose>"),
+        (' version="1.9"', ""),
+    ):
         assert old in text
         assert not sdf_schema.validate(etree.fromstring(text.replace(old, new).encode()))
 
@@ -225,7 +247,8 @@ int main(void) {
 
 
 def numbers_in_c(folder, header, standard):
-    """What a program prints that includes a header: accepted, physical, mass, centre of gravity, inertia, ten, sigmas, covariance, linear ones."""
+    """What a program prints that includes a header: accepted, physical, mass, centre of gravity,
+    inertia, ten, sigmas, covariance, linear ones."""
     compiler = COMPILERS[standard]
     if shutil.which(compiler[0]) is None:
         pytest.skip(f"no compiler '{compiler[0]}' here")
@@ -233,13 +256,16 @@ def numbers_in_c(folder, header, standard):
     (folder / "main.c").write_text(PROGRAM)
     flags = ["-Wall", "-Wextra", "-pedantic", "-Werror"]
     subprocess.run([*compiler, *flags, "main.c", "-o", "main"], cwd=folder, check=True)
-    lines = subprocess.run([str(folder / "main")], capture_output=True, text=True, check=True).stdout.split()
+    lines = subprocess.run(
+        [str(folder / "main")], capture_output=True, text=True, check=True
+    ).stdout.split()
     values = np.array([float(line) for line in lines])
     return np.split(values, np.cumsum([1, 1, 1, 3, 9, 10, 10, 100]))
 
 
 @pytest.mark.parametrize(
-    ("standard", "cloud"), [*(("c89", cloud) for cloud in CLOUDS), *((s, CLOUD) for s in COMPILERS if s != "c89")]
+    ("standard", "cloud"),
+    [*(("c89", cloud) for cloud in CLOUDS), *((s, CLOUD) for s in COMPILERS if s != "c89")],
 )
 def test_c_prints_the_same_body(tmp_path, standard, cloud):
     accepted, physical, mass, cog, inertia, ten, sigma, matrix, linear = numbers_in_c(
@@ -264,7 +290,10 @@ def assert_linear(linear, cloud):
     motion = np.random.default_rng(5).normal(size=(3, 4, 3))
     expected = platform_wrench(np.array([cloud.mass, *cloud.first_moment, *linear[4:]]), *motion)
     np.testing.assert_allclose(
-        platform_regressor(*motion) @ linear, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max()
+        platform_regressor(*motion) @ linear,
+        expected,
+        rtol=1e-9,
+        atol=1e-9 * np.abs(expected).max(),
     )
 
 
@@ -301,7 +330,9 @@ def test_plain_forms_hold_the_same_body(tmp_path, form, cloud):
     linear = found["linear"]
     assert linear["parameters"] == list(LINEAR_PARAMETERS)
     assert_linear(np.array(linear["values"]), cloud)
-    assert [linear["values"][0], *linear["first_moment"], *linear["inertia"].values()] == linear["values"]
+    assert [linear["values"][0], *linear["first_moment"], *linear["inertia"].values()] == linear[
+        "values"
+    ]
     assert list(linear["inertia"]) == ["xx", "yy", "zz", "yz", "xz", "xy"]
     assert found["verdict"]["accepted"] is True
     assert found["verdict"]["parameters"] == dict.fromkeys(BODY_PARAMETERS, "data")
@@ -313,7 +344,9 @@ def test_the_platform_of_a_plain_form_is_that_of_a_robot_file(tmp_path, cloud):
     lines = text_of(tmp_path, cloud, "yaml").splitlines()
     start = lines.index("platform:")
     stop = next(i for i in range(start + 1, len(lines)) if not lines[i].startswith(" "))
-    (tmp_path / "robot.yaml").write_text("\n".join(["name: pasted", "cables: []", *lines[start:stop]]) + "\n")
+    (tmp_path / "robot.yaml").write_text(
+        "\n".join(["name: pasted", "cables: []", *lines[start:stop]]) + "\n"
+    )
     exactly(read_robot(str(tmp_path / "robot.yaml")).platform.body_parameters, cloud.ten)
 
 
@@ -328,14 +361,19 @@ def comment_of(text, form):
         lines = [line[2:] for line in text.splitlines() if line.startswith("# ")]
     else:
         opening, closing = ("/*", "*/") if form == "c" else ("<!--", "-->")
-        lines = [line.removeprefix(" * ") for line in text.split(opening, 1)[1].split(closing, 1)[0].splitlines()]
+        lines = [
+            line.removeprefix(" * ")
+            for line in text.split(opening, 1)[1].split(closing, 1)[0].splitlines()
+        ]
     return " ".join(" ".join(lines).split())
 
 
 @pytest.mark.parametrize("form", [each for each in FORMATS if each != "json"])
 def test_comments_say_where_from_and_how_well(tmp_path, form):
     verdict = Verdict(
-        False, ("the runs disagree by 5 sigma",), {**dict.fromkeys(BODY_PARAMETERS, "data"), "Jxy": "prior"}
+        False,
+        ("the runs disagree by 5 sigma",),
+        {**dict.fromkeys(BODY_PARAMETERS, "data"), "Jxy": "prior"},
     )
     path = file_of(tmp_path, estimate_of(CLOUD.ten, verdict=verdict), experiment="moves in spring")
     told = comment_of(export(read_exported(str(path)), form, anyway=True), form)
@@ -347,7 +385,9 @@ def test_comments_say_where_from_and_how_well(tmp_path, form):
     for name, value, deviation in zip(BODY_PARAMETERS, CLOUD.ten, sigma, strict=True):
         label = "prior" if name == "Jxy" else "data"
         assert re.search(
-            rf"{name} {re.escape(f'{value:.6g}')} \+- {re.escape(f'{deviation:.3g}')} (kg m\^2|kg|m), {label}", told
+            rf"{name} {re.escape(f'{value:.6g}')} \+- {re.escape(f'{deviation:.3g}')} (kg"
+            rf" m\^2|kg|m), {label}",
+            told,
         )
     assert "about the centre of gravity" in told
     assert "x y dm" in told
@@ -391,7 +431,9 @@ def test_sigmas_alone_are_told_as_such(tmp_path, form):
 
 # Refusals
 
-IMPOSSIBLE = np.array([170.74, 0.112, -0.134, -0.125, 102.982, 52.744, 46.589, 8.588, -0.132, -3.672])
+IMPOSSIBLE = np.array(
+    [170.74, 0.112, -0.134, -0.125, 102.982, 52.744, 46.589, 8.588, -0.132, -3.672]
+)
 """Table III of the paper."""
 UNTOLD = np.array([*CLOUD.ten[:4], *[np.nan] * 6])
 
@@ -403,7 +445,10 @@ def test_what_is_not_accepted_is_refused_unless_anyway(tmp_path, form, reasons):
     exported = read_exported(str(file_of(tmp_path, estimate_of(CLOUD.ten, verdict=verdict))))
     named = "; ".join(reasons) or "its verdict gives no reason"
     with pytest.raises(
-        InputError, match=rf"estimate 'maximum-likelihood': expected an accepted .*\({named}\).* with --anyway$"
+        InputError,
+        match=(
+            rf"estimate 'maximum-likelihood': expected an accepted .*\({named}\).* with --anyway$"
+        ),
     ):
         export(exported, form)
     assert export(exported, form, anyway=True)
@@ -411,10 +456,16 @@ def test_what_is_not_accepted_is_refused_unless_anyway(tmp_path, form, reasons):
 
 @pytest.mark.parametrize("accepted", [True, False])
 @pytest.mark.parametrize("form", FORMATS)
-def test_a_body_that_cannot_exist_is_refused_unless_anyway_and_told_loudly(tmp_path, form, accepted):
-    verdict = replace(judge(IMPOSSIBLE), accepted=accepted, reasons=() if accepted else judge(IMPOSSIBLE).reasons)
+def test_a_body_that_cannot_exist_is_refused_unless_anyway_and_told_loudly(
+    tmp_path, form, accepted
+):
+    verdict = replace(
+        judge(IMPOSSIBLE), accepted=accepted, reasons=() if accepted else judge(IMPOSSIBLE).reasons
+    )
     exported = read_exported(str(file_of(tmp_path, estimate_of(IMPOSSIBLE, verdict=verdict))))
-    with pytest.raises(InputError, match=r"found one that is not \(no body has this inertia.*--anyway") as refused:
+    with pytest.raises(
+        InputError, match=r"found one that is not \(no body has this inertia.*--anyway"
+    ) as refused:
         export(exported, form)
     assert str(refused.value).count("no body has this inertia") == 1
     text = export(exported, form, anyway=True)
@@ -423,7 +474,10 @@ def test_a_body_that_cannot_exist_is_refused_unless_anyway_and_told_loudly(tmp_p
         with pytest.raises(ValueError, match=re.escape("A + B >= C")):
             mujoco.MjModel.from_xml_string(text)
     if form == "urdf":
-        same(pin.buildModelFromXML(text, pin.JointModelFreeFlyer()).inertias[1].lever, IMPOSSIBLE[1:4])
+        same(
+            pin.buildModelFromXML(text, pin.JointModelFreeFlyer()).inertias[1].lever,
+            IMPOSSIBLE[1:4],
+        )
 
 
 def test_negative_numbers_are_one_token_in_c(tmp_path):
@@ -439,7 +493,10 @@ def test_numbers_that_are_not_there_are_never_written(tmp_path, form, anyway):
     exported = read_exported(str(file_of(tmp_path, estimate_of(UNTOLD))))
     with pytest.raises(
         InputError,
-        match=r"do not tell Jxx, Jyy, Jzz, Jyz, Jxz, Jxy; choose another --method or record more motion.*--anyway does not help",
+        match=(
+            r"do not tell Jxx, Jyy, Jzz, Jyz, Jxz, Jxy; choose another --method or record more"
+            r" motion.*--anyway does not help"
+        ),
     ):
         export(exported, form, anyway=anyway)
 
@@ -462,7 +519,13 @@ def test_linear_parameters_need_only_what_is_in_them(tmp_path):
     ten[[1, 8]] = np.nan  # cx, Jxz
     linear = read_exported(str(file_of(tmp_path, estimate_of(ten)))).linear_parameters
     known = np.isfinite(linear)
-    assert [name for name, k in zip(LINEAR_PARAMETERS, known, strict=True) if k] == ["m", "hy", "hz", "Jxx", "Jyz"]
+    assert [name for name, k in zip(LINEAR_PARAMETERS, known, strict=True) if k] == [
+        "m",
+        "hy",
+        "hz",
+        "Jxx",
+        "Jyz",
+    ]
     J = CLOUD.about_origin
     same(linear[[4, 7]], [J[0, 0], J[1, 2]])
 
@@ -474,7 +537,10 @@ def test_one_estimate_at_a_time(tmp_path):
     for place, method in ((f"{path}:all", None), (str(path), "all")):
         with pytest.raises(
             InputError,
-            match=r"expected one estimate to export, found 'all' \(maximum-likelihood, two-step\); name one with --method",
+            match=(
+                r"expected one estimate to export, found 'all' \(maximum-likelihood, two-step\);"
+                r" name one with --method"
+            ),
         ):
             read_exported(place, method)
     with pytest.raises(InputError, match="expected an estimate of method 'consistent'"):
@@ -482,7 +548,9 @@ def test_one_estimate_at_a_time(tmp_path):
 
 
 def test_formats_are_named(tmp_path):
-    with pytest.raises(InputError, match="format: expected one of urdf, sdf, mjcf, yaml, json, c, found 'stl'"):
+    with pytest.raises(
+        InputError, match="format: expected one of urdf, sdf, mjcf, yaml, json, c, found 'stl'"
+    ):
         text_of(tmp_path, CLOUD, "stl")
 
 
@@ -508,7 +576,11 @@ HOSTILE = (
 
 def hostile_file(folder, text):
     """An estimate with a text everywhere it may have one."""
-    verdict = {"accepted": False, "reasons": [text, f"x{text}"], "parameters": dict.fromkeys(BODY_PARAMETERS, "data")}
+    verdict = {
+        "accepted": False,
+        "reasons": [text, f"x{text}"],
+        "parameters": dict.fromkeys(BODY_PARAMETERS, "data"),
+    }
     entry = estimate_of(CLOUD.ten).to_dict() | {"verdict": verdict, "notes": [text]}
     values = {"format": FORMAT, "experiment": text, "result": text, "estimates": {text: entry}}
     path = folder / "estimate.json"
@@ -529,7 +601,10 @@ def test_text_of_files_stays_text(tmp_path, text):
         "mjcf": ["mujoco", "worldbody", "body", "freejoint", "inertial"],
     }.items():
         assert [element.tag for element in ElementTree.fromstring(written[form]).iter()] == tags
-    exactly(pin.buildModelFromXML(written["urdf"], pin.JointModelFreeFlyer()).inertias[1].mass, CLOUD.mass)
+    exactly(
+        pin.buildModelFromXML(written["urdf"], pin.JointModelFreeFlyer()).inertias[1].mass,
+        CLOUD.mass,
+    )
     assert compiled_body(written["mjcf"])[0] == CLOUD.mass
     assert len(etree.fromstring(written["sdf"].encode()).findall(".//inertial")) == 1
     for form in ("yaml", "json"):
@@ -560,7 +635,9 @@ def test_the_verb_writes_one_file_and_says_its_convention(run, tmp_path, form):
     assert (status, err) == (0, "")
     assert told.count("\n") == 1
     assert told.startswith(f"{out}: 'maximum-likelihood' as {FORMATS[form].title}, ")
-    assert "about the centre of gravity in platform axes, products are elements of the matrix" in told
+    assert (
+        "about the centre of gravity in platform axes, products are elements of the matrix" in told
+    )
     assert out.read_text() == text_of(tmp_path, CLOUD, form)
     assert list(out.parent.iterdir()) == [out]
 
@@ -568,7 +645,9 @@ def test_the_verb_writes_one_file_and_says_its_convention(run, tmp_path, form):
 def test_the_verb_as_json(run, tmp_path):
     verdict = Verdict(False, ("runs disagree",), dict.fromkeys(BODY_PARAMETERS, "data"))
     file_of(tmp_path, estimate_of(CLOUD.ten, verdict=verdict))
-    status, told, err = run("export", tmp_path, "--format", "urdf", "--out", tmp_path / "b.urdf", "--anyway", "--json")
+    status, told, err = run(
+        "export", tmp_path, "--format", "urdf", "--out", tmp_path / "b.urdf", "--anyway", "--json"
+    )
     assert (status, err) == (0, "")
     found = json.loads(told, parse_constant=no_number)
     assert found["written"] == str(tmp_path / "b.urdf")

@@ -1,4 +1,5 @@
-"""What is wrong with streams themselves, found in made ones where it is known, and not found where nothing is wrong."""
+"""What is wrong with streams themselves, found in made ones where it is known, and not found where
+nothing is wrong."""
 
 import numpy as np
 import pytest
@@ -97,13 +98,20 @@ class TestStuck:
         values = noisy(rng)
         values[301:350, 1] = values[300, 1]
         tracker = Position(kind="position")
-        streams, faults = without_stuck({"tracker": Stream(TIME, {"position": values}, "log")}, {"tracker": tracker})
+        streams, faults = without_stuck(
+            {"tracker": Stream(TIME, {"position": values}, "log")}, {"tracker": tracker}
+        )
         left = streams["tracker"].values["position"]
         assert np.isnan(left[301:350, 1]).all()
         assert np.isfinite(np.delete(left, 1, axis=1)).all()
         assert np.isnan(left).sum() == 49
         (fault,) = faults
-        assert (fault.kind, fault.instrument, fault.channel, fault.count) == ("stuck", "tracker", "position 2", 49)
+        assert (fault.kind, fault.instrument, fault.channel, fault.count) == (
+            "stuck",
+            "tracker",
+            "position 2",
+            49,
+        )
         assert fault.start == pytest.approx(3.01)
 
     def test_reading_an_experiment_leaves_it_out(self, tmp_path):
@@ -115,7 +123,9 @@ class TestStuck:
             row[column] = rows[40][column]
         save(log, rows)
         (run,) = read_experiment(path).runs
-        assert [(f.instrument, f.channel, f.count) for f in run.excluded] == [("cables", "tension 3", 20)]
+        assert [(f.instrument, f.channel, f.count) for f in run.excluded] == [
+            ("cables", "tension 3", 20)
+        ]
         assert np.isnan(run.streams["cables"].values["tension"][40:60, 2]).all()
 
     def test_reading_a_sound_experiment_changes_nothing(self, tmp_path):
@@ -147,6 +157,10 @@ def test_all_faults_of_a_stream_have_a_place(rng):
     values[100:110, 0] = np.nan
     values[:, 1] = np.minimum(values[:, 1], 0.8)
     faults = list(faults_of("tracker", Stream(TIME[keep], {"position": values[keep]}, "log")))
-    assert {(f.kind, f.channel) for f in faults} == {("gap", ""), ("missing", "position 1"), ("clipped", "position 2")}
+    assert {(f.kind, f.channel) for f in faults} == {
+        ("gap", ""),
+        ("missing", "position 1"),
+        ("clipped", "position 2"),
+    }
     gap = next(f for f in faults if f.kind == "gap")
     assert (gap.start, gap.end, gap.count) == (pytest.approx(4.99), pytest.approx(5.6), 60)

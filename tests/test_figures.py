@@ -33,7 +33,11 @@ def test_all_pictures_are_figures(drawn):
 
 
 def test_intervals_are_those_of_the_estimates(found, drawn):
-    marks = {trace.name: trace for trace in drawn["intervals"].data if trace.xaxis == "x" and trace.mode == "markers"}
+    marks = {
+        trace.name: trace
+        for trace in drawn["intervals"].data
+        if trace.xaxis == "x" and trace.mode == "markers"
+    }
     for name, estimate in found.estimates.items():
         assert marks[name].x[0] == pytest.approx(estimate.mass)
         assert marks[name].error_x.array[0] == pytest.approx(1.96 * estimate.standard_deviation[0])
@@ -55,7 +59,9 @@ def test_the_platform_stands_where_the_motion_begins(found, drawn):
 def test_one_by_name(found, drawn):
     assert steelyard.figure(found, "correlation").to_json() == drawn["correlation"].to_json()
     assert "force" in steelyard.figure(found, "trace-moving-platform-force").layout.title.text
-    with pytest.raises(steelyard.InputError, match=r"expected one of intervals, robot, .*found 'pie'"):
+    with pytest.raises(
+        steelyard.InputError, match=r"expected one of intervals, robot, .*found 'pie'"
+    ):
         steelyard.figure(found, "pie")
 
 

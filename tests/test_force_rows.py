@@ -1,4 +1,5 @@
-"""The balance of forces along an arc against differences of itself, and against a dense constrained least-squares problem."""
+"""The balance of forces along an arc against differences of itself, and against a dense constrained
+least-squares problem."""
 
 from dataclasses import replace
 
@@ -11,10 +12,16 @@ from scipy.stats import chi2
 from simulated import BODY, EXACT, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.arc import POSE
-from steelyard.identification.force_rows import BALANCE, Forces, balance_of, force_rows, sample_weight
-from steelyard.identification.motion_rows import Arc, Reading, Tally, limit
-from steelyard.identification.unknowns import DRAG, LAG, Systematic, gather
+from steelyard.identification.model.calibration_parameters import DRAG, LAG, Calibration, gather
+from steelyard.identification.model.force_residuals import (
+    BALANCE,
+    Forces,
+    balance_of,
+    force_residuals,
+    sample_weight,
+)
+from steelyard.identification.model.motion_residuals import Reading, Segment, Tally, limit
+from steelyard.identification.model.segment import POSE
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
@@ -28,7 +35,9 @@ BALANCED = 1e-8  # [N], [N m]; rounding of sums of forces of a kN
 CONSTRAINED = 1e-5  # in 1-sigma; where SciPy's general solver ends
 RARE = 1e-4  # of sound data that would fail
 
-POINTS = replace(ROBOT, name="points", pulley_radius=np.zeros(8))  # cables leave from points: directions in one line
+POINTS = replace(
+    ROBOT, name="points", pulley_radius=np.zeros(8)
+)  # cables leave from points: directions in one line
 BARE = Robot("sensor", np.zeros((0, 3)), np.zeros((0, 3)))
 SIGMAS = np.array([3.0, 5.0, 4.0, 6.0, 5.0, 2.0, 5.0, 8.0])  # [N]
 TENSION = {"kind": "tension", "clock": "recorder", "calibration": {"offset": 5.0}}
@@ -37,7 +46,11 @@ WRENCH = {
     "clock": "recorder",
     "position": (0.02, -0.01, 0.1),
     "rpy_deg": (5, -10, 30),
-    "calibration": {"offset": {"force": 5.0, "torque": 1.0}, "position": 0.001, "misalignment": 0.01},
+    "calibration": {
+        "offset": {"force": 5.0, "torque": 1.0},
+        "position": 0.001,
+        "misalignment": 0.01,
+    },
 }
 FORCES = {
     "platform end": Tension.model_validate(TENSION),
@@ -49,7 +62,8 @@ ATTITUDE = Attitude.model_validate({"kind": "attitude", "noise": 0.01})
 
 
 class Case:
-    """An arc, forces along it, a body, and systematic errors that are not zero; forces and motion balance exactly."""
+    """An arc, forces along it, a body, and systematic errors that are not zero; forces and motion
+    balance exactly."""
 
     def __init__(self, force, robot=None, *, n=6, static=False, reference=None, seed=5):
         rng = np.random.default_rng(seed)
@@ -59,21 +73,34 @@ class Case:
         streams = {name: Stream(np.arange(3.0), {}, name) for name in suite}
         sync = dict.fromkeys(suite, 0.0)
         self.experiment = Experiment(
-            "forces", self.robot, suite, (Run("run", streams, sync, static=static),), uncertainty=EXACT
+            "forces",
+            self.robot,
+            suite,
+            (Run("run", streams, sync, static=static),),
+            uncertainty=EXACT,
         )
-        self.unknowns = gather(self.experiment)
-        values = self.unknowns.mean + 0.01 * rng.normal(size=len(self.unknowns))
-        for key, place in self.unknowns.places.items():
+        self.calibration_parameters = gather(self.experiment)
+        values = self.calibration_parameters.mean + 0.01 * rng.normal(
+            size=len(self.calibration_parameters)
+        )
+        for key, place in self.calibration_parameters.places.items():
             if key[1] == LAG:
                 values[place] = 0.0
-        self.systematic = Systematic(self.unknowns, values)
+        self.calibration = Calibration(self.calibration_parameters, values)
         if static:
             coefficients, self.time = somewhere(n, rng), np.arange(float(n))
         else:
-            coefficients, self.time = somewhere(len(GRID) - DEGREE - 1, rng), np.sort(rng.uniform(0.5, 2.7, n))
-        attitude = Reading(("attitude", "orientation"), self.time, np.tile(np.eye(3), (n, 1, 1)), 1.0)
+            coefficients, self.time = (
+                somewhere(len(GRID) - DEGREE - 1, rng),
+                np.sort(rng.uniform(0.5, 2.7, n)),
+            )
+        attitude = Reading(
+            ("attitude", "orientation"), self.time, np.tile(np.eye(3), (n, 1, 1)), 1.0
+        )
         grid = self.time if static else GRID
-        self.arc = Arc("run", grid, (attitude,), coefficients, static=static, reference=reference)
+        self.segment = Segment(
+            "run", grid, (attitude,), coefficients, static=static, reference=reference
+        )
         self.parameters = BODY.parameters
         if self.robot.m:
             guess = {"tension": 700 + 150 * rng.normal(size=(n, self.robot.m))}
@@ -81,15 +108,16 @@ class Case:
         else:
             guess = {"force": np.zeros((n, 3)), "torque": np.zeros((n, 3))}
             sigma = np.array([2.0, 3.0, 2.5, 0.1, 0.3, 0.2])
-        self.forces = self.felt(guess, sigma)
-        # What is left over is linear in the readings of straight cables, and nearly so where they sag.
+        self.forces = self.force_samples(guess, sigma)
+        # What is left over is linear in the readings of straight cables, and nearly so where they
+        # sag.
         for _ in range(8):
             at = self.balance()
             off = np.einsum("nri,ni->nr", np.linalg.pinv(at.by_reading), at.left_over)
-            self.forces = self.felt(self.changed(-off), sigma)
+            self.forces = self.force_samples(self.changed(-off), sigma)
         assert np.abs(self.balance().left_over).max() < BALANCED
 
-    def felt(self, readings, sigma, left_out=None):
+    def force_samples(self, readings, sigma, left_out=None):
         n = len(self.time)
         none = np.zeros((n, len(sigma)), dtype=bool)
         return Forces("forces", self.time, readings, sigma, none if left_out is None else left_out)
@@ -98,19 +126,31 @@ class Case:
         """Readings with something added, shape (n, r)."""
         ends = np.cumsum([v.shape[1] for v in self.forces.readings.values()])[:-1]
         parts = np.split(by, ends, axis=1)
-        return {q: v + part for (q, v), part in zip(self.forces.readings.items(), parts, strict=True)}
+        return {
+            q: v + part for (q, v), part in zip(self.forces.readings.items(), parts, strict=True)
+        }
 
-    def balance(self, *, coefficients=None, values=None, parameters=None, forces=None, factors=None):
-        arc = self.arc if coefficients is None else replace(self.arc, coefficients=coefficients)
-        systematic = self.systematic if values is None else Systematic(self.unknowns, values)
+    def balance(
+        self, *, coefficients=None, values=None, parameters=None, forces=None, factors=None
+    ):
+        segment = (
+            self.segment
+            if coefficients is None
+            else replace(self.segment, coefficients=coefficients)
+        )
+        calibration = (
+            self.calibration if values is None else Calibration(self.calibration_parameters, values)
+        )
         own = self.parameters if parameters is None else parameters
-        return balance_of(self.experiment, arc, forces or self.forces, systematic, own, factors or {})
+        return balance_of(
+            self.experiment, segment, forces or self.forces, calibration, own, factors or {}
+        )
 
     def rows(self, *, forces=None, factors=None, tally=None):
         """With a border of the body and every systematic error."""
-        columns = 10 + np.arange(len(self.unknowns))
-        return force_rows(
-            self.experiment, self.arc, forces or self.forces, self.systematic, columns, self.parameters, factors or {},
+        columns = 10 + np.arange(len(self.calibration_parameters))
+        return force_residuals(
+            self.experiment, self.segment, forces or self.forces, self.calibration, columns, self.parameters, factors or {},
             tally or Tally(),
         )  # fmt: skip
 
@@ -121,7 +161,8 @@ class Case:
 
 
 def somewhere(count, rng):
-    """Poses within the robot, about a metre and some tenths of a radian apart; quaternions of any length near one."""
+    """Poses within the robot, about a metre and some tenths of a radian apart; quaternions of any
+    length near one."""
     position = np.array([0.3, -0.2, 2.0]) + 0.2 * rng.normal(size=(count, 3))
     quaternion = np.array([1.05, 0.05, -0.05, 0.1]) + 0.05 * rng.normal(size=(count, 4))
     return np.hstack([position, quaternion])
@@ -129,7 +170,9 @@ def somewhere(count, rng):
 
 def central_differences(function, x, directions):
     """Derivative along directions, shape (n, 6, directions)."""
-    return np.stack([(function(x + STEP * d) - function(x - STEP * d)) / (2 * STEP) for d in directions], axis=2)
+    return np.stack(
+        [(function(x + STEP * d) - function(x - STEP * d)) / (2 * STEP) for d in directions], axis=2
+    )
 
 
 def assert_derivatives(found, expected):
@@ -156,14 +199,16 @@ def test_balanced_forces_leave_nothing(case):
     found, rows, _ = case
     np.testing.assert_allclose(rows.residual, 0, atol=1e-8)
     np.testing.assert_allclose(found.balance().correction, 0, atol=1e-8)
-    assert rows.label == found.arc.label("forces", BALANCE)
+    assert rows.label == found.segment.label("forces", BALANCE)
 
 
 def test_derivatives_by_the_motion_are_those_of_differences(case):
     found, rows, whitener = case
-    x = found.arc.coefficients
+    x = found.segment.coefficients
     ways = np.random.default_rng(1).normal(size=(12, *x.shape))
-    expected = whitener @ central_differences(lambda c: found.balance(coefficients=c).left_over, x, ways)
+    expected = whitener @ central_differences(
+        lambda c: found.balance(coefficients=c).left_over, x, ways
+    )
     own = rows.first[:, None] + np.arange(rows.by_motion.shape[2] // POSE)
     along = np.einsum("nki,dni->nkd", rows.by_motion, ways[:, own].reshape(len(ways), len(own), -1))
     assert_derivatives(along, expected)
@@ -174,18 +219,18 @@ def test_derivatives_by_the_body_are_those_of_differences(case):
     expected = whitener @ central_differences(
         lambda p: found.balance(parameters=p).left_over, found.parameters, 100 * np.eye(10)
     )
-    full = np.zeros((*rows.residual.shape, 10 + len(found.unknowns)))
+    full = np.zeros((*rows.residual.shape, 10 + len(found.calibration_parameters)))
     full[:, :, rows.columns] = rows.by_errors
     assert_derivatives(100 * full[:, :, :10], expected)
 
 
 def test_derivatives_by_every_systematic_error_are_those_of_differences(case):
     found, rows, whitener = case
-    full = np.zeros((*rows.residual.shape, 10 + len(found.unknowns)))
+    full = np.zeros((*rows.residual.shape, 10 + len(found.calibration_parameters)))
     full[:, :, rows.columns] = rows.by_errors
     rng, acting = np.random.default_rng(2), set()
-    for (owner, key, run), place in found.unknowns.places.items():
-        way = np.zeros(len(found.unknowns))
+    for (owner, key, run), place in found.calibration_parameters.places.items():
+        way = np.zeros(len(found.calibration_parameters))
         way[place] = rng.normal(size=len(way[place]))
         if key == LAG:
             # Forces that lag look at an earlier instant.
@@ -195,7 +240,9 @@ def test_derivatives_by_every_systematic_error_are_those_of_differences(case):
 
             expected = central_differences(left_over, 0.0, [way[place][0]])
         else:
-            expected = central_differences(lambda v: found.balance(values=v).left_over, found.systematic.values, [way])
+            expected = central_differences(
+                lambda v: found.balance(values=v).left_over, found.calibration.values, [way]
+            )
         expected = whitener @ expected
         along = full[:, :, 10:] @ way
         np.testing.assert_allclose(
@@ -207,9 +254,11 @@ def test_derivatives_by_every_systematic_error_are_those_of_differences(case):
         if np.abs(expected).max() > 0:
             acting.add((owner, key))
     # So that nothing was compared with nothing.
-    terms = {("forces", term.key) for term in found.experiment.instruments["forces"].terms(found.robot.m)}
-    clocks = set() if found.arc.static else {("forces", LAG)}
-    if not found.arc.static and found.arc.reference is None:
+    terms = {
+        ("forces", term.key) for term in found.experiment.instruments["forces"].terms(found.robot.m)
+    }
+    clocks = set() if found.segment.static else {("forces", LAG)}
+    if not found.segment.static and found.segment.reference is None:
         clocks |= {("recorder", "delay"), ("attitude", "delay")}
     fixed = {("robot", "anchor"), ("robot", "attachment")} if found.robot.m else set()
     assert acting == terms | clocks | fixed | {("robot", "gravity")}
@@ -229,11 +278,11 @@ def heavy():
 
 def test_cables_with_inertia_are_dragged_along(heavy):
     found, rows, whitener = heavy
-    place = found.unknowns.places["robot", DRAG, None]
-    way = np.zeros(len(found.unknowns))
+    place = found.calibration_parameters.places["robot", DRAG, None]
+    way = np.zeros(len(found.calibration_parameters))
     way[place] = 1.0
     expected = whitener @ central_differences(
-        lambda v: found.balance(values=v).left_over, found.systematic.values, [way]
+        lambda v: found.balance(values=v).left_over, found.calibration.values, [way]
     )
     assert np.abs(expected).max() > 0.1
     assert_derivatives(rows.by_errors[:, :, rows.columns == 10 + place.start], expected)
@@ -242,14 +291,15 @@ def test_cables_with_inertia_are_dragged_along(heavy):
 def test_what_cables_drag_is_what_a_third_of_them_weighs_across(heavy):
     # Point masses at the attachments, felt across the cable only.
     found, _, _ = heavy
-    values = found.systematic.values.copy()
-    place = found.unknowns.places["robot", DRAG, None]
+    values = found.calibration.values.copy()
+    place = found.calibration_parameters.places["robot", DRAG, None]
     still, dragging = (
-        found.balance(values=np.where(np.arange(len(values)) == place.start, each, values)) for each in (0.0, 1.0)
+        found.balance(values=np.where(np.arange(len(values)) == place.start, each, values))
+        for each in (0.0, 1.0)
     )
     motion, robot, n = still.motion, found.robot, len(still.time)
     R, omega, alpha = motion["rotation"], motion["omega"], motion["alpha"]
-    gravity = values[found.unknowns.places["robot", "gravity", None]]
+    gravity = values[found.calibration_parameters.places["robot", "gravity", None]]
     expected = np.zeros((n, 6))
     for anchor, corner in zip(robot.anchors, robot.attachments, strict=True):
         line = anchor - motion["position"] - R @ corner
@@ -260,12 +310,14 @@ def test_what_cables_drag_is_what_a_third_of_them_weighs_across(heavy):
         across = moved - along * np.sum(along * moved, axis=1, keepdims=True)
         force = -robot.cable.linear_density * length / 3 * across
         expected += np.hstack([force, np.cross(corner, force)])
-    np.testing.assert_allclose(dragging.left_over - still.left_over, expected, atol=STRETCHED * np.abs(expected).max())
+    np.testing.assert_allclose(
+        dragging.left_over - still.left_over, expected, atol=STRETCHED * np.abs(expected).max()
+    )
 
 
 def test_derivatives_with_heavy_cables_are_nearly_those_of_differences(heavy):
     found, rows, whitener = heavy
-    full = np.zeros((*rows.residual.shape, 10 + len(found.unknowns)))
+    full = np.zeros((*rows.residual.shape, 10 + len(found.calibration_parameters)))
     full[:, :, rows.columns] = rows.by_errors
     rng = np.random.default_rng(2)
     for key in (
@@ -274,21 +326,26 @@ def test_derivatives_with_heavy_cables_are_nearly_those_of_differences(heavy):
         ("robot", "anchor", None),
         ("robot", "gravity", None),
     ):
-        way = np.zeros(len(found.unknowns))
-        place = found.unknowns.places[key]
+        way = np.zeros(len(found.calibration_parameters))
+        place = found.calibration_parameters.places[key]
         way[place] = rng.normal(size=len(way[place]))
         expected = whitener @ central_differences(
-            lambda v: found.balance(values=v).left_over, found.systematic.values, [way]
+            lambda v: found.balance(values=v).left_over, found.calibration.values, [way]
         )
         np.testing.assert_allclose(
-            (full[:, :, 10:] @ way)[:, :, None], expected, atol=SAGGING * np.abs(expected).max(), err_msg=str(key)
+            (full[:, :, 10:] @ way)[:, :, None],
+            expected,
+            atol=SAGGING * np.abs(expected).max(),
+            err_msg=str(key),
         )
 
 
 def test_cables_that_rest_drag_nothing():
-    found = Case("platform end", replace(read_robot("cogiro"), pulley_radius=np.zeros(8)), n=3, static=True)
-    place = found.unknowns.places["robot", DRAG, None]
-    values = found.systematic.values.copy()
+    found = Case(
+        "platform end", replace(read_robot("cogiro"), pulley_radius=np.zeros(8)), n=3, static=True
+    )
+    place = found.calibration_parameters.places["robot", DRAG, None]
+    values = found.calibration.values.copy()
     values[place] += 1.0
     np.testing.assert_array_equal(found.balance(values=values).left_over, found.balance().left_over)
     rows = found.rows()
@@ -299,11 +356,17 @@ def test_cables_that_rest_drag_nothing():
 
 
 def stated_motion(found):
-    """Pose, rate and acceleration at the times of the forces, and omega and alpha in platform axes."""
-    e = {(o, k): found.systematic.values[p] for (o, k, _), p in found.unknowns.places.items()}
+    """Pose, rate and acceleration at the times of the forces, and omega and alpha in platform
+    axes."""
+    e = {
+        (o, k): found.calibration.values[p]
+        for (o, k, _), p in found.calibration_parameters.places.items()
+    }
     # The motion is told in the time of the attitude's clock, as it is known beforehand.
     time = found.time - e["recorder", "delay"] + e["attitude", "delay"]
-    pose, rate, acceleration = (BSpline(GRID, found.arc.coefficients, DEGREE)(time, nu=k) for k in range(3))
+    pose, rate, acceleration = (
+        BSpline(GRID, found.segment.coefficients, DEGREE)(time, nu=k) for k in range(3)
+    )
     q, dq, ddq = pose[:, 3:], rate[:, 3:], acceleration[:, 3:]
 
     def vector_part(a, b):
@@ -312,13 +375,20 @@ def stated_motion(found):
     square = np.sum(q**2, axis=1, keepdims=True)
     R = Rotation.from_quat(q, scalar_first=True).as_matrix()
     omega = 2 * vector_part(q, dq) / square
-    alpha = 2 * vector_part(q, ddq) / square - 2 * np.sum(q * dq, axis=1, keepdims=True) / square * omega
+    alpha = (
+        2 * vector_part(q, ddq) / square
+        - 2 * np.sum(q * dq, axis=1, keepdims=True) / square * omega
+    )
     return pose, rate, acceleration, R, omega, alpha
 
 
 def stated_balance(found):
-    """Structure matrices and the wrenches that move the body, written out once more in NumPy; shapes (n, 6, m), (n, 6)."""
-    e = {(o, k): found.systematic.values[p] for (o, k, _), p in found.unknowns.places.items()}
+    """Structure matrices and the wrenches that move the body, written out once more in NumPy;
+    shapes (n, 6, m), (n, 6)."""
+    e = {
+        (o, k): found.calibration.values[p]
+        for (o, k, _), p in found.calibration_parameters.places.items()
+    }
     pose, _, acceleration, R, omega, alpha = stated_motion(found)
     s = np.einsum("nji,nj->ni", R, acceleration[:, :3] - e["robot", "gravity"])
     J, h, m = BODY.inertia_about_origin, BODY.first_moment, BODY.mass
@@ -334,8 +404,13 @@ def stated_balance(found):
 
 
 def gains(found):
-    """Reading over tension but for the offset, by the contract: at the winch the rollers take their part, shape (n, m)."""
-    e = {k: found.systematic.values[p] for (o, k, _), p in found.unknowns.places.items() if o == "forces"}
+    """Reading over tension but for the offset, by the contract: at the winch the rollers take their
+    part, shape (n, m)."""
+    e = {
+        k: found.calibration.values[p]
+        for (o, k, _), p in found.calibration_parameters.places.items()
+        if o == "forces"
+    }
     gain = np.tile(e["gain"] * e["common_gain"], (len(found.time), 1))
     if "friction" not in e:
         return gain
@@ -349,7 +424,10 @@ def gains(found):
 
 def as_tension(found, readings):
     """Tensions that readings say, by the contract, shape (n, m)."""
-    return (readings - found.systematic.values[found.unknowns.places["forces", "offset", None]]) / gains(found)
+    return (
+        readings
+        - found.calibration.values[found.calibration_parameters.places["forces", "offset", None]]
+    ) / gains(found)
 
 
 @pytest.mark.parametrize("force", ["platform end", "winch end"])
@@ -371,7 +449,9 @@ def test_readings_are_corrected_as_a_constrained_least_squares_problem_has_it(fo
         assert np.abs(unbalanced(solved.x)).max() < 1e-8
         np.testing.assert_allclose(at.correction[i], solved.x, atol=CONSTRAINED)
         np.testing.assert_allclose(
-            at.carried[i], as_tension(found, readings - SIGMAS * solved.x)[i], atol=CONSTRAINED * SIGMAS.max()
+            at.carried[i],
+            as_tension(found, readings - SIGMAS * solved.x)[i],
+            atol=CONSTRAINED * SIGMAS.max(),
         )
 
 
@@ -408,7 +488,9 @@ def test_the_cost_is_the_squared_length_of_the_correction(force):
     forces, tally = found.noisy(6), Tally()
     at, rows = found.balance(forces=forces), found.rows(forces=forces, tally=tally)
     whitened = np.einsum("nij,nj->ni", at.whitener, at.left_over)
-    np.testing.assert_allclose(np.sum(at.correction**2, axis=1), np.sum(whitened**2, axis=1), rtol=1e-8)
+    np.testing.assert_allclose(
+        np.sum(at.correction**2, axis=1), np.sum(whitened**2, axis=1), rtol=1e-8
+    )
     np.testing.assert_allclose(rows.residual, whitened, rtol=1e-8)
     assert tally.cost == pytest.approx(np.sum(at.correction**2), rel=1e-8)
 
@@ -440,7 +522,9 @@ def test_what_is_left_over_follows_the_readings_as_stated(force):
 # Readings that are left out
 
 LOUD = 1000.0  # [N]
-HARDLY = 0.5  # in 1-sigma of six numbers: how far a reading that is left out may move what is left over
+HARDLY = (
+    0.5  # in 1-sigma of six numbers: how far a reading that is left out may move what is left over
+)
 MUTE = 1e-3  # in 1-sigma: how far it may pull at the body
 
 
@@ -453,7 +537,9 @@ def test_a_reading_that_is_left_out_has_no_say(cable):
     loud = {"tension": quiet.readings["tension"] + LOUD * left_out}
     before, after = found.rows(forces=quiet), found.rows(forces=replace(quiet, readings=loud))
     change = after.residual - before.residual
-    np.testing.assert_allclose(change, np.where(np.arange(len(change)) == 2, change.T, 0.0).T, atol=1e-9)
+    np.testing.assert_allclose(
+        change, np.where(np.arange(len(change)) == 2, change.T, 0.0).T, atol=1e-9
+    )
     assert np.abs(change).max() < HARDLY
     # What pulls at the parameters, in units of the noise that pulls at them anyway.
     ten = before.by_errors[:, :, np.isin(before.columns, np.arange(10))]
@@ -496,11 +582,14 @@ def test_a_push_pulls_no_more_than_noise_may():
     size = np.linalg.norm(at.whitener[3] @ push[3])
     assert size > 3 * limit(6)
     assert np.linalg.norm(rows.residual[3]) == pytest.approx(np.sqrt(size * limit(6)))
-    # Pull on the motion: derivative times residual, both under the root of the weight; tensions differ by what has pushed.
+    # Pull on the motion: derivative times residual, both under the root of the weight; tensions
+    # differ by what has pushed.
     unit = at.whitener[3] @ push[3] / size
     by_body = np.isin(rows.columns, np.arange(10))
     pull = rows.by_errors[3][:, by_body].T @ rows.residual[3]
-    np.testing.assert_allclose(pull, limit(6) * calm.by_errors[3][:, by_body].T @ unit, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        pull, limit(6) * calm.by_errors[3][:, by_body].T @ unit, rtol=1e-6, atol=1e-9
+    )
     np.testing.assert_allclose(rows.residual[[0, 1, 2, 4, 5]], 0, atol=1e-8)
 
 
@@ -528,7 +617,9 @@ def test_corrections_are_as_large_as_they_are_counted(force):
     tally = Tally()
     found.rows(forces=found.noisy(12), tally=tally)
     sizes = {q: v.shape[1] for q, v in found.forces.readings.items()}
-    assert tally.count == {("forces", q): 400 * 6 * k / sum(sizes.values()) for q, k in sizes.items()}
+    assert tally.count == {
+        ("forces", q): 400 * 6 * k / sum(sizes.values()) for q, k in sizes.items()
+    }
     low, high = chi2.ppf([RARE, 1 - RARE], 400 * 6)
     assert low < sum(tally.square.values()) < high
     assert tally.cost == pytest.approx(sum(tally.square.values()), rel=1e-3)
@@ -545,7 +636,9 @@ def test_where_most_samples_stand_far_none_is_the_exception():
     found, tally = Case("platform end", n=400), Tally()
     found.rows(forces=found.noisy(12, 10.0), tally=tally)
     assert tally.count["forces", "tension"] > 6 * 300
-    assert tally.square["forces", "tension"] / tally.count["forces", "tension"] == pytest.approx(100, rel=0.1)
+    assert tally.square["forces", "tension"] / tally.count["forces", "tension"] == pytest.approx(
+        100, rel=0.1
+    )
 
 
 def test_a_reading_that_is_left_out_takes_an_equation_with_it():

@@ -13,8 +13,8 @@ from rosbags.rosbag2 import StoragePlugin
 
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
-from steelyard.identification.least_squares import LeastSquares
-from steelyard.identification.two_step import TwoStep
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.methods.two_step import TwoStep
 
 AGREEMENT = 1e-9
 """Relative; numbers are exact in all formats, and times are in whole microseconds."""
@@ -22,7 +22,15 @@ AGREEMENT = 1e-9
 METHODS = ["two-step", "least-squares"]
 UNITS = {
     "cables": {"t": "s", **{f"f{j + 1}": "N" for j in range(files.CABLES)}},
-    "imu": {"t": "s", "wx": "rad/s", "wy": "rad/s", "wz": "rad/s", "ax": "m/s^2", "ay": "m/s^2", "az": "m/s^2"},
+    "imu": {
+        "t": "s",
+        "wx": "rad/s",
+        "wy": "rad/s",
+        "wz": "rad/s",
+        "ax": "m/s^2",
+        "ay": "m/s^2",
+        "az": "m/s^2",
+    },
     "tracker": {"t": "s", "x": "m", "y": "m", "z": "m"},
 }
 
@@ -39,7 +47,8 @@ def each(ending, write):
 
 
 def together(file, write, columns=False, topic="/{}"):
-    """One file for all; its place is a topic of it, with columns where names are not those of the contract or of messages."""
+    """One file for all; its place is a topic of it, with columns where names are not those of the
+    contract or of messages."""
 
     def writer(folder, found):
         write(folder / file, found)
@@ -76,7 +85,9 @@ FORMATS = {
     "mcap of ROS 1": together("all.mcap", files.write_mcap_ros1, topic="{}"),
     "bag of ROS 1": together("all.bag", files.write_bag),
     "bag of ROS 2": together("all", files.write_bag2),
-    "bag of ROS 2 in mcap": together("all", lambda path, found: files.write_bag2(path, found, StoragePlugin.MCAP)),
+    "bag of ROS 2 in mcap": together(
+        "all", lambda path, found: files.write_bag2(path, found, StoragePlugin.MCAP)
+    ),
     "database of ROS 2": together("all.db3", files.write_old_database),
     "HDF5": together("all.h5", files.write_hdf5, columns=True),
     "MATLAB 5": together("all.mat", files.write_mat, columns=True, topic="{}"),
@@ -98,7 +109,10 @@ def recorded():
 
     with tempfile.TemporaryDirectory() as temporary:
         write_small(Path(temporary))
-        return {name: columns(Path(temporary) / RUN / f"{name}.csv") for name in ("cables", "imu", "tracker")}
+        return {
+            name: columns(Path(temporary) / RUN / f"{name}.csv")
+            for name in ("cables", "imu", "tracker")
+        }
 
 
 def estimates(folder, form):
@@ -124,4 +138,6 @@ def test_estimates_agree(tmp_path, reference, form):
     for method in METHODS:
         want = reference[method]
         np.testing.assert_allclose(found[method].value, want.value, rtol=AGREEMENT, err_msg=method)
-        np.testing.assert_allclose(found[method].covariance, want.covariance, rtol=AGREEMENT, atol=1e-15)
+        np.testing.assert_allclose(
+            found[method].covariance, want.covariance, rtol=AGREEMENT, atol=1e-15
+        )

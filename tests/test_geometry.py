@@ -12,7 +12,9 @@ from steelyard.robot.model import CableProperties, Robot
 
 N, M = 6, 4
 STEP = 1e-5  # [m], [rad]; of central differences
-TOLERANCE = 2e-7  # relative to the largest derivative: cables of metres turn smoothly within the step
+TOLERANCE = (
+    2e-7  # relative to the largest derivative: cables of metres turn smoothly within the step
+)
 
 PLAIN = Robot(
     name="plain",
@@ -47,7 +49,9 @@ def pulls(robot, position, rotation, tension):
 
 def differences(function):
     """Central differences by three coordinates, on the last axis."""
-    return np.stack([(function(STEP * e) - function(-STEP * e)) / (2 * STEP) for e in np.eye(3)], axis=-1)
+    return np.stack(
+        [(function(STEP * e) - function(-STEP * e)) / (2 * STEP) for e in np.eye(3)], axis=-1
+    )
 
 
 def assert_derivative(found, expected):
@@ -61,7 +65,9 @@ def test_the_wrench_follows_where_the_cables_are_fixed(cables, end, poses):
     derivative = wrench_by_geometry(robot, *poses)
     found = {"anchors": derivative.anchor, "attachments": derivative.attachment}[end]
     # All cables move at once: each pulls by its own ends alone.
-    expected = differences(lambda step: pulls(replace(robot, **{end: getattr(robot, end) + step}), *poses))
+    expected = differences(
+        lambda step: pulls(replace(robot, **{end: getattr(robot, end) + step}), *poses)
+    )
     assert found.shape == (N, 6, 3 * M)
     assert_derivative(found.reshape(N, 6, M, 3), expected)
 
@@ -82,7 +88,9 @@ def test_the_wrench_follows_the_pose(cables, poses):
     found = wrench_by_geometry(robot, *poses).pose
     moved = differences(lambda step: pulls(robot, position + step, rotation, tension).sum(axis=2))
     turned = differences(
-        lambda step: pulls(robot, position, rotation @ Rotation.from_rotvec(step).as_matrix(), tension).sum(axis=2)
+        lambda step: pulls(
+            robot, position, rotation @ Rotation.from_rotvec(step).as_matrix(), tension
+        ).sum(axis=2)
     )
     assert_derivative(found[:, :, :3], moved)
     assert_derivative(found[:, :, 3:], turned)
@@ -104,7 +112,8 @@ def test_straight_cables_from_points_have_a_derivative_in_closed_form(poses):
 
 
 def test_moving_everything_alike_changes_nothing(poses):
-    # Anchors and platform by the same step in the world: the sum over all anchors is minus the derivative by the position.
+    # Anchors and platform by the same step in the world: the sum over all anchors is minus the
+    # derivative by the position.
     found = wrench_by_geometry(ROBOTS["over pulleys"], *poses)
     together = found.anchor.reshape(N, 6, M, 3).sum(axis=2)
     np.testing.assert_allclose(together, -found.pose[:, :, :3], atol=1e-9)
@@ -113,7 +122,9 @@ def test_moving_everything_alike_changes_nothing(poses):
 def test_cables_with_weight_are_taken_as_straight(poses):
     heavy = replace(PLAIN, cable=CableProperties(linear_density=0.3))
     for one, other in zip(
-        vars(wrench_by_geometry(heavy, *poses)).values(), vars(wrench_by_geometry(PLAIN, *poses)).values(), strict=True
+        vars(wrench_by_geometry(heavy, *poses)).values(),
+        vars(wrench_by_geometry(PLAIN, *poses)).values(),
+        strict=True,
     ):
         np.testing.assert_array_equal(one, other)
 
@@ -122,7 +133,9 @@ def test_sag_hardly_changes_how_the_wrench_follows_the_attachments(poses):
     position, rotation, tension = poses
     tight = (position, rotation, 20 * tension)
     heavy = replace(PLAIN, cable=CableProperties(linear_density=0.06))
-    expected = differences(lambda step: pulls(replace(heavy, attachments=heavy.attachments + step), *tight))
+    expected = differences(
+        lambda step: pulls(replace(heavy, attachments=heavy.attachments + step), *tight)
+    )
     found = wrench_by_geometry(heavy, *tight).attachment.reshape(N, 6, M, 3)
     # Cables of 4 N that pull with 2 kN and more sag by a thousandth.
     np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())

@@ -1,4 +1,5 @@
-"""Robot files from other programs' formats: geometry, inertia and signs against other formulations, and wrong input."""
+"""Robot files from other programs' formats: geometry, inertia and signs against other formulations,
+and wrong input."""
 
 import json
 import math
@@ -55,13 +56,16 @@ ENTRIES = [[0.0, 0.0, 1.0], [0.0, -0.6, 0.8], [1.0, 0.0, 0.0]]
 RADIUS = 0.05
 
 MASSES = np.array([3.0, 5.0, 2.0, 4.0, 1.0])
-PLACES = np.array([[0.3, -0.1, 0.2], [0.2, 0.4, 0.1], [0.1, 0.2, -0.5], [-0.3, -0.3, 0.3], [0.6, 0.1, 0.4]])
+PLACES = np.array(
+    [[0.3, -0.1, 0.2], [0.2, 0.4, 0.1], [0.1, 0.2, -0.5], [-0.3, -0.3, 0.3], [0.6, 0.1, 0.4]]
+)
 MASS = MASSES.sum()
 COG = MASSES @ PLACES / MASS
 
 
 def integrals(about):
-    """Moments and products of a cloud of points by their definitions: xx, yy, zz and +integral of yz, xz, xy."""
+    """Moments and products of a cloud of points by their definitions: xx, yy, zz and +integral of
+    yz, xz, xy."""
     x, y, z = (PLACES - about).T
     moments = [MASSES @ (y * y + z * z), MASSES @ (x * x + z * z), MASSES @ (x * x + y * y)]
     return moments, [MASSES @ (y * z), MASSES @ (x * z), MASSES @ (x * y)]
@@ -76,11 +80,22 @@ def spaced(values):
     return " ".join(repr(float(v)) for v in values)
 
 
-def bodies_xml(*, reference="com", convention="integral", joint='type="SPATIAL_EULER_XYZ"', parent=(0, 0, 0), links=1):
+def bodies_xml(
+    *,
+    reference="com",
+    convention="integral",
+    joint='type="SPATIAL_EULER_XYZ"',
+    parent=(0, 0, 0),
+    links=1,
+):
     moments, products = integrals(COG if reference == "com" else np.zeros(3))
     sign = 1 if convention == "integral" else -1
     inertia = dict(
-        zip(("Ixx", "Iyy", "Izz", "Iyz", "Ixz", "Ixy"), [*moments, *(sign * v for v in products)], strict=True)
+        zip(
+            ("Ixx", "Iyy", "Izz", "Iyz", "Ixz", "Ixy"),
+            [*moments, *(sign * v for v in products)],
+            strict=True,
+        )
     )
     link = f"""
   <link_rigid num="1" name="cloud">
@@ -93,10 +108,22 @@ def bodies_xml(*, reference="com", convention="integral", joint='type="SPATIAL_E
     </physical>
     <parent><num>0</num><location>{spaced(parent)}</location></parent>
   </link_rigid>"""
-    return f'<?xml version="1.0"?>\n<bodies_system>\n <links>{link * links}\n </links>\n</bodies_system>\n'
+    return (
+        f'<?xml version="1.0"?>\n<bodies_system>\n <links>{link * links}\n'
+        " </links>\n</bodies_system>\n"
+    )
 
 
-def cable_xml(i, *, tag="cable_ideal", reference="joint", pulleys=True, properties="", points=None, force=(10, 1000)):
+def cable_xml(
+    i,
+    *,
+    tag="cable_ideal",
+    reference="joint",
+    pulleys=True,
+    properties="",
+    points=None,
+    force=(10, 1000),
+):
     base = (
         f"<base_rotating_pulley><fixed_location>{spaced(ANCHORS[i])}</fixed_location><pulley_radius>{RADIUS}</pulley_radius>"
         f"<cable_entry_vector>{spaced(ENTRIES[i])}</cable_entry_vector></base_rotating_pulley>"
@@ -106,28 +133,36 @@ def cable_xml(i, *, tag="cable_ideal", reference="joint", pulleys=True, properti
     place = np.array(ATTACHMENTS[i]) - (COG if reference == "com" else 0)
     end = f"<attachment><link>1</link><location>{spaced(place)}</location></attachment>"
     return (
-        f'<{tag} name="cable {i}" attachment_reference="{reference}"><properties><force_min>{force[0]}</force_min>'
+        f'<{tag} name="cable {i}"'
+        f' attachment_reference="{reference}"><properties><force_min>{force[0]}</force_min>'
         f"<force_max>{force[1]}</force_max>{properties}</properties><attachments>{points or base + end}</attachments></{tag}>\n"
     )
 
 
 def cables_xml(*cables, default="main", **options):
     inside = "".join(cables or (cable_xml(i, **options) for i in range(3)))
-    return f'<cables default_cable_set="{default}">\n<cable_set id="main">\n{inside}</cable_set>\n</cables>\n'
+    return (
+        f'<cables default_cable_set="{default}">\n<cable_set'
+        f' id="main">\n{inside}</cable_set>\n</cables>\n'
+    )
 
 
 def caspr(folder, **options):
     """Paths of a small model; options of the bodies begin with b_."""
     of_bodies = {key[2:]: value for key, value in options.items() if key.startswith("b_")}
     of_cables = {key: value for key, value in options.items() if not key.startswith("b_")}
-    return written(folder, small_bodies_xml=bodies_xml(**of_bodies), small_cables_xml=cables_xml(**of_cables))
+    return written(
+        folder, small_bodies_xml=bodies_xml(**of_bodies), small_cables_xml=cables_xml(**of_cables)
+    )
 
 
 def column(values):
     return json.dumps([[v] for v in values])
 
 
-def irma_json(*, actuators=None, platform="", head='"motion_pattern": "THREE_R_THREE_T",', end="\n],"):
+def irma_json(
+    *, actuators=None, platform="", head='"motion_pattern": "THREE_R_THREE_T",', end="\n],"
+):
     """Tabs and commas behind last items, as some of IRMA's files have them."""
     entries = actuators or "".join(
         f"""
@@ -151,7 +186,9 @@ def irma_json(*, actuators=None, platform="", head='"motion_pattern": "THREE_R_T
 def ros_yaml(*, inertia=None, extra="", indent=""):
     Jxx, Jyy, Jzz, Jyz, Jxz, Jxy = CLOUD[4:]
     values = inertia or f"inertia: {json.dumps([Jxx, Jyy, Jzz, Jxy, Jxz, Jyz])}"
-    points = "\n".join(f"- frame: {a}\n  platform: {b}" for a, b in zip(ANCHORS, ATTACHMENTS, strict=True))
+    points = "\n".join(
+        f"- frame: {a}\n  platform: {b}" for a, b in zip(ANCHORS, ATTACHMENTS, strict=True)
+    )
     text = f"""\
 cable: {{mass: 0.001, radius: 0.005}}
 joints:
@@ -203,9 +240,13 @@ def cdpyr_values(*, convention="matrix", about=COG):
                 },
             }
         ],
-        "cables": [{"name": "Dyneema", "diameter": 0.006, "breaking_load": math.inf, "density": math.inf}] * 3,
+        "cables": (
+            [{"name": "Dyneema", "diameter": 0.006, "breaking_load": math.inf, "density": math.inf}]
+            * 3
+        ),
         "kinematic_chains": [
-            {"frame_anchor": i, "platform": 0, "platform_anchor": order.index(i), "cable": i} for i in range(3)
+            {"frame_anchor": i, "platform": 0, "platform_anchor": order.index(i), "cable": i}
+            for i in range(3)
         ],
     }
 
@@ -230,14 +271,21 @@ def test_models_become_robot_files(name, run, tmp_path):
 def test_cogiro_is_the_bundled_one_but_for_its_shifted_anchors():
     imported, bundled = import_robot(model("CoGiRo")), read_robot("cogiro-cuboid")
     np.testing.assert_array_equal(body(imported), bundled.platform.body_parameters)
-    np.testing.assert_allclose(imported.robot.attachments, bundled.attachments, atol=1.01e-4)  # one digit of the table
+    np.testing.assert_allclose(
+        imported.robot.attachments, bundled.attachments, atol=1.01e-4
+    )  # one digit of the table
     apart = imported.robot.anchors - bundled.anchors
-    np.testing.assert_allclose(1e3 * apart.mean(axis=0), [17.25, 5.125, -0.3125], atol=1e-9)  # [mm], of another survey
+    np.testing.assert_allclose(
+        1e3 * apart.mean(axis=0), [17.25, 5.125, -0.3125], atol=1e-9
+    )  # [mm], of another survey
     assert np.linalg.norm(apart - apart.mean(axis=0), axis=1).max() < 3.2e-3
     assert imported.robot.tension_limits == (100.0, 5000.0)
     assert imported.robot.limits.position == ((-7, -5, 0), (7, 5, 5))
     assert imported.convention == "integral"
-    assert told(imported, r"yz -1\.539, xz 3\.012, xy -0\.453 are read as \+integral.*turned.*--products matrix")
+    assert told(
+        imported,
+        r"yz -1\.539, xz 3\.012, xy -0\.453 are read as \+integral.*turned.*--products matrix",
+    )
     assert told(imported, "physics cannot tell the sign")
 
 
@@ -257,19 +305,30 @@ def test_the_two_matrices_of_the_sheet_are_one_body_only_with_its_signs(tmp_path
     paths = [*written(tmp_path, origin_xml=text), cables]
     expected = read_robot("cogiro-cuboid").platform.body_parameters
     np.testing.assert_allclose(body(import_robot(paths)), expected, atol=SHEET)
-    assert np.abs(body(import_robot(paths, products="matrix"))[7:] + expected[7:]).max() > 20 * SHEET
+    assert (
+        np.abs(body(import_robot(paths, products="matrix"))[7:] + expected[7:]).max() > 20 * SHEET
+    )
 
 
 def test_the_other_sign_is_taken_when_asked_for():
     imported = import_robot(model("CoGiRo"), products="matrix")
     np.testing.assert_array_equal(body(imported)[7:], [-1.539, 3.012, -0.453])
     assert imported.convention == "matrix"
-    assert told(imported, "are read as elements of the inertia matrix, as in a robot file: as --products says")
+    assert told(
+        imported,
+        "are read as elements of the inertia matrix, as in a robot file: as --products says",
+    )
 
 
 def test_sets_of_cables_can_be_chosen():
-    default, rollers = import_robot(model("CAROCA")), import_robot(model("CAROCA"), cable_set="with_rotating_pulleys")
-    assert told(default, r"cable set 'original'; there are also with_rotating_pulleys, gazebo_sim \(--cables\)")
+    default, rollers = (
+        import_robot(model("CAROCA")),
+        import_robot(model("CAROCA"), cable_set="with_rotating_pulleys"),
+    )
+    assert told(
+        default,
+        r"cable set 'original'; there are also with_rotating_pulleys, gazebo_sim \(--cables\)",
+    )
     np.testing.assert_array_equal(default.robot.pulley_radius, np.zeros(8))
     np.testing.assert_array_equal(rollers.robot.pulley_radius, np.full(8, 0.045))
     np.testing.assert_array_equal(rollers.robot.pulley_axis, np.tile([0, 0, 1], (8, 1)))
@@ -291,14 +350,18 @@ def test_limits_that_differ_are_those_that_all_cables_keep():
 def test_caspr_inertia_is_that_of_the_cloud(reference, convention, tmp_path):
     paths = caspr(tmp_path, b_reference=reference, b_convention=convention)
     imported = import_robot(paths, products=None if convention == "integral" else "matrix")
-    np.testing.assert_allclose(body(imported), CLOUD, rtol=TOLERANCE, atol=10 * TOLERANCE, err_msg=str(BODY_PARAMETERS))
+    np.testing.assert_allclose(
+        body(imported), CLOUD, rtol=TOLERANCE, atol=10 * TOLERANCE, err_msg=str(BODY_PARAMETERS)
+    )
 
 
 @pytest.mark.parametrize("reference", ["com", "joint"])
 def test_caspr_attachments_are_measured_from_where_the_file_says(reference, tmp_path):
     imported = import_robot(caspr(tmp_path, reference=reference))
     np.testing.assert_allclose(imported.robot.attachments, ATTACHMENTS, atol=TOLERANCE)
-    assert bool(told(imported, "measured from the centre of gravity: .* was added")) == (reference == "com")
+    assert bool(told(imported, "measured from the centre of gravity: .* was added")) == (
+        reference == "com"
+    )
 
 
 def test_irma_inertia_is_that_of_the_cloud(tmp_path):
@@ -309,7 +372,9 @@ def test_irma_inertia_is_that_of_the_cloud(tmp_path):
 
 def test_ros_inertia_is_that_of_the_cloud_at_the_origin(tmp_path):
     imported = import_robot(written(tmp_path, small_yaml=ros_yaml()))
-    np.testing.assert_allclose(body(imported), np.where(np.isin(np.arange(10), (1, 2, 3)), 0, CLOUD), rtol=TOLERANCE)
+    np.testing.assert_allclose(
+        body(imported), np.where(np.isin(np.arange(10), (1, 2, 3)), 0, CLOUD), rtol=TOLERANCE
+    )
     assert told(imported, "centre of gravity at the origin")
     assert told(imported, "products of inertia .* as the controllers of these packages")
 
@@ -330,7 +395,10 @@ def test_cdpyr_inertia_is_that_of_the_cloud(about, point, convention, tmp_path):
     ("files", "asked"),
     [
         ({"small_json": cdpyr_json()}, r"small\.json:\d+: 'platforms\[0\]\.inertia'"),
-        ({"small_yaml": ros_yaml(inertia="inertial: {xx: 2, yy: 2, zz: 2, xy: 0.25}")}, r"small\.yaml:4: 'platform'"),
+        (
+            {"small_yaml": ros_yaml(inertia="inertial: {xx: 2, yy: 2, zz: 2, xy: 0.25}")},
+            r"small\.yaml:4: 'platform'",
+        ),
     ],
 )
 def test_signs_that_a_format_does_not_tell_are_asked_for(files, asked, run, tmp_path):
@@ -338,24 +406,30 @@ def test_signs_that_a_format_does_not_tell_are_asked_for(files, asked, run, tmp_
     status, out, err = run("import", *paths, "--out", tmp_path / "robot.yaml")
     assert (status, out) == (2, "")
     assert re.search(
-        f"{asked}: expected products of inertia whose sign is known, found .* say with --products matrix .* or with --products",
+        f"{asked}: expected products of inertia whose sign is known, found .* say with --products"
+        " matrix .* or with --products",
         err,
     )
     assert not (tmp_path / "robot.yaml").exists()
-    status, out, err = run("import", *paths, "--out", tmp_path / "robot.yaml", "--products", "integral")
+    status, out, err = run(
+        "import", *paths, "--out", tmp_path / "robot.yaml", "--products", "integral"
+    )
     assert (status, err) == (0, "")
     assert "as --products says" in out
 
 
 def test_products_of_zero_need_no_sign(tmp_path):
-    imported = import_robot(written(tmp_path, small_yaml=ros_yaml(inertia="inertial: {xx: 2, yy: 2, zz: 2}")))
+    imported = import_robot(
+        written(tmp_path, small_yaml=ros_yaml(inertia="inertial: {xx: 2, yy: 2, zz: 2}"))
+    )
     assert imported.convention is None
     assert not told(imported, "products")
     assert '"xy": -0.0' not in json.dumps(imported.values)
 
 
 PHYSICS = [
-    # moments and products (xy, xz, yz) that are a body as they stand, with the other sign, with both, with neither
+    # moments and products (xy, xz, yz) that are a body as they stand, with the other sign, with
+    # both, with neither
     (
         "[1, 1, 1, 0.45, 0.45, 0.45]",
         "matrix",
@@ -369,10 +443,16 @@ PHYSICS = [
 
 
 @pytest.mark.parametrize(("inertia", "products", "physical", "said"), PHYSICS)
-def test_physics_is_reported_and_what_it_says_of_the_sign(inertia, products, physical, said, tmp_path):
-    imported = import_robot(written(tmp_path, small_yaml=ros_yaml(inertia=f"inertia: {inertia}")), products=products)
+def test_physics_is_reported_and_what_it_says_of_the_sign(
+    inertia, products, physical, said, tmp_path
+):
+    imported = import_robot(
+        written(tmp_path, small_yaml=ros_yaml(inertia=f"inertia: {inertia}")), products=products
+    )
     assert imported.robot.platform.is_physical == imported.to_dict()["physical"] == physical
-    assert bool(told(imported, "no solid body has this inertia: its principal moments are ")) == (not physical)
+    assert bool(told(imported, "no solid body has this inertia: its principal moments are ")) == (
+        not physical
+    )
     assert told(imported, said)
 
 
@@ -389,11 +469,16 @@ def leaves_as_in_caspr(entry, direction, target):
     centre = entry + RADIUS * unit(np.cross(normal, direction))
     to_target = target - centre
     share = RADIUS / np.linalg.norm(to_target)
-    return centre + share**2 * to_target - share * math.sqrt(1 - share**2) * np.cross(normal, to_target)
+    return (
+        centre
+        + share**2 * to_target
+        - share * math.sqrt(1 - share**2) * np.cross(normal, to_target)
+    )
 
 
 def leaves_as_in_irma(swivel_point, k, target):
-    """Swivel angle in the plane square to k, tangent angle by the half-angle formula, exit point D + r (u + n)."""
+    """Swivel angle in the plane square to k, tangent angle by the half-angle formula, exit point D
+    + r (u + n)."""
     d = target - swivel_point
     u = unit(d - (d @ k) * k)
     slope = (d @ k) / (d @ u)
@@ -413,13 +498,18 @@ def leaves_as_in_cdpyr(anchor, R_world_roller, target):
 
 
 def leaves_in_steelyard(robot, i, target):
-    roller = pulley.swivel(ca.DM(robot.anchors[i]), ca.DM(robot.pulley_axis[i]), robot.pulley_radius[i], ca.DM(target))
+    roller = pulley.swivel(
+        ca.DM(robot.anchors[i]), ca.DM(robot.pulley_axis[i]), robot.pulley_radius[i], ca.DM(target)
+    )
     point = pulley.leave_point(roller, pulley.straight_wrap(roller, ca.DM(target)))
     return np.array(point).ravel()
 
 
 ROLLERS = {
-    "caspr": (caspr, lambda i, target: leaves_as_in_caspr(np.array(ANCHORS[i]), np.array(ENTRIES[i]), target)),
+    "caspr": (
+        caspr,
+        lambda i, target: leaves_as_in_caspr(np.array(ANCHORS[i]), np.array(ENTRIES[i]), target),
+    ),
     "irma": (
         lambda folder: written(folder, small_json=irma_json()),
         lambda i, target: leaves_as_in_irma(np.array(ANCHORS[i]), np.array(ENTRIES[i]), target),
@@ -438,9 +528,14 @@ def test_cables_leave_the_rollers_where_the_other_program_has_it(name, tmp_path,
     np.testing.assert_array_equal(robot.pulley_radius, np.full(3, RADIUS))
     for i in range(3):
         for _ in range(20):
-            R, p = Rotation.random(random_state=rng).as_matrix(), rng.uniform([-1, -1, 0.5], [1, 1, 2.5])
+            R, p = (
+                Rotation.random(random_state=rng).as_matrix(),
+                rng.uniform([-1, -1, 0.5], [1, 1, 2.5]),
+            )
             target = p + R @ robot.attachments[i]
-            np.testing.assert_allclose(leaves_in_steelyard(robot, i, target), leaves(i, target), atol=1e-10)
+            np.testing.assert_allclose(
+                leaves_in_steelyard(robot, i, target), leaves(i, target), atol=1e-10
+            )
 
 
 # What else the formats hold
@@ -470,21 +565,33 @@ def test_formats_are_known_by_their_content(name, tmp_path):
 
 def test_caspr_springs_tell_the_stiffness(tmp_path):
     alike = import_robot(
-        caspr(tmp_path, tag="cable_linear_spring", properties="<K>13000</K><diameter>0.002</diameter>")
+        caspr(
+            tmp_path, tag="cable_linear_spring", properties="<K>13000</K><diameter>0.002</diameter>"
+        )
     )
     assert (alike.robot.cable.axial_stiffness, alike.robot.cable.diameter) == (13000, 0.002)
-    assert told(alike, "axial_stiffness is K of 'cable_linear_spring', which CASPR divides by the length")
-    cables = [cable_xml(i, tag="cable_linear_spring", properties=f"<K>{i + 1}000</K>") for i in range(3)]
+    assert told(
+        alike, "axial_stiffness is K of 'cable_linear_spring', which CASPR divides by the length"
+    )
+    cables = [
+        cable_xml(i, tag="cable_linear_spring", properties=f"<K>{i + 1}000</K>") for i in range(3)
+    ]
     differing = import_robot(written(tmp_path, b_xml=bodies_xml(), c_xml=cables_xml(*cables)))
     assert differing.robot.cable.axial_stiffness is None
-    assert told(differing, r"axial_stiffness left out: it differs between the cables \(1000 to 3000\)")
-    variable = import_robot(caspr(tmp_path, tag="cable_vsd_polynomial", properties="<force_error>1</force_error>"))
+    assert told(
+        differing, r"axial_stiffness left out: it differs between the cables \(1000 to 3000\)"
+    )
+    variable = import_robot(
+        caspr(tmp_path, tag="cable_vsd_polynomial", properties="<force_error>1</force_error>")
+    )
     assert told(variable, "stiffness of 3 cables left out: it depends on the tension")
 
 
 def test_caspr_limits_of_the_joint(tmp_path):
     half = 'type="SPATIAL_EULER_XYZ" q_min="-1 -2 0 {0} {0} {0}" q_max="1 2 {1} {2} {2} {2}"'
-    free = import_robot(caspr(tmp_path, b_joint=half.format(-3.1416, 3, 3.1416), b_parent=(0.5, 0, 1)))
+    free = import_robot(
+        caspr(tmp_path, b_joint=half.format(-3.1416, 3, 3.1416), b_parent=(0.5, 0, 1))
+    )
     assert free.robot.limits.position == ((-0.5, -2, 1), (1.5, 2, 4))
     assert not told(free, "limits of")
     turning = import_robot(caspr(tmp_path, b_joint=half.format(-0.5, 3, 0.5)))
@@ -509,7 +616,9 @@ def test_caspr_points_of_routing_are_left_out(tmp_path):
     np.testing.assert_array_equal(imported.robot.anchors, ANCHORS)
     np.testing.assert_array_equal(imported.robot.attachments, ATTACHMENTS)
     assert told(
-        imported, "of 2 cables, points before the last on the base and after the first on the platform are left out"
+        imported,
+        "of 2 cables, points before the last on the base and after the first on the platform are"
+        " left out",
     )
 
 
@@ -527,7 +636,8 @@ def test_caspr_forces_without_bounds(tmp_path):
 def test_irma_gravity_may_be_tilted(tmp_path):
     tilted = irma_json().replace("[[0], [0], [1]]", "[[0], [0.6], [0.8]]", 10)
     np.testing.assert_allclose(
-        import_robot(written(tmp_path, t_json=tilted)).robot.gravity, [0, -0.6 * 9.80665, -0.8 * 9.80665]
+        import_robot(written(tmp_path, t_json=tilted)).robot.gravity,
+        [0, -0.6 * 9.80665, -0.8 * 9.80665],
     )
     older = import_robot(written(tmp_path, o_json=irma_json().replace("gravity_axis", "grav_ax")))
     np.testing.assert_array_equal(older.robot.gravity, [0, 0, -9.80665])
@@ -537,7 +647,9 @@ def test_irma_gravity_may_be_tilted(tmp_path):
 
 
 def test_irma_actuators_that_are_not_active_are_left_out(tmp_path):
-    imported = import_robot(written(tmp_path, small_json=irma_json().replace('"active": true', '"active": false', 1)))
+    imported = import_robot(
+        written(tmp_path, small_json=irma_json().replace('"active": true', '"active": false', 1))
+    )
     np.testing.assert_array_equal(imported.robot.anchors, ANCHORS[1:])
     assert told(imported, r"actuators 0 \(counted from 0\) are not active and left out")
 
@@ -548,12 +660,15 @@ def test_irma_rollers_on_the_platform_are_left_out(tmp_path):
     np.testing.assert_array_equal(imported.robot.anchors, ANCHORS)
     np.testing.assert_array_equal(imported.robot.attachments, ATTACHMENTS)
     np.testing.assert_array_equal(imported.robot.pulley_radius, np.zeros(3))
-    assert told(imported, "winches are on the platform: .* rollers of radius up to 0.05 m are left out")
+    assert told(
+        imported, "winches are on the platform: .* rollers of radius up to 0.05 m are left out"
+    )
 
 
 def test_older_irma_files(tmp_path):
     cables = ", ".join(
-        f'{{"swivel_pulley_r": {RADIUS}, "pos_OD_glob": {column(a)}, "pos_PA_loc": {b}, "vers_k": {column(k)}}}'
+        f'{{"swivel_pulley_r": {RADIUS}, "pos_OD_glob": {column(a)}, "pos_PA_loc": {b}, "vers_k":'
+        f" {column(k)}}}"
         for a, b, k in zip(ANCHORS, ATTACHMENTS, ENTRIES, strict=True)
     )
     text = irma_json(actuators=cables, end="],").replace('"actuator"', '"cable"')
@@ -563,12 +678,18 @@ def test_older_irma_files(tmp_path):
 
 
 def test_irma_loads_are_told(tmp_path):
-    imported = import_robot(written(tmp_path, small_json=irma_json(platform='"ext_force_loc": [[0], [0], [-5]],')))
+    imported = import_robot(
+        written(tmp_path, small_json=irma_json(platform='"ext_force_loc": [[0], [0], [-5]],'))
+    )
     assert told(imported, r"constant load on the platform left out: ext_force_loc \(0, 0, -5\)")
 
 
 def test_ros_files_may_have_the_robot_under_model(tmp_path):
-    paths = written(tmp_path, small_yaml="controllers: {}\nmodel:\n" + ros_yaml(indent="  "), plain_yaml=ros_yaml())
+    paths = written(
+        tmp_path,
+        small_yaml="controllers: {}\nmodel:\n" + ros_yaml(indent="  "),
+        plain_yaml=ros_yaml(),
+    )
     nested, plain = (import_robot([path]) for path in paths)
     assert nested.values == {**plain.values, "name": "small"}
     assert plain.robot.tension_limits == (50, 10000)
@@ -607,10 +728,13 @@ def test_a_cdpyr_platform_without_inertia_is_left_out(tmp_path):
 
 def test_the_robot_file_says_where_it_comes_from(run, tmp_path):
     run("import", *model("CoGiRo"), "--out", tmp_path / "robot.yaml")
-    head = [line for line in (tmp_path / "robot.yaml").read_text().splitlines() if line.startswith("#")]
+    head = [
+        line for line in (tmp_path / "robot.yaml").read_text().splitlines() if line.startswith("#")
+    ]
     text = " ".join(line.removeprefix("#").strip() for line in head)
     assert re.match(
-        r"From CoGiRo_bodies\.xml \(sha256 [0-9a-f]{16}\) and CoGiRo_cables\.xml \(sha256 [0-9a-f]{16}\), CASPR XML",
+        r"From CoGiRo_bodies\.xml \(sha256 [0-9a-f]{16}\) and CoGiRo_cables\.xml \(sha256"
+        r" [0-9a-f]{16}\), CASPR XML",
         text,
     )
     for note in import_robot(model("CoGiRo")).notes:
@@ -618,7 +742,9 @@ def test_the_robot_file_says_where_it_comes_from(run, tmp_path):
 
 
 def test_json_has_the_notes(run, tmp_path):
-    status, out, err = run("import", *model("CoGiRo"), "--out", tmp_path / "robot.yaml", "--json", "--quiet")
+    status, out, err = run(
+        "import", *model("CoGiRo"), "--out", tmp_path / "robot.yaml", "--json", "--quiet"
+    )
     assert (status, err) == (0, "")
     told = json.loads(out)
     assert told["robot"] == str(tmp_path / "robot.yaml")
@@ -690,20 +816,32 @@ XML = {
         '<!DOCTYPE bodies_system SYSTEM "bodies.dtd">\n<bodies_system>&x;</bodies_system>',
         r":2: expected XML without entities of its own, found 'x'",
     ),
-    "a parameter entity": ('<!DOCTYPE b [<!ENTITY % p "x">]><bodies_system/>', r"expected XML without entities"),
+    "a parameter entity": (
+        '<!DOCTYPE b [<!ENTITY % p "x">]><bodies_system/>',
+        r"expected XML without entities",
+    ),
     "a tag that is not closed": (
         "<bodies_system><links></bodies_system>",
         r":1: expected XML, found a mistake in it \(mismatched tag\)",
     ),
     "a cut file": (bodies_xml()[:500], r":\d+: expected XML, found a mistake in it"),
-    "deep": ("<a>" * 1000 + "</a>" * 1000, r"expected at most 100000 elements, 64 deep, found more"),
+    "deep": (
+        "<a>" * 1000 + "</a>" * 1000,
+        r"expected at most 100000 elements, 64 deep, found more",
+    ),
     "many elements": ("<a>" + "<b/>" * 100_001 + "</a>", r"expected at most 100000 elements"),
     "large": ("<a>" + " " * (1 << 22) + "</a>", r"expected at most 4 MiB of XML, found 4 MiB"),
-    "an unknown encoding": ('<?xml version="1.0" encoding="klingon"?><a/>', r"found an encoding that is not known"),
+    "an unknown encoding": (
+        '<?xml version="1.0" encoding="klingon"?><a/>',
+        r"found an encoding that is not known",
+    ),
     "binary": (b"<\x00\x01\x02", r"expected XML, found a mistake in it"),
     "another root": (
         "<robot/>",
-        r"expected one of CASPR XML .*IRMA JSON.*cdpyr.*ROS-style YAML.*, found XML with the root 'robot'",
+        (
+            r"expected one of CASPR XML .*IRMA JSON.*cdpyr.*ROS-style YAML.*, found XML with the"
+            r" root 'robot'"
+        ),
     ),
     "many links": (
         bodies_xml(links=2),
@@ -729,10 +867,22 @@ XML = {
         fields("<mass>", "<mass>1</mass><mass>", bodies_xml()),
         r"expected one 'mass' in 'physical', found 2",
     ),
-    "a mass of zero": (fields("15.0", "0", bodies_xml()), r"'mass': expected a number above 0, found 0"),
-    "a mass that is no number": (fields("15.0", "nan", bodies_xml()), r":7: 'mass': expected a number, found 'nan'"),
-    "a mass beyond everything": (fields("15.0", "1e300", bodies_xml()), r"'mass': expected a number, found '1e300'"),
-    "a number with an underscore": (fields("15.0", "1_5", bodies_xml()), r"'mass': expected a number, found '1_5'"),
+    "a mass of zero": (
+        fields("15.0", "0", bodies_xml()),
+        r"'mass': expected a number above 0, found 0",
+    ),
+    "a mass that is no number": (
+        fields("15.0", "nan", bodies_xml()),
+        r":7: 'mass': expected a number, found 'nan'",
+    ),
+    "a mass beyond everything": (
+        fields("15.0", "1e300", bodies_xml()),
+        r"'mass': expected a number, found '1e300'",
+    ),
+    "a number with an underscore": (
+        fields("15.0", "1_5", bodies_xml()),
+        r"'mass': expected a number, found '1_5'",
+    ),
     "a vector of two": (
         fields("<end_location>0 0 0", "<end_location>0 0", bodies_xml()),
         r"'end_location': expected 3 numbers, found '0 0'",
@@ -747,7 +897,12 @@ XML = {
 @pytest.mark.parametrize("what", XML)
 def test_wrong_bodies_are_one_sentence(what, run, tmp_path):
     text, pattern = XML[what]
-    assert_refused(run, written(tmp_path, small_bodies_xml=text, small_cables_xml=cables_xml()), pattern, tmp_path)
+    assert_refused(
+        run,
+        written(tmp_path, small_bodies_xml=text, small_cables_xml=cables_xml()),
+        pattern,
+        tmp_path,
+    )
 
 
 def two(**options):
@@ -782,14 +937,17 @@ CABLES = {
         r"expected 'attachment' or 'base_rotating_pulley', found 'screw_base_rotating_pulley'",
     ),
     "one point": (
-        cables_xml(*two(points="<attachment><link>0</link><location>0 0 0</location></attachment>")),
+        cables_xml(
+            *two(points="<attachment><link>0</link><location>0 0 0</location></attachment>")
+        ),
         r"expected points on link 0 and then on link 1, found links 0;",
     ),
     "a cable that goes back": (
         cables_xml(
             *two(
                 points="".join(
-                    f"<attachment><link>{i}</link><location>{i} 0 0</location></attachment>" for i in (0, 1, 0)
+                    f"<attachment><link>{i}</link><location>{i} 0 0</location></attachment>"
+                    for i in (0, 1, 0)
                 )
             )
         ),
@@ -805,10 +963,15 @@ CABLES = {
     ),
     "anchors that coincide": (
         cables_xml(pulleys=False).replace(spaced(ANCHORS[1]), spaced(ANCHORS[0])),
-        r"small_cables\.xml:4: 'cable_ideal': expected anchors that differ, found cable 2 at the anchor of cable 1",
+        (
+            r"small_cables\.xml:4: 'cable_ideal': expected anchors that differ, found cable 2 at"
+            r" the anchor of cable 1"
+        ),
     ),
     "65 cables": (
-        cables_xml(*(cable_xml(0, pulleys=False).replace("-3.0", f"-{3 + i}.0") for i in range(65))),
+        cables_xml(
+            *(cable_xml(0, pulleys=False).replace("-3.0", f"-{3 + i}.0") for i in range(65))
+        ),
         r"'cables': expected at most 64 values",
     ),
 }
@@ -817,7 +980,12 @@ CABLES = {
 @pytest.mark.parametrize("what", CABLES)
 def test_wrong_cables_are_one_sentence(what, run, tmp_path):
     text, pattern = CABLES[what]
-    assert_refused(run, written(tmp_path, small_bodies_xml=bodies_xml(), small_cables_xml=text), pattern, tmp_path)
+    assert_refused(
+        run,
+        written(tmp_path, small_bodies_xml=bodies_xml(), small_cables_xml=text),
+        pattern,
+        tmp_path,
+    )
 
 
 def changed(values, *keys, to):
@@ -831,23 +999,41 @@ def changed(values, *keys, to):
 DOCUMENTS = {
     "an empty file": ("", r"found no mapping of keys to values"),
     "a list": ("[1, 2]", r"found no mapping of keys to values"),
-    "a robot file": ("name: a\ncables: []\n", r"expected one of CASPR XML .*found the keys 'name', 'cables'"),
+    "a robot file": (
+        "name: a\ncables: []\n",
+        r"expected one of CASPR XML .*found the keys 'name', 'cables'",
+    ),
     "no text": (b"\xff\x00\xfe", r"expected UTF-8 text"),
     "deep": ("[" * 3000, r"expected XML, JSON or YAML, found something that cannot be read"),
-    "a list for a key": ("{[[1]]: 2}", r"expected XML, JSON or YAML, found something that cannot be read"),
-    "keys that are said twice": (irma_json(head='"platform": 1,'), r"found a mistake in it \(found duplicate key"),
+    "a list for a key": (
+        "{[[1]]: 2}",
+        r"expected XML, JSON or YAML, found something that cannot be read",
+    ),
+    "keys that are said twice": (
+        irma_json(head='"platform": 1,'),
+        r"found a mistake in it \(found duplicate key",
+    ),
     "a cut file": (irma_json()[:400], r"expected XML, JSON or YAML, found a mistake in it"),
     "no number": (
         irma_json(platform='"mass": NaN,').replace('"mass": 15.0,', ""),
         r"'platform\.mass': expected a number, found 'NaN'",
     ),
-    "an infinite number": (fields("15.0", "1e999", irma_json()), r"'platform\.mass': expected a number, found "),
+    "an infinite number": (
+        fields("15.0", "1e999", irma_json()),
+        r"'platform\.mass': expected a number, found ",
+    ),
     "a large number": (
         fields("15.0", "1e99", irma_json()),
         r"'platform\.mass': expected a number of a possible size, found 1e\+99",
     ),
-    "text for a number": (fields("15.0", '"15"', irma_json()), r"'platform\.mass': expected a number, found '15'"),
-    "a mass of zero": (fields("15.0", "0", irma_json()), r"'platform\.mass': expected a number above 0, found 0"),
+    "text for a number": (
+        fields("15.0", '"15"', irma_json()),
+        r"'platform\.mass': expected a number, found '15'",
+    ),
+    "a mass of zero": (
+        fields("15.0", "0", irma_json()),
+        r"'platform\.mass': expected a number above 0, found 0",
+    ),
     "a mass that is missing": (
         fields('"mass"', '"weight"', irma_json()),
         r"'platform\.mass': expected this key, found it missing",
@@ -858,7 +1044,10 @@ DOCUMENTS = {
     ),
     "a point without its partner": (
         fields("pos_PA_loc", "pos_PD_loc", irma_json()),
-        r":3: 'actuator\[0\]': expected pulley\.pos_OD_glob and winch\.pos_PA_loc, or .* found only one of them",
+        (
+            r":3: 'actuator\[0\]': expected pulley\.pos_OD_glob and winch\.pos_PA_loc, or .* found"
+            r" only one of them"
+        ),
     ),
     "an axis of length zero": (
         fields("[[0.0], [0.0], [1.0]]", "[0, 0, 0]", irma_json()),
@@ -866,7 +1055,10 @@ DOCUMENTS = {
     ),
     "an axis that is missing": (
         fields('"vers_k"', '"vers_l"', irma_json()),
-        r"'actuator\[0\]\.pulley\.vers_k': expected the swivel axis of the roller, found it missing; add 'vers_k'",
+        (
+            r"'actuator\[0\]\.pulley\.vers_k': expected the swivel axis of the roller, found it"
+            r" missing; add 'vers_k'"
+        ),
     ),
     "gravity of length zero": (
         fields('"gravity_axis": [[0], [0], [1]]', '"gravity_axis": [0, 0, 0]', irma_json()),
@@ -899,11 +1091,17 @@ DOCUMENTS = {
     ),
     "a platform on a plane": (
         changed(cdpyr_values(), "platforms", 0, "motion_pattern", "translation", to=2),
-        r"'platforms\[0\]\.motion_pattern\.translation': expected a platform that cables alone hold",
+        (
+            r"'platforms\[0\]\.motion_pattern\.translation': expected a platform that cables alone"
+            r" hold"
+        ),
     ),
     "a chain to an anchor that is not there": (
         changed(cdpyr_values(), "kinematic_chains", 1, "frame_anchor", to=3),
-        r"'kinematic_chains\[1\]\.frame_anchor': expected one of the 3 that there are, counted from 0, found 3",
+        (
+            r"'kinematic_chains\[1\]\.frame_anchor': expected one of the 3 that there are, counted"
+            r" from 0, found 3"
+        ),
     ),
     "a turned frame that is none": (
         changed(cdpyr_values(), "frame", "anchors", 1, "dcm", to=(2 * np.eye(3)).tolist()),
@@ -914,11 +1112,25 @@ DOCUMENTS = {
         r"'frame\.anchors\[1\]\.pulley\.dcm': expected a rotation matrix",
     ),
     "masses that differ": (
-        changed(cdpyr_values(), "platforms", 0, "inertia", "linear", to=np.diag([1.0, 2.0, 3.0]).tolist()),
+        changed(
+            cdpyr_values(),
+            "platforms",
+            0,
+            "inertia",
+            "linear",
+            to=np.diag([1.0, 2.0, 3.0]).tolist(),
+        ),
         r"'platforms\[0\]\.inertia\.linear': expected one mass above 0 on the diagonal",
     ),
     "a matrix of cdpyr that is not symmetric": (
-        changed(cdpyr_values(), "platforms", 0, "inertia", "angular", to=[[1, 0.5, 0], [0, 1, 0], [0, 0, 1]]),
+        changed(
+            cdpyr_values(),
+            "platforms",
+            0,
+            "inertia",
+            "angular",
+            to=[[1, 0.5, 0], [0, 1, 0], [0, 0, 1]],
+        ),
         r"'platforms\[0\]\.inertia\.angular': expected a symmetric matrix",
     ),
 }
@@ -932,14 +1144,22 @@ def test_wrong_documents_are_one_sentence(what, run, tmp_path):
 
 COMMANDS = {
     "no file": ([], [], r"Missing argument 'FILE\.\.\.'"),
-    "a file that is not there": (["nothing.xml"], [], r"nothing\.xml: expected a file, found nothing there"),
+    "a file that is not there": (
+        ["nothing.xml"],
+        [],
+        r"nothing\.xml: expected a file, found nothing there",
+    ),
     "a folder": (["."], [], r"expected a file, found a folder"),
     "bodies alone": (
         ["small_bodies.xml"],
         [],
         r"expected a second file, \*_cables\.xml of CASPR with the root 'cables', found none",
     ),
-    "bodies twice": (["small_bodies.xml", "small_bodies.xml"], [], r"expected one file with this root, found "),
+    "bodies twice": (
+        ["small_bodies.xml", "small_bodies.xml"],
+        [],
+        r"expected one file with this root, found ",
+    ),
     "two formats": (
         ["small_bodies.xml", "small.json"],
         [],
@@ -1048,7 +1268,12 @@ PIECES = st.sampled_from(
 
 
 @pytest.mark.parametrize("name", FUZZED)
-@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=60,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(data=st.data())
 def test_damaged_files_are_refused_or_read(name, data, tmp_path):
     texts = dict(FUZZED[name])

@@ -8,7 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steelyard.inertia import BODY_PARAMETERS, LINEAR_PARAMETERS, Inertia, MujocoInertial, six, symmetric
+from steelyard.inertia import (
+    BODY_PARAMETERS,
+    LINEAR_PARAMETERS,
+    Inertia,
+    MujocoInertial,
+    six,
+    symmetric,
+)
 from steelyard.robot.file import read_robot
 
 TOLERANCE = 1e-11  # rounding of sums and differences of numbers up to a few hundred
@@ -18,10 +25,21 @@ NAMES = ("xx", "yy", "zz", "yz", "xz", "xy")
 ENTRIES = {name: ("xyz".index(name[0]), "xyz".index(name[1])) for name in NAMES}
 
 rng = np.random.default_rng(7)
-MASSES, POSITIONS = rng.uniform(0.5, 20.0, 12), rng.normal([0.2, -0.1, 0.4], [0.6, 0.3, 0.9], (12, 3))
+MASSES, POSITIONS = (
+    rng.uniform(0.5, 20.0, 12),
+    rng.normal([0.2, -0.1, 0.4], [0.6, 0.3, 0.9], (12, 3)),
+)
 CLOUD = Inertia.from_points(MASSES, POSITIONS)
-TABLE_III_NOMINAL = 161.058, (-0.001, -0.077, -0.118), (94.955, 88.859, 31.635, 4.136, -0.085, -0.393)
-TABLE_III_ESTIMATED = 170.740, (0.112, -0.134, -0.125), (102.982, 52.744, 46.589, 8.588, -0.132, -3.672)
+TABLE_III_NOMINAL = (
+    161.058,
+    (-0.001, -0.077, -0.118),
+    (94.955, 88.859, 31.635, 4.136, -0.085, -0.393),
+)
+TABLE_III_ESTIMATED = (
+    170.740,
+    (0.112, -0.134, -0.125),
+    (102.982, 52.744, 46.589, 8.588, -0.132, -3.672),
+)
 
 
 def body(mass, cog, moments):
@@ -37,14 +55,20 @@ def moments_of_points(masses, positions, about):
     x, y, z = (positions - about).T
     products = {"yz": y * z, "xz": x * z, "xy": x * y}
     moments = {"xx": y * y + z * z, "yy": x * x + z * z, "zz": x * x + y * y}
-    return {n: float(masses @ v) for n, v in moments.items()} | {n: -float(masses @ v) for n, v in products.items()}
+    return {n: float(masses @ v) for n, v in moments.items()} | {
+        n: -float(masses @ v) for n, v in products.items()
+    }
 
 
 def assert_same(found, expected):
     np.testing.assert_allclose(found.mass, expected.mass, rtol=TOLERANCE)
-    np.testing.assert_allclose(found.center_of_gravity, expected.center_of_gravity, rtol=TOLERANCE, atol=TOLERANCE)
+    np.testing.assert_allclose(
+        found.center_of_gravity, expected.center_of_gravity, rtol=TOLERANCE, atol=TOLERANCE
+    )
     scale = np.abs(expected.inertia_about_origin).max()
-    np.testing.assert_allclose(found.inertia, expected.inertia, rtol=TOLERANCE, atol=TOLERANCE * scale)
+    np.testing.assert_allclose(
+        found.inertia, expected.inertia, rtol=TOLERANCE, atol=TOLERANCE * scale
+    )
 
 
 def test_point_masses_give_the_sums_about_origin_and_centre_of_gravity():
@@ -52,7 +76,10 @@ def test_point_masses_give_the_sums_about_origin_and_centre_of_gravity():
     assert pytest.approx(MASSES.sum(), rel=TOLERANCE) == CLOUD.mass
     np.testing.assert_allclose(CLOUD.center_of_gravity, cog, rtol=TOLERANCE)
     np.testing.assert_allclose(CLOUD.first_moment, MASSES @ POSITIONS, rtol=TOLERANCE)
-    about_cog, about_origin = moments_of_points(MASSES, POSITIONS, cog), moments_of_points(MASSES, POSITIONS, 0.0)
+    about_cog, about_origin = (
+        moments_of_points(MASSES, POSITIONS, cog),
+        moments_of_points(MASSES, POSITIONS, 0.0),
+    )
     for name, entry in ENTRIES.items():
         assert CLOUD.inertia[entry] == pytest.approx(about_cog[name], rel=TOLERANCE)
         assert CLOUD.inertia[entry[::-1]] == CLOUD.inertia[entry]
@@ -64,10 +91,17 @@ def test_parameters_stand_in_the_order_of_their_names():
     about_cog = moments_of_points(MASSES, POSITIONS, CLOUD.center_of_gravity)
     linear = {"m": MASSES.sum(), **dict(zip(("hx", "hy", "hz"), MASSES @ POSITIONS, strict=True))}
     linear |= {"J" + name: value for name, value in about_origin.items()}
-    quoted = {"mass": MASSES.sum(), **dict(zip(("cx", "cy", "cz"), CLOUD.center_of_gravity, strict=True))}
+    quoted = {
+        "mass": MASSES.sum(),
+        **dict(zip(("cx", "cy", "cz"), CLOUD.center_of_gravity, strict=True)),
+    }
     quoted |= {"J" + name: value for name, value in about_cog.items()}
-    np.testing.assert_allclose(CLOUD.parameters, [linear[name] for name in LINEAR_PARAMETERS], rtol=TOLERANCE)
-    np.testing.assert_allclose(CLOUD.body_parameters, [quoted[name] for name in BODY_PARAMETERS], rtol=TOLERANCE)
+    np.testing.assert_allclose(
+        CLOUD.parameters, [linear[name] for name in LINEAR_PARAMETERS], rtol=TOLERANCE
+    )
+    np.testing.assert_allclose(
+        CLOUD.body_parameters, [quoted[name] for name in BODY_PARAMETERS], rtol=TOLERANCE
+    )
 
 
 def test_pseudo_inertia_is_the_sum_of_homogeneous_outer_products():
@@ -76,7 +110,9 @@ def test_pseudo_inertia_is_the_sum_of_homogeneous_outer_products():
     np.testing.assert_allclose(CLOUD.pseudo_inertia, expected, rtol=TOLERANCE)
 
 
-@pytest.mark.parametrize("form", ["parameters", "body_parameters", "pseudo_inertia", "log_cholesky"])
+@pytest.mark.parametrize(
+    "form", ["parameters", "body_parameters", "pseudo_inertia", "log_cholesky"]
+)
 @pytest.mark.parametrize("whole", [CLOUD, body(*TABLE_III_NOMINAL)], ids=["cloud", "nominal"])
 def test_every_form_gives_the_body_back(whole, form):
     assert_same(getattr(Inertia, f"from_{form}")(getattr(whole, form)), whole)
@@ -99,10 +135,14 @@ def test_any_ten_numbers_are_a_body_that_can_exist(numbers):
     )
     found = Inertia.from_log_cholesky(numbers)
     P = U @ U.T
-    np.testing.assert_allclose(found.pseudo_inertia, P, rtol=TOLERANCE, atol=TOLERANCE * np.abs(P).max())
+    np.testing.assert_allclose(
+        found.pseudo_inertia, P, rtol=TOLERANCE, atol=TOLERANCE * np.abs(P).max()
+    )
     assert found.is_physical
     assert found.triangle_margin > 0
-    np.testing.assert_allclose(found.log_cholesky, numbers, atol=1e5 * TOLERANCE)  # thin bodies: e^-4 against 12
+    np.testing.assert_allclose(
+        found.log_cholesky, numbers, atol=1e5 * TOLERANCE
+    )  # thin bodies: e^-4 against 12
 
 
 @pytest.mark.parametrize("far", [5.0, 30.0, 300.0])
@@ -127,7 +167,8 @@ def test_parallel_axes():
     moved = Inertia(CLOUD.mass, CLOUD.center_of_gravity + shift, CLOUD.inertia)
     assert_same(moved, Inertia.from_points(MASSES, POSITIONS + shift))
     assert_same(
-        Inertia.from_points([3.0, 5.0], [[1, 2, 3], [1, 2, 3]]), Inertia(8.0, np.array([1, 2, 3]), np.zeros((3, 3)))
+        Inertia.from_points([3.0, 5.0], [[1, 2, 3], [1, 2, 3]]),
+        Inertia(8.0, np.array([1, 2, 3]), np.zeros((3, 3))),
     )
 
 
@@ -142,7 +183,9 @@ def test_estimate_of_table_iii_is_no_body_and_its_nominal_value_is_one():
 
 def test_pinocchio_holds_the_same_ten_numbers():
     theirs = pin.Inertia(CLOUD.mass, CLOUD.center_of_gravity.copy(), CLOUD.inertia.copy())
-    np.testing.assert_allclose(CLOUD.to_pinocchio(), theirs.toDynamicParameters(), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        CLOUD.to_pinocchio(), theirs.toDynamicParameters(), rtol=1e-12, atol=1e-12
+    )
     assert_same(Inertia.from_pinocchio(theirs.toDynamicParameters()), CLOUD)
     back = pin.Inertia.FromDynamicParameters(np.array(CLOUD.to_pinocchio()))
     np.testing.assert_allclose(back.inertia, CLOUD.inertia, rtol=TOLERANCE)
@@ -150,25 +193,37 @@ def test_pinocchio_holds_the_same_ten_numbers():
 
 def test_mujoco_compiles_the_same_body():
     mass, pos, full = CLOUD.to_mujoco()
-    numbers = {"mass": repr(mass), "pos": " ".join(map(repr, pos)), "full": " ".join(repr(float(v)) for v in full)}
+    numbers = {
+        "mass": repr(mass),
+        "pos": " ".join(map(repr, pos)),
+        "full": " ".join(repr(float(v)) for v in full),
+    }
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><compiler autolimits='true'/><worldbody><body name='b'><freejoint/>"
-        "<inertial mass='{mass}' pos='{pos}' fullinertia='{full}'/></body></worldbody></mujoco>".format(**numbers)
+        "<inertial mass='{mass}' pos='{pos}' fullinertia='{full}'/></body></worldbody></mujoco>".format(
+            **numbers
+        )
     )
     R = np.zeros(9)
     mujoco.mju_quat2Mat(R, model.body_iquat[1])
     R = R.reshape(3, 3)
-    found = Inertia(model.body_mass[1], model.body_ipos[1], R @ np.diag(model.body_inertia[1]) @ R.T)
+    found = Inertia(
+        model.body_mass[1], model.body_ipos[1], R @ np.diag(model.body_inertia[1]) @ R.T
+    )
     assert_same(found, CLOUD)
     assert_same(Inertia.from_mujoco(MujocoInertial(mass, pos, full)), CLOUD)
 
 
 def test_urdf_read_by_pinocchio_is_the_same_body():
     u = CLOUD.to_urdf()
-    moments = " ".join(f'{name}="{float(getattr(u, name))!r}"' for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    moments = " ".join(
+        f'{name}="{float(getattr(u, name))!r}"'
+        for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    )
     urdf = (
-        f'<robot name="r"><link name="platform"><inertial><origin xyz="{" ".join(map(repr, u.origin_xyz))}" rpy="0 0 0"/>'
-        f'<mass value="{u.mass!r}"/><inertia {moments}/></inertial></link></robot>'
+        '<robot name="r"><link name="platform"><inertial><origin'
+        f' xyz="{" ".join(map(repr, u.origin_xyz))}" rpy="0 0 0"/><mass'
+        f' value="{u.mass!r}"/><inertia {moments}/></inertial></link></robot>'
     )
     model = pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer())
     assert_same(Inertia.from_pinocchio(model.inertias[1].toDynamicParameters()), CLOUD)
@@ -178,7 +233,11 @@ def test_urdf_read_by_pinocchio_is_the_same_body():
 def test_six_and_symmetric_follow_the_names():
     matrix = symmetric([11, 22, 33, 23, 13, 12])
     for name, (i, j) in ENTRIES.items():
-        assert matrix[i, j] == matrix[j, i] == 10 * ("xyz".index(name[0]) + 1) + "xyz".index(name[1]) + 1
+        assert (
+            matrix[i, j]
+            == matrix[j, i]
+            == 10 * ("xyz".index(name[0]) + 1) + "xyz".index(name[1]) + 1
+        )
     np.testing.assert_array_equal(six(matrix), [11, 22, 33, 23, 13, 12])
 
 

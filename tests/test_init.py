@@ -63,12 +63,28 @@ VOCABULARY = {
     "p": ("t {f}", along("p{}"), "position"),
     "point": ("header.stamp {f}", along("point.{}"), "position"),
     "tum": ("timestamp {f}", {**along("t{}"), **{f"q{a}": f"q{a}" for a in "wxyz"}}, "pose"),
-    "command": ("t {f}", {**along("cmd_{}"), **{a: f"cmd_{a}" for a in ("roll", "pitch", "yaw")}}, "command"),
-    "reference": ("t {f}", {**along("{}_ref"), **{a: f"{a}_ref" for a in ("roll", "pitch", "yaw")}}, "command"),
-    "desired": ("t {f}", {**along("{}_des"), **{a: f"{a}_des" for a in ("roll", "pitch", "yaw")}}, "command"),
+    "command": (
+        "t {f}",
+        {**along("cmd_{}"), **{a: f"cmd_{a}" for a in ("roll", "pitch", "yaw")}},
+        "command",
+    ),
+    "reference": (
+        "t {f}",
+        {**along("{}_ref"), **{a: f"{a}_ref" for a in ("roll", "pitch", "yaw")}},
+        "command",
+    ),
+    "desired": (
+        "t {f}",
+        {**along("{}_des"), **{a: f"{a}_des" for a in ("roll", "pitch", "yaw")}},
+        "command",
+    ),
     "wrench": ("t {f}", {**along("force_{}", "f"), **along("torque_{}", "t")}, "wrench"),
     "moments": ("t {f}", {**along("F{}", "f"), **along("M{}", "t")}, "wrench"),
-    "wrench message": ("t {f}", {**along("wrench.force.{}", "f"), **along("wrench.torque.{}", "t")}, "wrench"),
+    "wrench message": (
+        "t {f}",
+        {**along("wrench.force.{}", "f"), **along("wrench.torque.{}", "t")},
+        "wrench",
+    ),
 }
 
 
@@ -95,7 +111,9 @@ def test_two_of_a_kind_stay_apart():
 
 
 @pytest.mark.parametrize(
-    ("unit", "factor"), [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)], ids=["s", "ms", "us", "ns"]
+    ("unit", "factor"),
+    [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)],
+    ids=["s", "ms", "us", "ns"],
 )
 @pytest.mark.parametrize("start", [0.0, 12.5, EPOCH])
 def test_units_of_time(unit, factor, start):
@@ -129,8 +147,14 @@ def write_heap(folder, streams, epoch=0.0):
         folder / "day-1" / "xsens.csv",
         {
             "timestamp_us": np.round((imu.time + epoch) * 1e6).astype(np.int64),
-            **{f"Gyro {a.upper()}": w for a, w in zip(AXES, np.degrees(imu.values["angular_velocity"]).T, strict=True)},
-            **{f"Acc {a.upper()}": f for a, f in zip(AXES, imu.values["specific_force"].T / 9.80665, strict=True)},
+            **{
+                f"Gyro {a.upper()}": w
+                for a, w in zip(AXES, np.degrees(imu.values["angular_velocity"]).T, strict=True)
+            },
+            **{
+                f"Acc {a.upper()}": f
+                for a, f in zip(AXES, imu.values["specific_force"].T / 9.80665, strict=True)
+            },
             **dict(zip(("Roll", "Pitch", "Yaw"), rpy(imu.values["orientation"]).T, strict=True)),
             "temperature": np.full(len(imu), 21.0),
         },
@@ -139,7 +163,10 @@ def write_heap(folder, streams, epoch=0.0):
         folder / "day-1" / "leica.csv",
         {
             "ms": (tracker.time + epoch) * 1e3,
-            **{f"prism_{a}": p for a, p in zip(AXES, tracker.values["position"].T * 1e3, strict=True)},
+            **{
+                f"prism_{a}": p
+                for a, p in zip(AXES, tracker.values["position"].T * 1e3, strict=True)
+            },
         },
     )
     (folder / "day-1" / "notes.md").write_text("by hand")
@@ -150,7 +177,9 @@ def assert_same(experiment, run, streams, names=("cables", "imu", "tracker")):
     for name in names:
         for quantity, values in streams[name].values.items():
             found = experiment.runs[run].streams[name].values[quantity]
-            np.testing.assert_allclose(found, values, rtol=1e-6, atol=1e-6, err_msg=f"{name} {quantity}")
+            np.testing.assert_allclose(
+                found, values, rtol=1e-6, atol=1e-6, err_msg=f"{name} {quantity}"
+            )
 
 
 def test_a_heap_of_logs_becomes_the_experiment_it_was_recorded_in(tmp_path, run, streams):
@@ -189,14 +218,22 @@ def test_one_file_with_everything(tmp_path, run, streams):
     table = {
         "__time": EPOCH + imu.time[:n],
         **{f"/cables/effort[{i}]": f for i, f in enumerate(cables.values["tension"][:n].T)},
-        **{f"/imu/angular_velocity/{a}": w for a, w in zip(AXES, imu.values["angular_velocity"][:n].T, strict=True)},
-        **{f"/imu/linear_acceleration/{a}": f for a, f in zip(AXES, imu.values["specific_force"][:n].T, strict=True)},
+        **{
+            f"/imu/angular_velocity/{a}": w
+            for a, w in zip(AXES, imu.values["angular_velocity"][:n].T, strict=True)
+        },
+        **{
+            f"/imu/linear_acceleration/{a}": f
+            for a, f in zip(AXES, imu.values["specific_force"][:n].T, strict=True)
+        },
         **{f"/imu/orientation/{a}": v for a, v in zip("wxyz", q.T, strict=True)},
         **{f"/vicon/pose/position/{a}": np.linspace(0, 1, n) for a in AXES},
         **{f"/vicon/pose/orientation/{a}": v for a, v in zip("wxyz", q.T, strict=True)},
     }
     write(tmp_path / "all.csv", table)
-    assert run("init", tmp_path / "all.csv", "--robot", "cogiro", "--out", tmp_path / "e.yaml")[0] == 0
+    assert (
+        run("init", tmp_path / "all.csv", "--robot", "cogiro", "--out", tmp_path / "e.yaml")[0] == 0
+    )
     experiment = read_experiment(tmp_path / "e.yaml")
     assert {n: (i.kind, i.clock) for n, i in experiment.instruments.items()} == {
         "cables": ("tension", "recorder"),
@@ -205,7 +242,9 @@ def test_one_file_with_everything(tmp_path, run, streams):
     }
     found = experiment.runs[0].streams["imu"].values
     np.testing.assert_allclose(found["orientation"], imu.values["orientation"][:n], atol=1e-6)
-    np.testing.assert_allclose(experiment.runs[0].streams["cables"].values["tension"], cables.values["tension"][:n])
+    np.testing.assert_allclose(
+        experiment.runs[0].streams["cables"].values["tension"], cables.values["tension"][:n]
+    )
 
 
 def test_runs_by_folder_and_by_name(tmp_path, run):
@@ -222,16 +261,26 @@ def test_runs_by_folder_and_by_name(tmp_path, run):
         write_small(tmp_path / "original")
         folder.mkdir(parents=True, exist_ok=True)
         for name in ("cables", "imu", "tracker"):
-            (folder / names.format(name)).write_bytes((tmp_path / "original" / RUN / f"{name}.csv").read_bytes())
+            (folder / names.format(name)).write_bytes(
+                (tmp_path / "original" / RUN / f"{name}.csv").read_bytes()
+            )
     logs = [*(tmp_path / place for place in "abcd"), *tmp_path.glob("*.csv")]
     assert run("init", *logs, "--robot", "cogiro", "--out", tmp_path / "e.yaml")[0] == 0
     experiment = read_experiment(tmp_path / "e.yaml")
-    assert sorted(each.name for each in experiment.runs) == ["a", "b", "c-same", "d-same", "run3", "run4"]
+    assert sorted(each.name for each in experiment.runs) == [
+        "a",
+        "b",
+        "c-same",
+        "d-same",
+        "run3",
+        "run4",
+    ]
     assert all(set(each.streams) == {"cables", "imu", "tracker"} for each in experiment.runs)
 
 
 def test_a_real_recording_is_described_as_a_person_did(tmp_path, run, examples):
-    """What is known of the tool on the wrist is found again: units, static poses, whose load is read, how the accelerometer is mounted."""
+    """What is known of the tool on the wrist is found again: units, static poses, whose load is
+    read, how the accelerometer is mounted."""
     tool = examples / "kuka-tool"
     assert run("init", tool, "--robot", tool / "robot.yaml", "--out", tmp_path / "e.yaml")[0] == 0
     found, known = read_experiment(tmp_path / "e.yaml"), read_experiment(tool / "experiment.yaml")
@@ -250,7 +299,10 @@ def test_what_is_left_to_fill_in_is_there_as_a_comment(tmp_path, run, streams, e
     """Every key that stands in a comment fits the contract where it stands."""
     for out, arguments in (
         (tmp_path / "a.yaml", (write_heap(tmp_path / "heap", streams), "--robot", "cogiro")),
-        (tmp_path / "b.yaml", (examples / "kuka-tool", "--robot", examples / "kuka-tool" / "robot.yaml")),
+        (
+            tmp_path / "b.yaml",
+            (examples / "kuka-tool", "--robot", examples / "kuka-tool" / "robot.yaml"),
+        ),
     ):
         assert run("init", *arguments, "--out", out)[0] == 0
         text = out.read_text()
@@ -280,39 +332,63 @@ def test_a_bag_is_a_stream_per_topic(tmp_path, run, streams):
             "/imu": (
                 "imu",
                 lambda v, i: {
-                    "angular_velocity": dict(zip(AXES, v["angular_velocity"][i].tolist(), strict=True)),
-                    "linear_acceleration": dict(zip(AXES, v["specific_force"][i].tolist(), strict=True)),
+                    "angular_velocity": dict(
+                        zip(AXES, v["angular_velocity"][i].tolist(), strict=True)
+                    ),
+                    "linear_acceleration": dict(
+                        zip(AXES, v["specific_force"][i].tolist(), strict=True)
+                    ),
                 },
             ),
-            "/leica": ("tracker", lambda v, i: {"point": dict(zip(AXES, v["position"][i].tolist(), strict=True))}),
+            "/leica": (
+                "tracker",
+                lambda v, i: {"point": dict(zip(AXES, v["position"][i].tolist(), strict=True))},
+            ),
         }
         for topic, (name, message) in messages.items():
             channel = bag.register_channel(topic, "json", schema)
             for i, t in enumerate(streams[name].time - streams[name].time[0] + EPOCH):
                 stamp = {"sec": int(t), "nanosec": int((t % 1) * 1e9)}
-                data = json.dumps({"header": {"stamp": stamp}, **message(streams[name].values, i)}).encode()
-                bag.add_message(channel, log_time=int(t * 1e9), publish_time=int(t * 1e9), data=data)
+                data = json.dumps(
+                    {"header": {"stamp": stamp}, **message(streams[name].values, i)}
+                ).encode()
+                bag.add_message(
+                    channel, log_time=int(t * 1e9), publish_time=int(t * 1e9), data=data
+                )
         bag.finish()
-    assert run("init", tmp_path / "bag.mcap", "--robot", "cogiro", "--out", tmp_path / "e.yaml")[0] == 0
+    assert (
+        run("init", tmp_path / "bag.mcap", "--robot", "cogiro", "--out", tmp_path / "e.yaml")[0]
+        == 0
+    )
     experiment = read_experiment(tmp_path / "e.yaml")
     assert set(experiment.runs[0].streams) == {"cables", "imu", "tracker"}
     assert not experiment.runs[0].unsynchronised
-    assert_same(experiment, 0, {n: s for n, s in streams.items() if n != "imu"}, ("cables", "tracker"))
+    assert_same(
+        experiment, 0, {n: s for n, s in streams.items() if n != "imu"}, ("cables", "tracker")
+    )
 
 
 def test_groups_of_a_file_of_arrays(tmp_path, run, streams):
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "day.h5", "w") as file:
-        for group, name, quantity in (("load_cells", "cables", "tension"), ("leica", "tracker", "position")):
+        for group, name, quantity in (
+            ("load_cells", "cables", "tension"),
+            ("leica", "tracker", "position"),
+        ):
             file[f"{group}/time"] = streams[name].time
             file[f"{group}/{quantity}"] = streams[name].values[quantity]
-    assert run("init", tmp_path / "day.h5", "--robot", "cogiro", "--out", tmp_path / "e.yaml")[0] == 0
+    assert (
+        run("init", tmp_path / "day.h5", "--robot", "cogiro", "--out", tmp_path / "e.yaml")[0] == 0
+    )
     experiment = read_experiment(tmp_path / "e.yaml")
-    assert_same(experiment, 0, {n: streams[n] for n in ("cables", "tracker")}, ("cables", "tracker"))
+    assert_same(
+        experiment, 0, {n: streams[n] for n in ("cables", "tracker")}, ("cables", "tracker")
+    )
 
 
 def test_a_table_of_all_instants_has_the_rate_of_each_instrument(tmp_path, run, streams):
-    """Programs that plot write one table with a row for every sample of anything, and empty cells beside it."""
+    """Programs that plot write one table with a row for every sample of anything, and empty cells
+    beside it."""
     frames = []
     for name, pattern in (("cables", "/lc/data[{}]"), ("tracker", "/leica/point/{}")):
         stream = streams[name]
@@ -321,19 +397,26 @@ def test_a_table_of_all_instants_has_the_rate_of_each_instrument(tmp_path, run, 
         table = {pattern.format(k): row for k, row in zip(names, rows, strict=True)}
         frames.append(pl.DataFrame({"__time": stream.time - stream.time[0] + EPOCH, **table}))
     pl.concat(frames, how="diagonal").sort("__time").write_csv(tmp_path / "plot.csv")
-    assert run("init", tmp_path / "plot.csv", "--robot", "cogiro", "--out", tmp_path / "e.yaml")[0] == 0
+    assert (
+        run("init", tmp_path / "plot.csv", "--robot", "cogiro", "--out", tmp_path / "e.yaml")[0]
+        == 0
+    )
     experiment = read_experiment(tmp_path / "e.yaml")
     assert experiment.instruments["cables"].rate == pytest.approx(25, rel=0.01)
     assert experiment.instruments["tracker"].rate == pytest.approx(238, rel=0.01)
 
 
 def test_columns_without_names():
-    """As many as an instrument has, with a time in front; what three of them are, the name of the file says."""
+    """As many as an instrument has, with a time in front; what three of them are, the name of the
+    file says."""
     (cables,) = claims_of([f"[{i}]" for i in range(9)], 8, [])
     assert cables.times == ("[0]",)
     assert cables.columns["f8"] == "[8]"
     (tracker,) = claims_of([f"[{i}]" for i in range(4)], 8, ["leica"])
-    assert (tracker.kind, dict(tracker.columns)) == ("position", {"x": "[1]", "y": "[2]", "z": "[3]"})
+    assert (tracker.kind, dict(tracker.columns)) == (
+        "position",
+        {"x": "[1]", "y": "[2]", "z": "[3]"},
+    )
     assert claims_of([f"[{i}]" for i in range(4)], 8, ["file"]) == []
 
 
@@ -351,8 +434,15 @@ def test_names_from_anyone_do_not_steer_the_file(tmp_path, run, streams):
     cables, tracker = streams["cables"], streams["tracker"]
     evil = 'x: {} #\n"\x1b[31m\\'
     folder = tmp_path / 'a: "b" #\n- c'
-    write(folder / "f.csv", {"t": cables.time, **{f"f{i + 1}": f for i, f in enumerate(cables.values["tension"].T)}})
-    table = {"t": tracker.time, **dict(zip(AXES, tracker.values["position"].T, strict=True)), evil: tracker.time}
+    write(
+        folder / "f.csv",
+        {"t": cables.time, **{f"f{i + 1}": f for i, f in enumerate(cables.values["tension"].T)}},
+    )
+    table = {
+        "t": tracker.time,
+        **dict(zip(AXES, tracker.values["position"].T, strict=True)),
+        evil: tracker.time,
+    }
     pl.DataFrame(table).write_parquet(folder / "true.parquet")
     status, printed, _ = run("init", folder, "--robot", "cogiro", "--out", tmp_path / "e.yaml")
     assert status == 0
@@ -384,7 +474,9 @@ def test_nothing_usable(tmp_path, run, logs, message):
     (tmp_path / "empty").mkdir()
     (tmp_path / "notes.md").write_text("none")
     (tmp_path / "strange.csv").write_text("apples,pears\n1,2\n3,4\n")
-    status, printed, sentence = run("init", tmp_path / logs, "--robot", "cogiro", "--out", tmp_path / "e.yaml")
+    status, printed, sentence = run(
+        "init", tmp_path / logs, "--robot", "cogiro", "--out", tmp_path / "e.yaml"
+    )
     assert (status, printed) == (2, "")
     assert re.search(message, sentence)
     assert sentence.count("\n") == 1
@@ -410,9 +502,17 @@ def test_tensions_in_kilogram_force_and_of_the_wrong_sign(tmp_path, run, streams
     # A heavy platform that hangs from slack cables: the sum of tensions is about its weight.
     weight = read_robot("cogiro").platform.mass
     forces = np.full((len(cables), 8), -weight / 6)
-    write(tmp_path / "f.csv", {"t": cables.time, **{f"tension{i + 1}": f for i, f in enumerate(forces.T)}})
-    write(tmp_path / "p.csv", {"t": tracker.time, **dict(zip(AXES, tracker.values["position"].T, strict=True))})
+    write(
+        tmp_path / "f.csv",
+        {"t": cables.time, **{f"tension{i + 1}": f for i, f in enumerate(forces.T)}},
+    )
+    write(
+        tmp_path / "p.csv",
+        {"t": tracker.time, **dict(zip(AXES, tracker.values["position"].T, strict=True))},
+    )
     assert run("init", tmp_path, "--robot", "cogiro", "--out", tmp_path / "e.yaml")[0] == 0
     experiment = read_experiment(tmp_path / "e.yaml")
     assert experiment.instruments["cables"].calibration.gain.value == -1
-    assert experiment.runs[0].streams["cables"].values["tension"][0, 0] == pytest.approx(-weight / 6 * 9.80665)
+    assert experiment.runs[0].streams["cables"].values["tension"][0, 0] == pytest.approx(
+        -weight / 6 * 9.80665
+    )

@@ -1,4 +1,5 @@
-"""What `inspect` says of recordings: mistakes that were made in them on purpose are named, sound ones raise no alarm."""
+"""What `inspect` says of recordings: mistakes that were made in them on purpose are named, sound
+ones raise no alarm."""
 
 import json
 from dataclasses import replace
@@ -75,7 +76,9 @@ def test_the_gyro_is_blamed_for_its_own_mistake_alone():
 
 
 def test_two_mistakes_are_both_named():
-    twice = MISTAKES["tensions in daN"].make(vector("imu", "angular_velocity", 180 / np.pi)(sound(1)))
+    twice = MISTAKES["tensions in daN"].make(
+        vector("imu", "angular_velocity", 180 / np.pi)(sound(1))
+    )
     found, after = found_in(twice)
     assert {m.amendment.channel for m in found} == {"tension", "angular_velocity"}
     assert not after.bad
@@ -92,25 +95,40 @@ def test_a_hand_on_the_platform_is_placed():
 
 
 def shaken(rng, delay):
-    """A body of 2 kg on a wrench sensor that shakes, with an accelerometer whose stamps are late."""
+    """A body of 2 kg on a wrench sensor that shakes, with an accelerometer whose stamps are
+    late."""
     from steelyard.instruments import Attitude, Imu, Wrench
     from steelyard.robot.model import Robot
 
     def force(t):
         return np.column_stack(
-            [np.sin(2 * np.pi * f * t + f) + 0.1 * np.sin(2 * np.pi * 17 * f * t) for f in (0.9, 1.1, 1.3)]
+            [
+                np.sin(2 * np.pi * f * t + f) + 0.1 * np.sin(2 * np.pi * 17 * f * t)
+                for f in (0.9, 1.1, 1.3)
+            ]
         )
 
     up = np.array([0.0, 0.0, 9.81])
-    times = {"sensor": np.arange(0, 8, 1 / 700), "imu": np.arange(0.001, 8, 1 / 254), "arm": np.arange(0, 8, 0.01)}
+    times = {
+        "sensor": np.arange(0, 8, 1 / 700),
+        "imu": np.arange(0.001, 8, 1 / 254),
+        "arm": np.arange(0, 8, 0.01),
+    }
     streams = {
         "sensor": Stream(times["sensor"], {"force": 2 * (force(times["sensor"]) + up) + rng.normal(0, 0.01, (5600, 3)), "torque": rng.normal(0, 1e-3, (5600, 3))}, "sensor"),
         "imu": Stream(times["imu"] + delay, {"specific_force": force(times["imu"]) + up + rng.normal(0, 0.02, (len(times["imu"]), 3))}, "imu"),
         "arm": Stream(times["arm"], {"orientation": np.tile(np.eye(3), (800, 1, 1))}, "arm"),
     }  # fmt: skip
-    instruments = {"sensor": Wrench(kind="wrench"), "imu": Imu(kind="imu"), "arm": Attitude(kind="attitude")}
+    instruments = {
+        "sensor": Wrench(kind="wrench"),
+        "imu": Imu(kind="imu"),
+        "arm": Attitude(kind="attitude"),
+    }
     return Experiment(
-        "shaken", Robot("sensor", np.zeros((0, 3)), np.zeros((0, 3))), instruments, (Run("run", streams),)
+        "shaken",
+        Robot("sensor", np.zeros((0, 3)), np.zeros((0, 3))),
+        instruments,
+        (Run("run", streams),),
     )
 
 
@@ -159,7 +177,11 @@ def test_a_clock_that_is_late_beyond_its_prior_is_remarked():
         update={"delay": type(tracker.calibration.delay).model_validate({"sigma": 0.01})}
     )
     experiment = replace(
-        experiment, instruments={**experiment.instruments, "tracker": tracker.model_copy(update={"calibration": prior})}
+        experiment,
+        instruments={
+            **experiment.instruments,
+            "tracker": tracker.model_copy(update={"calibration": prior}),
+        },
     )
     found = inspect(experiment)
     assert any("clock of tracker is late by" in text for text in found.remarks) or any(
@@ -185,7 +207,10 @@ class TestCommandLine:
         assert page.count("<script src=") == 0
         assert "Plotly.newPlot" in page
         assert 'id="figure-stream-1-data"' in page
-        assert all(f'id="section-{name}"' in page for name in ("found", "numbers", "agreements", "streams", "spectra"))
+        assert all(
+            f'id="section-{name}"' in page
+            for name in ("found", "numbers", "agreements", "streams", "spectra")
+        )
         assert (tmp_path / "out" / "inspection.md").read_text().startswith("# ")
         status, _, err = run("inspect", path, "--out", tmp_path / "out")
         assert status == 2

@@ -1,4 +1,5 @@
-"""Instrumental variables: where least squares is biased they are not, and the test between both keeps its level."""
+"""Instrumental variables: where least squares is biased they are not, and the test between both
+keeps its level."""
 
 from types import SimpleNamespace
 
@@ -7,14 +8,14 @@ import pytest
 from scipy.stats import chi2, kstest
 from simulated import PAPER, RECORDER, TRUTH, changed, sound, studied, without
 
-from steelyard.identification.classical import study
-from steelyard.identification.instrumental_variables import (
+from steelyard.identification.methods.instrumental_variables import (
     InstrumentalVariables,
     durbin_wu_hausman,
     independent_sources,
 )
-from steelyard.identification.least_squares import LeastSquares
-from steelyard.identification.regression import TEN, Prior, Rows, solve, sums_of
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.solve.classical import study
+from steelyard.identification.solve.normal_equations import TEN, Prior, Rows, solve, sums_of
 from steelyard.inertia import Inertia
 
 LIMIT = chi2.isf(1e-3, TEN)  # reached by one sound recording of a thousand
@@ -61,7 +62,8 @@ BODY_OF_ROWS = Inertia(2.0, [0.1, 0.2, 0.3], np.diag([1.0, 1.2, 0.9])).parameter
 def test_the_test_between_both_keeps_its_level(rng):
     found = [durbin_wu_hausman(as_study(rng)) for _ in range(300)]
     assert {freedom for _, freedom in found} == {TEN}
-    # Probabilities of a test that keeps its level are evenly spread; fixed seed, so that one of a thousand may not fail.
+    # Probabilities of a test that keeps its level are evenly spread; fixed seed, so that one of a
+    # thousand may not fail.
     p = chi2.sf([chi for chi, _ in found], TEN)
     assert kstest(p, "uniform").pvalue > 1e-3
 
@@ -84,7 +86,9 @@ def test_sound_recordings_are_met_within_their_uncertainty(estimates):
         assert chi_square(estimate) < LIMIT
         assert estimate.verdict.accepted, estimate.verdict.reasons
         # The command knows nothing of the noise of any sensor.
-        assert estimate.details["instruments"] == {"run": {"rotation": "command", "position": "command"}}
+        assert estimate.details["instruments"] == {
+            "run": {"rotation": "command", "position": "command"}
+        }
     z = [(e.value - TRUTH) / e.standard_deviation for e in estimates.values()]
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.35
 
@@ -101,7 +105,9 @@ def test_a_noisy_gyro_biases_least_squares_and_is_told_by_the_test():
     experiment = RECORDER(0, instruments=instruments)
     estimate = METHOD(experiment)
     assert chi_square(estimate) < LIMIT
-    assert any("biased beyond chance" in note and "is not biased" not in note for note in estimate.notes)
+    assert any(
+        "biased beyond chance" in note and "is not biased" not in note for note in estimate.notes
+    )
     assert estimate.details["durbin_wu_hausman"]["p"] < 1e-3
     # Least squares takes its bias off, and says where it is too large for that.
     plain = LeastSquares().of(study(experiment))

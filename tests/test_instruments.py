@@ -72,7 +72,9 @@ def rows(state):
 def draw(instrument, seed=1):
     """Errors that are far from none, of every term."""
     rng = np.random.default_rng(seed)
-    return {term.key: term.nominal + rng.uniform(0.05, 0.3, term.size) for term in instrument.terms(M)}
+    return {
+        term.key: term.nominal + rng.uniform(0.05, 0.3, term.size) for term in instrument.terms(M)
+    }
 
 
 # One function a kind: what the table says, sample by sample
@@ -116,7 +118,11 @@ def imu(i, c, robot, state):
             there = there + R_world_platform.T @ state.gravity
         specific_force.append(R.T @ there + c["accelerometer_bias"])
         orientation.append(Exp(c["reference"]).T @ R_world_platform @ R)
-    return {"angular_velocity": angular_velocity, "specific_force": specific_force, "orientation": orientation}
+    return {
+        "angular_velocity": angular_velocity,
+        "specific_force": specific_force,
+        "orientation": orientation,
+    }
 
 
 def attitude(i, c, robot, state):
@@ -137,7 +143,10 @@ def position(i, c, robot, state):
 def pose(i, c, robot, state):
     place, R_world_tracker = in_tracker(i, c, np.array(i.position) + c["target"], state)
     R = rpy(i.rpy_deg) @ Exp(c["misalignment"])
-    return {"position": place, "orientation": [R_world_tracker.T @ Rwp @ R for _, Rwp, *_ in rows(state)]}
+    return {
+        "position": place,
+        "orientation": [R_world_tracker.T @ Rwp @ R for _, Rwp, *_ in rows(state)],
+    }
 
 
 def length(i, c, robot, state):
@@ -162,13 +171,21 @@ MOUNTED = {"position": (0.31, -0.22, 0.47), "rpy_deg": (20.0, -35.0, 110.0)}
 FRAME = {"position": (1.2, -3.4, 0.6), "rpy_deg": (-8.0, 12.0, 75.0)}
 KINDS = {
     "tension": (Tension(kind="tension"), tension, STRAIGHT),
-    "tension at the winch of straight cables": (Tension(kind="tension", end="winch"), tension_at_the_winch, STRAIGHT),
+    "tension at the winch of straight cables": (
+        Tension(kind="tension", end="winch"),
+        tension_at_the_winch,
+        STRAIGHT,
+    ),
     "wrench": (Wrench(kind="wrench", **MOUNTED), wrench, STRAIGHT),
     "wrench on the sensor": (Wrench(kind="wrench", acts_on="sensor", **MOUNTED), wrench, STRAIGHT),
     "imu": (Imu(kind="imu", **MOUNTED), imu, STRAIGHT),
     "imu without gravity": (Imu(kind="imu", gravity="removed", **MOUNTED), imu, STRAIGHT),
     "attitude": (Attitude(kind="attitude", rpy_deg=MOUNTED["rpy_deg"]), attitude, STRAIGHT),
-    "position": (Position(kind="position", target=MOUNTED["position"], frame=FRAME), position, STRAIGHT),
+    "position": (
+        Position(kind="position", target=MOUNTED["position"], frame=FRAME),
+        position,
+        STRAIGHT,
+    ),
     "pose": (Pose(kind="pose", frame=FRAME, **MOUNTED), pose, STRAIGHT),
     "length": (Length(kind="length"), length, STRAIGHT),
     "length of elastic cables": (Length(kind="length"), length, ELASTIC),
@@ -184,11 +201,14 @@ def test_readings_are_those_of_the_contract(kind, state):
     expected = stated(instrument, calibration, robot, state)
     assert readings.keys() == expected.keys() == {q.name for q in instrument.quantities(M)}
     for name, values in expected.items():
-        np.testing.assert_allclose(readings[name], values, atol=TOLERANCE, rtol=TOLERANCE, err_msg=name)
+        np.testing.assert_allclose(
+            readings[name], values, atol=TOLERANCE, rtol=TOLERANCE, err_msg=name
+        )
 
 
 def test_the_winch_end_of_a_heavy_cable_carries_its_weight_as_well(state):
-    # Of a catenary that does not stretch, the tensions at two points differ by weight per metre times difference in height.
+    # Of a catenary that does not stretch, the tensions at two points differ by weight per metre
+    # times difference in height.
     robot = replace(HEAVY, gravity=np.array([0.0, 0.0, -9.81]))
     instrument = Tension(kind="tension", end="winch")
     readings = predict(instrument, robot, state, means(instrument, M))["tension"]
@@ -205,12 +225,15 @@ def test_a_sensor_at_the_platform_end_does_not_see_the_weight_of_the_cable(state
 
 
 def test_a_cable_with_weight_is_longer_than_its_chord_by_its_sag(state):
-    # A shallow cable of weight w per metre is longer than its chord l by w^2 d^2 l / (24 T^2) over the run d; T is that at
-    # mid-span, here nearly that at the end.
+    # A shallow cable of weight w per metre is longer than its chord l by w^2 d^2 l / (24 T^2) over
+    # the run d; T is that at mid-span, here nearly that at the end.
     robot = replace(HEAVY, gravity=np.array([0.0, 0.0, -9.81]))
     tight = replace(state, tension=20 * state.tension)
     instrument, exact = Length(kind="length"), {"offset": np.zeros(M)}
-    longer = predict(instrument, robot, tight, exact)["length"] - predict(instrument, STRAIGHT, tight, exact)["length"]
+    longer = (
+        predict(instrument, robot, tight, exact)["length"]
+        - predict(instrument, STRAIGHT, tight, exact)["length"]
+    )
     ends = state.position[:, None] + np.einsum("nij,mj->nmi", state.rotation, robot.attachments)
     chord = robot.anchors - ends
     run = np.linalg.norm(chord[:, :, :2], axis=2)
@@ -232,7 +255,12 @@ def test_a_perfect_instrument_has_gains_of_one_and_no_other_error(kind):
 # Default 1-sigma by the table of the contract; None: taken from the data.
 DEFAULTS = {
     "tension": {"offset": None, "gain": 0.01, "common_gain": 0.005},
-    "tension at the winch of straight cables": {"offset": None, "gain": 0.01, "common_gain": 0.005, "friction": 0.02},
+    "tension at the winch of straight cables": {
+        "offset": None,
+        "gain": 0.01,
+        "common_gain": 0.005,
+        "friction": 0.02,
+    },
     "wrench": {"offset.force": None, "offset.torque": None, "position": 0.0, "misalignment": 0.0},
     "length": {"offset": 1.0},
     "imu": {
@@ -244,7 +272,12 @@ DEFAULTS = {
     },
     "attitude": {"misalignment": 0.05, "reference": 0.02},
     "position": {"target": 0.005, "frame.position": 0.002, "frame.rotation": 0.0005},
-    "pose": {"misalignment": 0.05, "target": 0.005, "frame.position": 0.002, "frame.rotation": 0.0005},
+    "pose": {
+        "misalignment": 0.05,
+        "target": 0.005,
+        "frame.position": 0.002,
+        "frame.rotation": 0.0005,
+    },
     "command": {},
 }
 
@@ -252,8 +285,13 @@ DEFAULTS = {
 @pytest.mark.parametrize("kind", DEFAULTS)
 def test_default_calibration_is_that_of_the_contract(kind):
     instrument = KINDS[kind][0]
-    found = {term.key: None if term.deviation is None else set(term.deviation) for term in instrument.terms(M)}
-    assert found == {key: None if value is None else {value} for key, value in DEFAULTS[kind].items()}
+    found = {
+        term.key: None if term.deviation is None else set(term.deviation)
+        for term in instrument.terms(M)
+    }
+    assert found == {
+        key: None if value is None else {value} for key, value in DEFAULTS[kind].items()
+    }
     assert all(term.prior.per == "experiment" for term in instrument.terms(M))
     assert instrument.calibration.delay is None
 
@@ -337,9 +375,15 @@ def test_the_state_follows_from_the_readings(case, state):
     for key, value in means(instrument, M).items():
         np.testing.assert_array_equal(value, calibration[key])
     # The readings are those of the table above, not of the code under test.
-    readings = {key: np.array(value) for key, value in stated(instrument, calibration, robot, state).items()}
+    readings = {
+        key: np.array(value) for key, value in stated(instrument, calibration, robot, state).items()
+    }
     found = solve_for(
-        unknown, instrument, robot, {q: readings[q] for q in quantities}, {g: getattr(state, g) for g in given}
+        unknown,
+        instrument,
+        robot,
+        {q: readings[q] for q in quantities},
+        {g: getattr(state, g) for g in given},
     )
     np.testing.assert_allclose(found, getattr(state, unknown), rtol=1e-8, atol=1e-8)
 
@@ -347,8 +391,13 @@ def test_the_state_follows_from_the_readings(case, state):
 def test_only_what_the_known_part_of_the_state_tells_is_predicted(state):
     instrument = Imu(kind="imu", position=(0.1, 0.0, 0.0))
     without = replace(state, alpha=None, wrench=None, tension=None)
-    assert set(predict(instrument, STRAIGHT, without, means(instrument, M))) == {"angular_velocity", "orientation"}
-    still_there = predict(Position(kind="position"), STRAIGHT, without, means(Position(kind="position"), M))
+    assert set(predict(instrument, STRAIGHT, without, means(instrument, M))) == {
+        "angular_velocity",
+        "orientation",
+    }
+    still_there = predict(
+        Position(kind="position"), STRAIGHT, without, means(Position(kind="position"), M)
+    )
     assert set(still_there) == {"position"}
 
 
@@ -371,7 +420,9 @@ STENCIL = STEP * np.arange(-2, 3)
 def path(t):
     """Platform origin and orientation at a time."""
     p = np.array([0.4 * np.sin(1.1 * t), 0.3 * np.cos(1.7 * t), 2 + 0.2 * np.sin(2.3 * t)])
-    R = Rotation.from_rotvec([0.5 * np.sin(1.3 * t), 0.4 * np.cos(0.9 * t), 0.7 * np.sin(1.9 * t + 0.4)]).as_matrix()
+    R = Rotation.from_rotvec(
+        [0.5 * np.sin(1.3 * t), 0.4 * np.cos(0.9 * t), 0.7 * np.sin(1.9 * t + 0.4)]
+    ).as_matrix()
     return p, R
 
 
@@ -406,9 +457,10 @@ def test_an_imu_off_the_origin_feels_what_its_own_path_tells(gravity):
         )
         readings = predict(instrument, STRAIGHT, now, means(instrument, M))
         of_the_point = derivative(lambda s: path(s)[0] + path(s)[1] @ place, t, SECOND)
-        felt = of_the_point - (TILTED_GRAVITY if gravity == "included" else 0.0)
-        expected = (R @ rpy(turned)).T @ felt
-        # Differences of second order by steps of a millisecond leave 1e-9; alpha is one of differences.
+        force_samples = of_the_point - (TILTED_GRAVITY if gravity == "included" else 0.0)
+        expected = (R @ rpy(turned)).T @ force_samples
+        # Differences of second order by steps of a millisecond leave 1e-9; alpha is one of
+        # differences.
         np.testing.assert_allclose(readings["specific_force"][0], expected, atol=1e-6)
         np.testing.assert_allclose(readings["orientation"][0], R @ rpy(turned), atol=TOLERANCE)
 
@@ -418,7 +470,9 @@ def test_the_state_follows_from_the_readings_with_errors_that_are_given(case, st
     kind, unknown, quantities, given = BACKWARDS[case]
     instrument, stated, robot = KINDS[kind]
     calibration = draw(instrument, seed=3)
-    readings = {key: np.array(value) for key, value in stated(instrument, calibration, robot, state).items()}
+    readings = {
+        key: np.array(value) for key, value in stated(instrument, calibration, robot, state).items()
+    }
     found = solve_for(
         unknown,
         instrument,
@@ -438,7 +492,9 @@ DIFFERENCED = 1e-7  # relative to the largest number compared: what such differe
 
 def hamilton(a, b):
     """Product of quaternions (w, x, y, z)."""
-    return np.array([a[0] * b[0] - a[1:] @ b[1:], *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
+    return np.array(
+        [a[0] * b[0] - a[1:] @ b[1:], *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))]
+    )
 
 
 def unit(q, dq, ddq):
@@ -446,22 +502,43 @@ def unit(q, dq, ddq):
     s = np.linalg.norm(q)
     ds = q @ dq / s
     dds = (dq @ dq + q @ ddq - ds**2) / s
-    return q / s, dq / s - q * ds / s**2, ddq / s - 2 * dq * ds / s**2 - q * dds / s**2 + 2 * q * ds**2 / s**3
+    return (
+        q / s,
+        dq / s - q * ds / s**2,
+        ddq / s - 2 * dq * ds / s**2 - q * dds / s**2 + 2 * q * ds**2 / s**3,
+    )
 
 
 def turning(q, dq, ddq):
-    """R, omega and alpha in platform axes: omega = 2 u* du; in its derivative du* du is a number without direction."""
+    """R, omega and alpha in platform axes: omega = 2 u* du; in its derivative du* du is a number
+    without direction."""
     u, du, ddu = unit(q, dq, ddq)
     back = u * [1, -1, -1, -1]
-    return Rotation.from_quat(u, scalar_first=True).as_matrix(), 2 * hamilton(back, du)[1:], 2 * hamilton(back, ddu)[1:]
+    return (
+        Rotation.from_quat(u, scalar_first=True).as_matrix(),
+        2 * hamilton(back, du)[1:],
+        2 * hamilton(back, ddu)[1:],
+    )
 
 
 def state_along(pose, rate, acceleration, gravity):
     """The platform's state, sample by sample."""
-    turns = [turning(*(x[3:] for x in motion)) for motion in zip(pose, rate, acceleration, strict=True)]
+    turns = [
+        turning(*(x[3:] for x in motion)) for motion in zip(pose, rate, acceleration, strict=True)
+    ]
     R, omega, alpha = (np.array(each) for each in zip(*turns, strict=True))
-    felt = np.einsum("nji,nj->ni", R, acceleration[:, :3] - gravity)
-    return State(pose[:, :3], R, rate[:, :3], omega, felt, alpha, np.zeros((N, M)), np.zeros((N, 6)), gravity)
+    force_samples = np.einsum("nji,nj->ni", R, acceleration[:, :3] - gravity)
+    return State(
+        pose[:, :3],
+        R,
+        rate[:, :3],
+        omega,
+        force_samples,
+        alpha,
+        np.zeros((N, M)),
+        np.zeros((N, 6)),
+        gravity,
+    )
 
 
 @pytest.fixture
@@ -479,16 +556,26 @@ def beyond(kind, quantity, measured, motion, errors, gravity):
     """What is measured beyond what the table says, shape (n, 3)."""
     instrument, stated, robot = KINDS[kind]
     ends = np.cumsum([term.size for term in instrument.terms(M)])
-    calibration = {term.key: errors[end - term.size : end] for term, end in zip(instrument.terms(M), ends, strict=True)}
-    expected = np.array(stated(instrument, calibration, robot, state_along(*motion, gravity))[quantity])
+    calibration = {
+        term.key: errors[end - term.size : end]
+        for term, end in zip(instrument.terms(M), ends, strict=True)
+    }
+    expected = np.array(
+        stated(instrument, calibration, robot, state_along(*motion, gravity))[quantity]
+    )
     if measured.ndim == 3:
         return Rotation.from_matrix(np.swapaxes(expected, 1, 2) @ measured).as_rotvec()
     return measured - expected
 
 
 def reading_near(kind, quantity, motion, errors, gravity):
-    """Readings that differ from what is expected, of rotations by next to nothing up to two radians."""
-    expected = beyond(kind, quantity, np.zeros((N, 3)), motion, errors, gravity) if quantity != "orientation" else None
+    """Readings that differ from what is expected, of rotations by next to nothing up to two
+    radians."""
+    expected = (
+        beyond(kind, quantity, np.zeros((N, 3)), motion, errors, gravity)
+        if quantity != "orientation"
+        else None
+    )
     rng = np.random.default_rng(4)
     if expected is not None:
         return -expected + rng.normal(0, 1, (N, 3))
@@ -520,7 +607,8 @@ def errors_of(kind):
 
 
 def differences_by(function, at):
-    """Central differences by every number of an array's last axis, on the last axis of the result."""
+    """Central differences by every number of an array's last axis, on the last axis of the
+    result."""
     columns = []
     for j in range(at.shape[-1]):
         step = np.zeros(at.shape[-1])
@@ -537,7 +625,9 @@ def test_what_is_measured_beyond_what_a_motion_tells_and_its_derivatives(kind, q
     found = linearised(instrument, quantity, robot, measured, motion, errors, TILTED_GRAVITY)
     now = [*motion, errors, TILTED_GRAVITY]
     expected = {"residual": beyond(kind, quantity, measured, motion, errors, TILTED_GRAVITY)}
-    for place, name in enumerate(("by_pose", "by_rate", "by_acceleration", "by_errors", "by_gravity")):
+    for place, name in enumerate(
+        ("by_pose", "by_rate", "by_acceleration", "by_errors", "by_gravity")
+    ):
 
         def residual(value, place=place):
             changed = [*now[:place], value, *now[place + 1 :]]
@@ -549,7 +639,9 @@ def test_what_is_measured_beyond_what_a_motion_tells_and_its_derivatives(kind, q
     for name, value in expected.items():
         # Of no error at all there is one column, which is nothing.
         assert found[name].shape == value.shape
-        np.testing.assert_allclose(found[name], value, atol=DIFFERENCED * max(1, np.abs(value).max()), err_msg=name)
+        np.testing.assert_allclose(
+            found[name], value, atol=DIFFERENCED * max(1, np.abs(value).max()), err_msg=name
+        )
 
 
 @pytest.mark.parametrize(("kind", "quantity"), LOOKED_AT)
@@ -572,7 +664,9 @@ def test_the_length_of_the_quaternion_does_not_matter(kind, quantity, motion):
     for name in ("residual", "by_errors", "by_gravity"):
         np.testing.assert_allclose(other[name], one[name], atol=1e-9, err_msg=name)
     # Nothing changes along c, dc, ddc.
-    by_pose, by_rate, by_acceleration = (one[f"by_{name}"][:, :, 3:] for name in ("pose", "rate", "acceleration"))
+    by_pose, by_rate, by_acceleration = (
+        one[f"by_{name}"][:, :, 3:] for name in ("pose", "rate", "acceleration")
+    )
     for along in (
         by_pose @ q[:, :, None] + by_rate @ dq[:, :, None] + by_acceleration @ ddq[:, :, None],
         by_rate @ q[:, :, None] + 2 * by_acceleration @ dq[:, :, None],
@@ -613,7 +707,10 @@ def test_what_is_found_follows_readings_and_errors_as_differences_say(case, stat
         instrument,
         robot,
         quantities,
-        {key: getattr(state, key) for key in ("tension", "wrench", "position", "rotation", "velocity", "omega")},
+        {
+            key: getattr(state, key)
+            for key in ("tension", "wrench", "position", "rotation", "velocity", "omega")
+        },
         calibration,
     )
     for derivative, expected in (
@@ -621,7 +718,9 @@ def test_what_is_found_follows_readings_and_errors_as_differences_say(case, stat
         (by_errors, differences_by(lambda e: found(readings, e), errors)),
     ):
         whole = np.broadcast_to(derivative, (N, *derivative.shape[1:]))
-        np.testing.assert_allclose(whole, expected, atol=DIFFERENCED * max(1, np.abs(expected).max()))
+        np.testing.assert_allclose(
+            whole, expected, atol=DIFFERENCED * max(1, np.abs(expected).max())
+        )
 
 
 def test_a_tension_follows_its_own_reading_gain_and_offset(state):
@@ -633,8 +732,12 @@ def test_a_tension_follows_its_own_reading_gain_and_offset(state):
         "tension", instrument, STRAIGHT, ("tension",), {"tension": state.tension}, calibration
     )
     eye, t = np.eye(M), state.tension
-    np.testing.assert_allclose(by_reading, np.broadcast_to(eye / (common * gain), by_reading.shape), rtol=1e-12)
+    np.testing.assert_allclose(
+        by_reading, np.broadcast_to(eye / (common * gain), by_reading.shape), rtol=1e-12
+    )
     whole = np.broadcast_to(by_errors, (N, M, 2 * M + 1))
-    np.testing.assert_allclose(whole[:, :, :M], np.broadcast_to(-eye / (common * gain), (N, M, M)), rtol=1e-12)
+    np.testing.assert_allclose(
+        whole[:, :, :M], np.broadcast_to(-eye / (common * gain), (N, M, M)), rtol=1e-12
+    )
     np.testing.assert_allclose(whole[:, :, M : 2 * M], -eye * (t / gain)[:, None, :], rtol=1e-12)
     np.testing.assert_allclose(whole[:, :, 2 * M], -t / common, rtol=1e-12)

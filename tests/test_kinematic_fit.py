@@ -1,4 +1,5 @@
-"""What motion instruments say about each other, against the truth, an independent solver and what they cannot know."""
+"""What motion instruments say about each other, against the truth, an independent solver and what
+they cannot know."""
 
 from dataclasses import replace
 
@@ -10,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.kinematic_fit import fit_kinematics
-from steelyard.identification.preparation import prepare
-from steelyard.identification.unknowns import LAG, ROBOT, Systematic, gather
+from steelyard.identification.model.calibration_parameters import LAG, ROBOT, Calibration, gather
+from steelyard.identification.model.preparation import prepare
+from steelyard.identification.solve.kinematic_fit import fit_kinematics
 from steelyard.instruments import Attitude, Pose
 from steelyard.robot.file import read_robot
 from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
@@ -26,7 +27,13 @@ DURATION = 8.0  # [s]
 EXACT = {"anchor": 0.0, "attachment": 0.0, "gravity": 0.0}
 
 # Larger than those of the paper, so that every error has something to be told.
-IMU = {"gyro_bias": 0.02, "accelerometer_bias": 0.1, "position": 0.005, "misalignment": 0.03, "reference": 0.01}
+IMU = {
+    "gyro_bias": 0.02,
+    "accelerometer_bias": 0.1,
+    "position": 0.005,
+    "misalignment": 0.03,
+    "reference": 0.01,
+}
 TRACKER = {"target": 0.01, "frame": {"position": 0.01, "rotation": 0.01}, "delay": 0.02}
 
 
@@ -52,17 +59,28 @@ class Recorder:
         }
 
     def __call__(self, seed, instruments=None, stated=None, runs=("run",)):
-        """An experiment and the errors drawn; ``stated`` is what the file says of the instruments, if not what they are."""
+        """An experiment and the errors drawn; ``stated`` is what the file says of the instruments,
+        if not what they are."""
         instruments = instruments or self.instruments
         rng = np.random.default_rng(seed)
         drawn = draw_errors(instruments, self.robot.m, list(runs), rng)
         recorded = []
         for name in runs:
-            streams, sync = record(self.response, instruments, drawn[name], self.robot, self.command, rng)
+            streams, sync = record(
+                self.response, instruments, drawn[name], self.robot, self.command, rng
+            )
             recorded.append(Run(name, streams, sync))
-        return Experiment(
-            "draw", self.robot, stated or instruments, tuple(recorded), uncertainty=dict(EXACT), source=""
-        ), drawn
+        return (
+            Experiment(
+                "draw",
+                self.robot,
+                stated or instruments,
+                tuple(recorded),
+                uncertainty=dict(EXACT),
+                source="",
+            ),
+            drawn,
+        )
 
 
 @pytest.fixture(scope="module")
@@ -72,34 +90,47 @@ def recorder():
 
 def fitted(experiment, plan_of=None):
     """The errors of an experiment, and what the motion instruments say about them."""
-    unknowns = gather(experiment)
-    systematic = Systematic(unknowns, unknowns.mean)
-    samples = [prepare(experiment, r, thin=True, systematic=systematic) for r in experiment.runs if not r.static]
+    calibration_parameters = gather(experiment)
+    calibration = Calibration(calibration_parameters, calibration_parameters.mean)
+    samples = [
+        prepare(experiment, r, thin=True, calibration=calibration)
+        for r in experiment.runs
+        if not r.static
+    ]
     if plan_of is not None:
         samples = [replace(s, plan=plan_of) for s in samples]
-    return unknowns, fit_kinematics(experiment, unknowns, samples), samples
+    return (
+        calibration_parameters,
+        fit_kinematics(experiment, calibration_parameters, samples),
+        samples,
+    )
 
 
-def truth(unknowns, experiment, drawn):
+def truth(calibration_parameters, experiment, drawn):
     """The errors that were drawn, in the places of the unknowns."""
-    values = unknowns.mean.copy()
-    for u in unknowns.entries:
+    values = calibration_parameters.mean.copy()
+    for u in calibration_parameters.entries:
         if u.owner == ROBOT or u.key == LAG:
             continue
         run = u.run or experiment.runs[0].name
-        place = unknowns.places[u.owner, u.key, u.run]
+        place = calibration_parameters.places[u.owner, u.key, u.run]
         if u.key == "delay":
-            of_the_clock = (n for n, i in experiment.instruments.items() if (i.clock or n) == u.owner)
+            of_the_clock = (
+                n for n, i in experiment.instruments.items() if (i.clock or n) == u.owner
+            )
             values[place] = drawn[run][next(of_the_clock)].delay
         else:
             values[place] = drawn[run][u.owner].calibration[u.key]
     return values
 
 
-def moving(unknowns):
+def moving(calibration_parameters):
     """Places of the errors of the motion instruments that are not known exactly."""
-    ours = [u.owner not in {ROBOT, "cables", "command"} for _, u, _ in unknowns.components()]
-    return np.flatnonzero(np.array(ours) & (unknowns.deviation > 0))
+    ours = [
+        u.owner not in {ROBOT, "cables", "command"}
+        for _, u, _ in calibration_parameters.components()
+    ]
+    return np.flatnonzero(np.array(ours) & (calibration_parameters.deviation > 0))
 
 
 def sigma(fit, place):
@@ -116,7 +147,9 @@ def without(experiment, instrument, quantity=None):
         values = {name: value for name, value in stream.values.items() if name != quantity}
         return {**streams, instrument: replace(stream, values=values)}
 
-    return replace(experiment, runs=tuple(replace(r, streams=less(r.streams)) for r in experiment.runs))
+    return replace(
+        experiment, runs=tuple(replace(r, streams=less(r.streams)) for r in experiment.runs)
+    )
 
 
 # Against the truth
@@ -128,11 +161,11 @@ def draws(recorder):
     found = []
     for seed in range(SEEDS):
         experiment, drawn = recorder(seed)
-        unknowns, fit, _ = fitted(experiment)
-        own = moving(unknowns)
-        error = (fit.systematic.values - truth(unknowns, experiment, drawn))[own]
+        calibration_parameters, fit, _ = fitted(experiment)
+        own = moving(calibration_parameters)
+        error = (fit.calibration.values - truth(calibration_parameters, experiment, drawn))[own]
         found.append((error, fit.covariance[np.ix_(own, own)], fit))
-    return unknowns, own, found
+    return calibration_parameters, own, found
 
 
 def test_it_converges(draws):
@@ -176,9 +209,11 @@ def test_no_estimate_is_biased_or_too_sure(draws):
     ],
 )
 def test_what_instruments_contradict_each_other_about_is_told(draws, key, part):
-    unknowns, _, found = draws
-    place = unknowns.names.index(key)
-    assert all(sigma(fit, place) < part * unknowns.deviation[place] for *_, fit in found)
+    calibration_parameters, _, found = draws
+    place = calibration_parameters.names.index(key)
+    assert all(
+        sigma(fit, place) < part * calibration_parameters.deviation[place] for *_, fit in found
+    )
 
 
 def test_residuals_are_of_the_size_of_the_noise(draws):
@@ -196,74 +231,103 @@ def test_residuals_are_of_the_size_of_the_noise(draws):
 
 # What cannot be told
 
-KEPT = 1e-3  # relative: what is not told keeps its prior but for what holds the platform in its hall
+KEPT = (
+    1e-3  # relative: what is not told keeps its prior but for what holds the platform in its hall
+)
 
 
 def test_where_the_tracker_stands_is_not_told(draws):
-    unknowns, _, found = draws
-    place = unknowns.places["tracker", "frame.position", None]
+    calibration_parameters, _, found = draws
+    place = calibration_parameters.places["tracker", "frame.position", None]
     for *_, fit in found:
-        np.testing.assert_allclose(sigma(fit, place), unknowns.deviation[place], rtol=KEPT)
-        assert np.abs(fit.systematic.values[place]).max() < KEPT * unknowns.deviation[place][0]
+        np.testing.assert_allclose(
+            sigma(fit, place), calibration_parameters.deviation[place], rtol=KEPT
+        )
+        assert (
+            np.abs(fit.calibration.values[place]).max()
+            < KEPT * calibration_parameters.deviation[place][0]
+        )
 
 
 def test_the_heading_of_the_world_is_not_told(draws):
-    # Tracker and attitude turned alike about the vertical read the same: only their difference is told.
-    unknowns, _, found = draws
-    places = [unknowns.names.index(name) for name in ("imu.reference z", "tracker.frame.rotation z")]
-    prior = unknowns.deviation[places] ** 2
+    # Tracker and attitude turned alike about the vertical read the same: only their difference is
+    # told.
+    calibration_parameters, _, found = draws
+    places = [
+        calibration_parameters.names.index(name)
+        for name in ("imu.reference z", "tracker.frame.rotation z")
+    ]
+    prior = calibration_parameters.deviation[places] ** 2
     for *_, fit in found:
         own = fit.covariance[np.ix_(places, places)]
         together, apart = np.array([1.0, 1.0]), np.array([1.0, -1.0])
         assert together @ own @ together == pytest.approx(prior.sum(), rel=0.01)
         assert apart @ own @ apart < 0.05 * prior.sum()
-        assert together @ fit.systematic.values[places] == pytest.approx(0, abs=0.01 * np.sqrt(prior.sum()))
+        assert together @ fit.calibration.values[places] == pytest.approx(
+            0, abs=0.01 * np.sqrt(prior.sum())
+        )
 
 
 def test_one_target_without_an_accelerometer_tells_nothing_but_the_gyro_bias(recorder):
     experiment, _ = recorder(3)
-    unknowns, fit, _ = fitted(without(experiment, "imu", "specific_force"))
+    calibration_parameters, fit, _ = fitted(without(experiment, "imu", "specific_force"))
     assert fit.converged
-    told = [unknowns.places["imu", "gyro_bias", None]]
+    told = [calibration_parameters.places["imu", "gyro_bias", None]]
     # Knots that stay tell next to nothing about the lever that turns with the platform.
-    kept = np.setdiff1d(moving(unknowns), np.concatenate([np.arange(len(unknowns))[place] for place in told]))
-    np.testing.assert_allclose(sigma(fit, kept), unknowns.deviation[kept], rtol=0.03)
-    assert np.all(np.abs(fit.systematic.values[kept]) < 0.4 * unknowns.deviation[kept])
+    kept = np.setdiff1d(
+        moving(calibration_parameters),
+        np.concatenate([np.arange(len(calibration_parameters))[place] for place in told]),
+    )
+    np.testing.assert_allclose(sigma(fit, kept), calibration_parameters.deviation[kept], rtol=0.03)
+    assert np.all(
+        np.abs(fit.calibration.values[kept]) < 0.4 * calibration_parameters.deviation[kept]
+    )
     assert np.all(sigma(fit, told[0]) < 0.02 * 0.02)
 
 
 def test_without_a_tracker_the_accelerometer_bias_is_not_told(recorder):
     experiment, _ = recorder(4)
-    unknowns, fit, _ = fitted(without(experiment, "tracker"))
+    calibration_parameters, fit, _ = fitted(without(experiment, "tracker"))
     assert fit.converged
     for key in ("accelerometer_bias", "position", "misalignment", "reference"):
-        place = unknowns.places["imu", key, None]
+        place = calibration_parameters.places["imu", key, None]
         # A platform that does not fly away tells a little.
-        np.testing.assert_allclose(sigma(fit, place), unknowns.deviation[place], rtol=0.06)
+        np.testing.assert_allclose(
+            sigma(fit, place), calibration_parameters.deviation[place], rtol=0.06
+        )
 
 
 def test_what_says_nothing_keeps_its_prior_exactly(recorder):
     experiment, _ = recorder(4)
-    unknowns, fit, _ = fitted(experiment)
+    calibration_parameters, fit, _ = fitted(experiment)
     for key in ("offset", "gain", "common_gain"):
-        place = unknowns.places["cables", key, None]
-        np.testing.assert_array_equal(fit.systematic.values[place], unknowns.mean[place])
-        np.testing.assert_array_equal(fit.covariance[place, place], np.diag(unknowns.deviation[place] ** 2))
+        place = calibration_parameters.places["cables", key, None]
+        np.testing.assert_array_equal(
+            fit.calibration.values[place], calibration_parameters.mean[place]
+        )
+        np.testing.assert_array_equal(
+            fit.covariance[place, place], np.diag(calibration_parameters.deviation[place] ** 2)
+        )
 
 
 def test_all_clocks_together_tell_no_time(recorder):
     # Only differences of clocks are told; a motion that happens later looks the same.
     own = {
         **recorder.instruments,
-        "imu": changed(recorder.instruments["imu"], clock="imu", calibration={**IMU, "delay": 0.02}),
+        "imu": changed(
+            recorder.instruments["imu"], clock="imu", calibration={**IMU, "delay": 0.02}
+        ),
     }
     for seed in range(4):
         experiment, drawn = recorder(seed, own)
-        unknowns, fit, _ = fitted(experiment)
+        calibration_parameters, fit, _ = fitted(experiment)
         assert fit.converged
-        places = [unknowns.places[clock, "delay", "run"].start for clock in ("imu", "tracker")]
+        places = [
+            calibration_parameters.places[clock, "delay", "run"].start
+            for clock in ("imu", "tracker")
+        ]
         covariance = fit.covariance[np.ix_(places, places)]
-        error = (fit.systematic.values - truth(unknowns, experiment, drawn))[places]
+        error = (fit.calibration.values - truth(calibration_parameters, experiment, drawn))[places]
         together, apart = np.array([1.0, 1.0]), np.array([1.0, -1.0])
         assert together @ covariance @ together == pytest.approx(2 * 0.02**2, rel=KEPT)
         assert apart @ covariance @ apart < 0.001**2
@@ -274,16 +338,26 @@ def test_all_clocks_together_tell_no_time(recorder):
 def test_clocks_that_cannot_be_compared_keep_their_prior(recorder, left):
     own = {
         **recorder.instruments,
-        "imu": changed(recorder.instruments["imu"], clock="imu", calibration={**IMU, "delay": 0.02}),
+        "imu": changed(
+            recorder.instruments["imu"], clock="imu", calibration={**IMU, "delay": 0.02}
+        ),
     }
     experiment, _ = recorder(5, own)
-    experiment = without(experiment, "tracker") if left == "imu" else without(experiment, "imu", "specific_force")
-    unknowns, fit, _ = fitted(experiment)
+    experiment = (
+        without(experiment, "tracker")
+        if left == "imu"
+        else without(experiment, "imu", "specific_force")
+    )
+    calibration_parameters, fit, _ = fitted(experiment)
     assert fit.converged
-    places = [p.start for (_, key, _), p in unknowns.places.items() if key == "delay" and unknowns.deviation[p] > 0]
+    places = [
+        p.start
+        for (_, key, _), p in calibration_parameters.places.items()
+        if key == "delay" and calibration_parameters.deviation[p] > 0
+    ]
     assert places
     np.testing.assert_allclose(sigma(fit, places), 0.02, rtol=1e-9)
-    np.testing.assert_allclose(fit.systematic.values[places], 0, atol=1e-9)
+    np.testing.assert_allclose(fit.calibration.values[places], 0, atol=1e-9)
 
 
 # Against another solver
@@ -305,12 +379,15 @@ def stated_readings(pose, rate, acceleration, errors, robot, instruments):
         return a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
 
     omega = 2 * vector_part(q, dq) / square
-    alpha = 2 * vector_part(q, ddq) / square - 2 * np.sum(q * dq, axis=1, keepdims=True) / square * omega
-    felt = np.einsum("nji,nj->ni", R, acceleration[:, :3] - robot.gravity)
+    alpha = (
+        2 * vector_part(q, ddq) / square
+        - 2 * np.sum(q * dq, axis=1, keepdims=True) / square * omega
+    )
+    force_samples = np.einsum("nji,nj->ni", R, acceleration[:, :3] - robot.gravity)
     imu, tracker = instruments["imu"], instruments["tracker"]
     R_imu = Rotation.from_rotvec(errors["imu.misalignment"]).as_matrix()
     place = np.array(imu.position) + errors["imu.position"]
-    there = felt + np.cross(alpha, place) + np.cross(omega, np.cross(omega, place))
+    there = force_samples + np.cross(alpha, place) + np.cross(omega, np.cross(omega, place))
     reference = Rotation.from_rotvec(errors["imu.reference"]).as_matrix()
     frame = Rotation.from_rotvec(errors["tracker.frame.rotation"]).as_matrix()
     target = pose[:, :3] + R @ (np.array(tracker.target) + errors["tracker.target"])
@@ -326,12 +403,16 @@ def test_another_solver_finds_the_same(recorder):
     experiment, _ = recorder(1)
     run = replace(experiment.runs[0], window=WINDOW)
     experiment = replace(experiment, runs=(run,))
-    unknowns, fit, (samples,) = fitted(experiment)
+    calibration_parameters, fit, (samples,) = fitted(experiment)
     ((start, end, _),) = samples.plan.parts
     grid = knots(start, end, samples.plan.spacing)
-    own = moving(unknowns)
-    names = list(dict.fromkeys((u.owner, u.key) for p, u, _ in unknowns.components() if p in own))
-    delay = unknowns.places["tracker", "delay", "run"]
+    own = moving(calibration_parameters)
+    names = list(
+        dict.fromkeys(
+            (u.owner, u.key) for p, u, _ in calibration_parameters.components() if p in own
+        )
+    )
+    delay = calibration_parameters.places["tracker", "delay", "run"]
     noise = {
         ("imu", "angular_velocity"): experiment.instruments["imu"].noise.angular_velocity,
         ("imu", "specific_force"): experiment.instruments["imu"].noise.specific_force,
@@ -342,18 +423,26 @@ def test_another_solver_finds_the_same(recorder):
     for name, quantity in noise:
         stream = run.streams[name]
         time = stream.time - run.sync[name]
-        late = fit.systematic.values[delay][0] if name == "tracker" else 0.0
+        late = fit.calibration.values[delay][0] if name == "tracker" else 0.0
         # What the other clock moves out of the window does not count.
         use = (time >= start) & (time <= end) & (time - late >= start) & (time - late <= end)
         readings[name, quantity] = (time[use], stream.values[quantity][use])
-    places = {name: unknowns.places[*name, None if name[1] != "delay" else "run"] for name in names}
+    places = {
+        name: calibration_parameters.places[*name, None if name[1] != "delay" else "run"]
+        for name in names
+    }
     count = len(grid) - DEGREE - 1
 
     def residual(x):
-        spline, values = BSpline(grid, x[: 7 * count].reshape(count, 7), DEGREE), unknowns.mean.copy()
+        spline, values = (
+            BSpline(grid, x[: 7 * count].reshape(count, 7), DEGREE),
+            calibration_parameters.mean.copy(),
+        )
         values[own] = x[7 * count :]
         errors = {".".join(name): values[place] for name, place in places.items()}
-        parts = [(values - unknowns.mean)[own] / unknowns.deviation[own]]
+        parts = [
+            (values - calibration_parameters.mean)[own] / calibration_parameters.deviation[own]
+        ]
         stated = {}
         for name, late in (("imu", 0.0), ("tracker", values[delay][0])):
             time = next(time for source, (time, _) in readings.items() if source[0] == name)
@@ -379,16 +468,25 @@ def test_another_solver_finds_the_same(recorder):
     quaternion = Rotation.from_matrix(state.rotation).as_quat(scalar_first=True)
     quaternion *= np.where(np.sum(quaternion * quaternion[0], axis=1) < 0, -1, 1)[:, None]
     first = make_lsq_spline(t, np.hstack([state.position, quaternion]), grid, DEGREE).c
-    solution = least_squares(residual, np.concatenate([first.ravel(), unknowns.mean[own]]), method="lm", x_scale="jac")
+    solution = least_squares(
+        residual,
+        np.concatenate([first.ravel(), calibration_parameters.mean[own]]),
+        method="lm",
+        x_scale="jac",
+    )
     # No reading stands so far off that it would count less.
     of_readings = solution.fun[len(own) :][: 3 * sum(len(time) for time, _ in readings.values())]
     assert np.sum(of_readings.reshape(-1, 3) ** 2, axis=1).max() < chi2.isf(1e-4, 3)
     covariance = np.linalg.inv(solution.jac.T @ solution.jac)[7 * count :, 7 * count :]
     deviation = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(fit.systematic.values[own] / deviation, solution.x[7 * count :] / deviation, atol=CLOSE)
+    np.testing.assert_allclose(
+        fit.calibration.values[own] / deviation, solution.x[7 * count :] / deviation, atol=CLOSE
+    )
     found = fit.covariance[np.ix_(own, own)]
     np.testing.assert_allclose(
-        found / np.outer(deviation, deviation), covariance / np.outer(deviation, deviation), atol=CLOSE
+        found / np.outer(deviation, deviation),
+        covariance / np.outer(deviation, deviation),
+        atol=CLOSE,
     )
 
 
@@ -399,17 +497,22 @@ def test_another_solver_finds_the_same(recorder):
 def test_noise_of_twice_the_stated_size_is_noticed(recorder, quantity):
     imu = recorder.instruments["imu"]
     noise = imu.noise.model_dump()
-    stated = {**recorder.instruments, "imu": changed(imu, noise={**noise, quantity: noise[quantity] / 2})}
+    stated = {
+        **recorder.instruments,
+        "imu": changed(imu, noise={**noise, quantity: noise[quantity] / 2}),
+    }
     experiment, drawn = recorder(6, stated=stated)
-    unknowns, fit, _ = fitted(experiment)
+    calibration_parameters, fit, _ = fitted(experiment)
     assert fit.ratios["imu", quantity] == pytest.approx(2, abs=0.3)
     assert all(ratio < 1.3 for source, ratio in fit.ratios.items() if source != ("imu", quantity))
     # What is estimated does not count the readings as better than they are.
-    own = moving(unknowns)
+    own = moving(calibration_parameters)
     _, honest, _ = fitted(replace(experiment, instruments=recorder.instruments))
     np.testing.assert_allclose(sigma(fit, own), sigma(honest, own), rtol=0.1)
-    error = (fit.systematic.values - truth(unknowns, experiment, drawn))[own]
-    assert error @ np.linalg.solve(fit.covariance[np.ix_(own, own)], error) < chi2.isf(RARE, len(own))
+    error = (fit.calibration.values - truth(calibration_parameters, experiment, drawn))[own]
+    assert error @ np.linalg.solve(fit.covariance[np.ix_(own, own)], error) < chi2.isf(
+        RARE, len(own)
+    )
 
 
 def spiked(stream, size, rng):
@@ -426,7 +529,7 @@ def spiked(stream, size, rng):
 
 def test_spikes_do_no_harm(recorder):
     experiment, _ = recorder(7)
-    unknowns, clean, (samples,) = fitted(experiment)
+    calibration_parameters, clean, (samples,) = fitted(experiment)
     rng = np.random.default_rng(1)
     size = {"angular_velocity": 1.0, "specific_force": 20.0, "position": 0.5}  # hundreds of 1-sigma
     run = experiment.runs[0]
@@ -437,8 +540,10 @@ def test_spikes_do_no_harm(recorder):
     rough = replace(experiment, runs=(replace(run, streams=streams),))
     # On the knots of the clean data: choosing them is the business of preparation.
     _, fit, _ = fitted(rough, plan_of=samples.plan)
-    own = moving(unknowns)
-    assert np.all(np.abs(fit.systematic.values - clean.systematic.values)[own] < sigma(clean, own))
+    own = moving(calibration_parameters)
+    assert np.all(
+        np.abs(fit.calibration.values - clean.calibration.values)[own] < sigma(clean, own)
+    )
     np.testing.assert_allclose(sigma(fit, own), sigma(clean, own), rtol=0.15)
     for source, ratio in fit.ratios.items():
         assert ratio == pytest.approx(clean.ratios[source], rel=0.15)
@@ -457,15 +562,21 @@ def test_ideal_data_show_no_errors(recorder):
     }
     experiment, _ = recorder(0, ideal, stated=uncertain)
     run = replace(experiment.runs[0], window=(1.0, 4.0))
-    unknowns, fit, _ = fitted(replace(experiment, runs=(run,)))
-    own = moving(unknowns)
-    error = np.abs(fit.systematic.values - unknowns.mean)[own]
+    calibration_parameters, fit, _ = fitted(replace(experiment, runs=(run,)))
+    own = moving(calibration_parameters)
+    error = np.abs(fit.calibration.values - calibration_parameters.mean)[own]
     assert fit.converged
     # None leaves its prior; what is told well is found to a millionth.
-    assert np.all(error < 0.5 * unknowns.deviation[own])
+    assert np.all(error < 0.5 * calibration_parameters.deviation[own])
     for key, most in (("gyro_bias", 1e-6), ("accelerometer_bias", 1e-3), ("reference", 1e-4)):
-        assert np.abs(fit.systematic.values[unknowns.places["imu", key, None]]).max() < most
-    assert abs(fit.systematic.values[unknowns.places["tracker", "delay", "run"]][0]) < 1e-5
+        assert (
+            np.abs(fit.calibration.values[calibration_parameters.places["imu", key, None]]).max()
+            < most
+        )
+    assert (
+        abs(fit.calibration.values[calibration_parameters.places["tracker", "delay", "run"]][0])
+        < 1e-5
+    )
     assert np.all(np.linalg.eigvalsh(fit.covariance) > -1e-15)
 
 
@@ -475,38 +586,56 @@ def test_ideal_data_show_no_errors(recorder):
 def test_an_experiment_without_an_imu(recorder):
     own = {
         "cables": recorder.instruments["cables"],
-        "compass": Attitude(kind="attitude", noise=0.003, rate=50.0, calibration={"misalignment": 0.0, "delay": 0.0}),
+        "compass": Attitude(
+            kind="attitude", noise=0.003, rate=50.0, calibration={"misalignment": 0.0, "delay": 0.0}
+        ),
         "tracker": recorder.instruments["tracker"],
     }
-    unknowns, fit, _ = fitted(recorder(2, own)[0])
+    calibration_parameters, fit, _ = fitted(recorder(2, own)[0])
     assert fit.converged
     assert set(fit.ratios) == {("compass", "orientation"), ("tracker", "position")}
-    kept = moving(unknowns)
+    kept = moving(calibration_parameters)
     # Attitude and one target have nothing to say to each other.
-    np.testing.assert_allclose(sigma(fit, kept), unknowns.deviation[kept], rtol=0.05)
+    np.testing.assert_allclose(sigma(fit, kept), calibration_parameters.deviation[kept], rtol=0.05)
 
 
 def test_a_pose_and_a_gyro_tell_the_clock_between_them(recorder):
-    calibration = {"target": 0.0, "frame": {"position": 0.0, "rotation": 0.0}, "misalignment": 0.0, "delay": 0.05}
-    camera = Pose(kind="pose", noise={"position": 0.002, "rotation": 0.003}, rate=60.0, calibration=calibration)
-    own = {"cables": recorder.instruments["cables"], "imu": recorder.instruments["imu"], "camera": camera}
+    calibration = {
+        "target": 0.0,
+        "frame": {"position": 0.0, "rotation": 0.0},
+        "misalignment": 0.0,
+        "delay": 0.05,
+    }
+    camera = Pose(
+        kind="pose",
+        noise={"position": 0.002, "rotation": 0.003},
+        rate=60.0,
+        calibration=calibration,
+    )
+    own = {
+        "cables": recorder.instruments["cables"],
+        "imu": recorder.instruments["imu"],
+        "camera": camera,
+    }
     experiment, drawn = recorder(2, own)
     for left in (experiment, without(experiment, "imu", "specific_force")):
-        unknowns, fit, _ = fitted(left)
-        place = unknowns.places["camera", "delay", "run"]
+        calibration_parameters, fit, _ = fitted(left)
+        place = calibration_parameters.places["camera", "delay", "run"]
         assert fit.converged
         assert sigma(fit, place) < 0.002
-        assert abs(fit.systematic.values[place] - drawn["run"]["camera"].delay) < 4 * sigma(fit, place)
+        assert abs(fit.calibration.values[place] - drawn["run"]["camera"].delay) < 4 * sigma(
+            fit, place
+        )
 
 
 def test_poses_at_rest_have_nothing_to_be_compared(recorder):
     experiment, _ = recorder(2)
     still = replace(experiment, runs=tuple(replace(r, static=True) for r in experiment.runs))
-    unknowns, fit, samples = fitted(still)
+    calibration_parameters, fit, samples = fitted(still)
     assert samples == []
     assert fit.converged
-    np.testing.assert_array_equal(fit.systematic.values, unknowns.mean)
-    np.testing.assert_array_equal(fit.covariance, np.diag(unknowns.deviation**2))
+    np.testing.assert_array_equal(fit.calibration.values, calibration_parameters.mean)
+    np.testing.assert_array_equal(fit.covariance, np.diag(calibration_parameters.deviation**2))
 
 
 def test_poses_at_rest_beside_a_motion_change_nothing(recorder):
@@ -514,49 +643,58 @@ def test_poses_at_rest_beside_a_motion_change_nothing(recorder):
     run = experiment.runs[0]
     n = min(len(stream) for stream in run.streams.values())
     few = {
-        name: Stream(s.time[:n], {q: v[:n] for q, v in s.values.items()}, s.source) for name, s in run.streams.items()
+        name: Stream(s.time[:n], {q: v[:n] for q, v in s.values.items()}, s.source)
+        for name, s in run.streams.items()
     }
     beside = replace(experiment, runs=(run, Run("poses", few, static=True)))
-    unknowns, fit, _ = fitted(beside)
+    calibration_parameters, fit, _ = fitted(beside)
     alone, expected, _ = fitted(experiment)
-    own = moving(unknowns)
-    assert [unknowns.names[i] for i in own] == [alone.names[i] for i in moving(alone)]
-    np.testing.assert_allclose(fit.systematic.values[own], expected.systematic.values[moving(alone)], rtol=1e-12)
+    own = moving(calibration_parameters)
+    assert [calibration_parameters.names[i] for i in own] == [alone.names[i] for i in moving(alone)]
+    np.testing.assert_allclose(
+        fit.calibration.values[own], expected.calibration.values[moving(alone)], rtol=1e-12
+    )
 
 
 def test_several_runs_share_what_is_constant_and_have_clocks_of_their_own(recorder):
     experiment, drawn = recorder(9, runs=("one", "two"))
-    unknowns, fit, _ = fitted(experiment)
+    calibration_parameters, fit, _ = fitted(experiment)
     first = replace(experiment, runs=experiment.runs[:1])
     alone, single, _ = fitted(first)
     bias = "imu.gyro_bias x"
-    both, one = (sigma(f, u.names.index(bias)) for f, u in ((fit, unknowns), (single, alone)))
+    both, one = (
+        sigma(f, u.names.index(bias)) for f, u in ((fit, calibration_parameters), (single, alone))
+    )
     assert both == pytest.approx(one / np.sqrt(2), rel=0.1)
-    own = moving(unknowns)
-    assert sum("delay" in unknowns.names[i] for i in own) == 2
-    error = (fit.systematic.values - truth(unknowns, experiment, drawn))[own]
-    assert error @ np.linalg.solve(fit.covariance[np.ix_(own, own)], error) < chi2.isf(RARE, len(own))
+    own = moving(calibration_parameters)
+    assert sum("delay" in calibration_parameters.names[i] for i in own) == 2
+    error = (fit.calibration.values - truth(calibration_parameters, experiment, drawn))[own]
+    assert error @ np.linalg.solve(fit.covariance[np.ix_(own, own)], error) < chi2.isf(
+        RARE, len(own)
+    )
 
 
 def test_a_short_stretch_before_a_gap_does_not_end_the_comparison(recorder):
     experiment, _ = recorder(2)
-    unknowns, whole, (samples,) = fitted(experiment)
+    calibration_parameters, whole, (samples,) = fitted(experiment)
     (start, end, times), spacing = samples.plan.parts[0], samples.plan.spacing
     cut = start + 3 * spacing
     parts = ((start, cut, times[times < cut]), (cut, end, times[times >= cut]))
     _, fit, _ = fitted(experiment, plan_of=replace(samples.plan, parts=parts))
-    own = moving(unknowns)
+    own = moving(calibration_parameters)
     assert np.all(sigma(fit, own) < 1.3 * sigma(whole, own))
-    assert np.all(np.abs(fit.systematic.values - whole.systematic.values)[own] < 2 * sigma(whole, own))
+    assert np.all(
+        np.abs(fit.calibration.values - whole.calibration.values)[own] < 2 * sigma(whole, own)
+    )
 
 
 def test_inputs_stay_as_they_are(recorder):
     experiment, _ = recorder(2)
-    unknowns = gather(experiment)
-    mean, deviation = unknowns.mean.copy(), unknowns.deviation.copy()
+    calibration_parameters = gather(experiment)
+    mean, deviation = calibration_parameters.mean.copy(), calibration_parameters.deviation.copy()
     before = {name: s.time.copy() for name, s in experiment.runs[0].streams.items()}
     fitted(experiment)
-    np.testing.assert_array_equal(unknowns.mean, mean)
-    np.testing.assert_array_equal(unknowns.deviation, deviation)
+    np.testing.assert_array_equal(calibration_parameters.mean, mean)
+    np.testing.assert_array_equal(calibration_parameters.deviation, deviation)
     for name, time in before.items():
         np.testing.assert_array_equal(experiment.runs[0].streams[name].time, time)

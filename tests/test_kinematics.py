@@ -35,22 +35,31 @@ def test_point_anchors_give_cross_products_of_arms_and_directions():
             pull_in_world = chord / length
             torque_in_world = np.cross(R @ POINTS.attachments[i], pull_in_world)
             np.testing.assert_allclose(found.direction[k, i], pull_in_world, atol=TOLERANCE)
-            np.testing.assert_allclose(found.structure[k, :3, i], R.T @ pull_in_world, atol=TOLERANCE)
-            np.testing.assert_allclose(found.structure[k, 3:, i], R.T @ torque_in_world, atol=TOLERANCE)
+            np.testing.assert_allclose(
+                found.structure[k, :3, i], R.T @ pull_in_world, atol=TOLERANCE
+            )
+            np.testing.assert_allclose(
+                found.structure[k, 3:, i], R.T @ torque_in_world, atol=TOLERANCE
+            )
             assert found.length[k, i] == pytest.approx(length, abs=TOLERANCE)
 
 
-@pytest.mark.parametrize("robot", [POINTS, PULLEYS, replace(PULLEYS, pulley_radius=np.full(8, 0.3))])
+@pytest.mark.parametrize(
+    "robot", [POINTS, PULLEYS, replace(PULLEYS, pulley_radius=np.full(8, 0.3))]
+)
 def test_structure_matrix_is_minus_the_gradient_of_the_lengths(robot):
     position, turn = poses(10)
     h = 0.01
 
     def lengths(twist):
         moved = position + turn.apply(twist[:3])
-        return cables_at(robot, moved, (turn * Rotation.from_rotvec(twist[3:])).as_matrix(), np.ones(8)).length
+        return cables_at(
+            robot, moved, (turn * Rotation.from_rotvec(twist[3:])).as_matrix(), np.ones(8)
+        ).length
 
     gradient = [
-        sum(c * (lengths(k * h * e) - lengths(-k * h * e)) for k, c in ((1, 45), (2, -9), (3, 1))) / (60 * h)
+        sum(c * (lengths(k * h * e) - lengths(-k * h * e)) for k, c in ((1, 45), (2, -9), (3, 1)))
+        / (60 * h)
         for e in np.eye(6)
     ]
     structure = cables_at(robot, position, turn.as_matrix(), np.ones(8)).structure
@@ -92,8 +101,12 @@ def test_hanging_cables_carry_the_platform_and_their_own_weight(g):
     pull = tension[:, :, None] * found.direction
     weight = 0.064 * g * found.length
     at_anchor = pull + weight[:, :, None] * [0, 0, 1]
-    np.testing.assert_allclose(found.winch_tension, np.linalg.norm(at_anchor, axis=2), rtol=TOLERANCE)
-    force = np.einsum("nij,nj->ni", turn.as_matrix(), np.einsum("nkm,nm->nk", found.structure[:, :3], tension))
+    np.testing.assert_allclose(
+        found.winch_tension, np.linalg.norm(at_anchor, axis=2), rtol=TOLERANCE
+    )
+    force = np.einsum(
+        "nij,nj->ni", turn.as_matrix(), np.einsum("nkm,nm->nk", found.structure[:, :3], tension)
+    )
     np.testing.assert_allclose(force, pull.sum(axis=1), atol=900 * TOLERANCE)
 
 
@@ -116,7 +129,9 @@ def test_slack_and_taut_samples_hang_between_their_ends():
             return (1 / np.linalg.norm(pull) + compliance) * pull
 
         start = position[k] + turn[k].apply(robot.attachments[i].copy())
-        end = solve_ivp(element, (0, found.length[k, i]), start, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+        end = solve_ivp(
+            element, (0, found.length[k, i]), start, method="DOP853", rtol=1e-12, atol=1e-12
+        ).y[:, -1]
         np.testing.assert_allclose(end, robot.anchors[i], atol=TOLERANCE)
 
 
@@ -129,7 +144,9 @@ def test_samples_found_quickly_are_as_good_as_those_given_all_steps(robot, monke
     monkeypatch.setattr(kinematics, "_SLACK_AT_ONCE", 32)
     full = cables_at(robot, position, turn.as_matrix(), tension)
     for name in ("direction", "structure", "length", "winch_tension"):
-        np.testing.assert_allclose(getattr(found, name), getattr(full, name), rtol=1e-12, atol=TOLERANCE)
+        np.testing.assert_allclose(
+            getattr(found, name), getattr(full, name), rtol=1e-12, atol=TOLERANCE
+        )
 
 
 def test_a_slack_sample_is_found_with_one_rotation_for_all():
@@ -196,7 +213,9 @@ def test_a_reading_at_or_below_zero_does_not_stop_the_others(reading):
     found = cables_at(COGIRO, position, turn.as_matrix(), tension)
     assert np.isfinite(found.direction).all()
     others = [0, 1, 2, 3, 5, 6, 7]
-    np.testing.assert_allclose(found.structure[:, :, others], expected.structure[:, :, others], atol=TOLERANCE)
+    np.testing.assert_allclose(
+        found.structure[:, :, others], expected.structure[:, :, others], atol=TOLERANCE
+    )
 
 
 def test_inputs_stay_as_they_are():
@@ -214,7 +233,13 @@ def test_a_robot_holds_read_only_copies_and_unit_axes():
     robot = replace(COGIRO, pulley_axis=axes)
     axes[:] = 0
     np.testing.assert_array_equal(robot.pulley_axis, np.tile([0.0, 0.0, 1.0], (8, 1)))
-    for array in (robot.anchors, robot.attachments, robot.gravity, robot.pulley_radius, robot.pulley_axis):
+    for array in (
+        robot.anchors,
+        robot.attachments,
+        robot.gravity,
+        robot.pulley_radius,
+        robot.pulley_axis,
+    ):
         assert not array.flags.writeable
     np.testing.assert_allclose(replace(robot, gravity=np.array([3.0, 0, -4])).up, [-0.6, 0, 0.8])
 

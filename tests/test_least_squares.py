@@ -1,4 +1,5 @@
-"""Least squares against truth: exact signals, another simulator, its own stated uncertainty, and experiments that tell little."""
+"""Least squares against truth: exact signals, another simulator, its own stated uncertainty, and
+experiments that tell little."""
 
 import json
 from dataclasses import replace
@@ -25,11 +26,11 @@ from simulated import (
 
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
-from steelyard.identification import long_recording
-from steelyard.identification.balance import force_sigma, least_sigma
-from steelyard.identification.classical import study
-from steelyard.identification.least_squares import LeastSquares
-from steelyard.identification.two_step import TwoStep
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.methods.two_step import TwoStep
+from steelyard.identification.model.balance import force_sigma, least_sigma
+from steelyard.identification.solve import long_recording
+from steelyard.identification.solve.classical import study
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
 RARE = 1e-3  # of sound recordings whose chi-square of ten parameters is larger than LIMIT
@@ -52,16 +53,24 @@ def told(estimate):
     assert [np.isfinite(v) for v in estimate.value] == [
         label != "unidentifiable" for label in estimate.verdict.parameters.values()
     ]
-    return {name for name, label in estimate.verdict.parameters.items() if label != "unidentifiable"}
+    return {
+        name for name, label in estimate.verdict.parameters.items() if label != "unidentifiable"
+    }
 
 
 def thinned(experiment, step):
     """Every so manieth sample of every stream."""
 
     def few(stream):
-        return replace(stream, time=stream.time[::step], values={k: v[::step] for k, v in stream.values.items()})
+        return replace(
+            stream,
+            time=stream.time[::step],
+            values={k: v[::step] for k, v in stream.values.items()},
+        )
 
-    runs = [replace(r, streams={name: few(s) for name, s in r.streams.items()}) for r in experiment.runs]
+    runs = [
+        replace(r, streams={name: few(s) for name, s in r.streams.items()}) for r in experiment.runs
+    ]
     return replace(experiment, runs=tuple(runs))
 
 
@@ -70,7 +79,8 @@ def thinned(experiment, step):
 
 def test_exact_signals_give_the_body_back():
     estimate = METHOD(RECORDER(0, instruments={k: changed(v, rate=50.0) for k, v in IDEAL.items()}))
-    # What splines of samples at 50 Hz leave of a motion of half a hertz, and of the ringing of elastic cables.
+    # What splines of samples at 50 Hz leave of a motion of half a hertz, and of the ringing of
+    # elastic cables.
     np.testing.assert_allclose(estimate.value[0], BODY.mass, rtol=2e-5)
     np.testing.assert_allclose(estimate.value[1:4], TRUTH[1:4], atol=0.01 * MILLIMETRE)
     np.testing.assert_allclose(estimate.value[4:], TRUTH[4:], atol=1e-4 * TRUTH[4:7].max())
@@ -104,7 +114,8 @@ def test_recordings_of_another_simulator_are_met_within_their_uncertainty(of_the
 
 def test_moments_of_inertia_are_better_than_those_of_two_steps(of_the_paper):
     own, other = (
-        np.sqrt(np.mean([(each[i].value - each[2])[4:7] ** 2 for each in of_the_paper.values()])) for i in (0, 1)
+        np.sqrt(np.mean([(each[i].value - each[2])[4:7] ** 2 for each in of_the_paper.values()]))
+        for i in (0, 1)
     )
     assert own < 0.7 * other
 
@@ -123,7 +134,8 @@ def test_errors_that_were_drawn_are_found(recordings, of_the_paper):
 
 
 def test_ideal_sensors_of_another_simulator(recordings, recorded_truth):
-    # Every eighth sample: 31 Hz are plenty for the motion, and quick. Two simulators differ by more than no noise at all.
+    # Every eighth sample: 31 Hz are plenty for the motion, and quick. Two simulators differ by more
+    # than no noise at all.
     experiment = thinned(read_experiment(recordings / "ideal-points" / "experiment.yaml"), 8)
     estimate = METHOD(experiment)
     truth = recorded_truth["ideal-points"].body_parameters
@@ -138,7 +150,8 @@ def test_ideal_sensors_of_another_simulator(recordings, recorded_truth):
 @pytest.mark.slow
 def test_errors_are_of_the_size_that_is_stated():
     errors = np.array([z(METHOD.of(studied(seed))) for seed in SEEDS])
-    # Pooled rms of eight draws of ten parameters: 1 where the 1-sigma are true, with a sampling error of about .1.
+    # Pooled rms of eight draws of ten parameters: 1 where the 1-sigma are true, with a sampling
+    # error of about .1.
     assert 0.8 < np.sqrt(np.mean(errors**2)) < 1.25
     chi = [chi_square(METHOD.of(studied(seed))) for seed in SEEDS]
     assert chi2.ppf(RARE, 80) < sum(chi) < chi2.isf(RARE, 80)
@@ -150,16 +163,22 @@ def test_sound_recordings_are_accepted_and_say_how_they_were_made():
         assert estimate.verdict.accepted, estimate.verdict.reasons
         assert set(estimate.verdict.parameters.values()) == {"data"}
         assert estimate.details["noise_ratio"] == pytest.approx(1.0, abs=0.15)
-        assert all(0.8 < r < 1.2 for q in estimate.residuals["in_units_of_noise"].values() for r in q.values())
+        assert all(
+            0.8 < r < 1.2
+            for q in estimate.residuals["in_units_of_noise"].values()
+            for r in q.values()
+        )
 
 
 @pytest.mark.parametrize(
-    ("name", "quantity"), [("imu", "specific_force"), ("imu", "angular_velocity"), ("tracker", None)]
+    ("name", "quantity"),
+    [("imu", "specific_force"), ("imu", "angular_velocity"), ("tracker", None)],
 )
 def test_gyro_accelerometer_or_tracker_may_be_missing(name, quantity):
     estimate = METHOD(without(sound(1), name, quantity))
     assert chi_square(estimate) < LIMIT
-    # An attitude that is differentiated twice is so noisy that least squares may say so; nothing else is wrong.
+    # An attitude that is differentiated twice is so noisy that least squares may say so; nothing
+    # else is wrong.
     assert all("noise in the motion biases" in reason for reason in estimate.verdict.reasons)
     assert quantity == "angular_velocity" or estimate.verdict.accepted
     if name == "tracker":
@@ -174,7 +193,8 @@ def test_several_runs_tell_more_than_one():
     assert two.verdict.accepted, two.verdict.reasons
     assert chi_square(two) < LIMIT
     ratio = two.standard_deviation / one.standard_deviation
-    # Noise goes with the root of the number of runs, but for the filter, which is chosen from the data; offsets are the same in all.
+    # Noise goes with the root of the number of runs, but for the filter, which is chosen from the
+    # data; offsets are the same in all.
     assert np.all(ratio < 0.95)
     assert np.all(ratio > 0.85 / np.sqrt(2))
     assert set(two.details["samples"]) == {"a", "b"}
@@ -188,7 +208,8 @@ ALL_GAINS = {**PAPER, "cables": changed(PAPER["cables"], calibration={"gain": 0.
 
 @pytest.fixture(scope="module")
 def with_gains():
-    """Gains that are off by two per cent each, with and without the mass known, and what was drawn."""
+    """Gains that are off by two per cent each, with and without the mass known, and what was
+    drawn."""
     found = []
     for seed in (0, 1):
         experiment = RECORDER(seed, instruments=ALL_GAINS)
@@ -231,7 +252,9 @@ def test_a_common_gain_leaves_the_mass_as_uncertain_as_itself():
 
 
 def test_everything_known_about_the_body_is_the_body():
-    known = {name: (value, 1e-3 * abs(value)) for name, value in zip(BODY_PARAMETERS, TRUTH, strict=True)}
+    known = {
+        name: (value, 1e-3 * abs(value)) for name, value in zip(BODY_PARAMETERS, TRUTH, strict=True)
+    }
     estimate = METHOD(replace(sound(0), known=known))
     assert np.all(np.abs(estimate.value - TRUTH) < 5e-3 * np.abs(TRUTH))
     assert np.all(estimate.standard_deviation < 1.05e-3 * np.abs(TRUTH))
@@ -245,12 +268,15 @@ def test_translation_tells_nothing_of_the_inertia():
     estimate = METHOD(moving([1, 1, 1, 0, 0, 0])(0))
     assert told(estimate) == {"mass", "cx", "cy", "cz"}
     assert np.abs(z(estimate)[:4]).max() < 4
-    assert any("not told by these data: Jxx, Jyy, Jzz, Jyz, Jxz, Jxy" in note for note in estimate.notes)
+    assert any(
+        "not told by these data: Jxx, Jyy, Jzz, Jyz, Jxz, Jxy" in note for note in estimate.notes
+    )
     assert estimate.physical is None
 
 
 @pytest.mark.parametrize(
-    ("axis", "coupled"), [(3, {"Jxx", "Jxz", "Jxy"}), (4, {"Jyy", "Jyz", "Jxy"}), (5, {"Jzz", "Jyz", "Jxz"})]
+    ("axis", "coupled"),
+    [(3, {"Jxx", "Jxz", "Jxy"}), (4, {"Jyy", "Jyz", "Jxy"}), (5, {"Jzz", "Jyz", "Jxz"})],
 )
 def test_turning_about_one_axis_tells_its_moment_and_the_products_with_it(axis, coupled):
     estimate = METHOD(moving(np.concatenate([[1, 1, 1], np.eye(6)[axis, 3:] * 1.2]))(0))
@@ -348,7 +374,8 @@ def test_the_whole_of_a_long_recording_is_nearly_as_good_as_one_pass(monkeypatch
     part, whole, single = METHOD.of(long.part), METHOD.of(long), METHOD.of(once)
     assert len(long.samples[0]) == len(long.residuals["run"]) == len(long.weights["run"])
     assert len(long.samples[0]) > 2 * len(long.part.samples[0])
-    # How the IMU is turned is told by a third of the recording only; the force sensors by all of it.
+    # How the IMU is turned is told by a third of the recording only; the force sensors by all of
+    # it.
     ratio = whole.standard_deviation / single.standard_deviation
     assert np.all((ratio > 0.95) & (ratio < 1.8)), ratio
     assert np.all(np.abs(whole.value - single.value) < single.standard_deviation)
@@ -373,13 +400,17 @@ def test_forces_of_zero_tell_no_mass():
     run = sound(0).runs[0]
     stream = run.streams["cables"]
     dead = replace(stream, values={"tension": np.zeros_like(stream.values["tension"])})
-    estimate = METHOD(replace(sound(0), runs=(replace(run, streams={**run.streams, "cables": dead}),)))
+    estimate = METHOD(
+        replace(sound(0), runs=(replace(run, streams={**run.streams, "cables": dead}),))
+    )
     assert not estimate.verdict.accepted
     assert estimate.verdict.reasons
 
 
 def test_another_body_than_the_nominal_one_is_found():
-    body = Inertia(60.0, [0.05, -0.1, 0.3], [[20.0, 1.0, -2.0], [1.0, 25.0, 0.5], [-2.0, 0.5, 12.0]])
+    body = Inertia(
+        60.0, [0.05, -0.1, 0.3], [[20.0, 1.0, -2.0], [1.0, 25.0, 0.5], [-2.0, 0.5, 12.0]]
+    )
     recorder = moving([1] * 6)
     recorder.body = body
     estimate = METHOD(recorder(0))
@@ -394,7 +425,9 @@ def test_stated_noise_is_used_as_stated_however_small_and_unstated_noise_has_a_f
     sigma, stated = force_sigma(experiment, run, samples)
     assert stated
     np.testing.assert_array_equal(sigma, np.full(8, 0.01))
-    silent = type(quiet).model_validate({k: v for k, v in quiet.model_dump(exclude_unset=True).items() if k != "noise"})
+    silent = type(quiet).model_validate(
+        {k: v for k, v in quiet.model_dump(exclude_unset=True).items() if k != "noise"}
+    )
     experiment = replace(experiment, instruments={**PAPER, "cables": silent})
     sigma, stated = force_sigma(experiment, run, replace(samples, noise={"tension": 1e-9}))
     assert not stated

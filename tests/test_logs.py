@@ -1,4 +1,5 @@
-"""Logs in formats with messages and arrays: written by the libraries of these formats, read back equal; damaged and hostile ones refused."""
+"""Logs in formats with messages and arrays: written by the libraries of these formats, read back
+equal; damaged and hostile ones refused."""
 
 import bz2
 import importlib.util
@@ -77,11 +78,22 @@ def small(tmp_path_factory):
 
 WRITERS = {
     "json.mcap": files.write_mcap_json,
-    "json-lz4.mcap": lambda path, found: files.write_mcap_json(path, found, compression=CompressionType.LZ4),
-    "json-plain.mcap": lambda path, found: files.write_mcap_json(path, found, compression=CompressionType.NONE),
-    "json-no-chunks.mcap": lambda path, found: files.write_mcap_json(path, found, use_chunking=False),
+    "json-lz4.mcap": lambda path, found: files.write_mcap_json(
+        path, found, compression=CompressionType.LZ4
+    ),
+    "json-plain.mcap": lambda path, found: files.write_mcap_json(
+        path, found, compression=CompressionType.NONE
+    ),
+    "json-no-chunks.mcap": lambda path, found: files.write_mcap_json(
+        path, found, use_chunking=False
+    ),
     "json-bare.mcap": lambda path, found: files.write_mcap_json(
-        path, found, repeat_channels=False, repeat_schemas=False, use_statistics=False, use_summary_offsets=False
+        path,
+        found,
+        repeat_channels=False,
+        repeat_schemas=False,
+        use_statistics=False,
+        use_summary_offsets=False,
     ),
     "ros2.mcap": files.write_mcap_ros2,
     "ros1.mcap": files.write_mcap_ros1,
@@ -110,7 +122,9 @@ def test_reads_back_what_was_written(tmp_path, found, name):
         there, values = read(path, topic, list(columns.values()))
         assert len(set(there)) == len(there)
         for column, in_log in columns.items():
-            np.testing.assert_array_equal(values[in_log], table[column], err_msg=f"{topic}: {in_log}")
+            np.testing.assert_array_equal(
+                values[in_log], table[column], err_msg=f"{topic}: {in_log}"
+            )
 
 
 @pytest.mark.parametrize("packed", [True, False])
@@ -119,10 +133,14 @@ def test_reads_back_archives_of_arrays(tmp_path, found, packed):
         files.write_npz(tmp_path / f"{name}.npz", table, name, compressed=packed)
         _, values = read(tmp_path / f"{name}.npz")
         for column in table:
-            np.testing.assert_array_equal(values[files.ARRAY_COLUMNS[name].get(column, column)], table[column])
+            np.testing.assert_array_equal(
+                values[files.ARRAY_COLUMNS[name].get(column, column)], table[column]
+            )
 
 
-@pytest.mark.parametrize("name", ["ros2.mcap", "ros1.bag", "old.db3", "a.h5", "v5.mat", "v73.mat", "a.tdms"])
+@pytest.mark.parametrize(
+    "name", ["ros2.mcap", "ros1.bag", "old.db3", "a.h5", "v5.mat", "v73.mat", "a.tdms"]
+)
 def test_part_of_the_rows(small, found, name):
     path, topic = small[name]
     t = found["imu"]["t"]
@@ -168,7 +186,9 @@ def test_several_topics(small, name):
     assert "expected a topic '/gyro', found /cables" in refused(path, "/gyro")
 
 
-@pytest.mark.parametrize(("name", "what"), [("a.h5", "group"), ("v5.mat", "structure"), ("v73.mat", "structure")])
+@pytest.mark.parametrize(
+    ("name", "what"), [("a.h5", "group"), ("v5.mat", "structure"), ("v73.mat", "structure")]
+)
 def test_several_groups(small, name, what):
     path, _ = small[name]
     assert f"which of its {what}s to read, found cables, imu, tracker; name one" in refused(path)
@@ -193,14 +213,20 @@ def test_only_topic_with_numbers(tmp_path):
     names, values = read(tmp_path / "a.mcap")
     assert names == ("receive_time", "publish_time", "f")
     np.testing.assert_array_equal(values["receive_time"], [1, 2, 3, 4, 5])
-    np.testing.assert_allclose(values["publish_time"] - values["receive_time"], -files.DELAY * 1e-9, atol=1e-15)
+    np.testing.assert_allclose(
+        values["publish_time"] - values["receive_time"], -files.DELAY * 1e-9, atol=1e-15
+    )
     files.write_mcap(tmp_path / "b.mcap", {"/note": ("json", None)}, messages[:1])
-    assert "expected messages with numbers, found topics /note (json)" in refused(tmp_path / "b.mcap")
+    assert "expected messages with numbers, found topics /note (json)" in refused(
+        tmp_path / "b.mcap"
+    )
 
 
 def test_receive_time_and_stamp(small, found):
     _, values = read(*small["ros2.mcap"])
-    np.testing.assert_allclose(values["receive_time"] - values["header.stamp"], files.DELAY * 1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        values["receive_time"] - values["header.stamp"], files.DELAY * 1e-9, atol=1e-12
+    )
     np.testing.assert_array_equal(values["publish_time"], values["header.stamp"])
 
 
@@ -209,7 +235,9 @@ def test_rows_in_the_order_in_which_they_were_received(tmp_path):
     messages = [("/a", int(ns) * 10**7, json.dumps({"i": int(ns)}).encode()) for ns in times]
     for options in ({"chunk_size": 256}, {"use_chunking": False}):
         files.write_mcap(tmp_path / "a.mcap", {"/a": ("json", None)}, messages, **options)
-        np.testing.assert_array_equal(read(tmp_path / "a.mcap", None, ["i"])[1]["i"], np.arange(300) + 1)
+        np.testing.assert_array_equal(
+            read(tmp_path / "a.mcap", None, ["i"])[1]["i"], np.arange(300) + 1
+        )
 
 
 def test_pieces_that_do_not_overlap_are_read_one_by_one():
@@ -234,8 +262,12 @@ def test_pieces_that_do_not_overlap_are_read_one_by_one():
 def random_message(store, name, rng):
     """A message of a type of rosbags, with lists of any length."""
     if name.startswith("builtin_interfaces/"):
-        return store.types[name](sec=int(rng.integers(0, 2**31)), nanosec=int(rng.integers(0, 10**9)))
-    return store.types[name](**{field: random_value(store, kind, rng) for field, kind in store.fielddefs[name][1]})
+        return store.types[name](
+            sec=int(rng.integers(0, 2**31)), nanosec=int(rng.integers(0, 10**9))
+        )
+    return store.types[name](
+        **{field: random_value(store, kind, rng) for field, kind in store.fielddefs[name][1]}
+    )
 
 
 def random_value(store, kind, rng):
@@ -276,7 +308,9 @@ def numbers_of(store, message, name, label):
     values = {}
     for field, (node, detail) in store.fielddefs[name][1]:
         value, own = getattr(message, field), f"{label}.{field}" if label else field
-        if field == "structure_needs_at_least_one_member" or (node == Nodetype.BASE and detail[0] == "string"):
+        if field == "structure_needs_at_least_one_member" or (
+            node == Nodetype.BASE and detail[0] == "string"
+        ):
             continue
         if node == Nodetype.NAME:
             values |= numbers_of(store, value, detail, own)
@@ -302,7 +336,11 @@ def test_decoder_agrees_with_rosbags_on_every_common_type(ros1):
             written = {ros1_decoder: [store.serialize_ros1(message, name)]}
         else:
             orders = (True, False)
-            written = {cdr_decoder: [store.serialize_cdr(message, name, little_endian=order) for order in orders]}
+            written = {
+                cdr_decoder: [
+                    store.serialize_cdr(message, name, little_endian=order) for order in orders
+                ]
+            }
         for decoder, contents in written.items():
             for content in contents:
                 assert decoder(types, name)(bytes(content)) == want, name
@@ -312,7 +350,9 @@ def ros_topic(path, kind, messages, **options):
     """One topic of messages of ROS 2 in an MCAP file."""
     data = [bytes(files.store().serialize_cdr(message, kind)) for message in messages]
     channels = {"/a": ("cdr", (kind, "ros2msg", files.definition(kind)))}
-    files.write_mcap(path, channels, [("/a", (i + 1) * 10**9, each) for i, each in enumerate(data)], **options)
+    files.write_mcap(
+        path, channels, [("/a", (i + 1) * 10**9, each) for i, each in enumerate(data)], **options
+    )
 
 
 def kinds(*names):
@@ -321,7 +361,10 @@ def kinds(*names):
 
 def test_stamped_messages(tmp_path):
     point, quaternion, vector, pose, transform, wrench = kinds(
-        *(f"geometry_msgs/msg/{kind}" for kind in ("Point", "Quaternion", "Vector3", "Pose", "Transform", "Wrench"))
+        *(
+            f"geometry_msgs/msg/{kind}"
+            for kind in ("Point", "Quaternion", "Vector3", "Pose", "Transform", "Wrench")
+        )
     )
     head = files.header(files.store(), 5_250_000_000, "world", False)
     parts = {
@@ -345,13 +388,21 @@ def test_stamped_messages(tmp_path):
 
 def test_lists_of_other_lengths(tmp_path):
     layout, array, dimension = kinds(
-        "std_msgs/msg/MultiArrayLayout", "std_msgs/msg/Float64MultiArray", "std_msgs/msg/MultiArrayDimension"
+        "std_msgs/msg/MultiArrayLayout",
+        "std_msgs/msg/Float64MultiArray",
+        "std_msgs/msg/MultiArrayDimension",
     )
     messages = [array(layout([dimension("x", 3, 3)], 0), np.arange(float(n))) for n in (3, 2, 4, 0)]
     ros_topic(tmp_path / "a.mcap", "std_msgs/msg/Float64MultiArray", messages)
     names, values = read(tmp_path / "a.mcap")
     assert set(names) == {
-        *("receive_time", "publish_time", "layout.dim[0].size", "layout.dim[0].stride", "layout.data_offset"),
+        *(
+            "receive_time",
+            "publish_time",
+            "layout.dim[0].size",
+            "layout.dim[0].stride",
+            "layout.data_offset",
+        ),
         *(f"data[{i}]" for i in range(4)),
     }
     np.testing.assert_array_equal(values["data[2]"], [2, np.nan, 2, np.nan])
@@ -362,7 +413,9 @@ def test_images_are_no_columns(tmp_path):
     (image,) = kinds("sensor_msgs/msg/Image")
     head = files.header(files.store(), 10**9, "x", False)
     ros_topic(
-        tmp_path / "a.mcap", "sensor_msgs/msg/Image", [image(head, 60, 80, "mono8", 0, 80, np.zeros(4800, np.uint8))]
+        tmp_path / "a.mcap",
+        "sensor_msgs/msg/Image",
+        [image(head, 60, 80, "mono8", 0, 80, np.zeros(4800, np.uint8))],
     )
     assert [name for name in read(tmp_path / "a.mcap")[0] if name.startswith("data")] == []
 
@@ -412,7 +465,12 @@ module my_msgs {
 
 def test_definitions_in_idl(tmp_path):
     data = b"\x00\x01\x00\x00" + struct.pack("<3dIxxxx2dI3sB", 1, 2, 3, 2, 4, 5, 3, b"ab\0", True)
-    channels = {"/a": ("cdr", ("my_msgs/msg/Force", "ros2idl", "=" * 80 + "\nIDL: my_msgs/msg/Force\n" + IDL_TEXT))}
+    channels = {
+        "/a": (
+            "cdr",
+            ("my_msgs/msg/Force", "ros2idl", "=" * 80 + "\nIDL: my_msgs/msg/Force\n" + IDL_TEXT),
+        )
+    }
     files.write_mcap(tmp_path / "a.mcap", channels, [("/a", 10**9, data)])
     _, values = read(tmp_path / "a.mcap")
     wanted = {"axis[0]": 1, "axis[2]": 3, "cables[0]": 4, "cables[1]": 5, "valid": 1}
@@ -421,13 +479,21 @@ def test_definitions_in_idl(tmp_path):
 
 def test_parts_of_a_bag(tmp_path, found):
     """A bag in several files, as recorders split them."""
-    first = {name: {column: values[:20] for column, values in table.items()} for name, table in found.items()}
-    second = {name: {column: values[20:] for column, values in table.items()} for name, table in found.items()}
+    first = {
+        name: {column: values[:20] for column, values in table.items()}
+        for name, table in found.items()
+    }
+    second = {
+        name: {column: values[20:] for column, values in table.items()}
+        for name, table in found.items()
+    }
     files.write_bag2(tmp_path / "one", first)
     files.write_bag2(tmp_path / "two", second)
     (tmp_path / "two" / "two.db3").rename(tmp_path / "one" / "two.db3")
     metadata = tmp_path / "one" / "metadata.yaml"
-    metadata.write_text(metadata.read_text().replace("  - one.db3\n", "  - one.db3\n  - two.db3\n", 1))
+    metadata.write_text(
+        metadata.read_text().replace("  - one.db3\n", "  - one.db3\n  - two.db3\n", 1)
+    )
     assert metadata.read_text().count("two.db3") == 1
     _, values = read(tmp_path / "one", "tracker")
     np.testing.assert_array_equal(values["point.x"], found["tracker"]["x"])
@@ -439,7 +505,8 @@ def test_parts_of_a_bag(tmp_path, found):
 
 def json_topic(path, texts, **options):
     messages = [
-        ("/a", (i + 1) * 10**9, text.encode() if isinstance(text, str) else text) for i, text in enumerate(texts)
+        ("/a", (i + 1) * 10**9, text.encode() if isinstance(text, str) else text)
+        for i, text in enumerate(texts)
     ]
     files.write_mcap(path, {"/a": ("json", None)}, messages, **options)
     return path
@@ -447,7 +514,10 @@ def json_topic(path, texts, **options):
 
 def test_numbers_in_json(tmp_path):
     texts = [
-        '{"a": {"b": [1, [2, 3]]}, "on": true, "none": null, "text": "1", "header": {"stamp": {"sec": 12, "nsec": 500000000}}, "x": NaN}',
+        (
+            '{"a": {"b": [1, [2, 3]]}, "on": true, "none": null, "text": "1", "header": {"stamp":'
+            ' {"sec": 12, "nsec": 500000000}}, "x": NaN}'
+        ),
         '{"a": {"b": [4]}, "on": false, "time": {"nanosec": 1, "sec": 1700000000}, "x": 1e-400}',
     ]
     names, values = read(json_topic(tmp_path / "a.mcap", texts))
@@ -500,7 +570,9 @@ def test_trees_of_hdf5(tmp_path):
         group["scalar"] = 3.0
         group["complex"] = np.zeros(6, complex)
         group["image"] = np.zeros((6, 40, 40))
-        compound = np.zeros(6, dtype=[("x", ">f4"), ("inner", [("v", "f8", (3,)), ("s", "S4")]), ("on", "?")])
+        compound = np.zeros(
+            6, dtype=[("x", ">f4"), ("inner", [("v", "f8", (3,)), ("s", "S4")]), ("on", "?")]
+        )
         compound["inner"]["v"] = np.arange(18).reshape(6, 3)
         group["compound"] = compound
     names, values = read(tmp_path / "a.h5")
@@ -524,14 +596,20 @@ def test_datasets_of_other_lengths(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["t"], file["x"], file["y"] = np.arange(5.0), np.arange(5.0), np.arange(4.0)
     with open_log(tmp_path / "a.h5") as log:
-        with pytest.raises(InputError, match=r"expected columns of one length, found 't' with 5, 'y' with 4 rows"):
+        with pytest.raises(
+            InputError, match=r"expected columns of one length, found 't' with 5, 'y' with 4 rows"
+        ):
             log.read(["t", "y"])
         assert len(log.read(["t", "x"])["x"]) == 5
 
 
 @pytest.mark.parametrize("version", ["4", "5"])
 def test_variables_of_matlab(tmp_path, version):
-    variables = {"t": np.arange(4.0)[:, None], "row": np.arange(4.0)[None, :], "a": np.arange(8.0).reshape(4, 2)}
+    variables = {
+        "t": np.arange(4.0)[:, None],
+        "row": np.arange(4.0)[None, :],
+        "a": np.arange(8.0).reshape(4, 2),
+    }
     if version == "5":
         variables |= {
             "counts": np.arange(4, dtype=np.uint8)[:, None],
@@ -550,7 +628,17 @@ def test_variables_of_matlab(tmp_path, version):
     np.testing.assert_array_equal(values["a[1]"], [1, 3, 5, 7])
     np.testing.assert_array_equal(values["row"], np.arange(4))
     if version == "5":
-        assert names == {"t", "row", "a[0]", "a[1]", "counts", "on", "deep.a.b", "many[0].x", "many[1].x"}
+        assert names == {
+            "t",
+            "row",
+            "a[0]",
+            "a[1]",
+            "counts",
+            "on",
+            "deep.a.b",
+            "many[0].x",
+            "many[1].x",
+        }
         np.testing.assert_array_equal(values["deep.a.b"], np.arange(4))
         np.testing.assert_array_equal(values["on"], [1, 0, 1, 1])
         assert read(tmp_path / "a.mat", "deep.a")[0] == ("b",)
@@ -598,7 +686,11 @@ def test_waveforms_of_tdms(tmp_path):
     start = np.datetime64("2024-05-06T07:08:09.25", "us")
 
     def waveform(group, name, n, later, **properties):
-        about = {"wf_start_time": start + np.timedelta64(later, "us"), "wf_increment": 0.25, "wf_start_offset": 0.5}
+        about = {
+            "wf_start_time": start + np.timedelta64(later, "us"),
+            "wf_increment": 0.25,
+            "wf_start_offset": 0.5,
+        }
         return ChannelObject(group, name, np.arange(float(n)), properties={**about, **properties})
 
     with TdmsWriter(tmp_path / "a.tdms") as writer:
@@ -620,18 +712,26 @@ def test_waveforms_of_tdms(tmp_path):
         assert log.units == {"f1": "kN", "t": "s"}
         np.testing.assert_array_equal(log.read(["t"])["t"], 0.5 + 0.25 * np.arange(5))
     # All channels of a file share one clock.
-    np.testing.assert_allclose(read(tmp_path / "a.tdms", "imu", ["t"])[1]["t"], 0.625 + 0.25 * np.arange(7), atol=1e-9)
+    np.testing.assert_allclose(
+        read(tmp_path / "a.tdms", "imu", ["t"])[1]["t"], 0.625 + 0.25 * np.arange(7), atol=1e-9
+    )
     assert set(read(tmp_path / "a.tdms", "mixed")[0]) == {"a", "b", "a.t", "b.t"}
     seconds = start.astype(np.int64) * 1e-6
-    np.testing.assert_allclose(read(tmp_path / "a.tdms", "stamps")[1]["time"], seconds + 1.5 * np.arange(4), atol=1e-6)
+    np.testing.assert_allclose(
+        read(tmp_path / "a.tdms", "stamps")[1]["time"], seconds + 1.5 * np.arange(4), atol=1e-6
+    )
     with open_log(tmp_path / "a.tdms") as log:
         assert {"force.f1", "force.t", "imu.wx", "stamps.time"} <= set(log.names)
 
 
 def test_only_group_of_tdms(tmp_path):
     with TdmsWriter(tmp_path / "a.tdms") as writer:
-        writer.write_segment([ChannelObject("log", "a", np.arange(3.0)), ChannelObject("log", "b", np.arange(3))])
-        writer.write_segment([ChannelObject("log", "a", np.arange(3.0)), ChannelObject("log", "b", np.arange(3))])
+        writer.write_segment(
+            [ChannelObject("log", "a", np.arange(3.0)), ChannelObject("log", "b", np.arange(3))]
+        )
+        writer.write_segment(
+            [ChannelObject("log", "a", np.arange(3.0)), ChannelObject("log", "b", np.arange(3))]
+        )
     names, values = read(tmp_path / "a.tdms")
     assert names == ("a", "b")
     np.testing.assert_array_equal(values["b"], [0, 1, 2, 0, 1, 2])
@@ -753,7 +853,11 @@ def test_changed_anywhere(small, tmp_path_factory, name):
     changed = tmp_path_factory.mktemp("changed") / path.name
 
     @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-    @given(st.lists(st.tuples(st.integers(0, len(content) - 1), st.integers(0, 255)), min_size=1, max_size=4))
+    @given(
+        st.lists(
+            st.tuples(st.integers(0, len(content) - 1), st.integers(0, 255)), min_size=1, max_size=4
+        )
+    )
     def check(changes):
         damaged = bytearray(content)
         for place, value in changes:
@@ -786,7 +890,8 @@ def test_noise_behind_the_beginning(small, tmp_path, name):
 
 
 def test_checksums(small, tmp_path, found):
-    """What a format can notice, it does: the numbers of an MCAP file are right, or it is refused."""
+    """What a format can notice, it does: the numbers of an MCAP file are right, or it is
+    refused."""
     path, topic = small["ros2.mcap"]
     content = path.read_bytes()
     rng = np.random.default_rng(4)
@@ -831,15 +936,20 @@ def test_messages_that_the_database_has_not_taken_over(small, tmp_path):
     path, topic = small["old.db3"]
     (tmp_path / "a.db3").write_bytes(path.read_bytes())
     (tmp_path / "a.db3-wal").write_bytes(b"x" * 100)
-    assert "found messages left in a.db3-wal, since the recorder was stopped" in refused(tmp_path / "a.db3", topic)
+    assert "found messages left in a.db3-wal, since the recorder was stopped" in refused(
+        tmp_path / "a.db3", topic
+    )
 
 
 def test_messages_in_an_encoding_that_is_not_read(tmp_path):
     files.write_mcap(
-        tmp_path / "a.mcap", {"/a": ("protobuf", ("x.Pose", "protobuf", "\x0a\x00"))}, [("/a", 10**9, b"\x08\x01")]
+        tmp_path / "a.mcap",
+        {"/a": ("protobuf", ("x.Pose", "protobuf", "\x0a\x00"))},
+        [("/a", 10**9, b"\x08\x01")],
     )
-    assert "topic '/a': expected messages in JSON or of ROS (cdr, ros1), found 'protobuf'" in refused(
-        tmp_path / "a.mcap"
+    assert (
+        "topic '/a': expected messages in JSON or of ROS (cdr, ros1), found 'protobuf'"
+        in refused(tmp_path / "a.mcap")
     )
 
 
@@ -856,9 +966,14 @@ def test_messages_in_an_encoding_that_is_not_read(tmp_path):
 )
 def test_library_that_is_not_installed(small, monkeypatch, name, package, module):
     found = importlib.util.find_spec
-    monkeypatch.setattr("steelyard.logs.packages.find_spec", lambda name: None if name == module else found(name))
+    monkeypatch.setattr(
+        "steelyard.logs.packages.find_spec", lambda name: None if name == module else found(name)
+    )
     sentence = refused(*small[name])
-    assert f'files needs the package {package}; install it with: pip install "steelyard[all]"' in sentence
+    assert (
+        f'files needs the package {package}; install it with: pip install "steelyard[all]"'
+        in sentence
+    )
 
 
 # Hostile files
@@ -895,9 +1010,19 @@ def rewritten_chunks(path, change):
         (b"zstd", 1 << 25, b"\x28\xb5\x2f\xfd", "KiB that unpack to more than"),
         (b"lz4", 1 << 27, lz4.frame.compress(bytes(1 << 27)), "KiB that unpack to more than"),
         (b"lz4", 100, lz4.frame.compress(bytes(1 << 27)), "does not unpack to its 100 bytes"),
-        (b"zstd", 100, b"\x28\xb5\x2f\xfd\xe0" + struct.pack("<Q", 2**40), "a block that states 1099511627776 bytes"),
+        (
+            b"zstd",
+            100,
+            b"\x28\xb5\x2f\xfd\xe0" + struct.pack("<Q", 2**40),
+            "a block that states 1099511627776 bytes",
+        ),
         (b"snappy", 100, b"x", "compression 'snappy'"),
-        (b"", 100, b"\x05" + struct.pack("<Q", 2**63) + bytes(91), "a record that runs over the end"),
+        (
+            b"",
+            100,
+            b"\x05" + struct.pack("<Q", 2**63) + bytes(91),
+            "a record that runs over the end",
+        ),
     ],
 )
 def test_hostile_chunks(tmp_path, compression, size, packed, sentence):
@@ -910,21 +1035,29 @@ def test_many_small_messages(tmp_path):
     """A few kilobytes that unpack to messages without end."""
     messages = [("/a", 10**9, b"{}")] * 600_000
     files.write_mcap(
-        tmp_path / "a.mcap", {"/a": ("json", None)}, messages, chunk_size=1 << 22, index_types=IndexType.NONE
+        tmp_path / "a.mcap",
+        {"/a": ("json", None)},
+        messages,
+        chunk_size=1 << 22,
+        index_types=IndexType.NONE,
     )
     assert (tmp_path / "a.mcap").stat().st_size < 1 << 18
     assert "that unpack to more than" in hostile(tmp_path / "a.mcap")
 
 
 def test_record_that_states_any_length(tmp_path):
-    (tmp_path / "a.mcap").write_bytes(mcap.MAGIC + b"\x05" + struct.pack("<Q", 2**62) + bytes(40) + mcap.MAGIC)
+    (tmp_path / "a.mcap").write_bytes(
+        mcap.MAGIC + b"\x05" + struct.pack("<Q", 2**62) + bytes(40) + mcap.MAGIC
+    )
     assert "a record of 4611686018427387904 bytes" in hostile(tmp_path / "a.mcap")
 
 
 def nested_types(depth, width):
     """A type of types of types, ten of each: a few lines that define any number of fields."""
     parts = ["\n".join(f"a/T0 f{i}" for i in range(width))]
-    parts += [f"MSG: a/T{d}\n" + "\n".join(f"a/T{d + 1} f{i}" for i in range(width)) for d in range(depth)]
+    parts += [
+        f"MSG: a/T{d}\n" + "\n".join(f"a/T{d + 1} f{i}" for i in range(width)) for d in range(depth)
+    ]
     return ("\n" + "=" * 80 + "\n").join([*parts, f"MSG: a/T{depth}\nstring x"])
 
 
@@ -945,7 +1078,11 @@ def nested_types(depth, width):
         ("ros2idl", "const long A = 1 << 100000000000;", "expressions to evaluate"),
         ("ros2idl", "module " * 5000, "one that cannot be read"),
         ("ros2idl", "@a(b=1) " * 3000, "expected a definition"),
-        ("ros2idl", "".join(f"const long A{i} = 1;" for i in range(1000)), "or more than 200 constants"),
+        (
+            "ros2idl",
+            "".join(f"const long A{i} = 1;" for i in range(1000)),
+            "or more than 200 constants",
+        ),
         ("ros2idl", "module a { struct A { double x; }; }; " * 800, "expected a definition"),
     ],
 )
@@ -958,18 +1095,26 @@ def test_hostile_definitions(tmp_path, form, definition, sentence):
     assert sentence in hostile(tmp_path / "a.mcap")
 
 
-@pytest.mark.parametrize("data", [b"", b"\x00\x03\x00\x00" + bytes(400), b"\x00\x01\x00\x00" + b"\xff" * 400])
+@pytest.mark.parametrize(
+    "data", [b"", b"\x00\x03\x00\x00" + bytes(400), b"\x00\x01\x00\x00" + b"\xff" * 400]
+)
 def test_hostile_messages(tmp_path, data):
     kind = files.TYPES["cables"]
     files.write_mcap(
-        tmp_path / "a.mcap", {"/a": ("cdr", (kind, "ros2msg", files.definition(kind)))}, [("/a", 10**9, data)]
+        tmp_path / "a.mcap",
+        {"/a": ("cdr", (kind, "ros2msg", files.definition(kind)))},
+        [("/a", 10**9, data)],
     )
-    assert "message 1 of topic '/a': expected one of type sensor_msgs/msg/JointState" in hostile(tmp_path / "a.mcap")
+    assert "message 1 of topic '/a': expected one of type sensor_msgs/msg/JointState" in hostile(
+        tmp_path / "a.mcap"
+    )
 
 
 def test_names_that_steer_a_terminal(tmp_path):
     channels = {"/a\x1b[2J": ("json", None), "/b\n": ("json", None)}
-    files.write_mcap(tmp_path / "a.mcap", channels, [(topic, 10**9, b'{"x": 1}') for topic in channels])
+    files.write_mcap(
+        tmp_path / "a.mcap", channels, [(topic, 10**9, b'{"x": 1}') for topic in channels]
+    )
     assert "\x1b" not in hostile(tmp_path / "a.mcap")
     assert "\x1b" not in hostile(tmp_path / "a.mcap", "/c\x1b")
 
@@ -978,18 +1123,26 @@ def rosbag_chunk(path, packed, size, compression):
     """A bag of one chunk."""
 
     def record(fields, data):
-        head = b"".join(struct.pack("<I", len(k) + 1 + len(v)) + k + b"=" + v for k, v in fields.items())
+        head = b"".join(
+            struct.pack("<I", len(k) + 1 + len(v)) + k + b"=" + v for k, v in fields.items()
+        )
         return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
 
     magic = b"#ROSBAG V2.0\n"
-    chunk = record({b"op": b"\x05", b"compression": compression, b"size": struct.pack("<I", size)}, packed)
+    chunk = record(
+        {b"op": b"\x05", b"compression": compression, b"size": struct.pack("<I", size)}, packed
+    )
     about = {b"topic": b"/a", b"type": b"std_msgs/Float64", b"message_definition": b"float64 data"}
-    about = b"".join(struct.pack("<I", len(k) + 1 + len(v)) + k + b"=" + v for k, v in about.items())
+    about = b"".join(
+        struct.pack("<I", len(k) + 1 + len(v)) + k + b"=" + v for k, v in about.items()
+    )
     connection = record({b"op": b"\x07", b"conn": bytes(4), b"topic": b"/a"}, about)
 
     def head(index):
         counts = {b"conn_count": struct.pack("<I", 1), b"chunk_count": struct.pack("<I", 1)}
-        return magic + record({b"op": b"\x03", b"index_pos": struct.pack("<Q", index), **counts}, b" " * 100)
+        return magic + record(
+            {b"op": b"\x03", b"index_pos": struct.pack("<Q", index), **counts}, b" " * 100
+        )
 
     place = len(head(0))
     info = {
@@ -1000,7 +1153,10 @@ def rosbag_chunk(path, packed, size, compression):
     }
     times = {b"start_time": struct.pack("<II", 1, 0), b"end_time": struct.pack("<II", 2, 0)}
     path.write_bytes(
-        head(place + len(chunk)) + chunk + connection + record({**info, **times}, struct.pack("<II", 0, 1))
+        head(place + len(chunk))
+        + chunk
+        + connection
+        + record({**info, **times}, struct.pack("<II", 0, 1))
     )
 
 
@@ -1022,19 +1178,31 @@ def test_hostile_bags(tmp_path, compression, size, packed, sentence):
     ("script", "sentence"),
     [
         (
-            "ALTER TABLE messages RENAME TO old; CREATE VIEW messages AS WITH RECURSIVE c(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM c) "
-            "SELECT i AS id, 1 AS topic_id, i AS timestamp, x'00' AS data FROM c",
+            (
+                "ALTER TABLE messages RENAME TO old; CREATE VIEW messages AS WITH RECURSIVE c(i) AS"
+                " (SELECT 1 UNION ALL SELECT i + 1 FROM c) SELECT i AS id, 1 AS topic_id, i AS"
+                " timestamp, x'00' AS data FROM c"
+            ),
             "expected a bag of ROS 2 with the tables messages and topics, found old, topics",
         ),
         (
             "ALTER TABLE messages ADD COLUMN more GENERATED ALWAYS AS (zeroblob(500000000))",
             "a computed column in 'messages'",
         ),
-        ("DROP TABLE topics", "expected a bag of ROS 2 with the tables messages and topics, found messages"),
+        (
+            "DROP TABLE topics",
+            "expected a bag of ROS 2 with the tables messages and topics, found messages",
+        ),
         ("UPDATE messages SET data = 'text'", "a message that is no bytes with a time"),
         ("UPDATE messages SET timestamp = 'noon'", "a message that is no bytes with a time"),
-        ("UPDATE topics SET serialization_format = 'protobuf'", "expected messages in cdr, found 'protobuf'"),
-        ("UPDATE topics SET type = 'my_msgs/msg/Unknown'", "expected a definition of the type my_msgs/msg/Unknown"),
+        (
+            "UPDATE topics SET serialization_format = 'protobuf'",
+            "expected messages in cdr, found 'protobuf'",
+        ),
+        (
+            "UPDATE topics SET type = 'my_msgs/msg/Unknown'",
+            "expected a definition of the type my_msgs/msg/Unknown",
+        ),
         ("UPDATE messages SET data = zeroblob(3000000)", "expected one of type"),
     ],
 )
@@ -1051,16 +1219,24 @@ def test_parts_of_a_bag_are_in_its_folder(small, tmp_path):
     bag = tmp_path / "bag"
     bag.mkdir()
     (bag / "metadata.yaml").write_text(
-        "rosbag2_bagfile_information: {storage_identifier: sqlite3, relative_file_paths: [../secret.db3]}\n"
+        "rosbag2_bagfile_information: {storage_identifier: sqlite3, relative_file_paths:"
+        " [../secret.db3]}\n"
     )
-    with pytest.raises(InputError, match=r"bag.secret\.db3: expected a part of the bag, found nothing there"):
+    with pytest.raises(
+        InputError, match=r"bag.secret\.db3: expected a part of the bag, found nothing there"
+    ):
         read(bag, "imu")
-    for text in ("[]", "rosbag2_bagfile_information: 3", "rosbag2_bagfile_information: {relative_file_paths: x}"):
+    for text in (
+        "[]",
+        "rosbag2_bagfile_information: 3",
+        "rosbag2_bagfile_information: {relative_file_paths: x}",
+    ):
         (bag / "metadata.yaml").write_text(text)
         with pytest.raises(InputError, match="relative_file_paths"):
             read(bag, "imu")
     (bag / "metadata.yaml").write_text(
-        "rosbag2_bagfile_information: {storage_identifier: sqlite3, relative_file_paths: [a.db3.zstd], compression_mode: FILE}"
+        "rosbag2_bagfile_information: {storage_identifier: sqlite3, relative_file_paths:"
+        " [a.db3.zstd], compression_mode: FILE}"
     )
     with pytest.raises(InputError, match="convert it with: ros2 bag convert"):
         read(bag, "imu")
@@ -1123,7 +1299,10 @@ def plugin(file, folder):
 def test_hdf5_files_lead_nowhere_else(tmp_path, make, left):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         make(file, tmp_path)
-    assert f"expected arrays of numbers with an instant per row, found none{left}; check" in hostile(tmp_path / "a.h5")
+    assert (
+        f"expected arrays of numbers with an instant per row, found none{left}; check"
+        in hostile(tmp_path / "a.h5")
+    )
 
 
 def bombs(file):
@@ -1135,7 +1314,9 @@ def deflated(file):
 
 
 def one_chunk(file):
-    file.create_dataset("x", (1 << 28,), float, chunks=(1 << 28,), compression="gzip", maxshape=(None,))
+    file.create_dataset(
+        "x", (1 << 28,), float, chunks=(1 << 28,), compression="gzip", maxshape=(None,)
+    )
 
 
 def wide(file):
@@ -1166,7 +1347,9 @@ def test_hostile_hdf5(tmp_path, make, sentence):
 def test_chunk_that_unpacks_to_more_than_it_is(tmp_path):
     """A chunk of eight kilobytes, by its form, whose packed bytes go on and on."""
     packer = zlib.compressobj(9)
-    first, again = (packer.compress(bytes(1 << 24)) + packer.flush(zlib.Z_FULL_FLUSH) for _ in range(2))
+    first, again = (
+        packer.compress(bytes(1 << 24)) + packer.flush(zlib.Z_FULL_FLUSH) for _ in range(2)
+    )
     packed = first + 99 * again
     with h5py.File(tmp_path / "a.h5", "w") as file:
         dataset = file.create_dataset("x", (1024,), float, chunks=(1024,), compression="gzip")
@@ -1181,7 +1364,9 @@ def mat_element(kind, data):
 
 
 def mat_matrix(number, shape, name, *parts):
-    head = mat_element(6, struct.pack("<II", number, 0)) + mat_element(5, struct.pack(f"<{len(shape)}i", *shape))
+    head = mat_element(6, struct.pack("<II", number, 0)) + mat_element(
+        5, struct.pack(f"<{len(shape)}i", *shape)
+    )
     return mat_element(14, head + mat_element(1, name) + b"".join(parts))
 
 
@@ -1214,7 +1399,11 @@ def test_hostile_mat_files(tmp_path, content):
 
 def tdms_segment(metadata, data=b"", following=None, flags=0x0E):
     lead = b"TDSm" + struct.pack(
-        "<IIQQ", flags, 4713, len(metadata) + len(data) if following is None else following, len(metadata)
+        "<IIQQ",
+        flags,
+        4713,
+        len(metadata) + len(data) if following is None else following,
+        len(metadata),
     )
     return lead + metadata + data
 
@@ -1230,7 +1419,9 @@ def tdms_object(path, number, kind=10):
         tdms_segment(struct.pack("<I", 1) + tdms_object("/'a'/'x'", 2**60), bytes(80)),
         tdms_segment(struct.pack("<I", 2**32 - 1)),
         tdms_segment(struct.pack("<I", 1) + tdms_object("/'a'/'x'", 10, kind=999), bytes(80)),
-        tdms_segment(struct.pack("<I", 1) + tdms_object("/'a'/'x'", 10), bytes(80), following=2**63),
+        tdms_segment(
+            struct.pack("<I", 1) + tdms_object("/'a'/'x'", 10), bytes(80), following=2**63
+        ),
         tdms_segment(struct.pack("<II", 1, 2**32 - 1)),
     ],
 )
@@ -1242,9 +1433,15 @@ def test_hostile_tdms_files(tmp_path, content):
 def test_segments_that_repeat_many_objects(tmp_path):
     """Every segment of a few bytes goes on with thousands of channels."""
     objects = [tdms_object(f"/'a'/'x{i}'", 1) for i in range(5000)]
-    first = tdms_segment(struct.pack("<I", len(objects)) + b"".join(objects), bytes(8 * len(objects)))
-    (tmp_path / "a.tdms").write_bytes(first + tdms_segment(struct.pack("<I", 0), flags=0x0A) * 50_000)
-    assert "expected at most 2000000 channels in all of its segments" in hostile(tmp_path / "a.tdms")
+    first = tdms_segment(
+        struct.pack("<I", len(objects)) + b"".join(objects), bytes(8 * len(objects))
+    )
+    (tmp_path / "a.tdms").write_bytes(
+        first + tdms_segment(struct.pack("<I", 0), flags=0x0A) * 50_000
+    )
+    assert "expected at most 2000000 channels in all of its segments" in hostile(
+        tmp_path / "a.tdms"
+    )
 
 
 def npy(header, data=b""):
@@ -1255,13 +1452,21 @@ def npy(header, data=b""):
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
-        (npy("{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,)}", bytes(80)), "in 208 bytes"),
+        (
+            npy("{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,)}", bytes(80)),
+            "in 208 bytes",
+        ),
         (npy("{'descr': '<f8', 'fortran_order': False, 'shape': (-1,)}"), "damaged"),
         (
-            npy("{'descr': '|O', 'fortran_order': False, 'shape': (3,)}", b"cos\nsystem\n(S'x'\ntR."),
+            npy(
+                "{'descr': '|O', 'fortran_order': False, 'shape': (3,)}", b"cos\nsystem\n(S'x'\ntR."
+            ),
             "which are never read",
         ),
-        (npy("{'descr': [('a', '|O'), ('b', '<f8')], 'fortran_order': False, 'shape': (3,)}"), "which are never read"),
+        (
+            npy("{'descr': [('a', '|O'), ('b', '<f8')], 'fortran_order': False, 'shape': (3,)}"),
+            "which are never read",
+        ),
         (npy("(" * 100 + ")" * 10), "damaged"),
         (npy("__import__('os').system('x')"), "damaged"),
         (npy("{'descr': '<f8', 'fortran_order': False, 'shape': ()}", bytes(8)), "found none"),
@@ -1308,7 +1513,9 @@ def test_nothing_beside_a_log_is_executed(small, tmp_path, monkeypatch):
 
 def test_reader_that_fails_altogether(small, tmp_path, monkeypatch):
     """What a library does to its process stays there."""
-    monkeypatch.setattr("steelyard.logs.hdf5.__name__", "steelyard.logs.size")  # a module that serves nothing
+    monkeypatch.setattr(
+        "steelyard.logs.hdf5.__name__", "steelyard.logs.size"
+    )  # a module that serves nothing
     assert "on which its library fails" in refused(*small["a.h5"])
 
 

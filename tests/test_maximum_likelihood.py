@@ -1,4 +1,5 @@
-"""Everything at once: simulated experiments of known truth, other sets of instruments, recordings of another simulator, mistakes."""
+"""Everything at once: simulated experiments of known truth, other sets of instruments, recordings
+of another simulator, mistakes."""
 
 from dataclasses import replace
 
@@ -10,11 +11,11 @@ from simulated import IDEAL, PAPER, RECORDER, ROBOT, TRUTH, changed, moving, pai
 
 from steelyard.experiment.model import Stream
 from steelyard.experiment.read import read_experiment
-from steelyard.identification.bound import cramer_rao
 from steelyard.identification.identify import identify
-from steelyard.identification.joint_study import joint_study
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.two_step import TwoStep
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.two_step import TwoStep
+from steelyard.identification.solve.bound import cramer_rao
+from steelyard.identification.solve.joint_study import joint_study
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments import Attitude, Length, Pose
 
@@ -36,13 +37,18 @@ def with_values(experiment, instrument, change):
     for run in experiment.runs:
         stream = run.streams[instrument]
         time, values = change(stream.time, dict(stream.values))
-        runs.append(replace(run, streams={**run.streams, instrument: Stream(time, values, stream.source)}))
+        runs.append(
+            replace(run, streams={**run.streams, instrument: Stream(time, values, stream.source)})
+        )
     return replace(experiment, runs=tuple(runs))
 
 
 def keeping(experiment, *names):
     """The experiment with some of its instruments."""
-    runs = tuple(replace(r, streams={n: s for n, s in r.streams.items() if n in names}) for r in experiment.runs)
+    runs = tuple(
+        replace(r, streams={n: s for n, s in r.streams.items() if n in names})
+        for r in experiment.runs
+    )
     return replace(experiment, runs=runs)
 
 
@@ -83,12 +89,19 @@ def test_calibration_is_within_its_uncertainty():
         experiment = RECORDER(seed)
         drawn = RECORDER.drawn["run"]
         found = METHOD(experiment).calibration
-        for name, keys in (("cables", ["offset"]), ("imu", ["gyro_bias", "accelerometer_bias", "misalignment"])):
+        for name, keys in (
+            ("cables", ["offset"]),
+            ("imu", ["gyro_bias", "accelerometer_bias", "misalignment"]),
+        ):
             for key in keys:
                 pair_ = found[name][key]
-                z.append((pair_["value"] - drawn[name].calibration[key]) / pair_["standard_deviation"])
+                z.append(
+                    (pair_["value"] - drawn[name].calibration[key]) / pair_["standard_deviation"]
+                )
         delay = found["tracker"]["delay"]["run"]
-        z.append(np.atleast_1d((delay["value"] - drawn["tracker"].delay) / delay["standard_deviation"]))
+        z.append(
+            np.atleast_1d((delay["value"] - drawn["tracker"].delay) / delay["standard_deviation"])
+        )
     z = np.concatenate(z)
     low, high = chi2.ppf([5e-4, 1 - 5e-4], len(z))
     assert low < z @ z < high
@@ -98,12 +111,13 @@ def test_its_bound_is_that_of_cramer_and_rao_over_the_same_rows(joint):
     state = joint.fit.state
     bound = cramer_rao(
         joint.study.experiment,
-        state.systematic,
-        {"run": state.arcs},
-        {"run": joint.felt},
+        state.calibration,
+        {"run": state.segments},
+        {"run": joint.force_samples},
         state.parameters,
     )
-    # One by a Schur complement of all, one of the active errors: rounding of a condition of many orders.
+    # One by a Schur complement of all, one of the active errors: rounding of a condition of many
+    # orders.
     scale = np.outer(joint.bound.standard_deviation, joint.bound.standard_deviation)
     np.testing.assert_allclose(bound.covariance / scale, joint.bound.covariance / scale, atol=1e-4)
 
@@ -112,10 +126,12 @@ def test_its_information_is_about_that_of_the_classical_side(joint):
     # Other knots and no prior of smoothness: a few percent.
     from simulated import studied
 
-    from steelyard.identification.bound import attainable
+    from steelyard.identification.solve.bound import attainable
 
     classical = attainable(studied(0))
-    np.testing.assert_allclose(joint.bound.standard_deviation, classical.standard_deviation, rtol=0.1)
+    np.testing.assert_allclose(
+        joint.bound.standard_deviation, classical.standard_deviation, rtol=0.1
+    )
 
 
 def test_the_fitted_motion_is_within_its_sigma(joint):
@@ -161,15 +177,21 @@ def test_noise_that_is_not_stated_is_found():
 def test_a_noise_larger_than_stated_counts_as_it_is():
     timid = {**PAPER, "tracker": changed(PAPER["tracker"], noise=PAPER["tracker"].noise / 3)}
     estimate = METHOD(RECORDER(4, stated=timid))
-    assert estimate.details["noise"]["tracker"]["position"]["used"] == pytest.approx(PAPER["tracker"].noise, rel=0.1)
+    assert estimate.details["noise"]["tracker"]["position"]["used"] == pytest.approx(
+        PAPER["tracker"].noise, rel=0.1
+    )
     assert surprise(estimate) < LIMIT
 
 
 def test_an_accelerometer_in_another_unit_is_named():
-    wrong = with_values(sound(1), "imu", lambda t, v: (t, {**v, "specific_force": v["specific_force"] / 9.80665}))
+    wrong = with_values(
+        sound(1), "imu", lambda t, v: (t, {**v, "specific_force": v["specific_force"] / 9.80665})
+    )
     verdict = METHOD(wrong).verdict
     assert not verdict.accepted
-    assert any("specific force of imu" in reason or "read in g" in reason for reason in verdict.reasons)
+    assert any(
+        "specific force of imu" in reason or "read in g" in reason for reason in verdict.reasons
+    )
 
 
 def spiked(time, values, share=0.01, seed=1):
@@ -188,7 +210,9 @@ def hole(time, values):
 
 
 def test_spikes_and_a_hole_do_little_harm(estimates):
-    rough = with_values(with_values(sound(1), "cables", lambda t, v: spiked(t, v, 0.02)), "tracker", hole)
+    rough = with_values(
+        with_values(sound(1), "cables", lambda t, v: spiked(t, v, 0.02)), "tracker", hole
+    )
     estimate, clean = METHOD(rough), estimates[1]
     assert estimate.verdict.accepted, estimate.verdict.reasons
     assert np.all(np.abs(estimate.value - clean.value) < clean.standard_deviation)
@@ -217,7 +241,9 @@ def test_a_tracker_that_holds_its_last_value_is_left_out(estimates):
 
     estimate = METHOD(with_values(sound(1), "tracker", held))
     assert any("position of tracker has lost the motion" in note for note in estimate.notes)
-    assert np.all(np.abs(estimate.value - estimates[1].value) < 1.5 * estimates[1].standard_deviation)
+    assert np.all(
+        np.abs(estimate.value - estimates[1].value) < 1.5 * estimates[1].standard_deviation
+    )
 
 
 def test_a_hand_on_the_platform_is_found_with_its_times():
@@ -239,10 +265,17 @@ SETS = {
 MORE = {
     **PAPER,
     "pose": Pose.model_validate(
-        {"kind": "pose", "rate": 60, "position": (0.1, 0.0, 0.5), "noise": {"position": 0.0005, "rotation": 0.002}}
+        {
+            "kind": "pose",
+            "rate": 60,
+            "position": (0.1, 0.0, 0.5),
+            "noise": {"position": 0.0005, "rotation": 0.002},
+        }
     ),
     "attitude": Attitude.model_validate({"kind": "attitude", "rate": 60, "noise": 0.002}),
-    "lengths": Length.model_validate({"kind": "length", "rate": 50, "noise": 0.0005, "calibration": {"offset": 0.3}}),
+    "lengths": Length.model_validate(
+        {"kind": "length", "rate": 50, "noise": 0.0005, "calibration": {"offset": 0.3}}
+    ),
 }
 
 
@@ -285,10 +318,17 @@ def test_a_mass_that_is_known_is_used(estimates):
     "mistake",
     [
         lambda e: replace(
-            e, runs=tuple(replace(r, sync={**r.sync, "tracker": r.sync["tracker"] + 0.3}) for r in e.runs)
+            e,
+            runs=tuple(
+                replace(r, sync={**r.sync, "tracker": r.sync["tracker"] + 0.3}) for r in e.runs
+            ),
         ),
         lambda e: replace(
-            e, instruments={**e.instruments, "imu": changed(e.instruments["imu"], rpy_deg=(20.0, 0.0, 0.0))}
+            e,
+            instruments={
+                **e.instruments,
+                "imu": changed(e.instruments["imu"], rpy_deg=(20.0, 0.0, 0.0)),
+            },
         ),
     ],
     ids=["tracker late by .3 s", "imu turned by 20 degrees"],
@@ -301,10 +341,14 @@ def test_a_description_that_is_far_off_ends_well_or_is_rejected(mistake):
 def test_a_mass_that_is_said_wrong_by_three_changes_nothing(estimates):
     heavy = replace(ROBOT.platform, mass=3 * ROBOT.platform.mass)
     estimate = METHOD(replace(sound(0), robot=replace(ROBOT, platform=heavy)))
-    np.testing.assert_allclose(estimate.value, estimates[0].value, atol=1e-3 * estimates[0].standard_deviation.min())
+    np.testing.assert_allclose(
+        estimate.value, estimates[0].value, atol=1e-3 * estimates[0].standard_deviation.min()
+    )
 
 
-@pytest.mark.parametrize("name", ["points-00", "points-01", "points-02", "points-03", "ideal-points"])
+@pytest.mark.parametrize(
+    "name", ["points-00", "points-01", "points-02", "points-03", "ideal-points"]
+)
 def test_recordings_of_another_simulator(recordings, recorded_truth, name):
     estimate = METHOD(read_experiment(recordings / name / "experiment.yaml"))
     assert surprise(estimate, recorded_truth[name].body_parameters) < LIMIT
@@ -317,7 +361,9 @@ def test_kuka_baseline(examples):
     kuka = read_experiment(examples / "kuka-tool" / "experiment.yaml")
     accelerometer = changed(kuka.instruments["accelerometer"], calibration={"delay": 0.05})
     runs = tuple(run for run in kuka.runs if run.name == "baseline")
-    estimate = METHOD(replace(kuka, runs=runs, instruments={**kuka.instruments, "accelerometer": accelerometer}))
+    estimate = METHOD(
+        replace(kuka, runs=runs, instruments={**kuka.instruments, "accelerometer": accelerometer})
+    )
     assert estimate.value[0] == pytest.approx(0.932, rel=0.012)
     assert np.abs(estimate.value[1:4] - [0.0003, 0, 0.0439]).max() < 1.5e-3
     assert 0.005 < estimate.calibration["accelerometer"]["delay"]["baseline"]["value"] < 0.009
@@ -325,13 +371,34 @@ def test_kuka_baseline(examples):
 
 
 def test_it_is_the_default_and_writes_the_motion(run, recordings, tmp_path):
-    assert run("identify", recordings / "points-02" / "experiment.yaml", "--out", tmp_path / "o", "--quiet")[0] == 0
-    table = pl.read_parquet(tmp_path / "o" / "motion.parquet")
-    assert {"run", "t", "x", "qw", "vx", "wx", "ax", "alpha_x", "sigma_x", "sigma_rx", "sigma_alpha_z"} <= set(
-        table.columns
+    assert (
+        run(
+            "identify",
+            recordings / "points-02" / "experiment.yaml",
+            "--out",
+            tmp_path / "o",
+            "--quiet",
+        )[0]
+        == 0
     )
+    table = pl.read_parquet(tmp_path / "o" / "motion.parquet")
+    assert {
+        "run",
+        "t",
+        "x",
+        "qw",
+        "vx",
+        "wx",
+        "ax",
+        "alpha_x",
+        "sigma_x",
+        "sigma_rx",
+        "sigma_alpha_z",
+    } <= set(table.columns)
     assert table.null_count().sum_horizontal().item() == 0
-    norm = table.select((pl.col("qw") ** 2 + pl.col("qx") ** 2 + pl.col("qy") ** 2 + pl.col("qz") ** 2).alias("n"))["n"]
+    norm = table.select(
+        (pl.col("qw") ** 2 + pl.col("qx") ** 2 + pl.col("qy") ** 2 + pl.col("qz") ** 2).alias("n")
+    )["n"]
     assert norm.to_numpy() == pytest.approx(1.0)
 
 
@@ -350,6 +417,8 @@ def test_what_the_two_steps_cannot_do_does_not_stop_the_others():
 
 
 def test_ideal_sensors_are_told_exactly():
-    estimate = METHOD(RECORDER(0, instruments={k: changed(v, rate=100.0) for k, v in IDEAL.items()}))
+    estimate = METHOD(
+        RECORDER(0, instruments={k: changed(v, rate=100.0) for k, v in IDEAL.items()})
+    )
     assert abs(estimate.value[0] / TRUTH[0] - 1) < 1e-3
     assert np.abs(estimate.value[1:4] - TRUTH[1:4]).max() < 1e-3

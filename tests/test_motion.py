@@ -18,16 +18,19 @@ from steelyard.robot.model import Limits
 TOLERANCE = 1e-8  # of SI values near one: the sixth-order differences below are good to 1e-10 for slow motions
 
 GRAVITY = np.array([0.2, -0.1, -9.8])
-START, END = np.array([0.01, -0.01, 1.55, -0.33, 0.43, -0.54]), np.array([1.01, 1.49, 2.55, 0.37, -0.18, 0.51])
+START, END = (
+    np.array([0.01, -0.01, 1.55, -0.33, 0.43, -0.54]),
+    np.array([1.01, 1.49, 2.55, 0.37, -0.18, 0.51]),
+)
 MOVE = RestToRest(START, END, move=3.0, pause=0.5)
 SINE = multisine([0, 0, 1.5, 0, 0, 0.2], [1.0, 0.8, 0.5, 0.3, 0.25, 0.2], 20.0, 8, seed=3)
 TIMES = np.linspace(0.7, 3.3, 27)
 
 
 def difference(function, t, step=0.02):
-    return sum(c * (function(t + k * step) - function(t - k * step)) for k, c in ((1, 45), (2, -9), (3, 1))) / (
-        60 * step
-    )
+    return sum(
+        c * (function(t + k * step) - function(t - k * step)) for k, c in ((1, 45), (2, -9), (3, 1))
+    ) / (60 * step)
 
 
 def scipy_rotation(pose):
@@ -37,7 +40,9 @@ def scipy_rotation(pose):
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_derivatives_of_rest_to_rest_follow_each_other(order):
     found = MOVE.derivative(TIMES, order)
-    np.testing.assert_allclose(found, difference(lambda t: MOVE.derivative(t, order - 1), TIMES), atol=TOLERANCE)
+    np.testing.assert_allclose(
+        found, difference(lambda t: MOVE.derivative(t, order - 1), TIMES), atol=TOLERANCE
+    )
 
 
 def test_rest_to_rest_goes_straight_from_start_to_end():
@@ -53,14 +58,22 @@ def test_rest_to_rest_goes_straight_from_start_to_end():
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_rest_to_rest_is_at_rest_at_both_ends_up_to_jerk(order):
     just_inside = np.array([0.5 + 1e-9, 3.5 - 1e-9])
-    np.testing.assert_allclose(MOVE.derivative(just_inside, order), 0, atol=1e2 * TOLERANCE)  # snap times 1e-9 s
-    np.testing.assert_array_equal(MOVE.derivative(np.array([-1.0, 0.2, 0.5, 3.5, 3.9, 7.0]), order), 0)
+    np.testing.assert_allclose(
+        MOVE.derivative(just_inside, order), 0, atol=1e2 * TOLERANCE
+    )  # snap times 1e-9 s
+    np.testing.assert_array_equal(
+        MOVE.derivative(np.array([-1.0, 0.2, 0.5, 3.5, 3.9, 7.0]), order), 0
+    )
 
 
 def test_rest_to_rest_reversed_is_the_film_run_backwards():
     assert MOVE.duration == MOVE.reversed().duration == 4.0
-    np.testing.assert_allclose(MOVE.reversed().derivative(4.0 - TIMES, 0), MOVE.derivative(TIMES, 0), atol=TOLERANCE)
-    np.testing.assert_allclose(MOVE.reversed().derivative(4.0 - TIMES, 1), -MOVE.derivative(TIMES, 1), atol=TOLERANCE)
+    np.testing.assert_allclose(
+        MOVE.reversed().derivative(4.0 - TIMES, 0), MOVE.derivative(TIMES, 0), atol=TOLERANCE
+    )
+    np.testing.assert_allclose(
+        MOVE.reversed().derivative(4.0 - TIMES, 1), -MOVE.derivative(TIMES, 1), atol=TOLERANCE
+    )
 
 
 @pytest.mark.parametrize("n", [2, 3, 4, 5, 6, 40])
@@ -83,14 +96,22 @@ def test_sampled_reproduces_a_quintic_and_its_derivatives():
     t = np.linspace(0.05, 1.95, 33)
     for order in range(5):
         expected = np.column_stack([q.deriv(order)(t) if order else q(t) for q in quintics])
-        np.testing.assert_allclose(found.derivative(t, order), expected, atol=TOLERANCE, rtol=TOLERANCE)
+        np.testing.assert_allclose(
+            found.derivative(t, order), expected, atol=TOLERANCE, rtol=TOLERANCE
+        )
 
 
 @pytest.mark.parametrize("harmonics", [1, 8, 40])
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_multisine_begins_and_ends_at_rest_at_its_centre(order, harmonics):
-    center, amplitude, duration = [0.1, -0.2, 1.5, 0.0, 0.1, 0.2], [1.0, 0.8, 0.5, 0.3, 0.25, 0.2], 20.0
-    ends = multisine(center, amplitude, duration, harmonics).derivative(np.array([0.0, duration]), order)
+    center, amplitude, duration = (
+        [0.1, -0.2, 1.5, 0.0, 0.1, 0.2],
+        [1.0, 0.8, 0.5, 0.3, 0.25, 0.2],
+        20.0,
+    )
+    ends = multisine(center, amplitude, duration, harmonics).derivative(
+        np.array([0.0, duration]), order
+    )
     expected = center if order == 0 else np.zeros(6)
     np.testing.assert_allclose(ends, np.tile(expected, (2, 1)), atol=TOLERANCE)
 
@@ -100,7 +121,9 @@ def test_multisine_fills_its_amplitude_and_holds_its_frequencies():
     excursion = np.abs(SINE.derivative(time, 0) - [0, 0, 1.5, 0, 0, 0.2]).max(axis=0)
     np.testing.assert_allclose(excursion, [1.0, 0.8, 0.5, 0.3, 0.25, 0.2], rtol=0.01)
     spectrum = np.abs(np.fft.rfft(SINE.derivative(time[:-1], 0) - [0, 0, 1.5, 0, 0, 0.2], axis=0))
-    assert (spectrum[13:].max(axis=0) < 0.1 * spectrum[1:9].max(axis=0)).all()  # the fading widens the lines a little
+    assert (
+        spectrum[13:].max(axis=0) < 0.1 * spectrum[1:9].max(axis=0)
+    ).all()  # the fading widens the lines a little
 
 
 def test_multisine_is_drawn_by_its_seed():
@@ -132,22 +155,32 @@ def test_motion_of_poses_is_what_scipy_rotations_do(trajectory):
 
     def omega(t):
         now = scipy_rotation(trajectory.derivative(t, 0))
-        return difference(lambda u: (now.inv() * scipy_rotation(trajectory.derivative(u, 0))).as_rotvec(), t)
+        return difference(
+            lambda u: (now.inv() * scipy_rotation(trajectory.derivative(u, 0))).as_rotvec(), t
+        )
 
-    acceleration = difference(lambda t: difference(lambda u: trajectory.derivative(u, 0)[:, :3], t), TIMES)
+    acceleration = difference(
+        lambda t: difference(lambda u: trajectory.derivative(u, 0)[:, :3], t), TIMES
+    )
     np.testing.assert_allclose(motion["rotation"], here.as_matrix(), atol=TOLERANCE)
-    np.testing.assert_allclose(motion["position"], trajectory.derivative(TIMES, 0)[:, :3], atol=TOLERANCE)
+    np.testing.assert_allclose(
+        motion["position"], trajectory.derivative(TIMES, 0)[:, :3], atol=TOLERANCE
+    )
     np.testing.assert_allclose(motion["omega"], difference(turned, TIMES), atol=TOLERANCE)
     np.testing.assert_allclose(motion["alpha"], difference(omega, TIMES), atol=TOLERANCE)
-    np.testing.assert_allclose(motion["specific_force"], here.inv().apply(acceleration - GRAVITY), atol=TOLERANCE)
-    felt = specific_force_of(motion["rotation"], acceleration, GRAVITY)
-    np.testing.assert_allclose(felt, motion["specific_force"], atol=TOLERANCE)
+    np.testing.assert_allclose(
+        motion["specific_force"], here.inv().apply(acceleration - GRAVITY), atol=TOLERANCE
+    )
+    force_samples = specific_force_of(motion["rotation"], acceleration, GRAVITY)
+    np.testing.assert_allclose(force_samples, motion["specific_force"], atol=TOLERANCE)
 
 
 @pytest.mark.parametrize("length", [1.0, 0.3])
 def test_motion_of_quaternions_is_that_of_their_rotations_whatever_their_length(length):
     def quaternion(t):
-        q = Rotation.from_euler("ZYX", MOVE.derivative(t, 0)[:, [5, 4, 3]]).as_quat(scalar_first=True)
+        q = Rotation.from_euler("ZYX", MOVE.derivative(t, 0)[:, [5, 4, 3]]).as_quat(
+            scalar_first=True
+        )
         return q * np.sign(q[:, :1]) * (1 if length == 1 else length + 0.05 * t[:, None])
 
     rates = [quaternion(TIMES), difference(quaternion, TIMES)]
@@ -159,11 +192,16 @@ def test_motion_of_quaternions_is_that_of_their_rotations_whatever_their_length(
 
 
 def test_wrench_along_a_trajectory_moves_every_point_of_a_cloud():
-    masses, points = np.random.default_rng(2).uniform(1, 9, 6), np.random.default_rng(3).normal(size=(6, 3))
+    masses, points = (
+        np.random.default_rng(2).uniform(1, 9, 6),
+        np.random.default_rng(3).normal(size=(6, 3)),
+    )
 
     def places(t):  # (n, 6 points, 3)
         pose = MOVE.derivative(t, 0)
-        return pose[:, None, :3] + np.einsum("nij,kj->nki", scipy_rotation(pose).as_matrix(), points)
+        return pose[:, None, :3] + np.einsum(
+            "nij,kj->nki", scipy_rotation(pose).as_matrix(), points
+        )
 
     accelerations = difference(lambda t: difference(places, t), TIMES)
     forces = masses[:, None] * (accelerations - GRAVITY)
@@ -172,7 +210,10 @@ def test_wrench_along_a_trajectory_moves_every_point_of_a_cloud():
     force, torque = (turn.inv().apply(v.sum(axis=1)) for v in (forces, np.cross(arms, forces)))
     motion = motion_of_poses(*(MOVE.derivative(TIMES, k) for k in range(3)), GRAVITY)
     found = platform_wrench(
-        Inertia.from_points(masses, points).parameters, motion["specific_force"], motion["omega"], motion["alpha"]
+        Inertia.from_points(masses, points).parameters,
+        motion["specific_force"],
+        motion["omega"],
+        motion["alpha"],
     )
     np.testing.assert_allclose(found, np.hstack([force, torque]), atol=masses.sum() * TOLERANCE)
 
@@ -215,12 +256,18 @@ def test_commanded_tensions_carry_the_platform():
     tension = commanded_tensions(robot, MOVE, TIMES)
     motion = motion_of_poses(*(MOVE.derivative(TIMES, k) for k in range(3)), robot.gravity)
     W = cables_at(robot, motion["position"], motion["rotation"], tension).structure
-    wrench = platform_wrench(robot.platform.parameters, motion["specific_force"], motion["omega"], motion["alpha"])
-    np.testing.assert_allclose(np.einsum("nkm,nm->nk", W, tension), wrench, atol=100 * TOLERANCE * np.abs(wrench).max())
+    wrench = platform_wrench(
+        robot.platform.parameters, motion["specific_force"], motion["omega"], motion["alpha"]
+    )
+    np.testing.assert_allclose(
+        np.einsum("nkm,nm->nk", W, tension), wrench, atol=100 * TOLERANCE * np.abs(wrench).max()
+    )
     assert (tension >= 50).all()
 
 
 def test_a_pose_outside_the_frame_cannot_be_commanded_and_its_time_is_named():
     away = RestToRest([0, 0, 1.5, 0, 0, 0], [12.0, 0, 1.5, 0, 0, 0], move=10.0)
-    with pytest.raises(InfeasibleError, match=r"^at \d+\.\d\d s of the trajectory: expected tensions within 50"):
+    with pytest.raises(
+        InfeasibleError, match=r"^at \d+\.\d\d s of the trajectory: expected tensions within 50"
+    ):
         commanded_tensions(read_robot("cogiro"), away, np.linspace(0, 10, 51))

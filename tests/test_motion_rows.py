@@ -1,4 +1,5 @@
-"""Rows of the motion instruments against differences of their own residuals, and what counts how much among them."""
+"""Rows of the motion instruments against differences of their own residuals, and what counts how
+much among them."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -12,19 +13,19 @@ from scipy.stats import chi2, norm
 from simulated import EXACT, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.arc import POSE, WIDTH, NormalEquations, banded_product
-from steelyard.identification.motion_rows import (
+from steelyard.identification.model.calibration_parameters import Calibration, gather
+from steelyard.identification.model.motion_residuals import (
     PARTS,
-    Arc,
     Border,
     Reading,
+    Segment,
     Tally,
     jerk_matrices,
     limit,
-    motion_rows,
+    motion_residuals,
     robust_weight,
 )
-from steelyard.identification.unknowns import Systematic, gather
+from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations, banded_product
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension
 from steelyard.smoothing import DEGREE, knots
 
@@ -32,9 +33,13 @@ START, END, SPACING = 0.2, 3.0, 0.4  # [s]
 DIFFERENCES = 2e-6  # relative to the largest; central differences of what curves over a metre, a second, a radian
 STEP = 1e-5  # of them
 ROUNDING = 1e-9  # relative to the largest; sums of a few hundred products
-FAR = 1e-4  # probability of a number that counts no more than noise may reach: what the module states
+FAR = (
+    1e-4  # probability of a number that counts no more than noise may reach: what the module states
+)
 
-UNEVEN = np.concatenate([[START] * 6, START + np.cumsum([0.05, 0.4, 0.11, 0.3, 0.02, 0.7]), [END] * 6])
+UNEVEN = np.concatenate(
+    [[START] * 6, START + np.cumsum([0.05, 0.4, 0.11, 0.3, 0.02, 0.7]), [END] * 6]
+)
 EVEN = knots(START, END, SPACING)
 GRIDS = {"even": EVEN, "uneven": UNEVEN}
 
@@ -50,7 +55,8 @@ def integral_of_squared_jerk(grid, coefficients, place):
 
 
 def motion_of(grid, rng):
-    """Coefficients of a motion of about a metre and a radian; the quaternion has any length near one."""
+    """Coefficients of a motion of about a metre and a radian; the quaternion has any length near
+    one."""
     count = len(grid) - DEGREE - 1
     position = np.array([0.3, -0.2, 2.0]) + 0.3 * rng.normal(size=(count, 3))
     quaternion = np.array([1.05, 0.1, -0.05, 0.1]) + 0.1 * rng.normal(size=(count, 4))
@@ -66,15 +72,19 @@ def test_the_matrix_of_a_jerk_gives_its_integral(grid, part, rng):
     for _ in range(3):
         coefficients = motion_of(grid, rng)
         found = coefficients.ravel() @ banded_product(band, coefficients.ravel())
-        assert found == pytest.approx(integral_of_squared_jerk(grid, coefficients, PARTS[part]), rel=1e-7)
+        assert found == pytest.approx(
+            integral_of_squared_jerk(grid, coefficients, PARTS[part]), rel=1e-7
+        )
 
 
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
 def test_roughness_is_the_integral_of_the_squared_jerk(grid, rng):
-    arc = Arc("run", grid, (), motion_of(grid, rng), jerks=jerk_matrices(grid))
-    assert set(arc.roughness) == {"position", "rotation"}
-    for part, found in arc.roughness.items():
-        assert found == pytest.approx(integral_of_squared_jerk(grid, arc.coefficients, PARTS[part]), rel=1e-7)
+    segment = Segment("run", grid, (), motion_of(grid, rng), jerks=jerk_matrices(grid))
+    assert set(segment.roughness) == {"position", "rotation"}
+    for part, found in segment.roughness.items():
+        assert found == pytest.approx(
+            integral_of_squared_jerk(grid, segment.coefficients, PARTS[part]), rel=1e-7
+        )
 
 
 def test_a_motion_of_constant_acceleration_is_smooth():
@@ -83,55 +93,82 @@ def test_a_motion_of_constant_acceleration_is_smooth():
     pairs = [(i, j) for j in range(DEGREE) for i in range(j)]
     inner = [UNEVEN[j + 1 : j + DEGREE + 1] for j in range(count)]
     square = np.array([np.mean([k[i] * k[j] for i, j in pairs]) for k in inner])
-    arc = Arc("run", UNEVEN, (), np.tile(square[:, None], POSE), jerks=jerk_matrices(UNEVEN))
+    segment = Segment(
+        "run", UNEVEN, (), np.tile(square[:, None], POSE), jerks=jerk_matrices(UNEVEN)
+    )
     np.testing.assert_allclose(BSpline(UNEVEN, square, DEGREE)(1.3), 1.3**2, rtol=1e-12)
-    scale = max(np.abs(each).max() for each in arc.jerks.values())
-    assert all(abs(value) < 1e-12 * scale for value in arc.roughness.values())
+    scale = max(np.abs(each).max() for each in segment.jerks.values())
+    assert all(abs(value) < 1e-12 * scale for value in segment.roughness.values())
 
 
 def nothing_read(size):
-    return NormalEquations(np.zeros((WIDTH, size)), np.zeros((size, 1)), np.zeros((1, 1)), np.zeros(size), np.zeros(1))
+    return NormalEquations(
+        np.zeros((WIDTH, size)), np.zeros((size, 1)), np.zeros((1, 1)), np.zeros(size), np.zeros(1)
+    )
 
 
 def test_smoothness_costs_what_is_rough_by_its_intensity(rng):
-    # Cost of a step x: (c + x)^T J (c + x) / intensity, of which the normal equations know all but a constant.
+    # Cost of a step x: (c + x)^T J (c + x) / intensity, of which the normal equations know all but
+    # a constant.
     level = {"position": 0.3, "rotation": 7.0}
-    arc = Arc("run", UNEVEN, (), motion_of(UNEVEN, rng), level, jerks=jerk_matrices(UNEVEN))
-    found = arc.smooth(nothing_read(arc.coefficients.size))
+    segment = Segment("run", UNEVEN, (), motion_of(UNEVEN, rng), level, jerks=jerk_matrices(UNEVEN))
+    found = segment.smooth(nothing_read(segment.coefficients.size))
 
     def cost(coefficients):
-        return sum(integral_of_squared_jerk(UNEVEN, coefficients, place) / level[p] for p, place in PARTS.items())
+        return sum(
+            integral_of_squared_jerk(UNEVEN, coefficients, place) / level[p]
+            for p, place in PARTS.items()
+        )
 
     for _ in range(3):
-        step = rng.normal(size=arc.coefficients.shape)
+        step = rng.normal(size=segment.coefficients.shape)
         x = step.ravel()
         promised = x @ banded_product(found.band, x) - 2 * found.motion_gradient @ x
-        expected = cost(arc.coefficients + step) - cost(arc.coefficients)
+        expected = cost(segment.coefficients + step) - cost(segment.coefficients)
         assert promised == pytest.approx(expected, rel=1e-7)
 
 
-@pytest.mark.parametrize("change", [{"smoothness": None}, {"static": True}], ids=["no prior", "poses at rest"])
+@pytest.mark.parametrize(
+    "change", [{"smoothness": None}, {"static": True}], ids=["no prior", "poses at rest"]
+)
 def test_a_motion_without_smoothness_is_as_it_is_read(change, rng):
     level = {"position": 1.0, "rotation": 1.0}
-    arc = Arc("run", EVEN, (), motion_of(EVEN, rng), level, jerks=jerk_matrices(EVEN))
-    equations = nothing_read(arc.coefficients.size)
-    assert replace(arc, **change).smooth(equations) is equations
+    segment = Segment("run", EVEN, (), motion_of(EVEN, rng), level, jerks=jerk_matrices(EVEN))
+    equations = nothing_read(segment.coefficients.size)
+    assert replace(segment, **change).smooth(equations) is equations
 
 
 # Derivatives of every kind of instrument
 
-POINTS = replace(ROBOT, name="points", pulley_radius=np.zeros(8))  # cables leave from points: quicker, and as general
+POINTS = replace(
+    ROBOT, name="points", pulley_radius=np.zeros(8)
+)  # cables leave from points: quicker, and as general
 FRAME = {"position": (0.4, -0.3, 0.2), "rpy_deg": (5.0, -8.0, 20.0)}
 SUITE = {
-    "cables": Tension.model_validate({"kind": "tension", "clock": "recorder", "calibration": {"offset": 5.0}}),
-    "imu": Imu.model_validate(
-        {"kind": "imu", "position": (0.1, -0.2, 0.3), "rpy_deg": (10, 20, -30), "calibration": {"delay": 0.01}}
+    "cables": Tension.model_validate(
+        {"kind": "tension", "clock": "recorder", "calibration": {"offset": 5.0}}
     ),
-    "still imu": Imu.model_validate({"kind": "imu", "gravity": "removed", "calibration": {"delay": 0.02}}),
+    "imu": Imu.model_validate(
+        {
+            "kind": "imu",
+            "position": (0.1, -0.2, 0.3),
+            "rpy_deg": (10, 20, -30),
+            "calibration": {"delay": 0.01},
+        }
+    ),
+    "still imu": Imu.model_validate(
+        {"kind": "imu", "gravity": "removed", "calibration": {"delay": 0.02}}
+    ),
     "attitude": Attitude.model_validate({"kind": "attitude", "rpy_deg": (3, -4, 25)}),
-    "tracker": Position.model_validate({"kind": "position", "target": (0.1, 0.2, 1.1), "frame": FRAME}),
-    "camera": Pose.model_validate({"kind": "pose", "position": (0.2, 0.0, 0.5), "rpy_deg": (0, 15, 5), "frame": FRAME}),
-    "controller": Command.model_validate({"kind": "command", "noise": {"position": 0.01, "rotation": 0.01}}),
+    "tracker": Position.model_validate(
+        {"kind": "position", "target": (0.1, 0.2, 1.1), "frame": FRAME}
+    ),
+    "camera": Pose.model_validate(
+        {"kind": "pose", "position": (0.2, 0.0, 0.5), "rpy_deg": (0, 15, 5), "frame": FRAME}
+    ),
+    "controller": Command.model_validate(
+        {"kind": "command", "noise": {"position": 0.01, "rotation": 0.01}}
+    ),
     "winches": Length.model_validate({"kind": "length"}),
 }
 READ = {
@@ -156,10 +193,18 @@ def readings(times, rng):
     found = []
     for source, size in READ.items():
         shape = (len(times), size)
-        values = Rotation.from_rotvec(0.5 * rng.normal(size=(len(times), 3))).as_matrix() if size == 9 else None
+        values = (
+            Rotation.from_rotvec(0.5 * rng.normal(size=(len(times), 3))).as_matrix()
+            if size == 9
+            else None
+        )
         values = rng.normal(size=shape) if values is None else values
         # Each looks at its own times; poses at rest have their numbers.
-        own = times if times.dtype == int else np.sort(rng.uniform(START + 0.2, END - 0.2, len(times)))
+        own = (
+            times
+            if times.dtype == int
+            else np.sort(rng.uniform(START + 0.2, END - 0.2, len(times)))
+        )
         tension = 500 + 200 * rng.uniform(size=(len(times), 8)) if source[0] == "winches" else None
         found.append(Reading(source, own.astype(float), values, LARGE, tension))
     return tuple(found)
@@ -173,30 +218,54 @@ class Case:
         numbers = np.arange(SAMPLES)
         streams = {name: Stream(numbers.astype(float), {}, name) for name in SUITE}
         self.experiment = Experiment(
-            "all", POINTS, SUITE, (Run("run", streams, dict.fromkeys(SUITE, 0.0), static=static),), uncertainty=EXACT
+            "all",
+            POINTS,
+            SUITE,
+            (Run("run", streams, dict.fromkeys(SUITE, 0.0), static=static),),
+            uncertainty=EXACT,
         )
-        self.unknowns = gather(self.experiment)
-        values = self.unknowns.mean + 0.02 * rng.normal(size=len(self.unknowns))
-        self.systematic = Systematic(self.unknowns, values)
+        self.calibration_parameters = gather(self.experiment)
+        values = self.calibration_parameters.mean + 0.02 * rng.normal(
+            size=len(self.calibration_parameters)
+        )
+        self.calibration = Calibration(self.calibration_parameters, values)
         if static:
-            pose = np.hstack([[0.3, -0.2, 2.0], [1.0, 0.1, -0.05, 0.1]]) + 0.1 * rng.normal(size=(SAMPLES, POSE))
-            self.arc = Arc("run", numbers.astype(float), readings(numbers, rng), pose, static=True)
+            pose = np.hstack([[0.3, -0.2, 2.0], [1.0, 0.1, -0.05, 0.1]]) + 0.1 * rng.normal(
+                size=(SAMPLES, POSE)
+            )
+            self.segment = Segment(
+                "run", numbers.astype(float), readings(numbers, rng), pose, static=True
+            )
         else:
-            self.arc = Arc("run", EVEN, readings(numbers.astype(float), rng), motion_of(EVEN, rng), reference=reference)
+            self.segment = Segment(
+                "run",
+                EVEN,
+                readings(numbers.astype(float), rng),
+                motion_of(EVEN, rng),
+                reference=reference,
+            )
 
     def rows(self, coefficients=None, values=None, **keys):
         """Label -> rows; None is what holds the motion."""
-        arc = self.arc if coefficients is None else replace(self.arc, coefficients=coefficients)
-        return self.rows_of(arc, values, **keys)
+        segment = (
+            self.segment
+            if coefficients is None
+            else replace(self.segment, coefficients=coefficients)
+        )
+        return self.rows_of(segment, values, **keys)
 
-    def rows_of(self, arc, values=None, *, factors=None, tally=None):
-        systematic = self.systematic if values is None else Systematic(self.unknowns, values)
-        columns = np.arange(len(self.unknowns))
-        found = motion_rows(self.experiment, arc, systematic, columns, factors or {}, tally or Tally())
+    def rows_of(self, segment, values=None, *, factors=None, tally=None):
+        calibration = (
+            self.calibration if values is None else Calibration(self.calibration_parameters, values)
+        )
+        columns = np.arange(len(self.calibration_parameters))
+        found = motion_residuals(
+            self.experiment, segment, calibration, columns, factors or {}, tally or Tally()
+        )
         return {each.label: each for each in found}
 
     def label(self, source):
-        return source and self.arc.label(*source)
+        return source and self.segment.label(*source)
 
 
 CASES = {
@@ -207,59 +276,77 @@ CASES = {
 
 
 DIRECTIONS = 6
-"""Random ones that the motion is moved in: a derivative that is wrong anywhere is wrong along each of them."""
+"""Random ones that the motion is moved in: a derivative that is wrong anywhere is wrong along each
+of them."""
 
 
 def central_differences(function, x, directions):
-    """Label -> derivative of the residuals of ``function`` along directions, shape (n, k, directions)."""
+    """Label -> derivative of the residuals of ``function`` along directions, shape (n, k,
+    directions)."""
     columns = []
     for direction in directions:
         ahead, behind = (function(x + s * STEP * direction) for s in (1, -1))
-        columns.append({label: (ahead[label].residual - behind[label].residual) / (2 * STEP) for label in ahead})
+        columns.append(
+            {
+                label: (ahead[label].residual - behind[label].residual) / (2 * STEP)
+                for label in ahead
+            }
+        )
     return {label: np.stack([column[label] for column in columns], axis=2) for label in columns[0]}
 
 
 @pytest.fixture(scope="module", params=CASES)
 def compared(request):
-    """A case, its rows, and differences along directions of the motion and, one each, of the systematic errors."""
+    """A case, its rows, and differences along directions of the motion and, one each, of the
+    systematic errors."""
     case, rng = CASES[request.param], np.random.default_rng(12)
-    ways = rng.normal(size=(DIRECTIONS, *case.arc.coefficients.shape))
-    errors = np.zeros((len(case.unknowns.entries), len(case.unknowns)))
-    for row, place in zip(errors, case.unknowns.places.values(), strict=True):
+    ways = rng.normal(size=(DIRECTIONS, *case.segment.coefficients.shape))
+    errors = np.zeros((len(case.calibration_parameters.entries), len(case.calibration_parameters)))
+    for row, place in zip(errors, case.calibration_parameters.places.values(), strict=True):
         row[place] = rng.normal(size=len(row[place]))
-    by_motion = central_differences(case.rows, case.arc.coefficients, ways)
-    by_errors = central_differences(lambda v: case.rows(values=v), case.systematic.values, errors)
+    by_motion = central_differences(case.rows, case.segment.coefficients, ways)
+    by_errors = central_differences(lambda v: case.rows(values=v), case.calibration.values, errors)
     return case, case.rows(), (ways, by_motion), (errors, by_errors)
 
 
-@pytest.mark.parametrize("source", [*READ, None], ids=lambda s: " ".join(s) if s else "what holds the motion")
+@pytest.mark.parametrize(
+    "source", [*READ, None], ids=lambda s: " ".join(s) if s else "what holds the motion"
+)
 def test_derivatives_by_the_motion_are_those_of_differences(compared, source):
     case, rows, (ways, by_motion), _ = compared
     found, expected = rows[case.label(source)], by_motion[case.label(source)]
     own = found.first[:, None] + np.arange(found.by_motion.shape[2] // POSE)
-    along = np.einsum("nki,dni->nkd", found.by_motion, ways[:, own].reshape(len(ways), len(own), -1))
-    np.testing.assert_allclose(along, expected, atol=DIFFERENCES * max(np.abs(expected).max(), 1 / LARGE))
+    along = np.einsum(
+        "nki,dni->nkd", found.by_motion, ways[:, own].reshape(len(ways), len(own), -1)
+    )
+    np.testing.assert_allclose(
+        along, expected, atol=DIFFERENCES * max(np.abs(expected).max(), 1 / LARGE)
+    )
 
 
-@pytest.mark.parametrize("source", [*READ, None], ids=lambda s: " ".join(s) if s else "what holds the motion")
+@pytest.mark.parametrize(
+    "source", [*READ, None], ids=lambda s: " ".join(s) if s else "what holds the motion"
+)
 def test_derivatives_by_systematic_errors_and_delays_are_those_of_differences(compared, source):
     case, rows, _, (errors, by_errors) = compared
     found, expected = rows[case.label(source)], by_errors[case.label(source)]
     along = found.by_errors @ errors[:, found.columns].T
-    np.testing.assert_allclose(along, expected, atol=DIFFERENCES * max(np.abs(expected).max(), 1 / LARGE))
+    np.testing.assert_allclose(
+        along, expected, atol=DIFFERENCES * max(np.abs(expected).max(), 1 / LARGE)
+    )
 
 
 def test_every_error_of_a_motion_instrument_acts_on_its_readings(compared):
     # So that the comparison with differences was not one of zeros.
     case, _, _, (_, by_errors) = compared
     acts = np.any([np.abs(each).max(axis=(0, 1)) > 0 for each in by_errors.values()], axis=0)
-    static = case.arc.static
-    for (owner, key, _), found in zip(case.unknowns.places, acts, strict=True):
+    static = case.segment.static
+    for (owner, key, _), found in zip(case.calibration_parameters.places, acts, strict=True):
         if owner == "robot":
             assert found == (key == "gravity")
             continue
         # Forces are not looked at, unless they tell the time.
-        silent = owner == "cables" or (owner == "recorder" and case.arc.reference is None)
+        silent = owner == "cables" or (owner == "recorder" and case.segment.reference is None)
         # Some of an IMU is not read, and a body that rests does not tell where the IMU sits.
         silent |= owner == "still imu" and key in {"gyro_bias", "reference"}
         silent |= static and key == "position" and "imu" in owner
@@ -277,15 +364,22 @@ def test_a_larger_noise_makes_smaller_rows():
 
 def test_errors_without_a_column_are_not_there():
     case = CASES["in motion"]
-    columns = np.full(len(case.unknowns), -1)
-    target = case.unknowns.places["tracker", "target", None]
+    columns = np.full(len(case.calibration_parameters), -1)
+    target = case.calibration_parameters.places["tracker", "target", None]
     columns[target] = [4, 2, 7]
     place = np.arange(len(columns))[target]
-    found = {r.label: r for r in motion_rows(case.experiment, case.arc, case.systematic, columns, {}, Tally())}
+    found = {
+        r.label: r
+        for r in motion_residuals(
+            case.experiment, case.segment, case.calibration, columns, {}, Tally()
+        )
+    }
     own = found["tracker", "position"]
     everything = case.rows()["tracker", "position"]
     np.testing.assert_array_equal(own.columns, [4, 2, 7])
-    np.testing.assert_array_equal(own.by_errors, everything.by_errors[:, :, np.isin(everything.columns, place)])
+    np.testing.assert_array_equal(
+        own.by_errors, everything.by_errors[:, :, np.isin(everything.columns, place)]
+    )
     assert found["attitude", "orientation"].by_errors.shape[2] == 0
 
 
@@ -298,16 +392,18 @@ ACCELEROMETER = ("imu", "specific_force")
 
 def only(case, source, sigma=LARGE, **keys):
     """The arc with one reading, changed."""
-    (reading,) = (each for each in case.arc.readings if each.source == source)
-    return replace(case.arc, readings=(replace(reading, sigma=sigma, **keys),))
+    (reading,) = (each for each in case.segment.readings if each.source == source)
+    return replace(case.segment, readings=(replace(reading, sigma=sigma, **keys),))
 
 
 def of(case, source):
-    (reading,) = (each for each in case.arc.readings if each.source == source)
+    (reading,) = (each for each in case.segment.readings if each.source == source)
     return reading
 
 
-@pytest.mark.parametrize("source", [("imu", "specific_force"), SOURCE, ("winches", "length")], ids="-".join)
+@pytest.mark.parametrize(
+    "source", [("imu", "specific_force"), SOURCE, ("winches", "length")], ids="-".join
+)
 def test_a_channel_without_a_number_is_no_sample_of_it(source):
     case = CASES["in motion"]
     values = of(case, source).values.copy()
@@ -327,12 +423,17 @@ def test_a_channel_without_a_number_is_no_sample_of_it(source):
     assert holed.square[source] == pytest.approx(np.sum(after.residual**2))
 
 
-@pytest.mark.parametrize("source", [("imu", "angular_velocity"), SOURCE, ("winches", "length")], ids="-".join)
+@pytest.mark.parametrize(
+    "source", [("imu", "angular_velocity"), SOURCE, ("winches", "length")], ids="-".join
+)
 def test_a_spike_in_one_channel_pulls_no_more_than_noise_may(source):
     case = CASES["in motion"]
     values = of(case, source).values.copy()
     values[2, 0] += 1e4 * LARGE
-    before, after = (case.rows_of(only(case, source, values=v))[source] for v in (of(case, source).values, values))
+    before, after = (
+        case.rows_of(only(case, source, values=v))[source]
+        for v in (of(case, source).values, values)
+    )
     # Pull on the motion: derivative times residual, both under the root of the weight.
     pull = after.by_motion[2, 0] * after.residual[2, 0]
     np.testing.assert_allclose(pull, before.by_motion[2, 0] * norm.isf(FAR / 2), rtol=1e-6)
@@ -352,10 +453,15 @@ def test_a_rotation_that_stands_far_counts_less_as_a_whole():
     values = predicted.copy()
     values[4] = predicted[4] @ Rotation.from_rotvec([0, angle, 0]).as_matrix()
     sigma = 1e-3
-    before, after = (case.rows_of(only(case, ATTITUDE, sigma, values=v))[ATTITUDE] for v in (predicted, values))
+    before, after = (
+        case.rows_of(only(case, ATTITUDE, sigma, values=v))[ATTITUDE] for v in (predicted, values)
+    )
     np.testing.assert_allclose(before.residual, 0, atol=1e-9 / sigma)
-    np.testing.assert_array_equal(after.residual[[0, 1, 2, 3, 5, 6]], before.residual[[0, 1, 2, 3, 5, 6]])
-    # Under the root of its weight, the length is the root of Huber's limit times the length that it had.
+    np.testing.assert_array_equal(
+        after.residual[[0, 1, 2, 3, 5, 6]], before.residual[[0, 1, 2, 3, 5, 6]]
+    )
+    # Under the root of its weight, the length is the root of Huber's limit times the length that it
+    # had.
     far = np.sqrt(chi2.isf(FAR, 3))
     np.testing.assert_allclose(after.residual[4], [0, np.sqrt(far * angle / sigma), 0], atol=1e-6)
 
@@ -387,11 +493,15 @@ def test_readings_outside_the_arc_count_nothing():
 
 def test_a_clock_that_moves_carries_samples_out_of_the_arc():
     case = CASES["in motion"]
-    arc = replace(case.arc, readings=tuple(of(case, source) for source in (ACCELEROMETER, SOURCE)))
-    values = case.systematic.values.copy()
-    values[case.unknowns.places["tracker", "delay", "run"]] += END  # the tracker is late, so it reads what was before
+    segment = replace(
+        case.segment, readings=tuple(of(case, source) for source in (ACCELEROMETER, SOURCE))
+    )
+    values = case.calibration.values.copy()
+    values[case.calibration_parameters.places["tracker", "delay", "run"]] += (
+        END  # the tracker is late, so it reads what was before
+    )
     tally = Tally()
-    case.rows_of(arc, values, tally=tally)
+    case.rows_of(segment, values, tally=tally)
     assert tally.count[SOURCE] == 0
     assert tally.count[ACCELEROMETER] == 3 * SAMPLES
 
@@ -400,7 +510,7 @@ def test_a_clock_that_moves_carries_samples_out_of_the_arc():
 def test_a_motion_is_held_in_its_hall_and_its_quaternion_near_one(static):
     case = CASES["at rest" if static else "in motion"]
     pose = np.array([30.0, -10.0, 5.0, 1.1, 0.0, 0.2, 0.0])
-    coefficients = np.tile(pose, (len(case.arc.coefficients), 1))
+    coefficients = np.tile(pose, (len(case.segment.coefficients), 1))
     held = case.rows(coefficients)[None]
     length = (1.1**2 + 0.2**2 - 1) / 0.01
     expected = [length, *(pose[:3] / 100.0), 0, 0, 0]
@@ -431,7 +541,11 @@ def test_a_tally_counts_what_is_near_and_what_is_far(rng):
 
 
 def test_a_tally_adds_up_and_keeps_quantities_apart(rng):
-    parts, other, tally = [np.abs(rng.normal(size=(50, 3))) for _ in range(2)], np.abs(rng.normal(size=20)), Tally()
+    parts, other, tally = (
+        [np.abs(rng.normal(size=(50, 3))) for _ in range(2)],
+        np.abs(rng.normal(size=20)),
+        Tally(),
+    )
     for size in parts:
         tally.add(GYRO, size, robust_weight(size, 1), 1)
     tally.add(ATTITUDE, other, robust_weight(other, 3), 3)
@@ -467,19 +581,28 @@ def test_rows_and_tally_tell_the_same_cost():
 def test_roughness_counts_in_the_cost(rng):
     case = CASES["in motion"]
     level = {"position": 0.2, "rotation": 3.0}
-    smooth = replace(case.arc, smoothness=level, jerks=jerk_matrices(EVEN))
+    smooth = replace(case.segment, smoothness=level, jerks=jerk_matrices(EVEN))
     with_it, without = Tally(), Tally()
     case.rows_of(smooth, tally=with_it)
-    case.rows_of(case.arc, tally=without)
-    rough = {part: integral_of_squared_jerk(EVEN, smooth.coefficients, place) for part, place in PARTS.items()}
-    assert with_it.cost - without.cost == pytest.approx(sum(rough[p] / level[p] for p in PARTS), rel=1e-7)
+    case.rows_of(case.segment, tally=without)
+    rough = {
+        part: integral_of_squared_jerk(EVEN, smooth.coefficients, place)
+        for part, place in PARTS.items()
+    }
+    assert with_it.cost - without.cost == pytest.approx(
+        sum(rough[p] / level[p] for p in PARTS), rel=1e-7
+    )
 
 
 # Columns of the border
 
 
 def test_columns_that_come_twice_are_added(rng):
-    first, second, third = rng.normal(size=(2, 3, 2)), rng.normal(size=(2, 3, 1)), rng.normal(size=(2, 3, 2))
+    first, second, third = (
+        rng.normal(size=(2, 3, 2)),
+        rng.normal(size=(2, 3, 1)),
+        rng.normal(size=(2, 3, 2)),
+    )
     border = Border(np.array([5, 1, -1, 3]), 2, 3)
     border.put(slice(0, 2), first)  # columns 5 and 1
     border.put(np.array([1]), second)  # column 1 once more

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from simulated import BODY, CENTER, EXACT, REACH, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.force_rows import Forces, balance_of
-from steelyard.identification.motion_rows import Arc, Reading
-from steelyard.identification.outliers import look
-from steelyard.identification.unknowns import Systematic, gather
+from steelyard.identification.model.calibration_parameters import Calibration, gather
+from steelyard.identification.model.force_residuals import Forces, balance_of
+from steelyard.identification.model.motion_residuals import Reading, Segment
+from steelyard.identification.solve.outliers import look
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.motion.trajectory import multisine
 from steelyard.robot.model import Robot
@@ -22,8 +22,12 @@ LENGTH, RATE = 8.0, 50.0  # [s], [Hz]
 TIMES = np.arange(0.1, LENGTH - 0.1, 1 / RATE)
 GRID = knots(0.0, LENGTH, 0.4)
 SEEDS = 20
-MARGIN = 0.25  # [s]; what is left out about a contact, and a few samples of its soft beginning or end
-POINTS = replace(ROBOT, name="points", pulley_radius=np.zeros(8))  # cables leave from points: quicker
+MARGIN = (
+    0.25  # [s]; what is left out about a contact, and a few samples of its soft beginning or end
+)
+POINTS = replace(
+    ROBOT, name="points", pulley_radius=np.zeros(8)
+)  # cables leave from points: quicker
 BARE = Robot("sensor", np.zeros((0, 3)), np.zeros((0, 3)))
 
 
@@ -31,18 +35,25 @@ class Case:
     """A motion that is known, and forces that balance it exactly."""
 
     def __init__(self, instrument, robot, guess, sigma):
-        suite = {"forces": instrument, "attitude": Attitude.model_validate({"kind": "attitude", "noise": 0.01})}
+        suite = {
+            "forces": instrument,
+            "attitude": Attitude.model_validate({"kind": "attitude", "noise": 0.01}),
+        }
         streams = {name: Stream(np.arange(3.0), {}, name) for name in suite}
         run = Run("run", streams, dict.fromkeys(suite, 0.0))
         self.experiment = Experiment("forces", robot, suite, (run,), uncertainty=EXACT)
-        unknowns = gather(self.experiment)
-        self.systematic = Systematic(unknowns, unknowns.mean)
-        pose = multisine(list(CENTER), list(REACH), LENGTH, 3).derivative(np.linspace(0, LENGTH, 300), 0)
+        calibration_parameters = gather(self.experiment)
+        self.calibration = Calibration(calibration_parameters, calibration_parameters.mean)
+        pose = multisine(list(CENTER), list(REACH), LENGTH, 3).derivative(
+            np.linspace(0, LENGTH, 300), 0
+        )
         quaternion = Rotation.from_euler("ZYX", pose[:, :2:-1]).as_quat(scalar_first=True)
         design = BSpline.design_matrix(np.linspace(0, LENGTH, 300), GRID, DEGREE).toarray()
         coefficients = np.linalg.lstsq(design, np.hstack([pose[:, :3], quaternion]), rcond=None)[0]
-        attitude = Reading(("attitude", "orientation"), TIMES, np.tile(np.eye(3), (len(TIMES), 1, 1)), 1.0)
-        self.arc = Arc("run", GRID, (attitude,), coefficients)
+        attitude = Reading(
+            ("attitude", "orientation"), TIMES, np.tile(np.eye(3), (len(TIMES), 1, 1)), 1.0
+        )
+        self.segment = Segment("run", GRID, (attitude,), coefficients)
         none = np.zeros((len(TIMES), len(sigma)), dtype=bool)
         self.forces = Forces("forces", TIMES, guess, sigma, none)
         at = self.balance(self.forces)
@@ -50,14 +61,18 @@ class Case:
         self.forces = self.with_more(-np.einsum("nri,ni->nr", self.inverse, at.left_over))
 
     def balance(self, forces):
-        return balance_of(self.experiment, self.arc, forces, self.systematic, BODY.parameters, {})
+        return balance_of(
+            self.experiment, self.segment, forces, self.calibration, BODY.parameters, {}
+        )
 
     def with_more(self, by, forces=None):
         """Readings with something added, shape (n, r)."""
         forces = forces or self.forces
         ends = np.cumsum([v.shape[1] for v in forces.readings.values()])[:-1]
         parts = np.split(by, ends, axis=1)
-        readings = {q: v + part for (q, v), part in zip(forces.readings.items(), parts, strict=True)}
+        readings = {
+            q: v + part for (q, v), part in zip(forces.readings.items(), parts, strict=True)
+        }
         return replace(forces, readings=readings)
 
     def pushed(self, wrench, forces=None):
@@ -69,17 +84,23 @@ class Case:
         return self.with_more(rng.normal(size=self.forces.left_out.shape) * self.forces.sigma)
 
     def look(self, forces):
-        return look(self.balance(forces), forces, forces.sigmas(self.arc, {}))
+        return look(self.balance(forces), forces, forces.sigmas(self.segment, {}))
 
 
 def _cables():
-    tension = Tension.model_validate({"kind": "tension", "clock": "recorder", "calibration": {"offset": 5.0}})
+    tension = Tension.model_validate(
+        {"kind": "tension", "clock": "recorder", "calibration": {"offset": 5.0}}
+    )
     return Case(tension, POINTS, {"tension": np.full((len(TIMES), 8), 600.0)}, np.full(8, 5.0))
 
 
 def _sensor():
     wrench = Wrench.model_validate(
-        {"kind": "wrench", "clock": "recorder", "calibration": {"offset": {"force": 1.0, "torque": 0.1}}}
+        {
+            "kind": "wrench",
+            "clock": "recorder",
+            "calibration": {"offset": {"force": 1.0, "torque": 0.1}},
+        }
     )
     nothing = {"force": np.zeros((len(TIMES), 3)), "torque": np.zeros((len(TIMES), 3))}
     return Case(wrench, BARE, nothing, np.array([2.0, 2.0, 2.0, 0.2, 0.2, 0.2]))
@@ -102,7 +123,8 @@ def between(start, end):
 
 
 def push(start, end, force, place=(0.0, 0.0, 0.0)):
-    """Wrench of a hand that comes and goes softly, at a place of the platform [N], [N m], shape (n, 6)."""
+    """Wrench of a hand that comes and goes softly, at a place of the platform [N], [N m], shape (n,
+    6)."""
     phase = np.clip((TIMES - start) / (end - start), 0, 1)
     softly = np.minimum(1.0, 4 * np.sin(np.pi * phase))[:, None]
     return softly * np.concatenate([force, np.cross(place, force)])
@@ -120,16 +142,18 @@ def test_a_spike_in_one_cable_is_found_and_named(cable, size):
     assert found.spikes == ((pytest.approx(TIMES[sample]), cable),)
     assert found.contacts == ()
     assert found.changed
-    assert np.argwhere(found.felt.left_out).tolist() == [[sample, cable]]
+    assert np.argwhere(found.force_samples.left_out).tolist() == [[sample, cable]]
     # Nothing else is changed, and the next look finds nothing more.
-    assert found.felt.readings is forces.readings
-    assert not CABLES.look(found.felt).changed
+    assert found.force_samples.readings is forces.readings
+    assert not CABLES.look(found.force_samples).changed
 
 
 @pytest.mark.parametrize("reading", range(6))
 def test_a_spike_in_one_axis_of_a_wrench_sensor_is_found_and_named(reading):
     size = 40 * SENSOR.forces.sigma[reading]
-    found = SENSOR.look(SENSOR.with_more(spike((len(TIMES), 6), (100, reading, size)), SENSOR.noisy(reading)))
+    found = SENSOR.look(
+        SENSOR.with_more(spike((len(TIMES), 6), (100, reading, size)), SENSOR.noisy(reading))
+    )
     assert found.spikes == ((pytest.approx(TIMES[100]), reading),)
     assert found.contacts == ()
 
@@ -137,18 +161,25 @@ def test_a_spike_in_one_axis_of_a_wrench_sensor_is_found_and_named(reading):
 def test_every_spike_is_found():
     rng = np.random.default_rng(4)
     samples = np.sort(rng.choice(np.arange(5, len(TIMES) - 5, 3), 20, replace=False))
-    places = [(int(s), int(rng.integers(8)), float(rng.choice([-1, 1]) * rng.uniform(150, 600))) for s in samples]
+    places = [
+        (int(s), int(rng.integers(8)), float(rng.choice([-1, 1]) * rng.uniform(150, 600)))
+        for s in samples
+    ]
     found = CABLES.look(CABLES.with_more(spike((len(TIMES), 8), *places), CABLES.noisy(4)))
-    assert [(s, c) for s, c, _ in places] == [(int(np.argmin(abs(TIMES - t))), c) for t, c in found.spikes]
+    assert [(s, c) for s, c, _ in places] == [
+        (int(np.argmin(abs(TIMES - t))), c) for t, c in found.spikes
+    ]
     assert found.contacts == ()
-    np.testing.assert_array_equal(found.felt.left_out, spike((len(TIMES), 8), *places) != 0)
+    np.testing.assert_array_equal(
+        found.force_samples.left_out, spike((len(TIMES), 8), *places) != 0
+    )
 
 
 def test_a_sensor_that_is_off_for_a_while_is_no_hand():
     off = spike((len(TIMES), 8), *((sample, 5, 200.0) for sample in range(100, 125)))
     found = CABLES.look(CABLES.with_more(off, CABLES.noisy(5)))
     assert found.contacts == ()
-    np.testing.assert_array_equal(found.felt.left_out, off != 0)
+    np.testing.assert_array_equal(found.force_samples.left_out, off != 0)
     assert {cable for _, cable in found.spikes} == {5}
 
 
@@ -158,17 +189,17 @@ def test_a_sensor_that_drops_out_for_a_while_is_no_hand_however_exact_it_is(sigm
     forces = CABLES.with_more(sigma * np.random.default_rng(1).normal(size=(len(TIMES), 8)), forces)
     out = spike((len(TIMES), 8), *((sample, 5, -600.0) for sample in range(100, 125)))
     once = CABLES.look(CABLES.with_more(out, forces))
-    again = CABLES.look(once.felt)
+    again = CABLES.look(once.force_samples)
     assert (once.contacts, again.contacts) == ((), ())
-    np.testing.assert_array_equal(again.felt.left_out, out != 0)
+    np.testing.assert_array_equal(again.force_samples.left_out, out != 0)
 
 
 def test_what_was_left_out_stays_left_out():
     first = spike((len(TIMES), 8), (50, 2, 300.0))
     forces = CABLES.noisy(6)
-    felt = CABLES.look(CABLES.with_more(first, forces)).felt
-    second = CABLES.look(CABLES.with_more(spike((len(TIMES), 8), (90, 3, 300.0)), felt))
-    assert np.argwhere(second.felt.left_out).tolist() == [[50, 2], [90, 3]]
+    force_samples = CABLES.look(CABLES.with_more(first, forces)).force_samples
+    second = CABLES.look(CABLES.with_more(spike((len(TIMES), 8), (90, 3, 300.0)), force_samples))
+    assert np.argwhere(second.force_samples.left_out).tolist() == [[50, 2], [90, 3]]
     assert second.spikes == ((pytest.approx(TIMES[90]), 3),)
 
 
@@ -192,11 +223,11 @@ def test_a_push_with_a_hand_is_found_as_a_contact(start, force):
     assert last == pytest.approx(end, abs=MARGIN)
     assert found.changed
     # All that was felt while it lasted is left out, and nothing before and after.
-    assert found.felt.left_out[between(first, last)].all()
-    assert not found.felt.left_out[~between(start - MARGIN, end + MARGIN)].any()
+    assert found.force_samples.left_out[between(first, last)].all()
+    assert not found.force_samples.left_out[~between(start - MARGIN, end + MARGIN)].any()
     # The whole push is within, as far as noise lets it be seen.
     size = np.linalg.norm(push(start, end, *force)[:, :3], axis=1)
-    assert size[~found.felt.left_out.any(axis=1)].max() < 50
+    assert size[~found.force_samples.left_out.any(axis=1)].max() < 50
 
 
 def test_a_push_that_one_cable_after_the_other_seems_to_explain_is_a_contact():
@@ -208,7 +239,9 @@ def test_a_push_that_one_cable_after_the_other_seems_to_explain_is_a_contact():
 
 
 def test_a_push_on_a_wrench_sensor_is_found_as_a_contact():
-    found = SENSOR.look(SENSOR.pushed(push(3.0, 3.5, (20.0, 15.0, 0.0), (0.0, 0.0, 0.3)), SENSOR.noisy(8)))
+    found = SENSOR.look(
+        SENSOR.pushed(push(3.0, 3.5, (20.0, 15.0, 0.0), (0.0, 0.0, 0.3)), SENSOR.noisy(8))
+    )
     ((first, last),) = found.contacts
     assert (first, last) == (pytest.approx(3.0, abs=MARGIN), pytest.approx(3.5, abs=MARGIN))
 
@@ -231,11 +264,11 @@ def test_a_knock_of_two_samples_is_no_contact():
 
 def test_a_contact_that_was_left_out_is_not_found_again():
     once = CABLES.look(CABLES.pushed(push(3.0, 3.5, *PUSHES["hard"]), CABLES.noisy(11)))
-    again = CABLES.look(once.felt)
+    again = CABLES.look(once.force_samples)
     assert once.changed
     assert not again.changed
     assert again.contacts == ()
-    np.testing.assert_array_equal(again.felt.left_out, once.felt.left_out)
+    np.testing.assert_array_equal(again.force_samples.left_out, once.force_samples.left_out)
 
 
 def test_a_spike_beside_a_contact_is_told_apart():
@@ -256,7 +289,7 @@ def test_noise_alone_touches_nothing(case):
     assert sum(len(each.contacts) for each in looked) == 0
     # Beyond five 1-sigma is one reading of two million.
     assert sum(len(each.spikes) for each in looked) <= 1
-    assert sum(int(each.felt.left_out.sum()) for each in looked) <= 1
+    assert sum(int(each.force_samples.left_out.sum()) for each in looked) <= 1
 
 
 def test_forces_that_balance_touch_nothing():
@@ -271,7 +304,7 @@ def test_where_much_would_be_cut_nothing_is(part):
     long = push(0.5, 0.5 + part * (LENGTH - 1.0), *PUSHES["across"])
     found = CABLES.look(CABLES.pushed(long, CABLES.noisy(13)))
     assert found.contacts == ()
-    assert not found.felt.left_out.all(axis=1).any()
+    assert not found.force_samples.left_out.all(axis=1).any()
 
 
 def test_what_has_been_cut_counts_where_more_would_be():
@@ -279,9 +312,11 @@ def test_what_has_been_cut_counts_where_more_would_be():
     once = CABLES.look(CABLES.pushed(push(1.0, 2.4, *hard), CABLES.noisy(14)))
     assert len(once.contacts) == 1
     # Another fifth of the run would make it more than a quarter.
-    again = CABLES.look(CABLES.pushed(push(4.0, 5.4, *hard), once.felt))
+    again = CABLES.look(CABLES.pushed(push(4.0, 5.4, *hard), once.force_samples))
     assert again.contacts == ()
-    np.testing.assert_array_equal(again.felt.left_out.all(axis=1), once.felt.left_out.all(axis=1))
+    np.testing.assert_array_equal(
+        again.force_samples.left_out.all(axis=1), once.force_samples.left_out.all(axis=1)
+    )
 
 
 def test_inputs_stay_as_they_are():

@@ -21,7 +21,10 @@ def fill(folder, **files):
 
 def tree(folder):
     """Every path below a folder, with the text of its files."""
-    return {str(p.relative_to(folder)): p.read_text() if p.is_file() else None for p in sorted(folder.rglob("*"))}
+    return {
+        str(p.relative_to(folder)): p.read_text() if p.is_file() else None
+        for p in sorted(folder.rglob("*"))
+    }
 
 
 def publish(target, *, force=False, **files):

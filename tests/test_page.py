@@ -1,4 +1,5 @@
-"""What a page and Markdown say of a document, read by others than those who wrote it: parsers of HTML and JSON, NumPy, formulas of colour."""
+"""What a page and Markdown say of a document, read by others than those who wrote it: parsers of
+HTML and JSON, NumPy, formulas of colour."""
 
 import base64
 import hashlib
@@ -78,19 +79,27 @@ class TestPage:
     def test_without_figures_has_no_scripts(self):
         tree = Tree(page(ONLY_TEXT))
         assert not tree.all("script")
-        assert "script-src 'none'" in tree.all("meta", **{"http-equiv": "Content-Security-Policy"})[0][0]["content"]
+        assert (
+            "script-src 'none'"
+            in tree.all("meta", **{"http-equiv": "Content-Security-Policy"})[0][0]["content"]
+        )
 
     def test_policy_knows_these_scripts_only(self, tree):
         policy = tree.all("meta", **{"http-equiv": "Content-Security-Policy"})[0][0]["content"]
         rules = dict(rule.split(" ", 1) for rule in policy.split("; "))
         assert rules["default-src"] == "'none'"
-        known = {f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts(tree)}
+        known = {
+            f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
+            for s in scripts(tree)
+        }
         assert set(rules["script-src"].split()) == known
         assert len(known) == 3
 
     def test_sections_headings_and_links(self, tree):
         assert [text for _, text in tree.all("h1")] == [sample().title]
-        assert [text for _, text in tree.all("h2")] == [section.title for section in sample().sections]
+        assert [text for _, text in tree.all("h2")] == [
+            section.title for section in sample().sections
+        ]
         ids = [attrs["id"] for _, attrs, _ in tree.elements if "id" in attrs]
         assert len(ids) == len(set(ids))
         assert {attrs["href"][1:] for attrs, _ in tree.all("a")} <= set(ids)
@@ -98,20 +107,31 @@ class TestPage:
 
     def test_tables_say_what_cells_belong_to(self, tree):
         grid = table()
-        assert [text for _, text in tree.all("th", scope="col")] == [cell for cell in grid.head if cell]
+        assert [text for _, text in tree.all("th", scope="col")] == [
+            cell for cell in grid.head if cell
+        ]
         assert [text for _, text in tree.all("th", scope="row")] == [row[0] for row in grid.rows]
-        assert [text for _, text in tree.all("td") if text] == [cell for row in grid.rows for cell in row[1:]]
+        assert [text for _, text in tree.all("td") if text] == [
+            cell for row in grid.rows for cell in row[1:]
+        ]
         (region,) = tree.all("div", role="region")
         assert (region[0]["tabindex"], region[0]["aria-label"]) == ("0", grid.caption)
 
     def test_every_picture_has_words(self, tree):
         pictures = tree.all("div", role="img")
         assert len(pictures) == len(tree.all("figcaption")) == len(tree.all("noscript")) == 4
-        assert pictures[1][0]["aria-label"] == "Residuals of the forces. Eight noisy lines about zero, one per cable."
+        assert (
+            pictures[1][0]["aria-label"]
+            == "Residuals of the forces. Eight noisy lines about zero, one per cable."
+        )
 
     def test_tones_have_words(self, tree):
         said = [text.strip() for _, text in tree.all("li")]
-        assert [text[:13] for text in said[3:6]] == ["✓good: maximu", "✗problem: two", "!note: the cl"]
+        assert [text[:13] for text in said[3:6]] == [
+            "✓good: maximu",
+            "✗problem: two",
+            "!note: the cl",
+        ]
 
     def test_hostile_names_are_text(self):
         document, names = hostile()
@@ -153,11 +173,15 @@ class TestFigureJson:
         assert len(values["arrays"]) == 9
         for trace, given in zip(values["data"], figure.data, strict=True):
             np.testing.assert_allclose(unpacked(trace["x"], values["arrays"]), TIME, rtol=1e-6)
-            np.testing.assert_allclose(unpacked(trace["y"], values["arrays"]), given["y"], rtol=1e-6)
+            np.testing.assert_allclose(
+                unpacked(trace["y"], values["arrays"]), given["y"], rtol=1e-6
+            )
 
     def test_lists_and_arrays_are_the_same(self):
         figure = lines()
-        data = tuple({**trace, "x": trace["x"].tolist(), "y": tuple(trace["y"])} for trace in figure.data)
+        data = tuple(
+            {**trace, "x": trace["x"].tolist(), "y": tuple(trace["y"])} for trace in figure.data
+        )
         assert figure_json(replace(figure, data=data)) == figure_json(figure)
 
     def test_what_single_precision_would_spoil_is_double(self):
@@ -166,8 +190,12 @@ class TestFigureJson:
         np.testing.assert_array_equal(unpacked(values["data"][0]["x"], values["arrays"]), x)
 
     def test_what_single_precision_cannot_hold_is_double(self):
-        values = json.loads(figure_json(Figure("a", "a", "a", ({"x": np.geomspace(1, 1e200, 30)},), {})))
-        np.testing.assert_array_equal(unpacked(values["data"][0]["x"], values["arrays"]), np.geomspace(1, 1e200, 30))
+        values = json.loads(
+            figure_json(Figure("a", "a", "a", ({"x": np.geomspace(1, 1e200, 30)},), {}))
+        )
+        np.testing.assert_array_equal(
+            unpacked(values["data"][0]["x"], values["arrays"]), np.geomspace(1, 1e200, 30)
+        )
 
     def test_gaps(self):
         y = [None, 1.5, float("nan"), float("inf")] * 10
@@ -201,14 +229,19 @@ class TestFigureJson:
     def test_templates_keep_their_breaks_only(self):
         data = {"hovertemplate": "<b>%{y}</b><br>x<extra></extra>", "text": "two\nlines"}
         (trace,) = json.loads(figure_json(Figure("a", "a", "a", (data,), {})))["data"]
-        assert trace == {"hovertemplate": "&lt;b&gt;%{y}&lt;/b&gt;<br>x<extra></extra>", "text": "two<br>lines"}
+        assert trace == {
+            "hovertemplate": "&lt;b&gt;%{y}&lt;/b&gt;<br>x<extra></extra>",
+            "text": "two<br>lines",
+        }
 
     def test_titles_may_be_bare(self):
         values = json.loads(figure_json(Figure("a", "a", "a", (), {"xaxis": {"title": "t [s]"}})))
         assert values["layout"] == {"xaxis": {"title": {"text": "t [s]"}}}
 
     def test_what_is_no_value_is_refused(self):
-        with pytest.raises(TypeError, match="'x': expected text, a number, a list or a mapping, found set"):
+        with pytest.raises(
+            TypeError, match="'x': expected text, a number, a list or a mapping, found set"
+        ):
             figure_json(Figure("a", "a", "a", ({"x": {1}},), {}))
 
 
@@ -217,10 +250,17 @@ class TestMarkdown:
         lines = markdown(sample()).splitlines()
         assert lines[0] == "# cogiro, twenty seconds"
         assert lines[2].startswith("The platform has 161.18 ± 0.38 kg")
-        assert [line for line in lines if line.startswith("## ")] == ["## Verdict", "## Motion", "## Residuals"]
+        assert [line for line in lines if line.startswith("## ")] == [
+            "## Verdict",
+            "## Motion",
+            "## Residuals",
+        ]
         assert "- maximum-likelihood: accepted" in lines
         assert "**All ten parameters**" in lines
-        assert "| centre of gravity x | mm | -1 | 32 ± 19 | 2.4 ± 2.0 | -2.4 ± 1.7 | 1.66 | 0.4 |" in lines
+        assert (
+            "| centre of gravity x | mm | -1 | 32 ± 19 | 2.4 ± 2.0 | -2.4 ± 1.7 | 1.66 | 0.4 |"
+            in lines
+        )
         assert "|---|---|---:|---:|---:|---:|---:|---:|" in lines
         assert "*Picture: The robot in motion. A platform on eight cables.*" in lines
         assert markdown(sample()) == "\n".join(lines) + "\n"
@@ -234,7 +274,9 @@ class TestMarkdown:
 
     @pytest.mark.parametrize("text", ["1. first", "- dash", "+ plus", "12) twelve", "=== rule"])
     def test_a_line_is_no_list(self, text):
-        said = Document("t", Statement(text), (Section("a", "A", (Statements((Statement(text),)),)),))
+        said = Document(
+            "t", Statement(text), (Section("a", "A", (Statements((Statement(text),)),)),)
+        )
         _, _, lead, _, _, _, bullet = markdown(said).splitlines()
         assert bullet == f"- {lead}"
         assert not re.match(r"[-+=]|\d+[.)]", lead)
@@ -262,12 +304,25 @@ def contrast(a, b):
     return (high + 0.05) / (low + 0.05)
 
 
-# Machado, Oliveira, Fernandes (2009), severity 1: protanopia, deuteranopia, tritanopia, on linear RGB.
+# Machado, Oliveira, Fernandes (2009), severity 1: protanopia, deuteranopia, tritanopia, on linear
+# RGB.
 BLINDNESS = {
     "none": np.eye(3),
-    "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
-    "deutan": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
-    "tritan": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+    "protan": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deutan": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+    "tritan": [
+        [1.255528, -0.076749, -0.178779],
+        [-0.078411, 0.930809, 0.147602],
+        [0.004733, 0.691367, 0.303900],
+    ],
 }
 
 
@@ -296,7 +351,9 @@ class TestColours:
             for text in ("ink", "muted", "accent", "good", "bad", "note")
             for ground in ("ground", "raised")
         ]
-        pairs += [(text, f"{tone}-ground") for tone in ("good", "bad", "note") for text in ("ink", tone)]
+        pairs += [
+            (text, f"{tone}-ground") for tone in ("good", "bad", "note") for text in ("ink", tone)
+        ]
         for text, ground in pairs:
             assert contrast(colours[text], colours[ground]) >= 4.5, (text, ground)
 
@@ -307,6 +364,9 @@ class TestColours:
     @pytest.mark.parametrize("blindness", BLINDNESS)
     def test_lines_differ(self, scheme, blindness):
         """Two hundredths are just noticeable, side by side."""
-        seen = {line: oklab(np.array(BLINDNESS[blindness]) @ linear(SCHEMES[scheme][line])) for line in LINES}
+        seen = {
+            line: oklab(np.array(BLINDNESS[blindness]) @ linear(SCHEMES[scheme][line]))
+            for line in LINES
+        }
         for a, b in combinations(LINES, 2):
             assert np.linalg.norm(seen[a] - seen[b]) > 0.09, (a, b)

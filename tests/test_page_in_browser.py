@@ -1,10 +1,20 @@
-"""The page in a real browser: drawn, quiet, reachable by keyboard, in both schemes and widths, on paper, without scripts."""
+"""The page in a real browser: drawn, quiet, reachable by keyboard, in both schemes and widths, on
+paper, without scripts."""
 
 import base64
 
 import numpy as np
 import pytest
-from browser import assert_quiet, assert_reachable, assert_sound, draw_all, look, open_page, screenshot, until
+from browser import (
+    assert_quiet,
+    assert_reachable,
+    assert_sound,
+    draw_all,
+    look,
+    open_page,
+    screenshot,
+    until,
+)
 from documents import CORNERS, EDGES, TIME, hostile, sample
 from scipy.spatial.transform import Rotation
 
@@ -55,12 +65,16 @@ def background(driver):
 
 def points(driver, trace):
     """Of a trace as drawn, shape (n, 3)."""
-    code = f"const t = {ROBOT}._fullData[{trace}]; return ['x', 'y', 'z'].map((k) => Array.from(t[k]))"
+    code = (
+        f"const t = {ROBOT}._fullData[{trace}]; return ['x', 'y', 'z'].map((k) => Array.from(t[k]))"
+    )
     return np.array(driver.execute_script(code)).T
 
 
 def test_all_is_there_and_sound(opened, tmp_path):
-    titles = opened.execute_script("return [...document.querySelectorAll('section > h2')].map((e) => e.textContent)")
+    titles = opened.execute_script(
+        "return [...document.querySelectorAll('section > h2')].map((e) => e.textContent)"
+    )
     assert titles == [section.title for section in sample().sections]
     assert opened.execute_script("return document.querySelectorAll('.plot').length") == 4
     assert opened.execute_script(
@@ -93,8 +107,12 @@ class TestScene:
         click(wide, "[data-view=up]")
         assert wide.execute_script(EYE)[2] > first[2]
         click(wide, "[data-view=closer]")
-        center = np.array([0, 0, wide.execute_script(f"return {ROBOT}._fullLayout.scene.camera.center.z")])
-        assert np.linalg.norm(wide.execute_script(EYE) - center) == pytest.approx(0.8 * np.linalg.norm(first - center))
+        center = np.array(
+            [0, 0, wide.execute_script(f"return {ROBOT}._fullLayout.scene.camera.center.z")]
+        )
+        assert np.linalg.norm(wide.execute_script(EYE) - center) == pytest.approx(
+            0.8 * np.linalg.norm(first - center)
+        )
         click(wide, "[data-view=reset]")
         np.testing.assert_allclose(wide.execute_script(EYE), first, atol=1e-9)
 
@@ -102,7 +120,15 @@ class TestScene:
         from selenium.webdriver import Keys
 
         wide.execute_script(f"{ROBOT}.focus()")
-        for key in (Keys.ARROW_LEFT, Keys.ARROW_RIGHT, Keys.ARROW_UP, Keys.ARROW_DOWN, "+", "-", "0"):
+        for key in (
+            Keys.ARROW_LEFT,
+            Keys.ARROW_RIGHT,
+            Keys.ARROW_UP,
+            Keys.ARROW_DOWN,
+            "+",
+            "-",
+            "0",
+        ):
             press(wide, Keys.ARROW_LEFT)
             before = wide.execute_script(EYE)
             press(wide, key)
@@ -112,7 +138,9 @@ class TestScene:
         """Against SciPy's rotations."""
         k = 240
         slider = "document.querySelector('[data-motion=time]')"
-        wide.execute_script(f"{slider}.value = {float(TIME[k])!r}; {slider}.dispatchEvent(new Event('input'))")
+        wide.execute_script(
+            f"{slider}.value = {float(TIME[k])!r}; {slider}.dispatchEvent(new Event('input'))"
+        )
         angle = 0.3 * np.sin(TIME[k])
         position = np.array([np.cos(TIME[k]), np.sin(TIME[k]), 1.5])
         expected = Rotation.from_euler("z", angle).apply(EDGES) + position
@@ -121,7 +149,8 @@ class TestScene:
             np.testing.assert_allclose(anchor, CORNERS[i], **CLOSE)
             np.testing.assert_allclose(attachment, expected[i], **CLOSE)
         assert (
-            wide.execute_script("return document.querySelector('[data-motion=now]').textContent") == f"{TIME[k]:.2f} s"
+            wide.execute_script("return document.querySelector('[data-motion=now]').textContent")
+            == f"{TIME[k]:.2f} s"
         )
 
     def test_play_moves_them_and_leaves_the_view(self, wide):
@@ -129,7 +158,10 @@ class TestScene:
         view, before = wide.execute_script(EYE), points(wide, 0)
         start = wide.execute_script(f"return {SCENE}.instant")
         click(wide, "[data-motion=play]")
-        assert wide.execute_script("return document.querySelector('[data-motion=play]').textContent") == "pause"
+        assert (
+            wide.execute_script("return document.querySelector('[data-motion=play]').textContent")
+            == "pause"
+        )
         until(wide, f"return {SCENE}.instant > {start} + 0.3")
         click(wide, "[data-motion=play]")
         after = points(wide, 0)
@@ -147,11 +179,18 @@ class TestScene:
 
     def test_another_course_and_the_shorter_way(self, wide):
         """From a quaternion to its negative nothing turns."""
-        code = f"const s = document.querySelector('[data-motion=course]'); s.value = '1'; s.dispatchEvent(new Event('change')); {SCENE}.instant = {float(TIME[1]) / 10!r}; {SCENE}.show()"
+        code = (
+            "const s = document.querySelector('[data-motion=course]'); s.value = '1';"
+            f" s.dispatchEvent(new Event('change')); {SCENE}.instant = {float(TIME[1]) / 10!r};"
+            f" {SCENE}.show()"
+        )
         wide.execute_script(code)
-        np.testing.assert_allclose([points(wide, i)[1] for i in range(8)], EDGES + np.array([0, 0, 2.0]), **CLOSE)
+        np.testing.assert_allclose(
+            [points(wide, i)[1] for i in range(8)], EDGES + np.array([0, 0, 2.0]), **CLOSE
+        )
         wide.execute_script(
-            "const s = document.querySelector('[data-motion=course]'); s.value = '0'; s.dispatchEvent(new Event('change'))"
+            "const s = document.querySelector('[data-motion=course]'); s.value = '0';"
+            " s.dispatchEvent(new Event('change'))"
         )
 
 
@@ -173,12 +212,18 @@ def test_on_paper_all_is_drawn_and_light(driver, written):
     """What was not yet in view too; afterwards the screen is as before."""
     open_page(driver, written, scheme="dark")
     until(driver, "return document.readyState === 'complete'")
-    pdf = base64.b64decode(driver.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})["data"])
+    pdf = base64.b64decode(
+        driver.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})["data"]
+    )
     assert pdf.startswith(b"%PDF")
-    until(driver, "return [...document.querySelectorAll('.plot')].every((p) => p.dataset.drawn === 'dark')")
+    until(
+        driver,
+        "return [...document.querySelectorAll('.plot')].every((p) => p.dataset.drawn === 'dark')",
+    )
     darkest = driver.execute_script(
-        "const c = document.querySelector('.copy'); const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
-        "let low = 765; for (let i = 0; i < d.length; i += 4) if (d[i + 3] > 200) low = Math.min(low, d[i] + d[i + 1] + d[i + 2]); return low"
+        "const c = document.querySelector('.copy'); const d = c.getContext('2d').getImageData(0, 0,"
+        " c.width, c.height).data;let low = 765; for (let i = 0; i < d.length; i += 4) if (d[i + 3]"
+        " > 200) low = Math.min(low, d[i] + d[i + 1] + d[i + 2]); return low"
     )
     assert darkest < 200, "the 3-D view was not drawn for paper"
     assert_sound(driver, scheme="dark")
@@ -207,13 +252,31 @@ def test_names_stay_text(driver, tmp_path):
     whole = " ".join(names)
     assert driver.execute_script("return document.querySelector('h1').textContent") == whole
     assert driver.title.split() == whole.split()
-    assert driver.execute_script("return document.querySelectorAll('img, iframe, object, main a').length") == 0
-    code = "return [...document.querySelectorAll('#figure-f .legendtext')].map((e) => e.textContent)"
-    assert [text.split() for text in driver.execute_script(code)] == [name.split() for name in names]
-    cells = driver.execute_script("return [...document.querySelectorAll('tbody th')].map((e) => e.textContent)")
+    assert (
+        driver.execute_script(
+            "return document.querySelectorAll('img, iframe, object, main a').length"
+        )
+        == 0
+    )
+    code = (
+        "return [...document.querySelectorAll('#figure-f .legendtext')].map((e) => e.textContent)"
+    )
+    assert [text.split() for text in driver.execute_script(code)] == [
+        name.split() for name in names
+    ]
+    cells = driver.execute_script(
+        "return [...document.querySelectorAll('tbody th')].map((e) => e.textContent)"
+    )
     assert cells == names
-    driver.execute_script("Plotly.Fx.hover(document.getElementById('figure-f'), [{curveNumber: 1, pointNumber: 0}])")
+    driver.execute_script(
+        "Plotly.Fx.hover(document.getElementById('figure-f'), [{curveNumber: 1, pointNumber: 0}])"
+    )
     hover = until(driver, "return document.querySelector('#figure-f .hoverlayer').textContent")
     assert names[1].split()[0] in hover
-    assert driver.execute_script("return document.querySelectorAll('img, iframe, object, main a').length") == 0
+    assert (
+        driver.execute_script(
+            "return document.querySelectorAll('img, iframe, object, main a').length"
+        )
+        == 0
+    )
     assert_quiet(driver)

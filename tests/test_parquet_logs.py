@@ -30,7 +30,9 @@ def read(path, name, part=None):
 @pytest.mark.parametrize("zone", [None, "UTC", "Europe/Berlin"])
 def test_instants_are_seconds(path, unit, zone):
     first = NOON.replace(tzinfo=None) if zone is None else NOON
-    times = pl.Series([first, first + dt.timedelta(seconds=0.25), None], dtype=pl.Datetime(unit, zone))
+    times = pl.Series(
+        [first, first + dt.timedelta(seconds=0.25), None], dtype=pl.Datetime(unit, zone)
+    )
     pl.DataFrame({"t": times, "f": [1.0, 2.0, 3.0]}).write_parquet(path)
     np.testing.assert_array_equal(read(path, "t"), [NOON.timestamp(), NOON.timestamp() + 0.25, NAN])
     with open_log(path) as log:
@@ -58,7 +60,11 @@ def test_an_instant_of_no_calendar_is_a_number(path):
 def test_fields_and_elements_are_columns(path):
     frame = pl.DataFrame(
         {
-            "imu": [{"acc": {"x": 1.5, "y": 2.5}, "seq": 7}, {"acc": {"x": 3.5, "y": None}, "seq": 8}, None],
+            "imu": [
+                {"acc": {"x": 1.5, "y": 2.5}, "seq": 7},
+                {"acc": {"x": 3.5, "y": None}, "seq": 8},
+                None,
+            ],
             "q": pl.Series([[1.0, 2.0], [3.0, 4.0], None], dtype=pl.Array(pl.Float64, 2)),
             "r": pl.Series([[[1, 2], [3, 4]]] * 3, dtype=pl.Array(pl.Int64, (2, 2))),
         }
@@ -101,25 +107,32 @@ def test_ever_the_same_number_does_not_fill_the_memory(path):
     pl.select(pl.repeat(0.0, 40_000_000).alias("f")).write_parquet(path)
     assert path.stat().st_size < 1_000_000
     with pytest.raises(
-        InputError, match=r"log\.parquet: expected a recording, found \d+ KiB that unpack to more than 305 MiB"
+        InputError,
+        match=r"log\.parquet: expected a recording, found \d+ KiB that unpack to more than 305 MiB",
     ):
         read(path, "f")
 
 
 def test_too_many_columns_are_refused(path):
-    pl.DataFrame({"f": pl.Series([[0.0] * 20_000], dtype=pl.Array(pl.Float64, 20_000))}).write_parquet(path)
+    pl.DataFrame(
+        {"f": pl.Series([[0.0] * 20_000], dtype=pl.Array(pl.Float64, 20_000))}
+    ).write_parquet(path)
     with pytest.raises(InputError, match="expected at most 10000 columns"):
         read(path, "f[0]")
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_damaged_file_gives_numbers_or_a_sentence(path, seed):
-    pl.DataFrame({"t": np.arange(500) * 1e-3, "f": np.random.default_rng(0).normal(size=500)}).write_parquet(path)
+    pl.DataFrame(
+        {"t": np.arange(500) * 1e-3, "f": np.random.default_rng(0).normal(size=500)}
+    ).write_parquet(path)
     generator, content = random.Random(seed), bytearray(path.read_bytes())
     if seed % 2:
         del content[generator.randrange(len(content)) :]
     else:
-        content[generator.randrange(len(content) - 800, len(content))] ^= generator.randrange(1, 256)
+        content[generator.randrange(len(content) - 800, len(content))] ^= generator.randrange(
+            1, 256
+        )
     path.write_bytes(content)
     with suppress(InputError), open_log(path) as log:
         for name in log.names:

@@ -9,10 +9,10 @@ from simulated import BODY, RECORDER, TRUTH, Recorder, pair, with_stream
 
 from steelyard.errors import InputError
 from steelyard.experiment.write import write_experiment
-from steelyard.identification.classical import study
 from steelyard.identification.identify import identify
-from steelyard.identification.least_squares import LeastSquares
-from steelyard.identification.prediction import AXES, predict_held_out
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.solve.classical import study
+from steelyard.identification.verdict.prediction import AXES, predict_held_out
 from steelyard.inertia import Inertia
 
 HELD = frozenset({"b"})
@@ -31,7 +31,8 @@ def prediction(experiment):
 
 @pytest.fixture(scope="module")
 def loaded(experiment):
-    """The same with 20 kg more on the platform in the run that is held out; the sensors have the same errors."""
+    """The same with 20 kg more on the platform in the run that is held out; the sensors have the
+    same errors."""
     both = Inertia.from_parameters(BODY.parameters + np.array([20.0, 6.0, -4.0, 2.0, *np.zeros(6)]))
     other = Recorder(RECORDER.command.trajectory, body=both, following=True)
     again = other(7, runs=("a", "b"))
@@ -60,17 +61,24 @@ def test_forces_that_are_held_out_are_not_looked_at(experiment):
     runs = experiment.runs
     stream = runs[1].streams["cables"]
     nonsense = replace(stream, values={"tension": stream.values["tension"][::-1] * 1.7 + 100})
-    changed = replace(experiment, runs=(runs[0], replace(runs[1], streams={**runs[1].streams, "cables": nonsense})))
+    changed = replace(
+        experiment,
+        runs=(runs[0], replace(runs[1], streams={**runs[1].streams, "cables": nonsense})),
+    )
     one, other = (study(each, held_out=HELD) for each in (experiment, changed))
     np.testing.assert_allclose(other.parameters, one.parameters, rtol=1e-9)
-    np.testing.assert_allclose(other.systematic.values, one.systematic.values, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        other.calibration.values, one.calibration.values, rtol=1e-9, atol=1e-12
+    )
     assert LeastSquares().of(other).verdict == LeastSquares().of(one).verdict
 
 
 def test_the_estimate_beside_it_is_that_of_the_other_runs(experiment):
     held = identify(experiment, [LeastSquares()], holdout=["b"])
     alone = identify(replace(experiment, runs=experiment.runs[:1]), [LeastSquares()])
-    np.testing.assert_array_equal(held.estimates["least-squares"].value, alone.estimates["least-squares"].value)
+    np.testing.assert_array_equal(
+        held.estimates["least-squares"].value, alone.estimates["least-squares"].value
+    )
     assert [p.run for p in held.predictions] == ["b"]
     assert alone.predictions == ()
     error = held.estimates["least-squares"].value - TRUTH
@@ -80,7 +88,9 @@ def test_the_estimate_beside_it_is_that_of_the_other_runs(experiment):
 def test_values_are_plain_and_consistent(prediction):
     values = json.loads(json.dumps(prediction.to_dict(), allow_nan=False))
     for axis in AXES:
-        assert values["rmse_over_noise"][axis] == pytest.approx(values["rmse"][axis] / values["noise"][axis])
+        assert values["rmse_over_noise"][axis] == pytest.approx(
+            values["rmse"][axis] / values["noise"][axis]
+        )
         assert values["rmse_over_spread"][axis] == pytest.approx(
             values["rmse"][axis] / values["spread_of_measured"][axis]
         )
@@ -88,7 +98,9 @@ def test_values_are_plain_and_consistent(prediction):
 
 
 def test_unknown_runs_are_named(experiment):
-    with pytest.raises(InputError, match="--holdout: expected one of a, b, found 'c'; choose one of these"):
+    with pytest.raises(
+        InputError, match="--holdout: expected one of a, b, found 'c'; choose one of these"
+    ):
         identify(experiment, holdout=["c"])
 
 
@@ -116,7 +128,9 @@ def written(experiment, tmp_path):
 
 def test_holdout_from_the_command_line(run, written, prediction, tmp_path):
     out = tmp_path / "results"
-    status, text, err = run("identify", written, "--method", "least-squares", "--holdout", "b", "--out", out)
+    status, text, err = run(
+        "identify", written, "--method", "least-squares", "--holdout", "b", "--out", out
+    )
     assert (status, err) == (0, "")
     assert "run 'b', held out" in " ".join(text.split())
     values = json.loads((out / "estimate.json").read_text())

@@ -6,8 +6,8 @@ import pytest
 from steelyard.errors import InputError
 from steelyard.experiment.model import Stream
 from steelyard.experiment.read import read_experiment
-from steelyard.identification.preparation import prepare
-from steelyard.identification.two_step import TwoStep
+from steelyard.identification.methods.two_step import TwoStep
+from steelyard.identification.model.preparation import prepare
 from steelyard.motion.trajectory import RestToRest
 from steelyard.robot.file import read_robot
 from steelyard.simulation.sensors import Sensors, ideal_sensors
@@ -31,7 +31,11 @@ def trajectory(robot):
 def changed(sensors, **updates):
     """Sensors with some keys of some instruments changed."""
     instruments = {
-        name: type(i).model_validate({**i.model_dump(exclude_unset=True), **updates.get(name, {})}, strict=False)
+        name: (
+            type(i).model_validate(
+                {**i.model_dump(exclude_unset=True), **updates.get(name, {})}, strict=False
+            )
+        )
         for name, i in sensors.instruments.items()
     }
     return Sensors(instruments)
@@ -47,7 +51,9 @@ def with_streams(experiment, change):
 
 
 def rows(stream, index):
-    return Stream(stream.time[index], {q: v[index] for q, v in stream.values.items()}, stream.source)
+    return Stream(
+        stream.time[index], {q: v[index] for q, v in stream.values.items()}, stream.source
+    )
 
 
 def assert_body(estimate, body):
@@ -64,7 +70,9 @@ def test_ideal_sensors_give_the_body(robot, trajectory, acceleration):
 
 
 def test_the_imu_may_sit_anywhere_and_any_way_round(robot, trajectory):
-    sensors = changed(ideal_sensors(robot), imu={"position": (-0.4, 0.5, 0.9), "rpy_deg": (100.0, -35.0, 170.0)})
+    sensors = changed(
+        ideal_sensors(robot), imu={"position": (-0.4, 0.5, 0.9), "rpy_deg": (100.0, -35.0, 170.0)}
+    )
     virtual = simulate(robot, {"run": trajectory}, sensors)
     assert_body(TwoStep(acceleration="imu")(virtual.experiment), virtual.body)
 
@@ -84,7 +92,8 @@ def test_a_tracker_frame_that_is_turned_and_elsewhere_is_undone(robot, trajector
     frame = {"position": (3.0, -2.0, 0.5), "rpy_deg": (5.0, -3.0, 120.0)}
     sensors = changed(ideal_sensors(robot), tracker={"frame": frame})
     assert_body(
-        TwoStep(acceleration="tracker")(simulate(robot, {"run": trajectory}, sensors).experiment), robot.platform
+        TwoStep(acceleration="tracker")(simulate(robot, {"run": trajectory}, sensors).experiment),
+        robot.platform,
     )
 
 
@@ -94,7 +103,9 @@ def test_uneven_repeated_and_missing_samples_do_little_harm(recordings, recorded
 
     def spoil(name, stream):
         n = len(stream)
-        kept = np.sort(np.concatenate([np.flatnonzero(rng.uniform(size=n) > 0.1), rng.integers(0, n, n // 20)]))
+        kept = np.sort(
+            np.concatenate([np.flatnonzero(rng.uniform(size=n) > 0.1), rng.integers(0, n, n // 20)])
+        )
         spoilt = rows(stream, kept)
         if name == "tracker":
             outside = (spoilt.time < spoilt.time[0] + 8) | (spoilt.time > spoilt.time[0] + 9.5)
@@ -134,7 +145,10 @@ def test_the_command_stands_in_for_a_position_that_was_not_measured(robot, traje
     experiment = simulate(robot, {"run": trajectory}, ideal_sensors(robot)).experiment
     untracked = replace(
         experiment,
-        runs=tuple(replace(r, streams={k: v for k, v in r.streams.items() if k != "tracker"}) for r in experiment.runs),
+        runs=tuple(
+            replace(r, streams={k: v for k, v in r.streams.items() if k != "tracker"})
+            for r in experiment.runs
+        ),
     )
     estimate = TwoStep()(untracked)
     assert any("commanded" in note for note in estimate.notes)
@@ -166,15 +180,25 @@ def test_a_platform_at_rest_is_refused_as_a_motion(robot):
 
 def test_a_body_on_a_wrench_sensor_needs_no_position(robot, trajectory):
     arm = replace(
-        robot, anchors=np.zeros((0, 3)), attachments=np.zeros((0, 3)), pulley_radius=[], pulley_axis=[], name="arm"
+        robot,
+        anchors=np.zeros((0, 3)),
+        attachments=np.zeros((0, 3)),
+        pulley_radius=[],
+        pulley_axis=[],
+        name="arm",
     )
     virtual = simulate(arm, {"run": trajectory}, ideal_sensors(arm))
     experiment = virtual.experiment
     lone = replace(
         experiment,
-        runs=tuple(replace(r, streams={k: r.streams[k] for k in ("sensor", "imu")}) for r in experiment.runs),
+        runs=tuple(
+            replace(r, streams={k: r.streams[k] for k in ("sensor", "imu")})
+            for r in experiment.runs
+        ),
     )
-    np.testing.assert_allclose(TwoStep()(lone).value, virtual.body.body_parameters, rtol=EQUAL, atol=1e-3)
+    np.testing.assert_allclose(
+        TwoStep()(lone).value, virtual.body.body_parameters, rtol=EQUAL, atol=1e-3
+    )
 
 
 def static_experiment(folder, columns, extra=""):
@@ -182,8 +206,11 @@ def static_experiment(folder, columns, extra=""):
     (folder / "robot.yaml").write_text("name: tool\ngravity: 9.82085\ncables: []\n")
     (folder / "experiment.yaml").write_text(
         "format: steelyard/1\nrobot: robot.yaml\ninstruments:\n"
-        "  wrench: {kind: wrench, acts_on: sensor}\n" + columns + "runs:\n"
-        "  - {name: poses, static: true, wrench: poses.csv, " + extra + "}\n"
+        "  wrench: {kind: wrench, acts_on: sensor}\n"
+        + columns
+        + "runs:\n  - {name: poses, static: true, wrench: poses.csv, "
+        + extra
+        + "}\n"
     )
     return read_experiment(folder / "experiment.yaml")
 
@@ -191,12 +218,17 @@ def static_experiment(folder, columns, extra=""):
 def test_poses_with_an_accelerometer_alone_need_no_attitude(tmp_path, examples):
     poses = (examples / "kuka-tool" / "0-calibration_fts-accel.csv").read_text()
     (tmp_path / "poses.csv").write_text(poses)
-    # Without the columns of the attitude an accelerometer has to say where gravity pulls, bias and misalignment included.
+    # Without the columns of the attitude an accelerometer has to say where gravity pulls, bias and
+    # misalignment included.
     experiment = static_experiment(
-        tmp_path, "  imu: {kind: imu, rpy_deg: [0, 90, 90]}\n", "imu: {file: poses.csv, units: {ax: g, ay: g, az: g}}"
+        tmp_path,
+        "  imu: {kind: imu, rpy_deg: [0, 90, 90]}\n",
+        "imu: {file: poses.csv, units: {ax: g, ay: g, az: g}}",
     )
     run = experiment.runs[0]
-    accelerometer = replace(run.streams["imu"], values={"specific_force": run.streams["imu"].values["specific_force"]})
+    accelerometer = replace(
+        run.streams["imu"], values={"specific_force": run.streams["imu"].values["specific_force"]}
+    )
     lone = replace(experiment, runs=(replace(run, streams={**run.streams, "imu": accelerometer}),))
     for acceleration in (None, "imu", "tracker"):
         estimate = TwoStep(acceleration=acceleration)(lone)
@@ -207,20 +239,31 @@ def test_poses_with_an_accelerometer_alone_need_no_attitude(tmp_path, examples):
 def test_an_imu_that_takes_gravity_out_needs_an_attitude(robot, trajectory):
     sensors = changed(ideal_sensors(robot), imu={"gravity": "removed"})
     arm = replace(
-        robot, anchors=np.zeros((0, 3)), attachments=np.zeros((0, 3)), pulley_radius=[], pulley_axis=[], name="arm"
+        robot,
+        anchors=np.zeros((0, 3)),
+        attachments=np.zeros((0, 3)),
+        pulley_radius=[],
+        pulley_axis=[],
+        name="arm",
     )
     run = simulate(
-        arm, {"run": trajectory}, Sensors({**ideal_sensors(arm).instruments, "imu": sensors.instruments["imu"]})
+        arm,
+        {"run": trajectory},
+        Sensors({**ideal_sensors(arm).instruments, "imu": sensors.instruments["imu"]}),
     )
     experiment = run.experiment
     stream = experiment.runs[0].streams["imu"]
     blind = replace(stream, values={q: v for q, v in stream.values.items() if q != "orientation"})
-    lone = replace(experiment.runs[0], streams={"sensor": experiment.runs[0].streams["sensor"], "imu": blind})
+    lone = replace(
+        experiment.runs[0], streams={"sensor": experiment.runs[0].streams["sensor"], "imu": blind}
+    )
     with pytest.raises(InputError, match="the platform's rotation"):
         prepare(experiment, lone)
 
 
-@pytest.mark.parametrize(("column", "factor", "said"), [(0, 1 / 3, "about x"), (2, -1.0, "about z")])
+@pytest.mark.parametrize(
+    ("column", "factor", "said"), [(0, 1 / 3, "about x"), (2, -1.0, "about z")]
+)
 def test_a_gyro_that_contradicts_the_attitude_is_named(recordings, column, factor, said):
     whole = read_experiment(recordings / "points-00" / "experiment.yaml")
     assert not any("gyro" in note for note in prepare(whole, whole.runs[0]).notes)

@@ -20,12 +20,15 @@ def unit(v):
 def module_cable(axis, radius, compliance=0.0):
     point, tension = ca.SX.sym("point", 3), ca.SX.sym("tension")
     cable = CableSpec(ca.DM(ANCHOR), unit(axis), radius, np.array([0.0, 0.0, 1.0]), 0.0, compliance)
-    batched = Batched("cable", {"point": point, "tension": tension}, by_tension(cable, point, tension)._asdict())
+    batched = Batched(
+        "cable", {"point": point, "tension": tension}, by_tension(cable, point, tension)._asdict()
+    )
     return lambda points, tension=1.0: batched(point=points, tension=[tension])
 
 
 class WrappedCable:
-    """A cable laid on the roller by turning the roller's radius about its hinge until the rest points at the target."""
+    """A cable laid on the roller by turning the roller's radius about its hinge until the rest
+    points at the target."""
 
     def __init__(self, axis, radius, point):
         self.axis, self.radius, self.point = unit(axis), radius, point
@@ -41,14 +44,18 @@ class WrappedCable:
 
     def turned(self, vector, angle):
         """A vector square to the hinge, turned about it."""
-        return np.multiply.outer(np.cos(angle), vector) + np.multiply.outer(np.sin(angle), np.cross(self.hinge, vector))
+        return np.multiply.outer(np.cos(angle), vector) + np.multiply.outer(
+            np.sin(angle), np.cross(self.hinge, vector)
+        )
 
     def contact(self, angle):
         return self.centre + self.turned(ANCHOR - self.centre, angle)
 
     def miss_and_ahead(self, angle):
         rest = self.point - self.contact(angle)
-        return np.sum(self.turned(self.outward, angle) * rest, -1), np.sum(self.turned(self.axis, angle) * rest, -1)
+        return np.sum(self.turned(self.outward, angle) * rest, -1), np.sum(
+            self.turned(self.axis, angle) * rest, -1
+        )
 
     def bisect(self, low, high):
         """Forty-way section: each round looks at forty angles at once."""
@@ -61,14 +68,17 @@ class WrappedCable:
 
 
 def points_around(axis, radius, turns):
-    """Points which a cable reaches after the given wrap angles, at random distances and in random planes."""
+    """Points which a cable reaches after the given wrap angles, at random distances and in random
+    planes."""
     rng = np.random.default_rng(11)
     side = unit(np.cross(unit(axis), [0.3, 0.5, -0.8]))
     points = []
     for b in turns:
         out = Rotation.from_rotvec(rng.uniform(0, 2 * np.pi) * unit(axis)).apply(side)
         contact = radius * ((1 - np.cos(b)) * out + np.sin(b) * unit(axis))
-        longest = 8.0 if np.sin(b) >= 0 else radius * (1 - np.cos(b)) / -np.sin(b)  # not past the swivel axis
+        longest = (
+            8.0 if np.sin(b) >= 0 else radius * (1 - np.cos(b)) / -np.sin(b)
+        )  # not past the swivel axis
         free = rng.uniform(0.5, 0.9) * longest
         points.append(ANCHOR + contact + free * (np.sin(b) * out + np.cos(b) * unit(axis)))
     return np.array(points)
@@ -101,7 +111,8 @@ def test_pulls_along_the_gradient_of_the_length_of_the_bisected_cable(axis):
             return WrappedCable(axis, radius, start + step).length
 
         gradient = [
-            sum(c * (length(k * h * e) - length(-k * h * e)) for k, c in ((1, 45), (2, -9), (3, 1))) / (60 * h)
+            sum(c * (length(k * h * e) - length(-k * h * e)) for k, c in ((1, 45), (2, -9), (3, 1)))
+            / (60 * h)
             for e in np.eye(3)
         ]
         np.testing.assert_allclose(direction[i], -np.array(gradient), atol=TOLERANCE)
@@ -111,14 +122,18 @@ def test_pulls_along_the_gradient_of_the_length_of_the_bisected_cable(axis):
 def test_leaves_tangentially_and_touches_the_circle():
     points = points_around(AXES["slanting"], 0.2, TURNS)
     axis, found = unit(AXES["slanting"]), module_cable(AXES["slanting"], 0.2)(points)
-    for point, leave, direction in zip(points, found["leave_point"], found["direction"], strict=True):
+    for point, leave, direction in zip(
+        points, found["leave_point"], found["direction"], strict=True
+    ):
         roller = WrappedCable(axis, 0.2, point)
         assert np.linalg.norm(leave - roller.centre) == pytest.approx(0.2, abs=TOLERANCE)
         assert (leave - roller.centre) @ direction == pytest.approx(0, abs=TOLERANCE)
 
 
 def test_length_follows_the_point_without_jumps():
-    angle = np.linspace(-0.15, np.pi + 0.15, 2000)  # around the centre of the roller, from above it to below it
+    angle = np.linspace(
+        -0.15, np.pi + 0.15, 2000
+    )  # around the centre of the roller, from above it to below it
     points = ANCHOR + np.stack([0.1 + 0.6 * np.sin(angle), 0 * angle, 0.6 * np.cos(angle)], axis=1)
     found = module_cable(AXES["up"], 0.1)(points)
     travelled = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -137,8 +152,12 @@ def test_a_point_on_the_way_of_the_incoming_cable_needs_no_roller():
 def test_a_roller_without_radius_is_a_point():
     points = np.random.default_rng(2).normal(size=(20, 3)) * 4
     found = module_cable(AXES["up"], 0.0)(points)
-    np.testing.assert_allclose(found["length"][:, 0], np.linalg.norm(points - ANCHOR, axis=1), atol=TOLERANCE)
-    np.testing.assert_allclose(found["leave_point"], np.broadcast_to(ANCHOR, (20, 3)), atol=TOLERANCE)
+    np.testing.assert_allclose(
+        found["length"][:, 0], np.linalg.norm(points - ANCHOR, axis=1), atol=TOLERANCE
+    )
+    np.testing.assert_allclose(
+        found["leave_point"], np.broadcast_to(ANCHOR, (20, 3)), atol=TOLERANCE
+    )
 
 
 def test_the_whole_way_stretches():

@@ -1,4 +1,5 @@
-"""Recordings of another simulator than ours, and of a real robot: the figures that the README states."""
+"""Recordings of another simulator than ours, and of a real robot: the figures that the README
+states."""
 
 import json
 
@@ -7,7 +8,7 @@ import pytest
 
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
-from steelyard.identification.two_step import TwoStep
+from steelyard.identification.methods.two_step import TwoStep
 
 
 def errors(recordings, recorded_truth, name, method):
@@ -17,7 +18,9 @@ def errors(recordings, recorded_truth, name, method):
 
 @pytest.mark.parametrize("acceleration", ["imu", "tracker"])
 def test_ideal_sensors(recordings, recorded_truth, acceleration):
-    _, error = errors(recordings, recorded_truth, "ideal-points", TwoStep(acceleration=acceleration))
+    _, error = errors(
+        recordings, recorded_truth, "ideal-points", TwoStep(acceleration=acceleration)
+    )
     truth = recorded_truth["ideal-points"].body_parameters
     assert abs(error[0]) < 5e-4 * truth[0]
     assert np.abs(error[1:4]).max() < 1e-3
@@ -64,11 +67,14 @@ def test_kuka_all_runs(kuka):
     estimate = identify(kuka, [TwoStep()]).estimates["two-step"]
     assert abs(estimate.value[0] - 0.932) < 0.004
     assert np.abs(estimate.value[1:4] - [0.0003, 0, 0.0439]).max() < 0.5e-3
-    untold = [name for name, label in estimate.verdict.parameters.items() if label == "unidentifiable"]
+    untold = [
+        name for name, label in estimate.verdict.parameters.items() if label == "unidentifiable"
+    ]
     assert {"Jxx", "Jzz", "Jxz"} <= set(untold)
     assert any("not told by these data" in note and "Jxx" in note for note in estimate.notes)
     offset = estimate.calibration["wrench"]["offset"]
-    # The sign of the stored reading is that of the sensor: its own offset is the data set's with the sign turned.
+    # The sign of the stored reading is that of the sensor: its own offset is the data set's with
+    # the sign turned.
     np.testing.assert_allclose(offset["force"]["value"], [9.077, -1.018, 9.985], atol=0.1)
 
 

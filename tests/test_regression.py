@@ -1,4 +1,5 @@
-"""Normal equations and the balance behind them, against stacked rows, Monte Carlo and samples prepared again."""
+"""Normal equations and the balance behind them, against stacked rows, Monte Carlo and samples
+prepared again."""
 
 from dataclasses import replace
 
@@ -8,8 +9,7 @@ from scipy.spatial.transform import Rotation
 from simulated import BODY, CENTER, IDEAL, PAPER, ROBOT, at_rest, changed, moving, sound
 
 from steelyard.dynamics import platform_regressor, platform_wrench
-from steelyard.identification import study
-from steelyard.identification.balance import (
+from steelyard.identification.model.balance import (
     balance,
     by_geometry,
     by_lag,
@@ -21,8 +21,11 @@ from steelyard.identification.balance import (
     shared_noise,
     whitener,
 )
-from steelyard.identification.preparation import Samples, prepare
-from steelyard.identification.regression import (
+from steelyard.identification.model.calibration_parameters import ROBOT as OWN
+from steelyard.identification.model.calibration_parameters import Calibration, gather
+from steelyard.identification.model.preparation import Samples, prepare
+from steelyard.identification.solve import study
+from steelyard.identification.solve.normal_equations import (
     TEN,
     Blocks,
     Prior,
@@ -34,8 +37,6 @@ from steelyard.identification.regression import (
     sums_of,
     together,
 )
-from steelyard.identification.unknowns import ROBOT as OWN
-from steelyard.identification.unknowns import Systematic, gather
 
 ROUNDING = 1e-8  # relative: normal equations lose half of the digits of stacked rows
 ONES = np.ones(TEN)
@@ -68,7 +69,8 @@ def random_positive(rng, k, size=1.0):
 
 
 def assert_covariance(errors, covariance, sigmas=5.0):
-    """Draws scatter as a covariance says: whitened, their second moments are those of the unit normal.
+    """Draws scatter as a covariance says: whitened, their second moments are those of the unit
+    normal.
 
     The mean square of n draws has a standard deviation of sqrt(2 / n), a mean product 1 / sqrt(n).
     """
@@ -99,7 +101,13 @@ def test_solving_is_least_squares_over_rows_and_prior_stacked(seed):
     known = np.concatenate([rng.normal(size=TEN), mean[TEN:]])
     precision[np.ix_(estimated, ~estimated)] = precision[np.ix_(~estimated, estimated)] = 0.0
     sums, _ = summed(A, b)
-    found = solve(sums, Prior(mean, precision, precision @ known, np.zeros((k, k))), estimated, ONES, correct=False)
+    found = solve(
+        sums,
+        Prior(mean, precision, precision @ known, np.zeros((k, k))),
+        estimated,
+        ONES,
+        correct=False,
+    )
 
     flat, use = A.reshape(-1, k), np.flatnonzero(estimated)
     root = np.linalg.cholesky(precision[np.ix_(use, use)] + 1e-14 * np.eye(len(use))).T
@@ -140,7 +148,9 @@ def test_sums_are_those_of_the_weighted_rows(rng):
         np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
     for i, number in enumerate(np.unique(rows.block)):
         own = rows.block == number
-        np.testing.assert_allclose(blocks.crossed[i], np.einsum("n,nri,nrj->ij", weight[own], W[own], A[own]))
+        np.testing.assert_allclose(
+            blocks.crossed[i], np.einsum("n,nri,nrj->ij", weight[own], W[own], A[own])
+        )
         value = rng.normal(size=k)
         left = np.einsum("n,nri,nr->i", weight[own], W[own], b[own] - A[own] @ value)
         np.testing.assert_allclose(blocks.scores(value)[i], left, atol=1e-9)
@@ -168,7 +178,9 @@ def test_what_is_not_estimated_passes_its_uncertainty_on(rng):
         truth = np.concatenate([body, mean[TEN:] + L @ rng.normal(size=6)])
         b = A @ truth + rng.normal(size=(n, 6))
         sums, _ = summed(A, b)
-        found = solve(sums, Prior(mean, precision, precision @ mean, prior), estimated, ONES, correct=False)
+        found = solve(
+            sums, Prior(mean, precision, precision @ mean, prior), estimated, ONES, correct=False
+        )
         errors.append(found.value - truth)
     assert_covariance(np.array(errors), found.covariance)
     # It counts: noise and the priors of the estimated alone would be too sure.
@@ -176,7 +188,8 @@ def test_what_is_not_estimated_passes_its_uncertainty_on(rng):
 
 
 def eiv_draws(rng, *, n=300, noise=0.2, draws=200):
-    """Errors of plain, corrected and instrumental estimates where the ten columns are noisy themselves."""
+    """Errors of plain, corrected and instrumental estimates where the ten columns are noisy
+    themselves."""
     true = rng.normal(size=(n, 6, TEN))
     body = rng.uniform(0.5, 2.0, TEN)
     scatter = n * 6 * noise**2 * np.eye(TEN)
@@ -256,7 +269,9 @@ def test_a_direction_that_is_not_told_is_held_and_as_uncertain_as_plausible(rng)
 
 
 @pytest.mark.parametrize(("strength", "told"), [(0.3, False), (0.8, True)])
-def test_a_direction_known_no_better_than_to_twice_its_plausible_size_is_not_told(rng, strength, told):
+def test_a_direction_known_no_better_than_to_twice_its_plausible_size_is_not_told(
+    rng, strength, told
+):
     # Information strength^2 is a 1-sigma of 1 / strength plausible sizes; the bound is two of them.
     A, _ = deficient(rng, ONES, strength)
     sums, _ = summed(A, rng.normal(size=(50, 6)))
@@ -271,7 +286,8 @@ def test_a_direction_that_noise_alone_shows_is_not_told(rng, share):
     noise = share * 25.0 * np.eye(TEN)
     sums, _ = summed(A, rng.normal(size=(50, 6)), noise=noise)
     found = solve(sums, nothing_known(TEN), np.ones(TEN, dtype=bool), ONES, correct=True)
-    # Told where the information is four times what noise would give: 25 (1 + share) against 100 share.
+    # Told where the information is four times what noise would give: 25 (1 + share) against 100
+    # share.
     assert found.untold.shape[1] == (1 if share == 0.5 else 0)
     if share == 0.5:
         assert abs(found.untold[:, 0] @ d) > 0.9
@@ -304,7 +320,12 @@ def enlarged_by(rng, residual_of, *, runs=1, n=200, blocks=20):
     for run in range(runs):
         A = rng.normal(size=(n, 6, k))
         block = np.arange(n) * blocks // n
-        each, own = sums_of(rows_of(A, A @ truth + residual_of(A, block, rng), block=block), np.ones(n), float(n), run)
+        each, own = sums_of(
+            rows_of(A, A @ truth + residual_of(A, block, rng), block=block),
+            np.ones(n),
+            float(n),
+            run,
+        )
         total = each if total is None else total + each
         parts.append(own)
         freed += n
@@ -333,20 +354,26 @@ def different(A, block, rng):
 def test_white_noise_is_rarely_taken_for_more(rng, runs):
     count = 300
     seen = [enlarged_by(rng, white, runs=runs, n=60, blocks=12)[0].inflation for _ in range(count)]
-    # Each of two or three questions is asked at a level of five per cent; the largest answer is kept.
+    # Each of two or three questions is asked at a level of five per cent; the largest answer is
+    # kept.
     rate = np.mean([bool(s) for s in seen])
     assert 0.02 < rate < 0.05 * (2 if runs == 1 else 3) + 4 * np.sqrt(0.1 / count)
     assert all(1 < factor < 2.5 for s in seen for factor in s.values())
 
 
-@pytest.mark.parametrize(("residual", "runs", "name"), [(coloured, 1, "blocks"), (different, 6, "runs")])
+@pytest.mark.parametrize(
+    ("residual", "runs", "name"), [(coloured, 1, "blocks"), (different, 6, "runs")]
+)
 def test_errors_stay_within_what_was_enlarged(rng, residual, runs, name):
     draws = [enlarged_by(rng, residual, runs=runs) for _ in range(60)]
     assert all(list(found.inflation) == [name] for found, _, _ in draws)
     z = np.array([z for _, z, _ in draws])
-    plain = np.array([(found.value - 1)[:TEN] / np.sqrt(np.diag(p.covariance)[:TEN]) for found, _, p in draws])
+    plain = np.array(
+        [(found.value - 1)[:TEN] / np.sqrt(np.diag(p.covariance)[:TEN]) for found, _, p in draws]
+    )
     assert np.sqrt(np.mean(plain**2)) > 2.5
-    # Few blocks or runs tell the factor to a fifth; 600 numbers in draws of ten that share it tell the mean to a few per cent.
+    # Few blocks or runs tell the factor to a fifth; 600 numbers in draws of ten that share it tell
+    # the mean to a few per cent.
     assert 0.85 < np.sqrt(np.mean(z**2)) < 1.15
 
 
@@ -391,21 +418,30 @@ def test_poses_at_rest_are_blocks_of_their_own(n):
 
 def test_noise_keeps_its_weight_and_outliers_are_bounded(rng):
     residual = rng.normal(size=(100_000, 6))
-    assert np.mean(robust_weights(residual) < 1) == pytest.approx(1e-4, abs=1e-4)  # ten expected, of Poisson
+    assert np.mean(robust_weights(residual) < 1) == pytest.approx(
+        1e-4, abs=1e-4
+    )  # ten expected, of Poisson
     far = robust_weights(np.array([[100.0, 0, 0, 0, 0, 0], [1e6, 0, 0, 0, 0, 0]]))
     np.testing.assert_allclose(far * [100.0, 1e6], far[0] * 100.0)
 
 
 # The balance: samples prepared again with another description
 
-ERRORS = {"gyro_bias": 0.01, "accelerometer_bias": 0.1, "position": 0.005, "misalignment": 0.01, "reference": 0.01}
+ERRORS = {
+    "gyro_bias": 0.01,
+    "accelerometer_bias": 0.1,
+    "position": 0.005,
+    "misalignment": 0.01,
+    "reference": 0.01,
+}
 FRAME = {"target": 0.005, "frame": {"position": 0.002, "rotation": 0.001}, "delay": 0.01}
 GAINS = {"offset": 5.0, "gain": 0.02, "common_gain": 0.005}
 
 
 @pytest.fixture(scope="module")
 def ideal():
-    """Noise-free readings of a motion of six axes, their samples, and errors that are not where they are expected."""
+    """Noise-free readings of a motion of six axes, their samples, and errors that are not where
+    they are expected."""
     instruments = {
         "cables": changed(IDEAL["cables"], rate=100.0, calibration=GAINS),
         "imu": changed(IDEAL["imu"], rate=100.0, calibration=ERRORS),
@@ -413,15 +449,19 @@ def ideal():
         "command": changed(IDEAL["command"], rate=100.0),
     }
     experiment = moving([1] * 6)(0, instruments=instruments)
-    unknowns = gather(experiment)
-    known = Systematic(unknowns, unknowns.mean)
-    samples = prepare(experiment, experiment.runs[0], thin=True, systematic=known)
+    calibration_parameters = gather(experiment)
+    known = Calibration(calibration_parameters, calibration_parameters.mean)
+    samples = prepare(experiment, experiment.runs[0], thin=True, calibration=known)
     return experiment, known, samples
 
 
-def unbalanced(experiment, systematic, samples):
-    again = prepare(experiment, experiment.runs[0], systematic=systematic, plan=samples.plan, thin=True)
-    return again.wrench - platform_wrench(BODY.parameters, again.specific_force, again.omega, again.alpha)
+def unbalanced(experiment, calibration, samples):
+    again = prepare(
+        experiment, experiment.runs[0], calibration=calibration, plan=samples.plan, thin=True
+    )
+    return again.wrench - platform_wrench(
+        BODY.parameters, again.specific_force, again.omega, again.alpha
+    )
 
 
 def described(experiment, name, **keys):
@@ -440,7 +480,10 @@ def late(experiment, name, delay):
     run = experiment.runs[0]
     stream = run.streams[name]
     return replace(
-        experiment, runs=(replace(run, streams={**run.streams, name: replace(stream, time=stream.time - delay)}),)
+        experiment,
+        runs=(
+            replace(run, streams={**run.streams, name: replace(stream, time=stream.time - delay)}),
+        ),
     )
 
 
@@ -455,29 +498,41 @@ def turn(vector):
 # What a description says that knows of an error d of three numbers.
 ANOTHER = {
     ("imu", "gyro_bias"): lambda e, d: shifted(e, "imu", "angular_velocity", lambda v: v - d),
-    ("imu", "accelerometer_bias"): lambda e, d: shifted(e, "imu", "specific_force", lambda v: v - d),
-    ("imu", "position"): lambda e, d: described(e, "imu", position=tuple(np.array(e.instruments["imu"].position) + d)),
+    ("imu", "accelerometer_bias"): lambda e, d: shifted(
+        e, "imu", "specific_force", lambda v: v - d
+    ),
+    ("imu", "position"): lambda e, d: described(
+        e, "imu", position=tuple(np.array(e.instruments["imu"].position) + d)
+    ),
     ("imu", "misalignment"): lambda e, d: described(e, "imu", rpy_deg=angles(d)),
     ("imu", "reference"): lambda e, d: shifted(e, "imu", "orientation", lambda v: turn(d) @ v),
     ("tracker", "target"): lambda e, d: described(
         e, "tracker", target=tuple(np.array(e.instruments["tracker"].target) + d)
     ),
-    ("tracker", "frame.position"): lambda e, d: described(e, "tracker", frame={"position": tuple(d)}),
-    ("tracker", "frame.rotation"): lambda e, d: described(e, "tracker", frame={"rpy_deg": angles(d)}),
+    ("tracker", "frame.position"): lambda e, d: described(
+        e, "tracker", frame={"position": tuple(d)}
+    ),
+    ("tracker", "frame.rotation"): lambda e, d: described(
+        e, "tracker", frame={"rpy_deg": angles(d)}
+    ),
     ("tracker", "delay"): lambda e, d: late(e, "tracker", d[0]),
     (OWN, "gravity"): lambda e, d: replace(e, robot=replace(e.robot, gravity=e.robot.gravity + d)),
 }
 
 
 @pytest.mark.parametrize("owner_key", ANOTHER, ids=lambda k: ".".join(k))
-def test_the_balance_follows_an_error_of_a_motion_instrument_as_another_description_would(ideal, owner_key):
+def test_the_balance_follows_an_error_of_a_motion_instrument_as_another_description_would(
+    ideal, owner_key
+):
     experiment, known, samples = ideal
     owner, key = owner_key
     run = experiment.runs[0].name if key == "delay" else None
-    place = known.unknowns.places[owner, key, run]
+    place = known.calibration_parameters.places[owner, key, run]
     places = np.arange(place.start, place.stop)
     assert np.isin(places, motion_errors(experiment, experiment.runs[0], known)).all()
-    found = by_motion_errors(experiment, experiment.runs[0], samples, known, BODY.parameters, places)
+    found = by_motion_errors(
+        experiment, experiment.runs[0], samples, known, BODY.parameters, places
+    )
     step = 2e-4
     for i in range(len(places)):
         d = step * np.eye(3)[i]
@@ -485,8 +540,12 @@ def test_the_balance_follows_an_error_of_a_motion_instrument_as_another_descript
         values = []
         for other in (ahead, behind):
             # Gravity is taken from the errors, which are those of the description.
-            unknowns = gather(other)
-            values.append(unbalanced(other, Systematic(unknowns, unknowns.mean), samples))
+            calibration_parameters = gather(other)
+            values.append(
+                unbalanced(
+                    other, Calibration(calibration_parameters, calibration_parameters.mean), samples
+                )
+            )
         expected = (values[0] - values[1]) / (2 * step)
         size = max(np.abs(expected).max(), 1.0)
         # Few samples between two knots stand for all of them.
@@ -499,10 +558,10 @@ def test_the_wrench_follows_the_errors_of_the_force_sensors(ideal):
     values = known.values.copy()
     rng = np.random.default_rng(0)
     for key, size in (("offset", 5.0), ("gain", 0.02), ("common_gain", 0.01)):
-        place = known.unknowns.places["cables", key, None]
+        place = known.calibration_parameters.places["cables", key, None]
         values[place] += size * rng.normal(size=place.stop - place.start)
-    here = Systematic(known.unknowns, values)
-    samples = prepare(experiment, run, thin=True, systematic=here, plan=samples.plan)
+    here = Calibration(known.calibration_parameters, values)
+    samples = prepare(experiment, run, thin=True, calibration=here, plan=samples.plan)
     equations = balance(experiment, run, samples, here, np.full(8, 5.0))
     assert len(equations.places) == 8 + 8 + 1
     for column, place in enumerate(equations.places):
@@ -511,19 +570,31 @@ def test_the_wrench_follows_the_errors_of_the_force_sensors(ideal):
         for sign in (1, -1):
             moved = values.copy()
             moved[place] += sign * step
-            again = prepare(experiment, run, thin=True, systematic=replace(here, values=moved), plan=samples.plan)
+            again = prepare(
+                experiment,
+                run,
+                thin=True,
+                calibration=replace(here, values=moved),
+                plan=samples.plan,
+            )
             ends.append(again.wrench)
         expected = (ends[0] - ends[1]) / (2 * step)
-        np.testing.assert_allclose(equations.by_errors[:, :, column], expected, atol=1e-4 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            equations.by_errors[:, :, column], expected, atol=1e-4 * np.abs(expected).max()
+        )
 
 
 def test_the_wrench_follows_the_readings(ideal):
     experiment, known, samples = ideal
     equations = balance(experiment, experiment.runs[0], samples, known, np.full(8, 5.0))
     for cable in (0, 5):
-        moved = shifted(experiment, "cables", "tension", lambda v, cable=cable: v + np.eye(8)[cable])
-        again = prepare(moved, moved.runs[0], thin=True, systematic=known, plan=samples.plan)
-        np.testing.assert_allclose(equations.by_reading[:, :, cable], again.wrench - samples.wrench, atol=1e-9 * 1e3)
+        moved = shifted(
+            experiment, "cables", "tension", lambda v, cable=cable: v + np.eye(8)[cable]
+        )
+        again = prepare(moved, moved.runs[0], thin=True, calibration=known, plan=samples.plan)
+        np.testing.assert_allclose(
+            equations.by_reading[:, :, cable], again.wrench - samples.wrench, atol=1e-9 * 1e3
+        )
 
 
 def test_the_wrench_follows_where_a_cable_is_fixed(ideal):
@@ -536,29 +607,40 @@ def test_the_wrench_follows_where_a_cable_is_fixed(ideal):
                 points = np.array(getattr(experiment.robot, key))
                 points[number // 3, number % 3] += sign * 1e-4
                 other = replace(experiment, robot=replace(experiment.robot, **{key: points}))
-                ends.append(prepare(other, other.runs[0], thin=True, systematic=known, plan=samples.plan).wrench)
+                ends.append(
+                    prepare(
+                        other, other.runs[0], thin=True, calibration=known, plan=samples.plan
+                    ).wrench
+                )
             expected = (ends[0] - ends[1]) / 2e-4
-            np.testing.assert_allclose(part[:, :, number], expected, atol=1e-4 * np.abs(expected).max())
+            np.testing.assert_allclose(
+                part[:, :, number], expected, atol=1e-4 * np.abs(expected).max()
+            )
 
 
 def test_the_wrench_follows_how_far_the_forces_alone_are_late(ideal):
     # The forces are late, and not the pose that says where the cables pull.
     experiment, known, samples = ideal
     ends = [
-        prepare(other, other.runs[0], thin=True, systematic=known, plan=samples.plan).wrench
+        prepare(other, other.runs[0], thin=True, calibration=known, plan=samples.plan).wrench
         for other in (late(experiment, "cables", 1e-3), late(experiment, "cables", -1e-3))
     ]
     expected = (ends[0] - ends[1]) / 2e-3
     size = np.abs(expected).max(axis=0)
-    # Differences of samples ten milliseconds apart; the first and the last have a neighbour on one side only.
+    # Differences of samples ten milliseconds apart; the first and the last have a neighbour on one
+    # side only.
     assert np.all(np.abs(by_lag(samples) - expected)[1:-1] < 0.02 * size)
 
 
 def test_poses_at_rest_are_not_late():
     run = at_rest(np.tile(CENTER, (5, 1)))
     experiment = replace(sound(0), runs=(run,))
-    unknowns = gather(experiment)
-    samples = prepare(experiment, run, systematic=Systematic(unknowns, unknowns.mean))
+    calibration_parameters = gather(experiment)
+    samples = prepare(
+        experiment,
+        run,
+        calibration=Calibration(calibration_parameters, calibration_parameters.mean),
+    )
     assert not by_lag(samples).any()
 
 
@@ -577,9 +659,11 @@ def firm(name, **noise):
 
 @pytest.fixture(scope="module")
 def firm_draws():
-    """Left-over wrench of the true body over seeds, with noise of the forces alone and with noise of the motion alone."""
+    """Left-over wrench of the true body over seeds, with noise of the forces alone and with noise
+    of the motion alone."""
     recorder = moving([1] * 6)
-    # What is left of noise is held against what noise does, so that both must be small against the motion.
+    # What is left of noise is held against what noise does, so that both must be small against the
+    # motion.
     quiet = {"angular_velocity": 1e-9, "specific_force": 1e-9, "orientation": 1e-9}
     suites = {
         "forces": {
@@ -595,13 +679,19 @@ def firm_draws():
         for seed in range(24):
             experiment = recorder(seed, instruments=suite, stated={k: firm(k) for k in FIRM})
             # The phase of the clocks is drawn with the seed; the plan of the first serves all.
-            unknowns = gather(experiment)
-            known = Systematic(unknowns, unknowns.mean)
-            samples = prepare(experiment, experiment.runs[0], thin=True, systematic=known, plan=plan)
+            calibration_parameters = gather(experiment)
+            known = Calibration(calibration_parameters, calibration_parameters.mean)
+            samples = prepare(
+                experiment, experiment.runs[0], thin=True, calibration=known, plan=plan
+            )
             plan = plan or replace(samples.plan, spacing=0.16)
             if seed == 0:
-                samples = prepare(experiment, experiment.runs[0], thin=True, systematic=known, plan=plan)
-            moves = platform_wrench(BODY.parameters, samples.specific_force, samples.omega, samples.alpha)
+                samples = prepare(
+                    experiment, experiment.runs[0], thin=True, calibration=known, plan=plan
+                )
+            moves = platform_wrench(
+                BODY.parameters, samples.specific_force, samples.omega, samples.alpha
+            )
             left.append(samples.wrench - moves)
         left = np.array(left)
         # What the filter takes from the motion is the same in every draw.
@@ -615,7 +705,8 @@ def test_whitened_force_noise_is_of_as_many_numbers_as_the_filter_has_let_throug
     equations = balance(experiment, experiment.runs[0], samples, known, np.full(8, 5.0))
     L = whitener(equations, np.zeros((6, 6)))
     square = np.sum(np.einsum("nij,dnj->dni", L, scatter) ** 2, axis=(1, 2))
-    # 24 draws of some 400 numbers tell their sum to 2 %; the ends of the run have knots of their own.
+    # 24 draws of some 400 numbers tell their sum to 2 %; the ends of the run have knots of their
+    # own.
     assert square.mean() == pytest.approx(6 * freedom(samples), rel=0.1)
 
 
@@ -626,7 +717,8 @@ def test_the_noise_of_the_motion_is_what_it_brings_into_the_balance(firm_draws):
     covariance *= len(samples) * samples.share / freedom(samples)
     scale = np.sqrt(np.diag(covariance))
     ratio = np.sqrt(np.diag(found)) / scale
-    # What the angular acceleration lets through is told by probes of white noise, and at the ends of a run there is more of it.
+    # What the angular acceleration lets through is told by probes of white noise, and at the ends
+    # of a run there is more of it.
     assert np.all((ratio > 0.85) & (ratio < 1.2)), ratio
 
 
@@ -698,16 +790,18 @@ def as_samples(motion, W, tension):
 @pytest.fixture(scope="module")
 def with_gains():
     experiment = replace(
-        sound(0), instruments={**PAPER, "cables": changed(PAPER["cables"], noise=20.0, calibration=GAINS)}
+        sound(0),
+        instruments={**PAPER, "cables": changed(PAPER["cables"], noise=20.0, calibration=GAINS)},
     )
-    unknowns = gather(experiment)
-    return experiment, Systematic(unknowns, unknowns.mean)
+    calibration_parameters = gather(experiment)
+    return experiment, Calibration(calibration_parameters, calibration_parameters.mean)
 
 
 def gain_rows(experiment, known, motion, W, tension, sigma):
     samples = as_samples(motion, W, tension)
     equations = balance(experiment, experiment.runs[0], samples, known, np.full(8, sigma))
-    # The covariance of the noise knows nothing of the noise itself: straight from the structure matrix.
+    # The covariance of the noise knows nothing of the noise itself: straight from the structure
+    # matrix.
     L = np.linalg.inv(np.linalg.cholesky(sigma**2 * W @ W.transpose(0, 2, 1)))
     columns = L @ np.concatenate(
         [platform_regressor(**motion), -equations.by_errors[:, :, 8:16]], axis=2
@@ -744,11 +838,15 @@ def test_gains_are_not_biased_by_the_noise_that_they_multiply(with_gains, rng):
     errors = {True: [], False: []}
     for _ in range(300):
         noise = 20.0 * rng.normal(size=tension.shape)
-        equations, L, columns, target = gain_rows(experiment, known, motion, W, tension + noise, 20.0)
+        equations, L, columns, target = gain_rows(
+            experiment, known, motion, W, tension + noise, 20.0
+        )
         own = np.concatenate([np.zeros(TEN), -shared_noise(equations, known, L)[8:16]])
         for told in (True, False):
             sums, _ = summed(columns, target, shared=own if told else np.zeros(k))
-            errors[told].append(solve(sums, prior, np.ones(k, dtype=bool), scale, correct=False).value[TEN:])
+            errors[told].append(
+                solve(sums, prior, np.ones(k, dtype=bool), scale, correct=False).value[TEN:]
+            )
     corrected, plain = np.array(errors[True]), np.array(errors[False])
     sampling = corrected.std(axis=0) / np.sqrt(len(corrected))
     assert np.linalg.norm(corrected.mean(axis=0)) < 0.3 * np.linalg.norm(plain.mean(axis=0))

@@ -1,4 +1,5 @@
-"""The report of an identification: what it says is what was found, in all its forms, for whatever names and values."""
+"""The report of an identification: what it says is what was found, in all its forms, for whatever
+names and values."""
 
 import json
 import math
@@ -14,9 +15,9 @@ from steelyard.digits import LABELS
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
-from steelyard.identification.least_squares import LeastSquares
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.two_step import TwoStep
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.two_step import TwoStep
 from steelyard.inertia import Inertia
 from steelyard.report import gather
 from steelyard.report.compose import document_of
@@ -45,7 +46,9 @@ def identification(experiment):
 
 @pytest.fixture(scope="module")
 def summary(identification, experiment):
-    return summarise(identification, experiment.robot.platform, made=made_of(experiment, {"method": "all"}))
+    return summarise(
+        identification, experiment.robot.platform, made=made_of(experiment, {"method": "all"})
+    )
 
 
 @pytest.fixture(scope="module")
@@ -93,8 +96,21 @@ def tables_of(html):
 
 def test_all_sections_are_there(document):
     names = [section.name for section in document.sections]
-    assert names == ["result", "platform", "wrench", "readings", "calibration", "correlation", "made"]
-    figures = [block for section in document.sections for block in section.blocks if isinstance(block, Figure | Scene)]
+    assert names == [
+        "result",
+        "platform",
+        "wrench",
+        "readings",
+        "calibration",
+        "correlation",
+        "made",
+    ]
+    figures = [
+        block
+        for section in document.sections
+        for block in section.blocks
+        if isinstance(block, Figure | Scene)
+    ]
     flat = [block.figure if isinstance(block, Scene) else block for block in figures]
     assert len({figure.name for figure in flat}) == len(flat)
     assert all(figure.alternative and figure.title for figure in flat)
@@ -109,8 +125,12 @@ def test_all_forms_have_the_same_numbers(summary, folder):
     """What JSON holds is what tables show, rounded to the digits that they show."""
     kept = json.loads((folder / "report.json").read_text())["summary"]
     table = tables_of((folder / "report.html").read_text())[kept["table"]["title"]]
-    lines = [line for line in (folder / "report.md").read_text().splitlines() if line.startswith("|")]
-    shown = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[: len(LABELS) + 2]]
+    lines = [
+        line for line in (folder / "report.md").read_text().splitlines() if line.startswith("|")
+    ]
+    shown = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in lines[: len(LABELS) + 2]
+    ]
     del shown[1]
     assert table == shown
     for row, cells in enumerate(table[1:]):
@@ -137,7 +157,9 @@ def test_numbers_are_those_of_the_estimate(summary, identification):
 
 
 def test_the_same_input_gives_the_same_bytes(summary, experiment, folder, tmp_path):
-    again = summarise(identify(experiment), experiment.robot.platform, made=made_of(experiment, {"method": "all"}))
+    again = summarise(
+        identify(experiment), experiment.robot.platform, made=made_of(experiment, {"method": "all"})
+    )
     write_report(again, tmp_path)
     for name in ("report.json", "report.html", "report.md"):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
@@ -162,7 +184,9 @@ def test_files_that_were_read_are_named_without_their_place(summary):
 
 
 def test_names_stay_text(experiment):
-    named = replace(experiment, name=HOSTILE, runs=tuple(replace(run, name=HOSTILE) for run in experiment.runs))
+    named = replace(
+        experiment, name=HOSTILE, runs=tuple(replace(run, name=HOSTILE) for run in experiment.runs)
+    )
     document = document_of(summarise(identify(named, [TwoStep()])))
     html = page(document)
     assert HOSTILE not in html
@@ -178,7 +202,12 @@ def test_report_draws_again(run, folder, tmp_path):
     status, out, err = run("report", drawn)
     assert (status, err) == (0, "")
     assert "report.html" in out
-    assert sorted(p.name for p in drawn.iterdir()) == ["notes.txt", "report.html", "report.json", "report.md"]
+    assert sorted(p.name for p in drawn.iterdir()) == [
+        "notes.txt",
+        "report.html",
+        "report.json",
+        "report.md",
+    ]
     for name in ("report.html", "report.md"):
         assert (drawn / name).read_bytes() == (folder / name).read_bytes()
     status, out, _ = run("report", drawn, "--json")
@@ -258,7 +287,10 @@ def test_a_folder_without_results_is_said(run, tmp_path):
 
 
 def test_a_rejected_estimate_says_so_first(summary):
-    bad = replace(summary, bodies=tuple(replace(b, accepted=False, reasons=("the moon",)) for b in summary.bodies))
+    bad = replace(
+        summary,
+        bodies=tuple(replace(b, accepted=False, reasons=("the moon",)) for b in summary.bodies),
+    )
     lead = document_of(bad).lead
     assert lead.tone == "bad"
     assert lead.text.startswith("Not accepted: the moon.")
@@ -288,7 +320,10 @@ def test_two_steps_alone_have_a_report_too(experiment):
 
 def test_many_runs_are_bounded(experiment):
     """Numbers of the first runs are kept, however many there are."""
-    many = replace(experiment, runs=tuple(replace(experiment.runs[0], name=f"run {i}") for i in range(MOST_RUNS + 3)))
+    many = replace(
+        experiment,
+        runs=tuple(replace(experiment.runs[0], name=f"run {i}") for i in range(MOST_RUNS + 3)),
+    )
     evidence = evidence_of(identify(many, [TwoStep()]))
     assert evidence.not_drawn == 3
     assert len({each.run for each in evidence.traces}) == MOST_RUNS
@@ -298,8 +333,14 @@ def test_many_runs_are_bounded(experiment):
 def test_runs_that_are_not_shown_do_no_harm(experiment, monkeypatch, method):
     monkeypatch.setattr(gather, "MOST_RUNS", 1)
     run = experiment.runs[0]
-    evidence = evidence_of(identify(replace(experiment, runs=(run, replace(run, name="again"))), [method()]))
-    assert {each.run for each in evidence.traces} == {each.run for each in evidence.motions} == {run.name}
+    evidence = evidence_of(
+        identify(replace(experiment, runs=(run, replace(run, name="again"))), [method()])
+    )
+    assert (
+        {each.run for each in evidence.traces}
+        == {each.run for each in evidence.motions}
+        == {run.name}
+    )
     assert {each.instrument for each in evidence.traces} >= {"platform", "imu", "tracker"}
     assert evidence.not_drawn == 1
 
@@ -318,12 +359,18 @@ def test_thinning_keeps_what_stands_out(rng):
 
 def test_the_box_has_the_inertia_of_the_body():
     """By summing up a fine grid of points within it."""
-    body = Inertia(12.0, np.array([0.1, -0.2, 0.3]), np.array([[2.0, 0.3, -0.2], [0.3, 1.8, 0.4], [-0.2, 0.4, 1.1]]))
+    body = Inertia(
+        12.0,
+        np.array([0.1, -0.2, 0.3]),
+        np.array([[2.0, 0.3, -0.2], [0.3, 1.8, 0.4], [-0.2, 0.4, 1.1]]),
+    )
     half, axes = box_of(body)
     line = (np.arange(60) + 0.5) / 30 - 1
     points = (np.stack(np.meshgrid(line, line, line), axis=-1).reshape(-1, 3) * half) @ axes.T
     second = points.T @ points * body.mass / len(points)
-    np.testing.assert_allclose(np.trace(second) * np.eye(3) - second, body.inertia, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(
+        np.trace(second) * np.eye(3) - second, body.inertia, rtol=1e-3, atol=1e-3
+    )
 
 
 def test_edges_of_what_attachments_span():
@@ -345,6 +392,9 @@ def test_a_summary_with_an_infinite_number_is_refused(summary, tmp_path):
 
 
 def test_identify_with_clocks_found_says_them(experiment):
-    apart = replace(experiment, runs=tuple(replace(run, sync={}, unsynchronised=True) for run in experiment.runs))
+    apart = replace(
+        experiment,
+        runs=tuple(replace(run, sync={}, unsynchronised=True) for run in experiment.runs),
+    )
     evidence = evidence_of(identify(apart, [MaximumLikelihood()]))
     assert any(clock.found for clock in evidence.clocks)

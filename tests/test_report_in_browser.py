@@ -1,4 +1,5 @@
-"""The report of a real identification in a real browser: with names that are hostile, at both widths and in both schemes."""
+"""The report of a real identification in a real browser: with names that are hostile, at both
+widths and in both schemes."""
 
 from dataclasses import replace
 
@@ -14,7 +15,10 @@ from steelyard.report.page import page
 from steelyard.report.summary import summarise
 
 NAME = "<script>alert(1)</script>\"'&<img src=x onerror=alert(2)>"
-EYE = "const eye = document.getElementById('figure-robot')._fullLayout.scene.camera.eye; return [eye.x, eye.y, eye.z]"
+EYE = (
+    "const eye = document.getElementById('figure-robot')._fullLayout.scene.camera.eye; return"
+    " [eye.x, eye.y, eye.z]"
+)
 
 
 @pytest.fixture(scope="module")
@@ -23,9 +27,14 @@ def opened(driver, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     experiment = read_experiment(write_small(folder / "small"))
     runs = tuple(replace(run, name=NAME) for run in experiment.runs)
-    experiment = replace(experiment, name=NAME, runs=runs, robot=replace(experiment.robot, name=NAME))
+    experiment = replace(
+        experiment, name=NAME, runs=runs, robot=replace(experiment.robot, name=NAME)
+    )
     path = folder / "report.html"
-    path.write_text(page(document_of(summarise(identify(experiment), experiment.robot.platform))), encoding="utf-8")
+    path.write_text(
+        page(document_of(summarise(identify(experiment), experiment.robot.platform))),
+        encoding="utf-8",
+    )
     open_page(driver, path)
     draw_all(driver)
     return driver
@@ -39,7 +48,9 @@ def test_the_page_is_sound(opened, width, scheme):
 
 
 def test_every_section_is_there(opened):
-    titles = opened.execute_script("return [...document.querySelectorAll('main h2')].map((h) => h.textContent.trim())")
+    titles = opened.execute_script(
+        "return [...document.querySelectorAll('main h2')].map((h) => h.textContent.trim())"
+    )
     assert titles == [
         "Result", "The platform", "What carries the platform", "Readings and what is left of them", "Clocks and calibration",
         "Correlation of the parameters", "How it was made",
@@ -62,12 +73,19 @@ def test_the_robot_turns_and_moves(opened):
     look(opened, width=1600)
     before = np.array(opened.execute_script(EYE))
     opened.execute_script("document.querySelector('[data-view=left]').click()")
-    until(opened, f"return (() => {{ {EYE} }})().some((v, i) => Math.abs(v - arguments[0][i]) > 1e-3)", before.tolist())
-    cables = "return Array.from(document.getElementById('figure-robot')._fullData[1].x).filter(Number.isFinite)"
+    until(
+        opened,
+        f"return (() => {{ {EYE} }})().some((v, i) => Math.abs(v - arguments[0][i]) > 1e-3)",
+        before.tolist(),
+    )
+    cables = (
+        "return"
+        " Array.from(document.getElementById('figure-robot')._fullData[1].x).filter(Number.isFinite)"
+    )
     first = np.array(opened.execute_script(cables))
     opened.execute_script(
-        "const s = document.querySelector('[data-motion=time]'); s.value = (Number(s.min) + Number(s.max)) / 2;"
-        "s.dispatchEvent(new Event('input', {bubbles: true}))"
+        "const s = document.querySelector('[data-motion=time]'); s.value = (Number(s.min) +"
+        " Number(s.max)) / 2;s.dispatchEvent(new Event('input', {bubbles: true}))"
     )
     until(
         opened,

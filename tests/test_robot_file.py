@@ -57,7 +57,9 @@ def assert_same_values(one, other):
             for key in (f.name for f in fields(Limits)):
                 assert (getattr(a, key) is None) == (getattr(b, key) is None)
                 np.testing.assert_allclose(
-                    np.array(getattr(a, key) or 0.0), np.array(getattr(b, key) or 0.0), atol=TOLERANCE
+                    np.array(getattr(a, key) or 0.0),
+                    np.array(getattr(b, key) or 0.0),
+                    atol=TOLERANCE,
                 )
         elif isinstance(a, np.ndarray):
             np.testing.assert_allclose(a, b, atol=TOLERANCE)
@@ -75,14 +77,18 @@ def test_what_stands_in_the_file_stands_in_the_robot(tmp_path):
     np.testing.assert_allclose(robot.pulley_axis, [[0, 0, 1], [0, 0.6, 0.8]], atol=TOLERANCE)
     assert robot.tension_limits == (50.0, 5000.0)
     assert robot.limits.position == ((-1, -1, 0), (1, 1, 2))
-    np.testing.assert_allclose(robot.limits.rpy, np.radians([[-35, -20, -5], [35, 20, 5]]), atol=TOLERANCE)
+    np.testing.assert_allclose(
+        robot.limits.rpy, np.radians([[-35, -20, -5], [35, 20, 5]]), atol=TOLERANCE
+    )
     assert (robot.limits.speed, robot.limits.angular_speed) == (3.0, 1.5)
     assert robot.platform.mass == 10
     np.testing.assert_array_equal(robot.platform.inertia, [[1, 0.25, 0], [0.25, 2, 0], [0, 0, 2.5]])
 
 
 def test_what_does_not_stand_there_is_as_the_contract_says(tmp_path):
-    robot = read_robot(written(tmp_path, "name: bare\ncables:\n- {anchor: [0, 0, 5], attachment: [0, 0, 0]}\n"))
+    robot = read_robot(
+        written(tmp_path, "name: bare\ncables:\n- {anchor: [0, 0, 5], attachment: [0, 0, 0]}\n")
+    )
     np.testing.assert_array_equal(robot.gravity, [0, 0, -9.81])
     assert robot.cable == CableProperties(None, None, None, 0.02)
     assert robot.limits == Limits()
@@ -129,7 +135,9 @@ def test_a_robot_written_to_a_file_is_read_back(name, tmp_path):
 def test_paths_start_at_the_folder(tmp_path):
     written(tmp_path, SMALL, "mine.yml")
     written(tmp_path, SMALL, "no-ending")
-    assert read_robot("mine.yml", tmp_path).name == read_robot("no-ending", tmp_path).name == "small"
+    assert (
+        read_robot("mine.yml", tmp_path).name == read_robot("no-ending", tmp_path).name == "small"
+    )
 
 
 def test_anchors_and_aliases_of_yaml_may_be_used(tmp_path):
@@ -137,48 +145,83 @@ def test_anchors_and_aliases_of_yaml_may_be_used(tmp_path):
     alias = text.replace("{radius: 0.05, axis: [0, 3, 4]}", "*p")
     merged = text.replace("{radius: 0.05, axis: [0, 3, 4]}", "{<<: *p}")
     for given in (alias, merged):
-        np.testing.assert_array_equal(read_robot(written(tmp_path, given)).pulley_radius, [0.03, 0.03])
+        np.testing.assert_array_equal(
+            read_robot(written(tmp_path, given)).pulley_radius, [0.03, 0.03]
+        )
 
 
 CHANGES = [
-    ("speed: 3,", "sped: 3,", r":7: 'limits\.sped': expected a known key, found 'sped'; did you mean 'speed'\?"),
+    (
+        "speed: 3,",
+        "sped: 3,",
+        r":7: 'limits\.sped': expected a known key, found 'sped'; did you mean 'speed'\?",
+    ),
     (
         "name: small",
         "name: small\ncolour: red",
         r":2: 'colour': expected a known key, found 'colour'; known here: name, ",
     ),
     ("name: small\n", "", r"'name': expected this key, found it missing; add 'name'"),
-    (", attachment: [0.1, 0, 0]", "", r":4: 'cables\[0\]\.attachment': expected this key, found it missing"),
+    (
+        ", attachment: [0.1, 0, 0]",
+        "",
+        r":4: 'cables\[0\]\.attachment': expected this key, found it missing",
+    ),
     (", zz: 2.5", "", r":8: 'platform\.inertia\.zz': expected this key"),
     ("9.81", "heavy", r":2: 'gravity': expected a number, found 'heavy'; write a number"),
     ("max: 5.0e3", "max: '5000'", r":6: 'tension\.max': expected a number, found '5000'"),
     ("max: 5.0e3", "max: true", r":6: 'tension\.max': expected a number, found true"),
     ("max: 5.0e3", "max: .inf", r":6: 'tension\.max': expected a number, found Infinity"),
-    ("anchor: [0, 0", "anchor: [.nan, 0", r":4: 'cables\[0\]\.anchor\[0\]': expected a number, found NaN"),
+    (
+        "anchor: [0, 0",
+        "anchor: [.nan, 0",
+        r":4: 'cables\[0\]\.anchor\[0\]': expected a number, found NaN",
+    ),
     ("9.81", ".nan", r":2: 'gravity': expected a number, found NaN"),
     ("9.81", "-9.81", r":2: 'gravity': expected a number above 0, found -9\.81"),
     ("9.81", "[0, 0, 0]", r":2: 'gravity': expected a vector, found one of length 0"),
     ("9.81", "1" * 400, r":2: 'gravity': expected a number, found 1111"),
     ("mass: 10", "mass: 0", r":8: 'platform\.mass': expected a number above 0, found 0"),
-    ("0.05", "-0.05", r":5: 'cables\[1\]\.pulley\.radius': expected a number at least 0, found -0\.05"),
+    (
+        "0.05",
+        "-0.05",
+        r":5: 'cables\[1\]\.pulley\.radius': expected a number at least 0, found -0\.05",
+    ),
     (
         "[4, 0, 5]",
         "[0, 0, 5]",
-        r":5: 'cables\[1\]\.anchor': expected anchors that differ, found cable 2 at the anchor of cable 1",
+        (
+            r":5: 'cables\[1\]\.anchor': expected anchors that differ, found cable 2 at the anchor"
+            r" of cable 1"
+        ),
     ),
     ("[4, 0, 5]", "[4, 0]", r":5: 'cables\[1\]\.anchor': expected at least 3 values, found 2"),
-    ("[4, 0, 5]", "[4, 0, 5, 6]", r":5: 'cables\[1\]\.anchor': expected at most 3 values, found \[4, 0, 5, 6\]"),
-    ("[0, 3, 4]", "[0, 0, 0]", r":5: 'cables\[1\]\.pulley\.axis': expected a direction, found a vector of length 0"),
+    (
+        "[4, 0, 5]",
+        "[4, 0, 5, 6]",
+        r":5: 'cables\[1\]\.anchor': expected at most 3 values, found \[4, 0, 5, 6\]",
+    ),
+    (
+        "[0, 3, 4]",
+        "[0, 0, 0]",
+        r":5: 'cables\[1\]\.pulley\.axis': expected a direction, found a vector of length 0",
+    ),
     ("min: 50", "min: 6000", r":6: 'tension': expected min below max, found 6000 and 5000 N"),
     ("[-1, -1, 0]", "[2, -1, 0]", r":7: 'limits\.position': expected the lowest corner first"),
     ("[-35, -20", "[-35, 20", r":7: 'limits\.rpy_deg': expected the lowest corner first"),
     ("name: small", "name: 12", r":1: 'name': expected text, found 12; put it in quotes"),
-    ("9.81", "9.81\ngravity: 9.8", r":3: expected YAML, found a mistake in it \(found duplicate key"),
+    (
+        "9.81",
+        "9.81\ngravity: 9.8",
+        r":3: expected YAML, found a mistake in it \(found duplicate key",
+    ),
     ("9.81", "!!python/object/apply:os.system ['false']", r":2: 'gravity.*expected a number"),
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "message"), CHANGES, ids=[f"{i}-{c[1][:20]}" for i, c in enumerate(CHANGES)])
+@pytest.mark.parametrize(
+    ("old", "new", "message"), CHANGES, ids=[f"{i}-{c[1][:20]}" for i, c in enumerate(CHANGES)]
+)
 def test_a_mistake_is_named_with_its_line_and_key(old, new, message, tmp_path):
     assert SMALL.count(old) == 1
     with pytest.raises(InputError, match=r"robot\.yaml.*" + message):
@@ -186,7 +229,8 @@ def test_a_mistake_is_named_with_its_line_and_key(old, new, message, tmp_path):
 
 
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
-    f"{this}: &{this} [{', '.join(['*' + last] * 9)}]\n" for last, this in zip("abcdefgh", "bcdefghi", strict=True)
+    f"{this}: &{this} [{', '.join(['*' + last] * 9)}]\n"
+    for last, this in zip("abcdefgh", "bcdefghi", strict=True)
 )
 NO_ROBOTS = {
     "not YAML": ("name: [unclosed", r"robot\.yaml:1: expected YAML, found a mistake in it"),
@@ -195,16 +239,23 @@ NO_ROBOTS = {
     "list": ("- 1\n- 2", r"expected a mapping of keys to values, found \[1, 2\]"),
     "two documents": (SMALL + "---\n" + SMALL, "expected YAML, found a mistake in it"),
     "alias bomb": (BOMB, "expected at most 200000 values, found more; remove nested aliases"),
-    "alias of itself": ("&a {name: *a}", "expected at most 200000 values, found more; remove nested aliases"),
+    "alias of itself": (
+        "&a {name: *a}",
+        "expected at most 200000 values, found more; remove nested aliases",
+    ),
     "merge of itself": ("name: &a {<<: *a}", "expected YAML"),
     "unknown alias": ("name: *a", "expected YAML, found a mistake in it"),
     "deep": ("name: " + "[" * 1200, "expected YAML, found something that cannot be read"),
     "control character": ("name: \x07", "expected YAML"),
     "not UTF-8": (b"name: \xff\xfe", "expected UTF-8 text, found a byte that is not at 6"),
-    "number of 5000 digits": ("gravity: " + "9" * 5000, "expected YAML, found something that cannot be read"),
+    "number of 5000 digits": (
+        "gravity: " + "9" * 5000,
+        "expected YAML, found something that cannot be read",
+    ),
     "5 MiB": ("#" * (5 * 2**20), "expected at most 512 KiB of YAML, found 5120 KiB"),
     "65 cables": (
-        "name: x\ncables:\n" + "".join(f"- {{anchor: [{i}, 0, 0], attachment: [0, 0, 0]}}\n" for i in range(65)),
+        "name: x\ncables:\n"
+        + "".join(f"- {{anchor: [{i}, 0, 0], attachment: [0, 0, 0]}}\n" for i in range(65)),
         r"'cables': expected at most 64 values",
     ),
 }
@@ -222,7 +273,13 @@ def test_what_is_no_robot_file_is_refused_in_one_sentence(case, tmp_path):
     [
         ("missing.yaml", r"missing\.yaml: expected a file, found nothing there; check the path"),
         ("folder", "folder: expected a file, found a folder"),
-        ("cogir", "robot 'cogir': expected the path of a robot file or one of cogiro, cogiro-cuboid, found neither"),
+        (
+            "cogir",
+            (
+                "robot 'cogir': expected the path of a robot file or one of cogiro, cogiro-cuboid,"
+                " found neither"
+            ),
+        ),
     ],
 )
 def test_what_is_no_file_is_refused(path, message, tmp_path):

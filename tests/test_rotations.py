@@ -9,7 +9,9 @@ from steelyard import rotations
 from steelyard.batch import Batched
 from steelyard.motion.state import motion_of_poses
 
-TOLERANCE = 1e-10  # the sixth-order differences below are good to 1e-11, closed forms to 1e-15 / sin(angle)
+TOLERANCE = (
+    1e-10  # the sixth-order differences below are good to 1e-11, closed forms to 1e-15 / sin(angle)
+)
 
 SETTINGS = settings(deadline=None, derandomize=True, max_examples=60)
 finite_vector = st.tuples(*[st.floats(-3, 3)] * 3)
@@ -23,12 +25,16 @@ def symbolic(function, size=3, columns=1):
     return lambda values: batched(x=values)["y"]
 
 
-from_rpy, rate_matrix, exp = (symbolic(f) for f in (rotations.from_rpy, rotations.rate_matrix, rotations.exp))
+from_rpy, rate_matrix, exp = (
+    symbolic(f) for f in (rotations.from_rpy, rotations.rate_matrix, rotations.exp)
+)
 log, from_quaternion = symbolic(rotations.log, 3, 3), symbolic(rotations.from_quaternion, 4)
 
 
 def difference(function, step=0.01):
-    return sum(c * (function(k * step) - function(-k * step)) for k, c in ((1, 45), (2, -9), (3, 1))) / (60 * step)
+    return sum(
+        c * (function(k * step) - function(-k * step)) for k, c in ((1, 45), (2, -9), (3, 1))
+    ) / (60 * step)
 
 
 def scipy_rpy(rpy):
@@ -45,7 +51,9 @@ def test_from_rpy_is_yaw_after_pitch_after_roll():
 
 def test_skew_is_the_cross_product():
     v, w = rng.normal(size=(2, 20, 3))
-    np.testing.assert_allclose(np.einsum("nij,nj->ni", symbolic(rotations.skew)(v), w), np.cross(v, w), atol=TOLERANCE)
+    np.testing.assert_allclose(
+        np.einsum("nij,nj->ni", symbolic(rotations.skew)(v), w), np.cross(v, w), atol=TOLERANCE
+    )
 
 
 def test_from_quaternion_puts_the_scalar_first():
@@ -57,7 +65,9 @@ def test_from_quaternion_puts_the_scalar_first():
 def test_quaternion_rate_is_the_derivative_of_the_quaternion_of_a_turning_body():
     start, omega = Rotation.random(20, random_state=6), rng.normal(size=(20, 3))
     sym_q, sym_w = ca.SX.sym("q", 4), ca.SX.sym("w", 3)
-    rate = Batched("rate", {"q": sym_q, "w": sym_w}, {"rate": rotations.quaternion_rate(sym_q, sym_w)})
+    rate = Batched(
+        "rate", {"q": sym_q, "w": sym_w}, {"rate": rotations.quaternion_rate(sym_q, sym_w)}
+    )
     q0 = start.as_quat(scalar_first=True)
 
     def later(t):
@@ -71,13 +81,17 @@ def test_rate_matrix_takes_angle_rates_to_the_angular_velocity_in_world_axes():
     rates = rng.normal(size=RPY.shape)
     R_dot = difference(lambda t: scipy_rpy(RPY + t * rates).as_matrix())
     omega_in_world = vee(R_dot @ scipy_rpy(RPY).as_matrix().transpose(0, 2, 1))
-    np.testing.assert_allclose(np.einsum("nij,nj->ni", rate_matrix(RPY), rates), omega_in_world, atol=TOLERANCE)
+    np.testing.assert_allclose(
+        np.einsum("nij,nj->ni", rate_matrix(RPY), rates), omega_in_world, atol=TOLERANCE
+    )
 
 
 def test_rate_matrix_is_the_printed_one_except_for_its_third_column():
     (_, theta, psi), matrix = RPY[0], rate_matrix(RPY)[0]
     C, S = np.cos, np.sin
-    printed = np.array([[C(theta) * C(psi), -S(psi), 1], [C(theta) * S(psi), C(psi), 0], [-S(theta), 0, 0]])
+    printed = np.array(
+        [[C(theta) * C(psi), -S(psi), 1], [C(theta) * S(psi), C(psi), 0], [-S(theta), 0, 0]]
+    )
     np.testing.assert_allclose(matrix[:, :2], printed[:, :2], atol=TOLERANCE)
     np.testing.assert_array_equal(matrix[:, 2], [0, 0, 1])
 
@@ -93,32 +107,46 @@ def test_equation_4b_as_printed_is_the_angular_acceleration_of_motion_of_poses(i
             [0, -dphi * C(theta), 0],
         ]
     )
-    corrected_4a = np.array([[C(theta) * C(psi), -S(psi), 0], [C(theta) * S(psi), C(psi), 0], [-S(theta), 0, 1]])
+    corrected_4a = np.array(
+        [[C(theta) * C(psi), -S(psi), 0], [C(theta) * S(psi), C(psi), 0], [-S(theta), 0, 1]]
+    )
     pose, rate, acceleration = (np.r_[0, 0, 0, v][None] for v in (RPY[i], dq, ddq))
     motion = motion_of_poses(pose, rate, acceleration, np.array([0, 0, -9.81]))
     R = scipy_rpy(RPY[i]).as_matrix()
-    np.testing.assert_allclose(R @ motion["alpha"][0], printed @ dq + corrected_4a @ ddq, atol=TOLERANCE)
+    np.testing.assert_allclose(
+        R @ motion["alpha"][0], printed @ dq + corrected_4a @ ddq, atol=TOLERANCE
+    )
     np.testing.assert_allclose(R @ motion["omega"][0], corrected_4a @ dq, atol=TOLERANCE)
 
 
 @SETTINGS
 @given(finite_vector)
 def test_exp_equals_scipy(theta):
-    np.testing.assert_allclose(exp([theta])[0], Rotation.from_rotvec(theta).as_matrix(), atol=TOLERANCE)
+    np.testing.assert_allclose(
+        exp([theta])[0], Rotation.from_rotvec(theta).as_matrix(), atol=TOLERANCE
+    )
 
 
 @SETTINGS
 @given(finite_vector)
 def test_log_equals_scipy_below_half_a_turn(vector):
     theta = 3.1 * np.array(vector) / max(3.1, np.linalg.norm(vector))
-    np.testing.assert_allclose(log(Rotation.from_rotvec(theta).as_matrix()[None])[0], theta, atol=TOLERANCE)
+    np.testing.assert_allclose(
+        log(Rotation.from_rotvec(theta).as_matrix()[None])[0], theta, atol=TOLERANCE
+    )
 
 
-@pytest.mark.parametrize("angle", [1e-300, 1e-160, 1e-12, 1e-8, 1e-5, 0.99999e-3, 1e-3, 1.00001e-3, 0.01, 0.05, 0.0999])
+@pytest.mark.parametrize(
+    "angle", [1e-300, 1e-160, 1e-12, 1e-8, 1e-5, 0.99999e-3, 1e-3, 1.00001e-3, 0.01, 0.05, 0.0999]
+)
 def test_exp_and_log_are_exact_to_rounding_near_zero(angle):
     theta = angle * np.array([0.6, -0.48, 0.64])
-    np.testing.assert_allclose(exp([theta])[0], Rotation.from_rotvec(theta).as_matrix(), atol=4e-16, rtol=4e-16)
-    np.testing.assert_allclose(log(Rotation.from_rotvec(theta).as_matrix()[None])[0], theta, atol=0, rtol=1e-14)
+    np.testing.assert_allclose(
+        exp([theta])[0], Rotation.from_rotvec(theta).as_matrix(), atol=4e-16, rtol=4e-16
+    )
+    np.testing.assert_allclose(
+        log(Rotation.from_rotvec(theta).as_matrix()[None])[0], theta, atol=0, rtol=1e-14
+    )
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-200, 1e-9, 0.9999e-3, 1.0001e-3, 0.3, 2.0])
@@ -137,7 +165,10 @@ def test_first_and_second_derivatives_of_exp_are_those_of_scipy(angle):
     np.testing.assert_allclose(values[0], difference(matrix), atol=TOLERANCE)
     h = 0.1  # tenth-order second difference
     weights = {0: -5269 / 1800, 1: 5 / 3, 2: -5 / 21, 3: 5 / 126, 4: -5 / 1008, 5: 1 / 3150}
-    expected = sum(c * (matrix(k * h) + matrix(-k * h)) / (1 + (k == 0)) for k, c in weights.items()) / h**2
+    expected = (
+        sum(c * (matrix(k * h) + matrix(-k * h)) / (1 + (k == 0)) for k, c in weights.items())
+        / h**2
+    )
     np.testing.assert_allclose(values[1], expected, atol=TOLERANCE)
 
 

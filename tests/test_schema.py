@@ -1,4 +1,5 @@
-"""JSON schemas for editors: they take what the readers take, and refuse what those refuse for its form."""
+"""JSON schemas for editors: they take what the readers take, and refuse what those refuse for its
+form."""
 
 import json
 from functools import cache
@@ -51,13 +52,28 @@ def test_examples(examples):
 
 def test_what_the_verbs_write(tmp_path, run, examples):
     assert (
-        run("simulate", "cogiro-cuboid", "--sensors", "ideal", "--duration", 2, "--out", tmp_path / "virtual")[0] == 0
+        run(
+            "simulate",
+            "cogiro-cuboid",
+            "--sensors",
+            "ideal",
+            "--duration",
+            2,
+            "--out",
+            tmp_path / "virtual",
+        )[0]
+        == 0
     )
     check("experiment", read_yaml(tmp_path / "virtual" / "experiment.yaml").data)
     small = write_small(tmp_path / "small")
     check("robot", read_yaml(small.parent / "robot.yaml").data)
     status, _, _ = run(
-        "init", small.parent / "moving", "--robot", small.parent / "robot.yaml", "--out", tmp_path / "e.yaml"
+        "init",
+        small.parent / "moving",
+        "--robot",
+        small.parent / "robot.yaml",
+        "--out",
+        tmp_path / "e.yaml",
     )
     assert status == 0
     check("experiment", read_yaml(tmp_path / "e.yaml").data)
@@ -83,9 +99,17 @@ EXPERIMENT = {
     "two coordinates": lambda e: e["instruments"]["imu"].update(position=[0.0, 0.0]),
     "four coordinates": lambda e: e["instruments"]["imu"].update(position=[0.0, 0.0, 0.0, 0.0]),
     "unknown error": lambda e: e["instruments"]["imu"]["calibration"].update(gyro_gain=0.1),
-    "prior without sigma": lambda e: e["instruments"]["imu"]["calibration"].update(gyro_bias={"value": 0.1}),
-    "prior with null sigma": lambda e: e["instruments"]["imu"]["calibration"].update(gyro_bias={"sigma": None}),
-    "prior per week": lambda e: e["instruments"]["imu"]["calibration"].update(gyro_bias={"sigma": 0.1, "per": "week"}),
+    "prior without sigma": (
+        lambda e: e["instruments"]["imu"]["calibration"].update(gyro_bias={"value": 0.1})
+    ),
+    "prior with null sigma": (
+        lambda e: e["instruments"]["imu"]["calibration"].update(gyro_bias={"sigma": None})
+    ),
+    "prior per week": (
+        lambda e: e["instruments"]["imu"]["calibration"].update(
+            gyro_bias={"sigma": 0.1, "per": "week"}
+        )
+    ),
     "run without name": lambda e: e["runs"][0].pop("name"),
     "run without streams": lambda e: e["runs"].append({"name": "none"}),
     "stream without file": lambda e: e["runs"][0].update(imu={"columns": {"wx": "a"}}),
@@ -165,7 +189,10 @@ def test_every_number_says_its_unit_or_what_it_is():
     assert "[N]" in parts["Tension"]["properties"]["noise"]["description"]
     assert "[rad/s]" in parts["ImuCalibration"]["properties"]["gyro_bias"]["description"]
     assert "[kg/m]" in parts["CablePropertiesForm"]["properties"]["linear_density"]["description"]
-    kinds = {kind.model_fields["kind"].annotation.__args__[0] for kind in AnyInstrument.__origin__.__args__}
+    kinds = {
+        kind.model_fields["kind"].annotation.__args__[0]
+        for kind in AnyInstrument.__origin__.__args__
+    }
     assert kinds == set(KINDS)
     for name, part in parts.items():
         assert "description" in part, name

@@ -6,7 +6,10 @@ from steelyard.smoothing import Samples1D, choose_spacing, fit, segments
 
 def signal(t, order=0):
     w = 2 * np.pi * 0.4
-    return np.column_stack([np.sin(w * t + order * np.pi / 2), 2 * np.cos(w * t + order * np.pi / 2)]) * w**order
+    return (
+        np.column_stack([np.sin(w * t + order * np.pi / 2), 2 * np.cos(w * t + order * np.pi / 2)])
+        * w**order
+    )
 
 
 def test_follows_a_smooth_signal_and_its_derivatives():
@@ -33,7 +36,12 @@ def test_states_the_noise_that_it_finds_and_lets_through():
         noisy = signal(t) + np.random.default_rng(seed + 100).normal(size=(len(t), 2)) * sigma
         smooth = fit(Samples1D(t, noisy), 0, 20, 0.25)
         found.append(smooth.sigma)
-        passed.append((np.sqrt(np.mean((smooth.at(inner, 1) - signal(inner, 1)) ** 2)), smooth.noise(inner, 1)))
+        passed.append(
+            (
+                np.sqrt(np.mean((smooth.at(inner, 1) - signal(inner, 1)) ** 2)),
+                smooth.noise(inner, 1),
+            )
+        )
     assert np.mean(found) == pytest.approx(sigma, rel=0.02)
     actual, stated = np.mean(np.square(passed), axis=0) ** 0.5
     assert stated == pytest.approx(actual, rel=0.15)
@@ -44,7 +52,9 @@ def test_filters_all_streams_alike():
     fast, slow = np.arange(0, 10, 0.004), np.arange(0, 10, 0.02)
     high = [np.sin(2 * np.pi * 4 * t)[:, None] for t in (fast, slow)]
     inner = np.linspace(1, 9, 200)
-    a, b = (fit(Samples1D(t, x), 0, 10, 0.25).at(inner) for t, x in zip((fast, slow), high, strict=True))
+    a, b = (
+        fit(Samples1D(t, x), 0, 10, 0.25).at(inner) for t, x in zip((fast, slow), high, strict=True)
+    )
     assert np.abs(a - b).max() < 0.02
     assert np.abs(a).max() < 0.2
 

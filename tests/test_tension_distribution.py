@@ -30,14 +30,19 @@ def reachable_wrenches(structure, seed=1):
 
 
 def nearest_by_enumeration(W, w, low, high, level):
-    """The same optimum by trying every set of up to two cables at a limit: eight cables leave a plane of tensions."""
+    """The same optimum by trying every set of up to two cables at a limit: eight cables leave a
+    plane of tensions."""
     best, distance = None, np.inf
     plain = level + np.linalg.pinv(W) @ (w - level * W.sum(axis=1))
     null = np.linalg.svd(W)[2][6:].T  # (8, 2)
     for count in range(3):
         for cables in map(list, combinations(range(8), count)):
             for limits in product((low, high), repeat=count):
-                move = np.linalg.pinv(null[cables]) @ (limits - plain[cables]) if count else np.zeros(2)
+                move = (
+                    np.linalg.pinv(null[cables]) @ (limits - plain[cables])
+                    if count
+                    else np.zeros(2)
+                )
                 t = plain + null @ move
                 slack = 1e-9 * high
                 fits = (t > low - slack).all() and (t < high + slack).all()
@@ -55,7 +60,9 @@ def test_is_the_optimum_that_enumeration_finds(reference):
     for k in range(40):
         expected = nearest_by_enumeration(W[k], w[k], *LIMITS, reference or 0.0)
         np.testing.assert_allclose(tension[k], expected, atol=TOLERANCE * np.abs(w[k]).max())
-        at_a_limit += bool(np.isclose(expected, LIMITS[0]).any() or np.isclose(expected, LIMITS[1]).any())
+        at_a_limit += bool(
+            np.isclose(expected, LIMITS[0]).any() or np.isclose(expected, LIMITS[1]).any()
+        )
     assert 5 < at_a_limit < 35  # both ways of the solution were used
 
 
@@ -69,7 +76,11 @@ def test_is_the_optimum_that_slsqp_finds():
             np.full(8, 8.0),
             jac=lambda t: 2 * (t - 4.0),
             bounds=[(0.5, 20.0)] * 8,
-            constraints={"type": "eq", "fun": lambda t, k=k: W[k] @ t - w[k] / 100, "jac": lambda t, k=k: W[k]},
+            constraints={
+                "type": "eq",
+                "fun": lambda t, k=k: W[k] @ t - w[k] / 100,
+                "jac": lambda t, k=k: W[k],
+            },
             method="SLSQP",
             options={"ftol": 1e-11, "maxiter": 500},
         )
@@ -91,7 +102,9 @@ def test_gives_the_wrench_within_the_limits(limits):
 def test_is_infeasible_exactly_where_linear_programming_says_so():
     W = structures(120, seed=2)
     rng = np.random.default_rng(3)
-    w = np.einsum("nkm,nm->nk", W, np.full((120, 8), 400.0)) + rng.normal(0, [400] * 3 + [200] * 3, (120, 6))
+    w = np.einsum("nkm,nm->nk", W, np.full((120, 8), 400.0)) + rng.normal(
+        0, [400] * 3 + [200] * 3, (120, 6)
+    )
     feasible = 0
     for k in range(120):
         answer = linprog(np.zeros(8), A_eq=W[k], b_eq=w[k], bounds=LIMITS)

@@ -1,4 +1,5 @@
-"""Tables in text files read back as the exporter meant them, or are refused with a sentence that says what to do."""
+"""Tables in text files read back as the exporter meant them, or are refused with a sentence that
+says what to do."""
 
 import codecs
 import gzip
@@ -52,12 +53,15 @@ def tabs(text):
 def table(columns):
     """Columns of a literal: a name, then its numbers."""
     return {
-        line.split()[0].replace("·", " "): [float(x) for x in line.split()[1:]] for line in columns.strip().splitlines()
+        line.split()[0].replace("·", " "): [float(x) for x in line.split()[1:]]
+        for line in columns.strip().splitlines()
     }
 
 
 def example(name, content, columns, **units):
-    return pytest.param(content, columns, {k.replace("·", " "): v for k, v in units.items()}, id=name)
+    return pytest.param(
+        content, columns, {k.replace("·", " "): v for k, v in units.items()}, id=name
+    )
 
 
 PLAIN = {"t": [0, 0.5], "f1": [1.5, -2.5], "f2": [3, 4]}
@@ -304,19 +308,32 @@ LONG_HEADER = "".join(f"# line {i}\n" for i in range(40)) + "t,f1\n\ns,N\n"
         ("t  f1\n0  1\n1  high\n2  3\n", 3),
         ('"t","f1"\n"0","1"\n"1","high"\n"2","3"\n', 3),
         ("t,f1\n" + "0,1.5\n" * 1_500_000 + "0,high\n" + "0,1.5\n" * 10, 1_500_002),
-        ("t,f1\n" + "0,1.5\n" * 1_000_000 + "\n\n" + "0,1.5\n" * 500_000 + "0,high\n" + "0,1.5\n" * 10, 1_500_004),
+        (
+            "t,f1\n"
+            + "0,1.5\n" * 1_000_000
+            + "\n\n"
+            + "0,1.5\n" * 500_000
+            + "0,high\n"
+            + "0,1.5\n" * 10,
+            1_500_004,
+        ),
     ],
     ids=lambda value: "" if isinstance(value, str) else None,
 )
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
 def test_the_line_of_a_wrong_cell_is_that_of_the_file(tmp_path, content, line, encoding):
     path = written(tmp_path, content.encode(encoding))
-    with open_log(path) as log, pytest.raises(InputError, match=rf"log\.csv:{line}: column '(f1|\[1\])': .*'high'"):
+    with (
+        open_log(path) as log,
+        pytest.raises(InputError, match=rf"log\.csv:{line}: column '(f1|\[1\])': .*'high'"),
+    ):
         log.read([log.names[1]])
 
 
 def test_the_line_of_a_row_is_that_of_the_file(tmp_path):
-    with open_log(written(tmp_path, "# by hand\nt,f1\ns,N\n0,1\n\n1,1e40\n\n\n2,3\n3,inf\n")) as log:
+    with open_log(
+        written(tmp_path, "# by hand\nt,f1\ns,N\n0,1\n\n1,1e40\n\n\n2,3\n3,inf\n")
+    ) as log:
         assert [log.place(i).rsplit(":", 1)[1] for i in range(4)] == ["4", "6", "9", "10"]
         part = Part("t", 1.5, 9.0)
         assert [log.place(i, part).rsplit(":", 1)[1] for i in range(2)] == ["9", "10"]
@@ -353,16 +370,34 @@ IN_PIECES = {
     "blanks": "t f1 f2\n" + rows_of("{t}   {a:.3f}  {b}\n"),
     "quotes": '"t","f1","f2"\n' + rows_of('"{t}","{a:.3f}","{b}"\n'),
     "quotes that matter": "t,f1,f2,note\n" + rows_of('{t},{a:.3f},{b},"one, or ""two"""\n'),
-    "decimal commas and dates": "t;f1;f2\n"
-    + rows_of("31.01.2024 12:00:0{t:.3f};{a:.3f};{b}\n", 70).replace(".", ",").replace("31,01,", "31.01."),
-    "missing": "t,f1,f2\n" + rows_of(COMMAS, 100) + rows_of("{t},NULL,{b}\n", 200, 100) + rows_of(COMMAS, 300, 200),
-    "empty lines and comments": "t,f1,f2\n"
-    + "".join(rows_of(COMMAS, i + 7, i) + "\n# note, here\n,,\n" for i in range(0, 280, 7)),
-    "short rows": "t,f1,f2\n" + rows_of(COMMAS, 100) + rows_of("{t},{a:.3f}\n", 200, 100) + rows_of("{t}\n", 300, 200),
+    "decimal commas and dates": (
+        "t;f1;f2\n"
+        + rows_of("31.01.2024 12:00:0{t:.3f};{a:.3f};{b}\n", 70)
+        .replace(".", ",")
+        .replace("31,01,", "31.01.")
+    ),
+    "missing": (
+        "t,f1,f2\n"
+        + rows_of(COMMAS, 100)
+        + rows_of("{t},NULL,{b}\n", 200, 100)
+        + rows_of(COMMAS, 300, 200)
+    ),
+    "empty lines and comments": (
+        "t,f1,f2\n"
+        + "".join(rows_of(COMMAS, i + 7, i) + "\n# note, here\n,,\n" for i in range(0, 280, 7))
+    ),
+    "short rows": (
+        "t,f1,f2\n"
+        + rows_of(COMMAS, 100)
+        + rows_of("{t},{a:.3f}\n", 200, 100)
+        + rows_of("{t}\n", 300, 200)
+    ),
     "a short row": "t,f1,f2\n" + rows_of(COMMAS, 150) + "19,7\n" + rows_of(COMMAS, 300, 151),
     "a short row at the end": "t,f1,f2\n" + rows_of(COMMAS, 299) + "40,7",
     "a wrong cell": "t,f1,f2\n\n" + rows_of(COMMAS, 200) + "25,x,1\n" + rows_of(COMMAS, 300, 201),
-    "an infinite cell": "t,f1,f2\n\n" + rows_of(COMMAS, 200) + "\n25,inf,1\n" + rows_of(COMMAS, 300, 201),
+    "an infinite cell": (
+        "t,f1,f2\n\n" + rows_of(COMMAS, 200) + "\n25,inf,1\n" + rows_of(COMMAS, 300, 201)
+    ),
 }
 
 
@@ -398,16 +433,34 @@ def test_pieces_make_no_difference(tmp_path, monkeypatch, content, encoding, par
     [
         ("t,f1,f2\n0,1,2\n1,2\n2,3,4\n", r"log\.csv:3: expected 3 cells as in other rows, found 2"),
         ("t,f1,f2\n0,1,2\n1,2,3\n2,3", r"log\.csv:4: expected 3 cells as in other rows, found 2"),
-        ("t,f1,f2\n0,1,2\n1,2\n,3\n2,3,4\n", r"log\.csv:3: expected 3 cells as in other rows, found 2"),
-        ("t,f1,f2\n0,1,2\n1,2,3,4\n2,3,4\n", r"log\.csv:3: expected 3 cells as in the header, found 4"),
-        ("t,f1,f2\n0,1,2,3\n1,2,3\n2,3,4\n", r"log\.csv:2: expected 3 cells as in the header, found 4"),
+        (
+            "t,f1,f2\n0,1,2\n1,2\n,3\n2,3,4\n",
+            r"log\.csv:3: expected 3 cells as in other rows, found 2",
+        ),
+        (
+            "t,f1,f2\n0,1,2\n1,2,3,4\n2,3,4\n",
+            r"log\.csv:3: expected 3 cells as in the header, found 4",
+        ),
+        (
+            "t,f1,f2\n0,1,2,3\n1,2,3\n2,3,4\n",
+            r"log\.csv:2: expected 3 cells as in the header, found 4",
+        ),
         ("t,f1\n0,1\n1,2,5\n2,3\n", r"log\.csv:3: expected 2 cells"),
         ("t,f1\n0,1\n1,'2'\n", r"log\.csv:3: column 'f1': expected a number, found ''2''"),
-        ("t;f1\n0;1,5\n1;1.234,5\n", r"log\.csv:3: column 'f1': expected a number, found '1\.234,5'"),
+        (
+            "t;f1\n0;1,5\n1;1.234,5\n",
+            r"log\.csv:3: column 'f1': expected a number, found '1\.234,5'",
+        ),
         ("t;f1\n0;1,5\n1;1.234\n", r"log\.csv:3: column 'f1': expected a number, found '1\.234'"),
         ("t;f1\n0;1.5\n1;2.5\n2;1,5\n", r"log\.csv:4: column 'f1': expected a number, found '1,5'"),
-        ('t,f1\n0,1.5\n1,"1,234.5"\n', r"log\.csv:3: column 'f1': expected a number, found '1,234\.5'"),
-        ('t,f1\n0,1.5\n1,"2"3\n', r"log\.csv:3: column 'f1': expected a number|log\.csv.*: expected .*quotation"),
+        (
+            't,f1\n0,1.5\n1,"1,234.5"\n',
+            r"log\.csv:3: column 'f1': expected a number, found '1,234\.5'",
+        ),
+        (
+            't,f1\n0,1.5\n1,"2"3\n',
+            r"log\.csv:3: column 'f1': expected a number|log\.csv.*: expected .*quotation",
+        ),
         ('t,f1\n0,1.5\n1,2"3"\n', r"log\.csv:3: column 'f1': expected a number"),
         ("t,f1\n0,1.5\n1,1 000\n", r"log\.csv:3: column 'f1': expected a number, found '1 000'"),
         ("t,f1\n0,1.5\n1,0x1F\n", r"log\.csv:3: column 'f1': expected a number, found '0x1F'"),
@@ -415,10 +468,22 @@ def test_pieces_make_no_difference(tmp_path, monkeypatch, content, encoding, par
         ("t,f1\n0,1.5\n1,1.5N\n", r"log\.csv:3: column 'f1': expected a number, found '1\.5N'"),
         ("t,f1\n0,1.5\n1,\u0661\n", r"log\.csv:3: column 'f1': expected a number"),
         ("t,f1\n0,1.5\n1,2\0\0\n", r"log\.csv: expected text"),
-        ("t,f1\n" + "0,1.5\n" * 1000 + "1,2\0\0\n", r"log\.csv:1002: column 'f1': expected a number"),
-        ("f1,t\n1,2024-01-31 12:00:00\n1,2024-02-31 12:00:00\n", r"log\.csv:3: column 't': expected an instant"),
-        ("f1,t\n1,2024-01-31 12:00:00\n1,12:00:01\n", r"log\.csv:3: column 't': expected an instant"),
-        ("f1,t\n1,01/31/2024 12:00:00\n1,01/31/2024 12:00:01\n", r"log\.csv:2: column 't': expected a number"),
+        (
+            "t,f1\n" + "0,1.5\n" * 1000 + "1,2\0\0\n",
+            r"log\.csv:1002: column 'f1': expected a number",
+        ),
+        (
+            "f1,t\n1,2024-01-31 12:00:00\n1,2024-02-31 12:00:00\n",
+            r"log\.csv:3: column 't': expected an instant",
+        ),
+        (
+            "f1,t\n1,2024-01-31 12:00:00\n1,12:00:01\n",
+            r"log\.csv:3: column 't': expected an instant",
+        ),
+        (
+            "f1,t\n1,01/31/2024 12:00:00\n1,01/31/2024 12:00:01\n",
+            r"log\.csv:2: column 't': expected a number",
+        ),
         ("t,f1,f2\n0 1 2\n1 2 3\n", r"log\.csv:1: expected 3 names, .*found 1"),
         (
             "t;f1,f2,f3\n0,1,2,3\n1,2,3,4\n",
@@ -449,14 +514,21 @@ def test_times_of_another_group_are_no_times_of_a_column(tmp_path):
         np.testing.assert_array_equal(log.read(["ActPos", "t[1]"])["t[1]"][:2], [0, 2])
         with pytest.raises(
             InputError,
-            match=r"log\.csv:11: column 'ActPos': expected a sample at the time 1 of column 't', found one at 2; .*'t\[1\]' as t",
+            match=(
+                r"log\.csv:11: column 'ActPos': expected a sample at the time 1 of column 't',"
+                r" found one at 2; .*'t\[1\]' as t"
+            ),
         ):
             log.read(["Force1", "ActPos", "t"])
 
 
 # Any table in any dialect
 
-NUMBERS = st.floats(-1e12, 1e12) | st.integers(-(10**9), 10**9).map(float) | st.floats(-1, 1).map(lambda x: x * 1e-9)
+NUMBERS = (
+    st.floats(-1e12, 1e12)
+    | st.integers(-(10**9), 10**9).map(float)
+    | st.floats(-1, 1).map(lambda x: x * 1e-9)
+)
 FORMS = [repr, "{:.6f}".format, "{:+.3e}".format, "{:.12g}".format]
 MISSING_CELLS = ["NaN", "nan", "NULL", "N/A", "-", "#N/A"]
 
@@ -471,11 +543,23 @@ def files(draw):
     gaps = draw(st.sampled_from(MISSING_CELLS + ([""] if separator != " " else [])))
     numbers = draw(st.lists(st.lists(NUMBERS, min_size=k, max_size=k), min_size=n, max_size=n))
     lost = draw(st.sets(st.tuples(st.integers(1, n - 1), st.integers(1, k - 1)), max_size=3))
-    cells = [[gaps if (i, j) in lost else form(x) for j, x in enumerate(row)] for i, row in enumerate(numbers)]
-    values = np.array([[NAN if (i, j) in lost else float(cells[i][j]) for j in range(k)] for i in range(n)])
+    cells = [
+        [gaps if (i, j) in lost else form(x) for j, x in enumerate(row)]
+        for i, row in enumerate(numbers)
+    ]
+    values = np.array(
+        [[NAN if (i, j) in lost else float(cells[i][j]) for j in range(k)] for i in range(n)]
+    )
     names = [
         "t",
-        *draw(st.lists(st.text("abcxyz_", min_size=2, max_size=6), min_size=k - 1, max_size=k - 1, unique=True)),
+        *draw(
+            st.lists(
+                st.text("abcxyz_", min_size=2, max_size=6),
+                min_size=k - 1,
+                max_size=k - 1,
+                unique=True,
+            )
+        ),
     ]
     quote = draw(st.sampled_from(["", '"']))
     blanks = draw(st.sampled_from(["", " "]))
@@ -502,7 +586,9 @@ def files(draw):
 
 
 EASY = settings(
-    deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 
 
@@ -546,7 +632,13 @@ def test_a_wrong_character_in_one_row_leaves_no_other_row_wrong(tmp_path, data):
     text = "t;f1;f2;f3\n" + "".join(";".join(f"{x:.3f}" for x in row) + "\n" for row in values)
     text = data.draw(
         st.sampled_from(
-            [text, text.replace(";", ","), text.replace(";", "\t"), text.replace(".", ","), text.replace(";", "  ")]
+            [
+                text,
+                text.replace(";", ","),
+                text.replace(";", "\t"),
+                text.replace(".", ","),
+                text.replace(";", "  "),
+            ]
         )
     )
     at = data.draw(st.integers(text.index("\n") + 1, len(text) - 2))
@@ -601,7 +693,10 @@ def test_units_that_nobody_knows_are_not_guessed(tmp_path, unit):
     path = written(tmp_path, forces(f"t,f1 [N],f2 [{unit}]\n"))
     with pytest.raises(
         InputError,
-        match=rf"unit of column 'f2': expected one of N, .*found '{unit}'; the log says so itself; .*'units'",
+        match=(
+            rf"unit of column 'f2': expected one of N, .*found '{unit}'; the log says so itself;"
+            r" .*'units'"
+        ),
     ):
         tension(path)
     stream = tension(path, units={"f2": "kN"})
@@ -685,7 +780,10 @@ def test_many_empty_lines_are_nothing(tmp_path):
 
 def test_names_may_be_long_and_full_of_signs(tmp_path):
     content = (
-        "t,f1,f2,\x1b[31mred\x07,\u202e,'," + "n" * 1_000_000 + "\n" + "".join(f"{t},1,2,3,4,5,6\n" for t in TIMES)
+        "t,f1,f2,\x1b[31mred\x07,\u202e,',"
+        + "n" * 1_000_000
+        + "\n"
+        + "".join(f"{t},1,2,3,4,5,6\n" for t in TIMES)
     )
     assert len(tension(written(tmp_path, content))) == 12
 
@@ -708,5 +806,7 @@ def test_a_file_that_vanishes_is_refused(tmp_path):
     path = written(tmp_path, "t,f1\n0,1\n")
     with open_log(path) as log:
         path.unlink()
-        with pytest.raises(InputError, match=r"log\.csv: expected a file that can be read, found 'No such file"):
+        with pytest.raises(
+            InputError, match=r"log\.csv: expected a file that can be read, found 'No such file"
+        ):
             log.read(["t"])

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.dynamics import platform_wrench
-from steelyard.identification.preparation import Samples
-from steelyard.identification.two_step import TwoStep, estimate_two_step
+from steelyard.identification.methods.two_step import TwoStep, estimate_two_step
+from steelyard.identification.model.preparation import Samples
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.motion.state import motion_of_poses
 from steelyard.motion.trajectory import multisine
@@ -28,13 +28,16 @@ def samples(
     alpha_noise=0.0,
     trajectory=None,
 ):
-    """Exact samples of a motion in body axes, with a wrench that may have an offset and white noise."""
+    """Exact samples of a motion in body axes, with a wrench that may have an offset and white
+    noise."""
     trajectory = trajectory or multisine(
         [0, 0, 2, 0.1, 0, 0], np.array([0.5, 0.5, 0.4, 0.35, 0.3, 0.5]) * axes, 20, harmonics=9
     )
     t = np.linspace(1, 19, n)
     motion = motion_of_poses(*(trajectory.derivative(t, k) for k in range(3)), GRAVITY)
-    wrench = platform_wrench(body.parameters, motion["specific_force"], motion["omega"], motion["alpha"])
+    wrench = platform_wrench(
+        body.parameters, motion["specific_force"], motion["omega"], motion["alpha"]
+    )
     if offset is not None:
         wrench = wrench + offset
     if noise is not None:
@@ -58,14 +61,16 @@ def poses(body, rotations, offset=None):
     """Exact samples at rest."""
     n = len(rotations)
     still = np.zeros((n, 3))
-    felt = np.einsum("nji,j->ni", rotations, -GRAVITY)
-    wrench = platform_wrench(body.parameters, felt, still, still) + (0 if offset is None else offset)
+    force_samples = np.einsum("nji,j->ni", rotations, -GRAVITY)
+    wrench = platform_wrench(body.parameters, force_samples, still, still) + (
+        0 if offset is None else offset
+    )
     return Samples(
         run="poses",
         time=np.arange(n, dtype=float),
         omega=still,
         alpha=still,
-        specific_force=felt,
+        specific_force=force_samples,
         wrench=wrench,
         static=True,
         free_offset=offset is not None,
@@ -76,7 +81,11 @@ def poses(body, rotations, offset=None):
 
 
 def told(estimate):
-    return {name for name, value in zip(BODY_PARAMETERS, estimate.value, strict=True) if np.isfinite(value)}
+    return {
+        name
+        for name, value in zip(BODY_PARAMETERS, estimate.value, strict=True)
+        if np.isfinite(value)
+    }
 
 
 def test_exact_signals_give_the_body_back():
@@ -99,7 +108,8 @@ def test_translation_alone_tells_the_mass_only():
 
 
 def test_rotation_about_one_axis_tells_what_couples_to_it(rng):
-    # About the world's vertical, which stays the platform's z axis: c_z shows neither in the forces nor in Eq. (6).
+    # About the world's vertical, which stays the platform's z axis: c_z shows neither in the forces
+    # nor in Eq. (6).
     level = multisine([0, 0, 2, 0, 0, 0], [0.5, 0.5, 0.4, 0, 0, 0.8], 20, harmonics=9)
     estimate = estimate_two_step([samples(trajectory=level)], SIZE)
     assert told(estimate) >= {"mass", "cx", "cy", "Jzz"}
@@ -112,7 +122,9 @@ def test_rotation_about_one_axis_tells_what_couples_to_it(rng):
 
 def test_noise_in_the_regressor_is_not_taken_for_motion(rng):
     still = samples(axes=(1, 1, 1, 0, 0, 0))
-    shaky = replace(still, alpha=still.alpha + rng.normal(size=still.alpha.shape) * 0.05, alpha_noise=0.05)
+    shaky = replace(
+        still, alpha=still.alpha + rng.normal(size=still.alpha.shape) * 0.05, alpha_noise=0.05
+    )
     assert told(estimate_two_step([shaky], SIZE)) == {"mass"}
 
 
@@ -129,7 +141,11 @@ def test_static_poses_give_mass_and_centre_of_gravity():
 
 
 def test_poses_of_one_attitude_tell_the_centre_of_gravity_across_gravity_only():
-    assert told(estimate_two_step([poses(BODY, np.tile(np.eye(3), (6, 1, 1)))], SIZE)) == {"mass", "cx", "cy"}
+    assert told(estimate_two_step([poses(BODY, np.tile(np.eye(3), (6, 1, 1)))], SIZE)) == {
+        "mass",
+        "cx",
+        "cy",
+    }
 
 
 def test_poses_help_the_inertia_of_a_motion_that_does_not_tell_the_centre_of_gravity():
@@ -139,7 +155,9 @@ def test_poses_help_the_inertia_of_a_motion_that_does_not_tell_the_centre_of_gra
     at_rest = poses(BODY, Rotation.random(12, rng=1).as_matrix())
     estimate = estimate_two_step([samples(trajectory=level), at_rest], SIZE)
     assert told(estimate) >= {"mass", "cx", "cy", "cz", "Jzz", "Jxz", "Jyz"}
-    np.testing.assert_allclose(estimate.value[[6, 7, 8]], BODY.body_parameters[[6, 7, 8]], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(
+        estimate.value[[6, 7, 8]], BODY.body_parameters[[6, 7, 8]], rtol=1e-6, atol=1e-6
+    )
 
 
 def test_median_over_runs_ignores_one_bad_run_and_pooling_does_not():
@@ -154,7 +172,8 @@ def test_median_over_runs_ignores_one_bad_run_and_pooling_does_not():
 
 
 def test_covariance_holds_over_seeds_of_white_noise():
-    # Errors in the wrench alone, at which the stated covariance aims: the part of both steps that noise reaches linearly.
+    # Errors in the wrench alone, at which the stated covariance aims: the part of both steps that
+    # noise reaches linearly.
     noise = np.array([8.0, 8.0, 8.0, 4.0, 4.0, 4.0])
     errors, variances = [], []
     for seed in range(200):
@@ -169,7 +188,9 @@ def test_covariance_holds_over_seeds_of_white_noise():
 
 def test_an_impossible_body_is_not_accepted_and_says_why():
     impossible = Inertia(
-        170.740, [0.112, -0.134, -0.125], [[102.982, -3.672, -0.132], [-3.672, 52.744, 8.588], [-0.132, 8.588, 46.589]]
+        170.740,
+        [0.112, -0.134, -0.125],
+        [[102.982, -3.672, -0.132], [-3.672, 52.744, 8.588], [-0.132, 8.588, 46.589]],
     )
     estimate = estimate_two_step([samples(body=impossible)], SIZE)
     assert estimate.physical is False
@@ -180,7 +201,9 @@ def test_an_impossible_body_is_not_accepted_and_says_why():
 
 def test_inputs_stay_as_they_are():
     run = samples()
-    before = {key: np.array(value) for key, value in vars(run).items() if isinstance(value, np.ndarray)}
+    before = {
+        key: np.array(value) for key, value in vars(run).items() if isinstance(value, np.ndarray)
+    }
     estimate_two_step([run], SIZE)
     for key, value in before.items():
         np.testing.assert_array_equal(getattr(run, key), value)

@@ -1,4 +1,5 @@
-"""Units are what their definitions say, however a log spells them; what has two meanings has none."""
+"""Units are what their definitions say, however a log spells them; what has two meanings has
+none."""
 
 import math
 
@@ -29,11 +30,30 @@ SPELLINGS = {
     "ft": ["ft", "feet"],
     "rad": ["rad", "RAD", "radians"],
     "deg": ["deg", "Deg", "°", "º", "degree", "degrees"],
-    "rad/s": ["rad/s", "rad / s", "rad/sec", "rad s^-1", "rad·s⁻¹", "rad s-1", "radians per second"],
+    "rad/s": [
+        "rad/s",
+        "rad / s",
+        "rad/sec",
+        "rad s^-1",
+        "rad·s⁻¹",
+        "rad s-1",
+        "radians per second",
+    ],
     "deg/s": ["deg/s", "°/s", "° / s", "deg/sec", "degrees/s", "degrees per second", "Deg/s"],
     "dps": ["dps"],
     "rpm": ["rpm", "RPM", "rev/min", "U/min"],
-    "m/s^2": ["m/s^2", "m/s²", "m/s**2", "m / s²", "m/s/s", "m/sec^2", "m/sec2", "m s^-2", "m·s⁻²", "m.s-2"],
+    "m/s^2": [
+        "m/s^2",
+        "m/s²",
+        "m/s**2",
+        "m / s²",
+        "m/s/s",
+        "m/sec^2",
+        "m/sec2",
+        "m s^-2",
+        "m·s⁻²",
+        "m.s-2",
+    ],
     "mm/s^2": ["mm/s^2", "mm/s2", "mm/s²"],
     "ft/s^2": ["ft/s^2", "ft/s2"],
     "g": ["g", "gn", "g0", "g_n"],
@@ -42,7 +62,9 @@ SPELLINGS = {
 }
 
 
-@pytest.mark.parametrize(("unit", "text"), [(unit, text) for unit, texts in SPELLINGS.items() for text in texts])
+@pytest.mark.parametrize(
+    ("unit", "text"), [(unit, text) for unit, texts in SPELLINGS.items() for text in texts]
+)
 def test_spellings_of_units(unit, text):
     assert canonical_unit(text) == unit
     assert is_unit(text)
@@ -91,7 +113,9 @@ def test_what_has_no_or_two_meanings_is_no_unit(text):
     assert canonical_unit(text) is None
 
 
-@pytest.mark.parametrize("text", ["V", "mV/V", "°C", "%", "Hz", "bar", "counts", "grad", "m/s", "MN"])
+@pytest.mark.parametrize(
+    "text", ["V", "mV/V", "°C", "%", "Hz", "bar", "counts", "grad", "m/s", "MN"]
+)
 def test_units_of_other_quantities_are_known_as_such(text):
     assert is_unit(text)
     assert canonical_unit(text) is None

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.unknowns import DRAG, LAG, ROBOT, Systematic, as_tree, gather
+from steelyard.identification.model.calibration_parameters import (
+    DRAG,
+    LAG,
+    ROBOT,
+    Calibration,
+    as_tree,
+    gather,
+)
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension, Wrench
 from steelyard.robot.model import Robot
 
@@ -18,7 +25,9 @@ SQUARE = Robot(
     attachments=[[-0.3, -0.2, 0.1], [0.3, -0.2, 0], [0.3, 0.25, 0], [-0.3, 0.2, 0.1]],
     gravity=GRAVITY,
 )
-TENSIONS = np.array([[100.0, 200.0, np.nan, 400.0], [500.0, -600.0, 700.0, 800.0], [900.0, 1000.0, 1100.0, 1200.0]])
+TENSIONS = np.array(
+    [[100.0, 200.0, np.nan, 400.0], [500.0, -600.0, 700.0, 800.0], [900.0, 1000.0, 1100.0, 1200.0]]
+)
 KINDS = {
     "cables": Tension,
     "sensor": Wrench,
@@ -33,18 +42,26 @@ KINDS = {
 
 def stream(name, values=None):
     """A recording whose values matter only where a default is taken from them."""
-    forces = {"force": np.array([[1.0, -7.0, 3.0], [2.0, 2.0, np.nan]]), "torque": np.array([[0.1, 0.2, -0.3]] * 2)}
-    own = {"tension": TENSIONS} if name in {"cables", "spare"} else forces if name == "sensor" else {}
+    forces = {
+        "force": np.array([[1.0, -7.0, 3.0], [2.0, 2.0, np.nan]]),
+        "torque": np.array([[0.1, 0.2, -0.3]] * 2),
+    }
+    own = (
+        {"tension": TENSIONS} if name in {"cables", "spare"} else forces if name == "sensor" else {}
+    )
     values = own if values is None else values
     return Stream(np.arange(3.0), values, f"{name}.csv")
 
 
 def experiment(instruments, runs=None, robot=SQUARE, **keys):
-    """Instruments as name -> keys of the file, or what is read from them; a run uses all of them unless stated."""
+    """Instruments as name -> keys of the file, or what is read from them; a run uses all of them
+    unless stated."""
     made = {
-        name: KINDS[k.get("is", name)].model_validate(
-            {"kind": KINDS[k.get("is", name)].model_fields["kind"].annotation.__args__[0]}
-            | {key: value for key, value in k.items() if key != "is"}
+        name: (
+            KINDS[k.get("is", name)].model_validate(
+                {"kind": KINDS[k.get("is", name)].model_fields["kind"].annotation.__args__[0]}
+                | {key: value for key, value in k.items() if key != "is"}
+            )
         )
         for name, k in instruments.items()
     }
@@ -52,8 +69,10 @@ def experiment(instruments, runs=None, robot=SQUARE, **keys):
     return Experiment("some", robot, made, tuple(runs), **keys)
 
 
-def entry(unknowns, owner, key, run=None):
-    return next(u for u in unknowns.entries if (u.owner, u.key, u.run) == (owner, key, run))
+def entry(calibration_parameters, owner, key, run=None):
+    return next(
+        u for u in calibration_parameters.entries if (u.owner, u.key, u.run) == (owner, key, run)
+    )
 
 
 # Default 1-sigma by the table of the contract, per component.
@@ -109,16 +128,25 @@ def test_there_are_no_other_errors_than_those_of_the_contract(everything):
 
 def test_the_forces_of_every_motion_lag_by_nothing():
     # The contract knows no such error: it is there to be asked about, and exact.
-    unknowns = gather(experiment({"cables": {}, "imu": {}, "tracker": {}}, three_runs(static=("last",))))
-    lags = [u for u in unknowns.entries if u.key == LAG]
+    calibration_parameters = gather(
+        experiment({"cables": {}, "imu": {}, "tracker": {}}, three_runs(static=("last",)))
+    )
+    lags = [u for u in calibration_parameters.entries if u.key == LAG]
     assert [(u.owner, u.run) for u in lags] == [("cables", "first"), ("cables", "middle")]
     assert not any(u.mean.any() or u.deviation.any() for u in lags)
 
 
 def test_places_follow_each_other_without_gap(everything):
-    taken = np.concatenate([np.arange(len(everything))[place] for place in everything.places.values()])
+    taken = np.concatenate(
+        [np.arange(len(everything))[place] for place in everything.places.values()]
+    )
     np.testing.assert_array_equal(taken, np.arange(len(everything)))
-    assert len(everything.mean) == len(everything.deviation) == len(everything.names) == len(everything)
+    assert (
+        len(everything.mean)
+        == len(everything.deviation)
+        == len(everything.names)
+        == len(everything)
+    )
     for place, unknown, component in everything.components():
         own = everything.places[unknown.owner, unknown.key, unknown.run]
         assert place == own.start + component < own.stop
@@ -138,10 +166,12 @@ def test_every_component_has_a_name_of_its_own(everything):
 
 def test_the_forces_of_three_cables_are_no_axes():
     three = Robot(name="three", anchors=SQUARE.anchors[:3], attachments=SQUARE.attachments[:3])
-    unknowns = gather(experiment({"cables": {}, "imu": {}}, robot=three))
-    assert entry(unknowns, "cables", "gain").names(3)[2] == "cables.gain of cable 3"
-    assert entry(unknowns, "cables", "offset").names(3)[0] == "cables.offset of cable 1"
-    assert entry(unknowns, "imu", "gyro_bias").names(3)[2] == "imu.gyro_bias z"
+    calibration_parameters = gather(experiment({"cables": {}, "imu": {}}, robot=three))
+    assert entry(calibration_parameters, "cables", "gain").names(3)[2] == "cables.gain of cable 3"
+    assert (
+        entry(calibration_parameters, "cables", "offset").names(3)[0] == "cables.offset of cable 1"
+    )
+    assert entry(calibration_parameters, "imu", "gyro_bias").names(3)[2] == "imu.gyro_bias z"
 
 
 def test_a_default_from_the_data_looks_at_all_runs():
@@ -149,14 +179,16 @@ def test_a_default_from_the_data_looks_at_all_runs():
         Run("one", {"cables": stream("cables", {"tension": np.full((1, M), 100.0)})}),
         Run("two", {"cables": stream("cables", {"tension": np.full((3, M), -300.0)})}),
     ]
-    unknowns = gather(experiment({"cables": {}}, runs))
-    np.testing.assert_allclose(entry(unknowns, "cables", "offset").deviation, 3.0)
+    calibration_parameters = gather(experiment({"cables": {}}, runs))
+    np.testing.assert_allclose(entry(calibration_parameters, "cables", "offset").deviation, 3.0)
 
 
 def test_the_median_is_that_of_all_readings():
-    unknowns = gather(experiment({"cables": {}}))
+    calibration_parameters = gather(experiment({"cables": {}}))
     expected = 0.01 * np.median(np.abs(TENSIONS[np.isfinite(TENSIONS)]))
-    np.testing.assert_allclose(entry(unknowns, "cables", "offset").deviation, np.full(M, expected))
+    np.testing.assert_allclose(
+        entry(calibration_parameters, "cables", "offset").deviation, np.full(M, expected)
+    )
 
 
 @pytest.mark.parametrize(
@@ -171,24 +203,37 @@ def test_the_median_is_that_of_all_readings():
     ],
 )
 def test_a_prior_is_what_the_file_states(stated, mean, deviation):
-    found = entry(gather(experiment({"imu": {"calibration": {"gyro_bias": stated}}})), "imu", "gyro_bias")
+    found = entry(
+        gather(experiment({"imu": {"calibration": {"gyro_bias": stated}}})), "imu", "gyro_bias"
+    )
     np.testing.assert_array_equal(found.mean, mean)
     np.testing.assert_array_equal(found.deviation, deviation)
 
 
 def test_a_nested_prior_is_what_the_file_states():
     calibration = {"frame": {"position": {"value": (1.0, 2.0, 3.0), "sigma": 0.1}, "rotation": 0.2}}
-    unknowns = gather(experiment({"tracker": {"calibration": calibration}}))
-    np.testing.assert_array_equal(entry(unknowns, "tracker", "frame.position").mean, [1, 2, 3])
-    np.testing.assert_array_equal(entry(unknowns, "tracker", "frame.rotation").deviation, [0.2] * 3)
+    calibration_parameters = gather(experiment({"tracker": {"calibration": calibration}}))
+    np.testing.assert_array_equal(
+        entry(calibration_parameters, "tracker", "frame.position").mean, [1, 2, 3]
+    )
+    np.testing.assert_array_equal(
+        entry(calibration_parameters, "tracker", "frame.rotation").deviation, [0.2] * 3
+    )
 
 
 def test_a_known_gain_replaces_the_one_of_a_perfect_instrument():
-    calibration = {"gain": {"value": (0.9, 1.0, 1.1, 1.2), "sigma": 0.0}, "offset": {"value": 3.0, "sigma": 1.0}}
-    unknowns = gather(experiment({"cables": {"calibration": calibration}}))
-    np.testing.assert_array_equal(entry(unknowns, "cables", "gain").mean, [0.9, 1.0, 1.1, 1.2])
-    np.testing.assert_array_equal(entry(unknowns, "cables", "offset").mean, [3.0] * M)
-    np.testing.assert_array_equal(entry(unknowns, "cables", "offset").deviation, [1.0] * M)
+    calibration = {
+        "gain": {"value": (0.9, 1.0, 1.1, 1.2), "sigma": 0.0},
+        "offset": {"value": 3.0, "sigma": 1.0},
+    }
+    calibration_parameters = gather(experiment({"cables": {"calibration": calibration}}))
+    np.testing.assert_array_equal(
+        entry(calibration_parameters, "cables", "gain").mean, [0.9, 1.0, 1.1, 1.2]
+    )
+    np.testing.assert_array_equal(entry(calibration_parameters, "cables", "offset").mean, [3.0] * M)
+    np.testing.assert_array_equal(
+        entry(calibration_parameters, "cables", "offset").deviation, [1.0] * M
+    )
 
 
 def three_runs(*, static=()):
@@ -205,41 +250,51 @@ def three_runs(*, static=()):
 
 def test_an_error_per_run_is_one_for_every_run_that_has_the_instrument():
     prior = {"gyro_bias": {"value": 0.1, "sigma": 0.02, "per": "run"}}
-    unknowns = gather(experiment({"cables": {}, "imu": {"calibration": prior}, "tracker": {}}, three_runs()))
-    found = [u for u in unknowns.entries if u.key == "gyro_bias"]
+    calibration_parameters = gather(
+        experiment({"cables": {}, "imu": {"calibration": prior}, "tracker": {}}, three_runs())
+    )
+    found = [u for u in calibration_parameters.entries if u.key == "gyro_bias"]
     assert [u.run for u in found] == ["first", "last"]
     for u in found:
         np.testing.assert_array_equal(u.mean, [0.1] * 3)
         np.testing.assert_array_equal(u.deviation, [0.02] * 3)
-    one, other = (unknowns.place("imu", "gyro_bias", run) for run in ("first", "last"))
+    one, other = (
+        calibration_parameters.place("imu", "gyro_bias", run) for run in ("first", "last")
+    )
     assert one != other
-    assert unknowns.place("imu", "misalignment", "first") == unknowns.place("imu", "misalignment", "last")
+    assert calibration_parameters.place(
+        "imu", "misalignment", "first"
+    ) == calibration_parameters.place("imu", "misalignment", "last")
     with pytest.raises(KeyError):
-        unknowns.place("imu", "gyro_bias", "middle")
-    assert unknowns.names[other.start] == "imu.gyro_bias of run 'last' x"
+        calibration_parameters.place("imu", "gyro_bias", "middle")
+    assert calibration_parameters.names[other.start] == "imu.gyro_bias of run 'last' x"
 
 
 def test_an_instrument_that_no_run_uses_has_no_errors():
     runs = [Run("run", {"cables": stream("cables")})]
-    unknowns = gather(experiment({"cables": {}, "imu": {}}, runs))
-    assert {u.owner for u in unknowns.entries} == {"cables", ROBOT}
+    calibration_parameters = gather(experiment({"cables": {}, "imu": {}}, runs))
+    assert {u.owner for u in calibration_parameters.entries} == {"cables", ROBOT}
 
 
 # Clocks
 
 
-def delays(unknowns, run="run"):
+def delays(calibration_parameters, run="run"):
     """Clock -> 1-sigma."""
-    return {u.owner: float(u.deviation[0]) for u in unknowns.entries if u.key == "delay" and u.run == run}
+    return {
+        u.owner: float(u.deviation[0])
+        for u in calibration_parameters.entries
+        if u.key == "delay" and u.run == run
+    }
 
 
 def test_the_clock_of_the_forces_defines_the_time():
-    unknowns = gather(experiment({"imu": {}, "cables": {}, "tracker": {}}))
-    assert delays(unknowns) == {"imu": 0.05, "cables": 0.0, "tracker": 0.05}
+    calibration_parameters = gather(experiment({"imu": {}, "cables": {}, "tracker": {}}))
+    assert delays(calibration_parameters) == {"imu": 0.05, "cables": 0.0, "tracker": 0.05}
 
 
 def test_instruments_of_one_clock_have_one_delay():
-    unknowns = gather(
+    calibration_parameters = gather(
         experiment(
             {
                 "cables": {"clock": "recorder"},
@@ -250,7 +305,7 @@ def test_instruments_of_one_clock_have_one_delay():
             }
         )
     )
-    assert delays(unknowns) == {"recorder": 0.0, "hall": 0.05, "compass": 0.05}
+    assert delays(calibration_parameters) == {"recorder": 0.0, "hall": 0.05, "compass": 0.05}
 
 
 def test_the_first_force_instrument_of_a_run_defines_its_time():
@@ -259,55 +314,65 @@ def test_the_first_force_instrument_of_a_run_defines_its_time():
         Run("both", {name: stream(name) for name in pair}),
         Run("sensor only", {"sensor": stream("sensor")}),
     ]
-    unknowns = gather(experiment(pair, runs))
-    assert delays(unknowns, "both") == {"cables": 0.0, "sensor": 0.05}
-    assert delays(unknowns, "sensor only") == {"sensor": 0.0}
+    calibration_parameters = gather(experiment(pair, runs))
+    assert delays(calibration_parameters, "both") == {"cables": 0.0, "sensor": 0.05}
+    assert delays(calibration_parameters, "sensor only") == {"sensor": 0.0}
 
 
 def test_what_is_known_of_one_instrument_is_known_of_its_clock():
     hall = {"clock": "hall"}
     known = {"clock": "hall", "calibration": {"delay": {"value": 0.3, "sigma": 0.001}}}
     for tracker, camera in ((hall, known), (known, hall)):
-        unknowns = gather(experiment({"cables": {}, "tracker": tracker, "camera": camera}))
-        assert delays(unknowns)["hall"] == 0.001
-        assert entry(unknowns, "hall", "delay", "run").mean == 0.3
+        calibration_parameters = gather(
+            experiment({"cables": {}, "tracker": tracker, "camera": camera})
+        )
+        assert delays(calibration_parameters)["hall"] == 0.001
+        assert entry(calibration_parameters, "hall", "delay", "run").mean == 0.3
 
 
 def test_even_the_forces_may_have_a_stated_delay():
     calibration = {"delay": {"value": -0.02, "sigma": 0.004}}
-    unknowns = gather(experiment({"cables": {"calibration": calibration}}))
-    assert delays(unknowns) == {"cables": 0.004}
-    assert entry(unknowns, "cables", "delay", "run").mean == -0.02
+    calibration_parameters = gather(experiment({"cables": {"calibration": calibration}}))
+    assert delays(calibration_parameters) == {"cables": 0.004}
+    assert entry(calibration_parameters, "cables", "delay", "run").mean == -0.02
 
 
 def test_every_run_in_motion_has_delays_of_its_own_and_poses_at_rest_have_none():
-    unknowns = gather(experiment({"cables": {}, "imu": {}, "tracker": {}}, three_runs(static=("last",))))
-    assert delays(unknowns, "first") == {"cables": 0.0, "imu": 0.05, "tracker": 0.05}
-    assert delays(unknowns, "middle") == {"cables": 0.0, "tracker": 0.05}
-    assert delays(unknowns, "last") == {}
-    assert unknowns.place("tracker", "delay", "first") != unknowns.place("tracker", "delay", "middle")
+    calibration_parameters = gather(
+        experiment({"cables": {}, "imu": {}, "tracker": {}}, three_runs(static=("last",)))
+    )
+    assert delays(calibration_parameters, "first") == {"cables": 0.0, "imu": 0.05, "tracker": 0.05}
+    assert delays(calibration_parameters, "middle") == {"cables": 0.0, "tracker": 0.05}
+    assert delays(calibration_parameters, "last") == {}
+    assert calibration_parameters.place(
+        "tracker", "delay", "first"
+    ) != calibration_parameters.place("tracker", "delay", "middle")
 
 
 # The robot file
 
 
 def test_the_robot_file_is_uncertain_as_stated():
-    unknowns = gather(experiment({"cables": {}}, uncertainty={"anchor": 0.003, "attachment": 0.001, "gravity": 0.02}))
+    calibration_parameters = gather(
+        experiment(
+            {"cables": {}}, uncertainty={"anchor": 0.003, "attachment": 0.001, "gravity": 0.02}
+        )
+    )
     for key, value, deviation in (
         ("anchor", SQUARE.anchors, 0.003),
         ("attachment", SQUARE.attachments, 0.001),
         ("gravity", GRAVITY, 0.02),
     ):
-        found = entry(unknowns, ROBOT, key)
+        found = entry(calibration_parameters, ROBOT, key)
         np.testing.assert_array_equal(found.mean, np.ravel(value))
         np.testing.assert_array_equal(found.deviation, np.full(np.size(value), deviation))
 
 
 def test_a_body_on_a_sensor_has_neither_anchors_nor_attachments():
     arm = Robot(name="arm", anchors=np.zeros((0, 3)), attachments=np.zeros((0, 3)))
-    unknowns = gather(experiment({"sensor": {}, "imu": {}}, robot=arm))
-    assert len(entry(unknowns, ROBOT, "anchor").mean) == 0
-    assert len(set(unknowns.names)) == len(unknowns)
+    calibration_parameters = gather(experiment({"sensor": {}, "imu": {}}, robot=arm))
+    assert len(entry(calibration_parameters, ROBOT, "anchor").mean) == 0
+    assert len(set(calibration_parameters.names)) == len(calibration_parameters)
 
 
 # Values
@@ -318,53 +383,72 @@ def numbered():
     """Errors that are their own place, over three runs."""
     prior = {"gyro_bias": {"sigma": 0.02, "per": "run"}}
     whole = experiment(
-        {"cables": {"clock": "recorder"}, "imu": {"clock": "recorder", "calibration": prior}, "tracker": {}},
+        {
+            "cables": {"clock": "recorder"},
+            "imu": {"clock": "recorder", "calibration": prior},
+            "tracker": {},
+        },
         three_runs(),
     )
-    unknowns = gather(whole)
-    return whole, unknowns, Systematic(unknowns, np.arange(float(len(unknowns))))
+    calibration_parameters = gather(whole)
+    return (
+        whole,
+        calibration_parameters,
+        Calibration(calibration_parameters, np.arange(float(len(calibration_parameters)))),
+    )
 
 
 def test_an_instrument_gets_its_own_errors_in_its_own_order(numbered):
-    whole, unknowns, systematic = numbered
+    whole, calibration_parameters, calibration = numbered
     for run in ("first", "last"):
         for name in ("cables", "imu", "tracker"):
             instrument = whole.instruments[name]
-            found = systematic.of(name, instrument, run)
+            found = calibration.of(name, instrument, run)
             assert list(found) == [term.key for term in instrument.terms(M)]
             for term in instrument.terms(M):
                 holds = run if term.key == "gyro_bias" else None
-                place = unknowns.places[name, term.key, holds]
-                np.testing.assert_array_equal(found[term.key], np.arange(place.start, place.start + term.size))
+                place = calibration_parameters.places[name, term.key, holds]
+                np.testing.assert_array_equal(
+                    found[term.key], np.arange(place.start, place.start + term.size)
+                )
 
 
 def test_delay_and_gravity_stand_where_they_are_named(numbered):
-    _, unknowns, systematic = numbered
-    assert systematic.delay("tracker", "middle") == unknowns.names.index("tracker.delay of run 'middle'")
-    assert systematic.delay("recorder", "last") == unknowns.names.index("recorder.delay of run 'last'")
+    _, calibration_parameters, calibration = numbered
+    assert calibration.delay("tracker", "middle") == calibration_parameters.names.index(
+        "tracker.delay of run 'middle'"
+    )
+    assert calibration.delay("recorder", "last") == calibration_parameters.names.index(
+        "recorder.delay of run 'last'"
+    )
     np.testing.assert_array_equal(
-        systematic.gravity, [unknowns.names.index(f"robot.gravity {axis}") for axis in ("x", "y", "z")]
+        calibration.gravity,
+        [calibration_parameters.names.index(f"robot.gravity {axis}") for axis in ("x", "y", "z")],
     )
 
 
 def test_at_the_values_known_beforehand_gravity_is_that_of_the_robot(everything):
-    np.testing.assert_array_equal(Systematic(everything, everything.mean).gravity, GRAVITY)
+    np.testing.assert_array_equal(Calibration(everything, everything.mean).gravity, GRAVITY)
 
 
 def test_the_tree_has_the_shape_of_the_contract(numbered):
-    numbered_experiment, unknowns, systematic = numbered
-    deviations = systematic.values + 0.5
-    tree = as_tree(numbered_experiment, unknowns, systematic.values, deviations)
+    numbered_experiment, calibration_parameters, calibration = numbered
+    deviations = calibration.values + 0.5
+    tree = as_tree(numbered_experiment, calibration_parameters, calibration.values, deviations)
 
     def pair(owner, key, run=None):
-        value = systematic.values[unknowns.places[owner, key, run]]
+        value = calibration.values[calibration_parameters.places[owner, key, run]]
         return {"value": value.tolist(), "standard_deviation": (value + 0.5).tolist()}
 
     def single(owner, key, run=None):
         return {name: value[0] for name, value in pair(owner, key, run).items()}
 
     def plain(node):
-        return {k: plain(v) for k, v in node.items()} if isinstance(node, dict) else np.asarray(node).tolist()
+        return (
+            {k: plain(v) for k, v in node.items()}
+            if isinstance(node, dict)
+            else np.asarray(node).tolist()
+        )
 
     assert plain(tree) == {
         "cables": {
@@ -374,7 +458,10 @@ def test_the_tree_has_the_shape_of_the_contract(numbered):
         },
         "imu": {
             "gyro_bias": {run: pair("imu", "gyro_bias", run) for run in ("first", "last")},
-            **{key: pair("imu", key) for key in ("accelerometer_bias", "position", "misalignment", "reference")},
+            **{
+                key: pair("imu", key)
+                for key in ("accelerometer_bias", "position", "misalignment", "reference")
+            },
         },
         "tracker": {
             "target": pair("tracker", "target"),
@@ -385,9 +472,16 @@ def test_the_tree_has_the_shape_of_the_contract(numbered):
 
 
 def test_errors_that_are_known_exactly_are_not_reported():
-    described = experiment({"cables": {"calibration": {"gain": 0, "common_gain": 0, "offset": (0, 0, 0, 2.0)}}})
-    unknowns = gather(described)
-    tree = as_tree(described, unknowns, unknowns.mean, unknowns.deviation)
+    described = experiment(
+        {"cables": {"calibration": {"gain": 0, "common_gain": 0, "offset": (0, 0, 0, 2.0)}}}
+    )
+    calibration_parameters = gather(described)
+    tree = as_tree(
+        described,
+        calibration_parameters,
+        calibration_parameters.mean,
+        calibration_parameters.deviation,
+    )
     assert set(tree) == {"cables"}
     assert set(tree["cables"]) == {"offset"}
     np.testing.assert_array_equal(tree["cables"]["offset"]["standard_deviation"], [0, 0, 0, 2.0])

@@ -1,4 +1,5 @@
-"""Force sensors at the winch: weight and roller against integrals and differences, and what the methods make of their readings."""
+"""Force sensors at the winch: weight and roller against integrals and differences, and what the
+methods make of their readings."""
 
 from dataclasses import replace
 from functools import cache
@@ -14,19 +15,26 @@ from simulated import EXACT, PAPER, changed
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.experiment.write import write_experiment
-from steelyard.identification.balance import balance, shared_noise, whitener
-from steelyard.identification.classical import study
-from steelyard.identification.consistent import Consistent
 from steelyard.identification.identify import identify
-from steelyard.identification.instrumental_variables import InstrumentalVariables
-from steelyard.identification.least_squares import LeastSquares
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.prediction import predict_held_out
-from steelyard.identification.preparation import prepare
-from steelyard.identification.two_step import TwoStep
-from steelyard.identification.unknowns import Systematic, gather
+from steelyard.identification.methods.consistent import Consistent
+from steelyard.identification.methods.instrumental_variables import InstrumentalVariables
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.two_step import TwoStep
+from steelyard.identification.model.balance import balance, shared_noise, whitener
+from steelyard.identification.model.calibration_parameters import Calibration, gather
+from steelyard.identification.model.preparation import prepare
+from steelyard.identification.solve.classical import study
+from steelyard.identification.verdict.prediction import predict_held_out
 from steelyard.instruments import Pose, Tension
-from steelyard.instruments.equations import following, means, predict, sensitivity, sensitivity_to, solve_for
+from steelyard.instruments.equations import (
+    following,
+    means,
+    predict,
+    sensitivity,
+    sensitivity_to,
+    solve_for,
+)
 from steelyard.motion.state import State, motion_of_poses
 from steelyard.motion.trajectory import RestToRest
 from steelyard.robot.file import read_robot
@@ -57,7 +65,8 @@ WINCH = winch()
 
 
 def states(n, seed=3):
-    """Poses in the robot, moving with half a metre and half a radian a second, under tensions of all sizes."""
+    """Poses in the robot, moving with half a metre and half a radian a second, under tensions of
+    all sizes."""
     rng = np.random.default_rng(seed)
     return State(
         position=rng.uniform([-3, -2, 0.5], [3, 2, 3], (n, 3)),
@@ -81,7 +90,8 @@ def read(state, robot=ROBOT, instrument=WINCH, **errors):
 
 
 def rolled_up(robot, state, i, k):
-    """Tension at the far end of a cable [N], by integrating its equations from the platform until it ends at its anchor."""
+    """Tension at the far end of a cable [N], by integrating its equations from the platform until
+    it ends at its anchor."""
     weight, compliance = robot.cable.linear_density * 9.81, 1 / robot.cable.axial_stiffness
     corner = state.position[k] + state.rotation[k] @ robot.attachments[i]
     line = robot.anchors[i] - corner
@@ -95,14 +105,18 @@ def rolled_up(robot, state, i, k):
             force = pull + weight * s * np.array([0, 0, 1])
             return force * (1 / np.linalg.norm(force) + compliance)
 
-        end = solve_ivp(element, (0, length), corner, method="DOP853", rtol=1e-11, atol=1e-11).y[:, -1]
+        end = solve_ivp(element, (0, length), corner, method="DOP853", rtol=1e-11, atol=1e-11).y[
+            :, -1
+        ]
         return end, np.linalg.norm(pull + weight * length * np.array([0, 0, 1]))
 
     def missed(start):
         off = shape(start)[0] - robot.anchors[i]
         return [off @ across, off[2]]
 
-    found = root(missed, [np.arctan2(line[2], np.linalg.norm(line[:2])), np.linalg.norm(line)], tol=1e-12)
+    found = root(
+        missed, [np.arctan2(line[2], np.linalg.norm(line[:2])), np.linalg.norm(line)], tol=1e-12
+    )
     assert np.abs(missed(found.x)).max() < 1e-9
     return shape(found.x)[1]
 
@@ -117,7 +131,8 @@ def test_the_winch_carries_what_the_integrated_catenary_carries_there(robot):
 
 @pytest.mark.parametrize("stiffness", [5e5, 1e4])
 def test_along_a_cable_tension_and_stretch_trade_for_height(stiffness):
-    # Whatever moves a metre of cable along itself does no work: T + T^2 / 2 EA - w z is the same at both ends.
+    # Whatever moves a metre of cable along itself does no work: T + T^2 / 2 EA - w z is the same at
+    # both ends.
     robot = replace(ROBOT, cable=CableProperties(linear_density=0.3, axial_stiffness=stiffness))
     state = states(40)
     found = cables_at(robot, state.position, state.rotation, state.tension)
@@ -126,21 +141,34 @@ def test_along_a_cable_tension_and_stretch_trade_for_height(stiffness):
     outward = corners - robot.anchors
     outward[:, :, 2] = 0
     outward /= np.linalg.norm(outward, axis=2, keepdims=True)
-    end = found.direction * state.tension[:, :, None] + 0.3 * 9.81 * found.length[:, :, None] * [0, 0, 1]
+    end = found.direction * state.tension[:, :, None] + 0.3 * 9.81 * found.length[:, :, None] * [
+        0,
+        0,
+        1,
+    ]
     slope = np.arctan2(end[:, :, 2], -np.sum(end * outward, axis=2))
     top = robot.anchors[:, 2] + robot.pulley_radius * np.sin(np.pi - (np.pi / 2 + slope))
     energy = [t + t**2 / (2 * stiffness) for t in (read(state, robot), state.tension)]
-    # The cable on the roller is counted with the free one in `end`, which turns it by next to nothing.
-    np.testing.assert_allclose(energy[0] - energy[1], 0.3 * 9.81 * (top - corners[:, :, 2]), atol=1e-3)
+    # The cable on the roller is counted with the free one in `end`, which turns it by next to
+    # nothing.
+    np.testing.assert_allclose(
+        energy[0] - energy[1], 0.3 * 9.81 * (top - corners[:, :, 2]), atol=1e-3
+    )
 
 
 def test_readings_of_slack_cables_are_numbers_and_follow_the_tension():
     # As spikes have them: below nothing, and less than a cable needs to bear itself.
     slack = np.tile(np.linspace(-60, 40, 101)[:, None], (1, 8))
-    place = {k: np.repeat(v[:1], 101, axis=0) for k, v in vars(states(1)).items() if k not in {"gravity", "tension"}}
+    place = {
+        k: np.repeat(v[:1], 101, axis=0)
+        for k, v in vars(states(1)).items()
+        if k not in {"gravity", "tension"}
+    }
     found = read(State(**place, tension=slack, gravity=ROBOT.gravity))
     assert (np.diff(found, axis=0) > 0.9).all()
-    np.testing.assert_allclose(solve_for("tension", WINCH, ROBOT, {"tension": found}, place), slack, atol=1e-9)
+    np.testing.assert_allclose(
+        solve_for("tension", WINCH, ROBOT, {"tension": found}, place), slack, atol=1e-9
+    )
 
 
 # The roller
@@ -165,7 +193,9 @@ def growth(robot, state, h=1e-4):
 def test_a_roller_takes_its_part_by_how_the_length_of_its_cable_changes(radius):
     robot = replace(STRAIGHT, cable=CableProperties(), pulley_radius=np.full(8, radius))
     state, friction = states(50), np.linspace(0.01, 0.08, 8)
-    fast, slow = (replace(state, velocity=c * state.velocity, omega=c * state.omega) for c in (1.0, 0.01))
+    fast, slow = (
+        replace(state, velocity=c * state.velocity, omega=c * state.omega) for c in (1.0, 0.01)
+    )
     for moving in (fast, slow):
         rate = growth(robot, moving)
         expected = state.tension * (1 - friction * np.tanh(rate / TURNAROUND))
@@ -179,15 +209,20 @@ def test_paying_out_lowers_the_reading_and_hauling_in_raises_it():
         states(1), velocity=np.array([[0, 0, -2.0]]), omega=still
     )  # all anchors are above: cables get longer
     friction = np.full(8, 0.03)
-    down, rest, up = (read(replace(state, velocity=s * state.velocity), friction=friction) for s in (1, 0, -1))
+    down, rest, up = (
+        read(replace(state, velocity=s * state.velocity), friction=friction) for s in (1, 0, -1)
+    )
     np.testing.assert_allclose(down, 0.97 * rest, rtol=1e-9)
     np.testing.assert_allclose(up, 1.03 * rest, rtol=1e-9)
     # The weight has passed the roller too.
-    np.testing.assert_allclose(rest, cables_at(ROBOT, state.position, state.rotation, state.tension).winch_tension)
+    np.testing.assert_allclose(
+        rest, cables_at(ROBOT, state.position, state.rotation, state.tension).winch_tension
+    )
 
 
 def test_sag_and_stretch_change_a_rate_by_little():
-    # What the winches of a platform that moves in earnest feed, against straight cables: less than v, and hundredths of the rate.
+    # What the winches of a platform that moves in earnest feed, against straight cables: less than
+    # v, and hundredths of the rate.
     motion, times = rig()[1], np.linspace(0.5, 7.5, 300)
     state = motion.at(times)
     fed = [
@@ -210,7 +245,9 @@ def test_the_tension_at_the_platform_follows_pose_and_rate_as_differences_say(ro
     rng = np.random.default_rng(2)
     n, friction = 6, np.linspace(0.01, 0.08, 8)
     state = states(n)
-    quaternion = Rotation.from_matrix(state.rotation).as_quat(scalar_first=True) * rng.uniform(0.8, 1.2, (n, 1))
+    quaternion = Rotation.from_matrix(state.rotation).as_quat(scalar_first=True) * rng.uniform(
+        0.8, 1.2, (n, 1)
+    )
     pose = np.hstack([state.position, quaternion])
     # Slow enough that rollers turn around.
     rate = np.hstack([0.02 * state.velocity, 0.02 * rng.normal(size=(n, 4))])
@@ -232,10 +269,19 @@ def test_the_tension_at_the_platform_follows_pose_and_rate_as_differences_say(ro
         return solve_for("tension", WINCH, robot, readings, given, calibration)
 
     at = tension(pose, rate)
-    by_pose, by_rate = following("tension", WINCH, robot, ("tension",), (pose, rate), at, calibration)
-    for found, change in ((by_pose, lambda d: (pose + d, rate)), (by_rate, lambda d: (pose, rate + d))):
+    by_pose, by_rate = following(
+        "tension", WINCH, robot, ("tension",), (pose, rate), at, calibration
+    )
+    for found, change in (
+        (by_pose, lambda d: (pose + d, rate)),
+        (by_rate, lambda d: (pose, rate + d)),
+    ):
         expected = np.stack(
-            [(tension(*change(STEP * e)) - tension(*change(-STEP * e))) / (2 * STEP) for e in np.eye(7)], axis=2
+            [
+                (tension(*change(STEP * e)) - tension(*change(-STEP * e))) / (2 * STEP)
+                for e in np.eye(7)
+            ],
+            axis=2,
         )
         np.testing.assert_allclose(found, expected, atol=DIFFERENCES * np.abs(expected).max())
     # The same by the state's own vectors.
@@ -249,10 +295,16 @@ def test_the_tension_at_the_platform_follows_pose_and_rate_as_differences_say(ro
     for name in ("velocity", "omega"):
 
         def moved(d, name=name):
-            return solve_for("tension", WINCH, robot, readings, {**moving, name: moving[name] + d}, calibration)
+            return solve_for(
+                "tension", WINCH, robot, readings, {**moving, name: moving[name] + d}, calibration
+            )
 
-        expected = np.stack([(moved(STEP * e) - moved(-STEP * e)) / (2 * STEP) for e in np.eye(3)], axis=2)
-        found = sensitivity_to(name, "tension", WINCH, robot, ("tension",), {**moving, "tension": solved}, calibration)
+        expected = np.stack(
+            [(moved(STEP * e) - moved(-STEP * e)) / (2 * STEP) for e in np.eye(3)], axis=2
+        )
+        found = sensitivity_to(
+            name, "tension", WINCH, robot, ("tension",), {**moving, "tension": solved}, calibration
+        )
         np.testing.assert_allclose(found, expected, atol=DIFFERENCES * np.abs(expected).max())
 
 
@@ -260,10 +312,23 @@ def test_at_the_platform_end_nothing_follows_the_motion():
     sensor = Tension(kind="tension")
     state = states(2)
     assert (
-        following("tension", sensor, ROBOT, ("tension",), (np.ones((2, 7)),) * 2, state.tension, means(sensor, 8))
+        following(
+            "tension",
+            sensor,
+            ROBOT,
+            ("tension",),
+            (np.ones((2, 7)),) * 2,
+            state.tension,
+            means(sensor, 8),
+        )
         is None
     )
-    assert sensitivity_to("velocity", "tension", sensor, ROBOT, ("tension",), vars(state), means(sensor, 8)) is None
+    assert (
+        sensitivity_to(
+            "velocity", "tension", sensor, ROBOT, ("tension",), vars(state), means(sensor, 8)
+        )
+        is None
+    )
 
 
 # What the file says
@@ -275,18 +340,30 @@ def test_friction_belongs_to_the_winch(tmp_path):
     assert (default.unit, default.size) == ("1", 8)
     np.testing.assert_array_equal(default.mean, 0.0)
     np.testing.assert_array_equal(default.deviation, 0.02)
-    (stated,) = (t for t in winch({"value": 0.03, "sigma": 0.01, "per": "run"}).terms(8) if t.key == "friction")
+    (stated,) = (
+        t
+        for t in winch({"value": 0.03, "sigma": 0.01, "per": "run"}).terms(8)
+        if t.key == "friction"
+    )
     assert (stated.mean[0], stated.deviation[0], stated.prior.per) == (0.03, 0.01, "run")
     text = "instruments:\n  cables: {kind: tension, rate: 25, calibration: {friction: 0.02}}\n"
     (tmp_path / "sensors.yaml").write_text(text)
-    with pytest.raises(InputError, match=r"sensors\.yaml.*cables.*no key 'friction'.*remove it, or add 'end: winch'"):
+    with pytest.raises(
+        InputError,
+        match=r"sensors\.yaml.*cables.*no key 'friction'.*remove it, or add 'end: winch'",
+    ):
         read_sensors(str(tmp_path / "sensors.yaml"), ROBOT)
 
 
 def test_a_simulation_draws_friction_and_says_so(tmp_path):
-    text = "instruments:\n  cables: {kind: tension, end: winch, rate: 25, noise: 1, calibration: {friction: {value: 0.03, sigma: 0.005}}}\n"
+    text = (
+        "instruments:\n  cables: {kind: tension, end: winch, rate: 25, noise: 1, calibration:"
+        " {friction: {value: 0.03, sigma: 0.005}}}\n"
+    )
     (tmp_path / "sensors.yaml").write_text(text)
-    move = {"move": RestToRest(np.array([0, 0, 2, 0, 0, 0.0]), np.array([0.3, 0, 1.7, 0, 0, 0.1]), 1.5)}
+    move = {
+        "move": RestToRest(np.array([0, 0, 2, 0, 0, 0.0]), np.array([0.3, 0, 1.7, 0, 0, 0.1]), 1.5)
+    }
     made = simulate(ROBOT, move, read_sensors(str(tmp_path / "sensors.yaml"), ROBOT), seed=2)
     drawn = np.array(made.truth()["calibration"]["cables"]["friction"])
     assert drawn.shape == (8,)
@@ -354,7 +431,9 @@ def test_the_truth_is_within_what_is_stated(method):
         ten += chi_square(estimate)
         friction = estimate.calibration["cables"]["friction"]
         assert friction["standard_deviation"].max() < 0.002
-        rollers += float(np.sum(((friction["value"] - drawn["friction"]) / friction["standard_deviation"]) ** 2))
+        rollers += float(
+            np.sum(((friction["value"] - drawn["friction"]) / friction["standard_deviation"]) ** 2)
+        )
     low, high = chi2.ppf([RARE, 1 - RARE], 10 * len(seeds))
     assert low < ten < high
     # Frictions of one recording have part of their errors in common.
@@ -364,7 +443,9 @@ def test_the_truth_is_within_what_is_stated(method):
 def test_the_bound_is_that_of_the_joint_fit():
     experiment, _, found = sound(1)
     alone = identify(experiment, [LeastSquares()]).bound.standard_deviation
-    np.testing.assert_allclose(alone, found.estimates["maximum-likelihood"].standard_deviation, rtol=0.05)
+    np.testing.assert_allclose(
+        alone, found.estimates["maximum-likelihood"].standard_deviation, rtol=0.05
+    )
 
 
 @pytest.mark.slow
@@ -375,7 +456,9 @@ def test_other_methods_take_the_same_recording():
     assert chi_square(by_instruments) < chi2.ppf(1 - RARE, 10)
     consistent = Consistent().of(study(experiment))
     assert consistent.physical
-    np.testing.assert_allclose(consistent.value, found.estimates["least-squares"].value, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(
+        consistent.value, found.estimates["least-squares"].value, rtol=1e-3, atol=1e-3
+    )
     plain = TwoStep()(experiment)
     assert np.isfinite(plain.value).all()
     assert any("cables.friction" in note and "weight of the cables" in note for note in plain.notes)
@@ -402,9 +485,12 @@ def test_sensors_at_the_winch_are_not_taken_for_some_at_the_platform():
     at_platform = {"kind": "tension", "clock": "recorder", "rate": 25.0, "noise": 5.0}
     experiment, _ = recorded(FIVE, 5)
     gains = {"offset": 5.0, "gain": 0.0, "common_gain": 0.0}
-    wrong = LeastSquares()(described(experiment, Tension.model_validate({**at_platform, "calibration": gains})))
+    wrong = LeastSquares()(
+        described(experiment, Tension.model_validate({**at_platform, "calibration": gains}))
+    )
     assert not wrong.verdict.accepted
-    # On rollers without friction the weight of the cables is left, some newtons each: the body seems to have it.
+    # On rollers without friction the weight of the cables is left, some newtons each: the body
+    # seems to have it.
     smooth = winch({"value": 0.0, "sigma": 0.0}, offset=0.1)
     experiment, _ = recorded(smooth, 6)
     gains["offset"] = 0.1
@@ -421,25 +507,29 @@ def balanced():
     """Samples of a recording, with the balance about the frictions that were drawn."""
     experiment, drawn = recorded(RUBBING, 7)
     (run,) = experiment.runs
-    unknowns = gather(experiment)
-    values = unknowns.mean.copy()
-    values[unknowns.places["cables", "friction", None]] = drawn["friction"]
-    systematic = Systematic(unknowns, values)
-    samples = prepare(experiment, run, thin=True, systematic=systematic)
-    return balance(experiment, run, samples, systematic, np.full(8, 5.0)), systematic
+    calibration_parameters = gather(experiment)
+    values = calibration_parameters.mean.copy()
+    values[calibration_parameters.places["cables", "friction", None]] = drawn["friction"]
+    calibration = Calibration(calibration_parameters, values)
+    samples = prepare(experiment, run, thin=True, calibration=calibration)
+    return balance(experiment, run, samples, calibration, np.full(8, 5.0)), calibration
 
 
 @cache
 def turned():
-    """What a quarter of the noise of the velocities does to tensions behind rollers and to the columns of gains and frictions, drawn often."""
-    at, systematic = balanced()
+    """What a quarter of the noise of the velocities does to tensions behind rollers and to the
+    columns of gains and frictions, drawn often."""
+    at, calibration = balanced()
     samples, rng = at.samples, np.random.default_rng(9)
     place = {k: getattr(samples, k) for k in ("position", "rotation", "velocity", "omega")}
-    errors = systematic.of("cables", RUBBING, "run")
+    errors = calibration.of("cables", RUBBING, "run")
     there = predict(RUBBING, ROBOT, State(**place, tension=samples.tension, **NOTHING), errors)
     found = []
     for _ in range(150):
-        noisy = {k: place[k] + samples.noise[k] / 4 * rng.normal(size=place[k].shape) for k in ("velocity", "omega")}
+        noisy = {
+            k: place[k] + samples.noise[k] / 4 * rng.normal(size=place[k].shape)
+            for k in ("velocity", "omega")
+        }
         tension = solve_for("tension", RUBBING, ROBOT, there, {**place, **noisy}, errors)
         state = {**place, **noisy, "tension": tension}
         columns = sensitivity("tension", RUBBING, ROBOT, ("tension",), state, errors)[1]
@@ -460,15 +550,21 @@ def test_the_noise_of_velocities_is_in_the_tensions_where_rollers_turn_around():
 
 
 def test_that_noise_is_in_the_columns_of_gains_and_frictions_too():
-    at, systematic = balanced()
+    at, calibration = balanced()
     white = whitener(at, np.zeros((6, 6)))
     usual = np.mean([columns for _, columns in turned()], axis=0)
     W = white @ at.samples.structure
     squares = np.einsum("nki,nkj->nij", W, W)
     expected = 16 * np.mean(
-        [np.einsum("nij,ni,nje->e", squares, off, columns - usual, optimize=True) for off, columns in turned()], axis=0
+        [
+            np.einsum("nij,ni,nje->e", squares, off, columns - usual, optimize=True)
+            for off, columns in turned()
+        ],
+        axis=0,
     )
-    found = shared_noise(at, systematic, white) - shared_noise(replace(at, turnaround=None), systematic, white)
+    found = shared_noise(at, calibration, white) - shared_noise(
+        replace(at, turnaround=None), calibration, white
+    )
     keys = [term.key for term in RUBBING.terms(8) for _ in range(term.size)]
     for key in ("gain", "common_gain", "friction"):
         own = [key == each for each in keys]
@@ -489,7 +585,9 @@ def test_forces_of_a_run_left_out_are_predicted():
 
 def test_rollers_at_rest_hold_nothing_in_the_mean():
     rng = np.random.default_rng(4)
-    poses = np.hstack([rng.uniform([-2, -1.5, 1], [2, 1.5, 3], (30, 3)), rng.uniform(-0.4, 0.4, (30, 3))])
+    poses = np.hstack(
+        [rng.uniform([-2, -1.5, 1], [2, 1.5, 3], (30, 3)), rng.uniform(-0.4, 0.4, (30, 3))]
+    )
     still = motion_of_poses(poses, np.zeros_like(poses), np.zeros_like(poses), ROBOT.gravity)
     body = ROBOT.platform
     force = body.mass * still["specific_force"]
@@ -502,14 +600,23 @@ def test_rollers_at_rest_hold_nothing_in_the_mean():
     state = State(**still, tension=tension, wrench=wrench, gravity=ROBOT.gravity)
     none = {"misalignment": 0.0, "target": 0.0, "frame": {"position": 0.0, "rotation": 0.0}}
     pose = {"kind": "pose", "noise": {"position": 1e-4, "rotation": 1e-4}, "calibration": none}
-    suite = {"cables": changed(RUBBING, calibration={"offset": 0.5}), "pose": Pose.model_validate(pose)}
+    suite = {
+        "cables": changed(RUBBING, calibration={"offset": 0.5}),
+        "pose": Pose.model_validate(pose),
+    }
     readings = read(state, friction=np.full(8, 0.05)) + rng.normal(0, 5.0, (30, 8))
     np.testing.assert_allclose(readings - read(state), 0, atol=30)
     streams = {
         "cables": Stream(np.arange(30.0), {"tension": readings}, "cables"),
-        "pose": Stream(np.arange(30.0), {"position": still["position"], "orientation": still["rotation"]}, "pose"),
+        "pose": Stream(
+            np.arange(30.0),
+            {"position": still["position"], "orientation": still["rotation"]},
+            "pose",
+        ),
     }
-    experiment = Experiment("rest", ROBOT, suite, (Run("rest", streams, static=True),), uncertainty=EXACT)
+    experiment = Experiment(
+        "rest", ROBOT, suite, (Run("rest", streams, static=True),), uncertainty=EXACT
+    )
     found = LeastSquares()(experiment)
     assert found.verdict.accepted, found.verdict.reasons
     assert abs(found.value[0] - TRUTH[0]) < 4 * found.standard_deviation[0]

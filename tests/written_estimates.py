@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from steelyard.identification.estimate import FORMAT, Estimate, judge
+from steelyard.estimates.estimate import FORMAT, Estimate, judge
 
 
 def covariance(ten):
@@ -22,7 +22,12 @@ def estimate_of(ten, *, method="maximum-likelihood", verdict=None):
 
 def file_of(folder, *estimates, experiment="a recording"):
     entries = {each.method: each.to_dict() for each in estimates}
-    values = {"format": FORMAT, "experiment": experiment, "result": estimates[0].method, "estimates": entries}
+    values = {
+        "format": FORMAT,
+        "experiment": experiment,
+        "result": estimates[0].method,
+        "estimates": entries,
+    }
     path = folder / "estimate.json"
     path.write_text(json.dumps(values))
     return path

@@ -1,6 +1,8 @@
-"""Citations: ``[Tempel2017]`` in a Markdown page is the same link that ``[Tempel2017]_`` is in a docstring.
+"""Citations: ``[Tempel2017]`` in a Markdown page is the same link that ``[Tempel2017]_`` is in a
+docstring.
 
-Their definitions are the items ``- **[Tempel2017]** …`` of the page of references, which so stays readable where nothing is built.
+Their definitions are the items ``- **[Tempel2017]** …`` of the page of references, which so stays
+readable where nothing is built.
 """
 
 from __future__ import annotations
@@ -27,7 +29,9 @@ class Citations(SphinxTransform):
         for text in list(self.document.findall(nodes.Text)):
             self._refer(text)
         for bullets in list(self.document.findall(nodes.bullet_list)):
-            if bullets.children and all(isinstance(child, nodes.citation) for child in bullets.children):
+            if bullets.children and all(
+                isinstance(child, nodes.citation) for child in bullets.children
+            ):
                 bullets.replace_self(bullets.children)
 
     def _define(self, item: nodes.list_item) -> None:
@@ -39,13 +43,21 @@ class Citations(SphinxTransform):
             return
         key = found[1]
         first.parent.remove(first)
-        definition = nodes.citation("", nodes.label("", key), *item.children, ids=[key.lower()], names=[key])
+        definition = nodes.citation(
+            "", nodes.label("", key), *item.children, ids=[key.lower()], names=[key]
+        )
         definition.source, definition.line = item.source, item.line
         item.replace_self(definition)
 
     def _refer(self, text: nodes.Text) -> None:
         if isinstance(
-            text.parent, nodes.literal | nodes.literal_block | nodes.label | nodes.raw | nodes.math | nodes.math_block
+            text.parent,
+            nodes.literal
+            | nodes.literal_block
+            | nodes.label
+            | nodes.raw
+            | nodes.math
+            | nodes.math_block,
         ):
             return
         parts = _KEY.split(text)

@@ -1,4 +1,6 @@
-"""Parts of pages that are drawn from the code, so that they never differ from it: a line ``<!-- generated: NAME -->`` becomes Markdown."""
+"""Parts of pages that are drawn from the code, so that they never differ from it: a line ``<!--
+generated: NAME -->`` becomes Markdown.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ def _verb(top: click.Context, name: str) -> Iterator[str]:
     assert command is not None
     context = click.Context(command, info_name=name, parent=top)
     yield f"## {name}\n"
-    yield f"```text\n{context.command_path} {' '.join(command.collect_usage_pieces(context))}\n```\n"
+    yield (
+        f"```text\n{context.command_path} {' '.join(command.collect_usage_pieces(context))}\n```\n"
+    )
     yield f"{_paragraphs(command.help or '')}\n"
     yield "| option | |\n|---|---|"
     for parameter in command.get_params(context):
@@ -79,7 +83,10 @@ def _instrument(kind: type[Instrument]) -> Iterator[str]:
             if "noise" in form["properties"] and _is_number(form["properties"]["noise"])
             else _noise_key(kind, quantity.name)
         )
-        yield f"| {several} | {unit} | {quantity.name.replace('_', ' ')} | {noise} | {'' if quantity.required else 'may be absent'} |"
+        yield (
+            f"| {several} | {unit} | {quantity.name.replace('_', ' ')} | {noise} |"
+            f" {'' if quantity.required else 'may be absent'} |"
+        )
     yield "\n| key | default | |\n|---|---|---|"
     yield from _keys(whole, form, skip=("kind", "calibration"))
     terms = {term.key: term for term in _terms(kind, instrument)}
@@ -90,7 +97,9 @@ def _instrument(kind: type[Instrument]) -> Iterator[str]:
             key,
             text,
             terms.get(key),
-            per_cable=any(quantity.forms[0][-1][1:].isdigit() for quantity in instrument.quantities(_CABLES)),
+            per_cable=any(
+                quantity.forms[0][-1][1:].isdigit() for quantity in instrument.quantities(_CABLES)
+            ),
         )
     yield ""
 
@@ -106,11 +115,23 @@ def _term(key: str, text: str, term: Term | None, *, per_cable: bool) -> str:
     text, _, _ = text.partition(" Default:")
     text, _, stated = text.partition("; default: ")
     if term is None:
-        return f"| `{key}` | .05 s; 0 for the clock that defines the time | {_sentence(text.partition(';')[0])} | 1, per run |"
+        return (
+            f"| `{key}` | .05 s; 0 for the clock that defines the time |"
+            f" {_sentence(text.partition(';')[0])} | 1, per run |"
+        )
     default = stated.rstrip(".") or ("" if term.deviation is None else f"{term.deviation[0]:g}")
-    size = "each cable" if per_cable and term.size == _CABLES else "each axis" if term.size == 3 else "1"
+    size = (
+        "each cable"
+        if per_cable and term.size == _CABLES
+        else "each axis"
+        if term.size == 3
+        else "1"
+    )
     unit = "" if term.unit == "1" else f" {term.unit}"
-    return f"| `{key}` | {default}{'' if stated else unit} | {_sentence(text.partition('; without it')[0])} | {size} |"
+    return (
+        f"| `{key}` | {default}{'' if stated else unit} |"
+        f" {_sentence(text.partition('; without it')[0])} | {size} |"
+    )
 
 
 def _sentence(text: str) -> str:
@@ -126,7 +147,13 @@ def _columns(form: tuple[str, ...]) -> str:
 def _noise_key(kind: type[Instrument], quantity: str) -> str:
     noise = kind.model_fields.get("noise")
     fields = getattr(noise.annotation, "model_fields", {}) if noise else {}
-    key = quantity if quantity in fields else "rotation" if quantity == "orientation" and "rotation" in fields else None
+    key = (
+        quantity
+        if quantity in fields
+        else "rotation"
+        if quantity == "orientation" and "rotation" in fields
+        else None
+    )
     return f"`noise: {{{key}: …}}`" if key else ""
 
 
@@ -138,7 +165,9 @@ def _calibration(form: Mapping[str, Any]) -> str:
     return str(form["properties"]["calibration"]["$ref"]).rpartition("/")[2]
 
 
-def _leaves(whole: Mapping[str, Any], form: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]]:
+def _leaves(
+    whole: Mapping[str, Any], form: Mapping[str, Any], path: str = ""
+) -> Iterator[tuple[str, str]]:
     """Dotted key -> description."""
     for key, entry in form["properties"].items():
         inner = _form_of(whole, entry)
@@ -189,7 +218,9 @@ def file_keys(which: Which, *parts: str) -> str:
         rows += _keys(whole, whole)
     for part in parts:
         form = whole["$defs"][part]
-        rows += _keys(whole, next((each for each in form.get("anyOf", ()) if "properties" in each), form))
+        rows += _keys(
+            whole, next((each for each in form.get("anyOf", ()) if "properties" in each), form)
+        )
     return "\n".join(rows)
 
 

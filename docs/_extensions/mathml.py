@@ -23,7 +23,12 @@ def _drawn(node: nodes.Element, *, block: bool) -> str:
     try:
         return tex2mathml(_DIGITS.sub(r"\\\1{\2}{\3}", node.astext()), as_block=block)
     except MathError as error:
-        logger.warning("mathematics that cannot be turned into MathML: %s: %s", error, node.astext(), location=node)
+        logger.warning(
+            "mathematics that cannot be turned into MathML: %s: %s",
+            error,
+            node.astext(),
+            location=node,
+        )
         return ""
 
 

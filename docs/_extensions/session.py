@@ -1,7 +1,8 @@
 """The commands that stand in a page, and a shell that runs them one after the other.
 
-The build of the documentation shows what they print (``shell.py``), and ``follow.py`` does what a reader does: both by this module.
-A page has blocks ``{shell}``, one command a line (a backslash at its end goes on in the next one), and ``{file} NAME``, whose text is written.
+The build of the documentation shows what they print (``shell.py``), and ``follow.py`` does what a
+reader does: both by this module. A page has blocks ``{shell}``, one command a line (a backslash at
+its end goes on in the next one), and ``{file} NAME``, whose text is written.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ class Block:
     status: int = 0
     """With which each command is to end."""
     setup: bool = False
-    """Whether it only makes the environment in which the others run: the build shows it and runs it not."""
+    """Whether it only makes the environment in which the others run: the build shows it and runs it
+    not."""
     line: int = 0
 
     @property
@@ -71,7 +73,10 @@ def block(kind: Kind, name: str, options: Mapping[str, str], text: str, line: in
     """
     unknown = set(options) - _OPTIONS[kind]
     if unknown:
-        raise ValueError(f"expected options {', '.join(sorted(_OPTIONS[kind]))}, found {', '.join(sorted(unknown))}")
+        raise ValueError(
+            f"expected options {', '.join(sorted(_OPTIONS[kind]))}, found"
+            f" {', '.join(sorted(unknown))}"
+        )
     return Block(kind, name, text, int(options.get("status") or 0), "setup" in options, line)
 
 
@@ -97,7 +102,9 @@ def blocks(page: str) -> Iterator[Block]:
 class Session:
     """A shell in a folder; variables, folder and environment last from one command to the next."""
 
-    def __init__(self, folder: Path, *, first: Sequence[Path] = (), without: Sequence[str] = ()) -> None:
+    def __init__(
+        self, folder: Path, *, first: Sequence[Path] = (), without: Sequence[str] = ()
+    ) -> None:
         """Open it.
 
         Args:
@@ -144,8 +151,11 @@ class Session:
         late = threading.Timer(LONGEST, os.killpg, (self._shell.pid, signal.SIGKILL))
         late.start()
         try:
-            # By eval, so that a mistake in it is one of this command, and nothing of it is read as the next one.
-            self._shell.stdin.write(f"eval {shlex.quote(command)} </dev/null; printf '{_END}%s\\n' $?\n")
+            # By eval, so that a mistake in it is one of this command, and nothing of it is read as
+            # the next one.
+            self._shell.stdin.write(
+                f"eval {shlex.quote(command)} </dev/null; printf '{_END}%s\\n' $?\n"
+            )
             self._shell.stdin.flush()
             printed = ""
             for line in self._shell.stdout:
@@ -157,10 +167,14 @@ class Session:
             printed = ""
         finally:
             late.cancel()
-        raise CommandError(f"'{command}' ended the shell, or took more than {LONGEST:g} s; it had printed:\n{printed}")
+        raise CommandError(
+            f"'{command}' ended the shell, or took more than {LONGEST:g} s; it had"
+            f" printed:\n{printed}"
+        )
 
     def do(self, block: Block) -> str:
-        """Do what a block says: commands with what they print, as on a screen, or the file that was written.
+        """Do what a block says: commands with what they print, as on a screen, or the file that was
+        written.
 
         Raises:
             CommandError: A command ended with another status than the page says.
@@ -173,7 +187,8 @@ class Session:
             status, printed = self.run(command)
             if status != block.status:
                 raise CommandError(
-                    f"'{command}' should end with status {block.status}, ended with {status}; it had printed:\n{printed}"
+                    f"'{command}' should end with status {block.status}, ended with {status}; it"
+                    f" had printed:\n{printed}"
                 )
             shown += f"{screen(command)}\n{printed}"
             if not shown.endswith("\n"):

@@ -1,7 +1,8 @@
-"""Directives ``shell`` and ``file``: commands that the build runs, with what they print, and files that it writes.
+"""Directives ``shell`` and ``file``: commands that the build runs, with what they print, and files
+that it writes.
 
-The commands of a page run one after the other in a folder of its own that has the examples, as the unpacked project has. With
-``-D shell_execute=0`` they are shown and not run.
+The commands of a page run one after the other in a folder of its own that has the examples, as the
+unpacked project has. With ``-D shell_execute=0`` they are shown and not run.
 """
 
 from __future__ import annotations

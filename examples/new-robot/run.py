@@ -1,4 +1,5 @@
-"""A robot that steelyard has never seen, from its CASPR model: import it, add what the model does not say, simulate, identify.
+"""A robot that steelyard has never seen, from its CASPR model: import it, add what the model does
+not say, simulate, identify.
 
 The import on the command line, which writes a robot file to edit:
 
@@ -21,7 +22,10 @@ imported = steelyard.import_robot(
 )
 print(imported)
 platform = imported.robot.platform
-print(f"  the platform can exist: {platform.is_physical} (principal moments {platform.principal_moments} kg m^2)")
+print(
+    f"  the platform can exist: {platform.is_physical} (principal moments"
+    f" {platform.principal_moments} kg m^2)"
+)
 
 # What the model does not say and who has the robot knows; assumed here.
 robot = replace(
@@ -52,4 +56,6 @@ truth = virtual.body.body_parameters
 table = identification.estimate.to_polars().select("parameter", "unit", "value", "sigma")
 print("\nmaximum likelihood against the truth, SI units")
 with pl.Config(tbl_hide_dataframe_shape=True, tbl_rows=10, float_precision=4):
-    print(table.with_columns(truth=truth, error_in_sigmas=(pl.col("value") - truth) / pl.col("sigma")))
+    print(
+        table.with_columns(truth=truth, error_in_sigmas=(pl.col("value") - truth) / pl.col("sigma"))
+    )

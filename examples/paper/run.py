@@ -1,8 +1,10 @@
-"""The paper's experiment, simulated: CoGiRo's eight moves from rest to rest with the sensors of the paper.
+"""The paper's experiment, simulated: CoGiRo's eight moves from rest to rest with the sensors of the
+paper.
 
-The two steps as the paper takes them, once with the accelerations of the tracker and once with those of the IMU, against the truth, and what
-limits them: with ideal sensors on the same cables, and with ideal sensors on the straight cables without weight that the method assumes.
-Then maximum likelihood on the very recordings of the two steps.
+The two steps as the paper takes them, once with the accelerations of the tracker and once with
+those of the IMU, against the truth, and what limits them: with ideal sensors on the same cables,
+and with ideal sensors on the straight cables without weight that the method assumes. Then maximum
+likelihood on the very recordings of the two steps.
 """
 
 import numpy as np
@@ -35,16 +37,24 @@ print(" " * 22 + "".join(f"{heading:>22}" for heading in estimates))
 for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
     cells = []
     for estimate in estimates.values():
-        error, sigma = ((estimate.value - truth)[i] * FACTORS[i], estimate.standard_deviation[i] * FACTORS[i])
+        error, sigma = (
+            (estimate.value - truth)[i] * FACTORS[i],
+            estimate.standard_deviation[i] * FACTORS[i],
+        )
         cells.append("-" if np.isnan(error) else f"{error:+.2f} ± {sigma:.2f}")
-    print(f"{name:6} {unit:6} {truth[i] * FACTORS[i]:8.2f}" + "".join(f"{cell:>22}" for cell in cells))
+    print(
+        f"{name:6} {unit:6} {truth[i] * FACTORS[i]:8.2f}" + "".join(f"{cell:>22}" for cell in cells)
+    )
 
 print("\nverdicts")
 for heading, estimate in estimates.items():
     print(f"{heading}: {estimate.verdict}")
 
 mass, moments = (
-    {heading: np.abs((estimate.value - truth)[places]).max() for heading, estimate in estimates.items()}
+    {
+        heading: np.abs((estimate.value - truth)[places]).max()
+        for heading, estimate in estimates.items()
+    }
     for places in (slice(0, 1), slice(4, 7))
 )
 print(

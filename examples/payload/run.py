@@ -1,4 +1,6 @@
-"""Payload by difference: the platform alone, the platform with something on it, and what was added."""
+"""Payload by difference: the platform alone, the platform with something on it, and what was
+added.
+"""
 
 from dataclasses import replace
 
@@ -21,7 +23,9 @@ loaded = steelyard.Inertia.from_parameters(robot.platform.parameters + crate.par
 # Two days: sensors, clocks and mounting err anew.
 before = steelyard.simulate(robot, duration=12.0, seed=1)
 after = steelyard.simulate(replace(robot, platform=loaded), duration=12.0, seed=2)
-estimates = [steelyard.identify(each.experiment, "maximum-likelihood").estimate for each in (before, after)]
+estimates = [
+    steelyard.identify(each.experiment, "maximum-likelihood").estimate for each in (before, after)
+]
 found = steelyard.payload(*estimates)
 print(found)
 
@@ -29,12 +33,15 @@ truth = crate.body_parameters
 print("\nagainst the truth, SI units")
 table = found.estimate.to_polars().select("parameter", "unit", "value", "sigma")
 with pl.Config(tbl_hide_dataframe_shape=True, tbl_rows=10, float_precision=4):
-    print(table.with_columns(truth=truth, error_in_sigmas=(pl.col("value") - truth) / pl.col("sigma")))
+    print(
+        table.with_columns(truth=truth, error_in_sigmas=(pl.col("value") - truth) / pl.col("sigma"))
+    )
 
 for note in found.estimate.notes:
     print(f"note: {note}")
 print(
-    "\nThe crate's inertia about its own centre is what is left of two large numbers; the motion of the platform was made for neither.\n"
-    "Calibration that both recordings share (the gain of the force sensors, the robot file, where the sensors sit) cancels in the\n"
-    "difference as far as both bodies are alike. The 1-sigma takes the two as independent, and is too large then."
+    "\nThe crate's inertia about its own centre is what is left of two large numbers; the motion of"
+    " the platform was made for neither.\nCalibration that both recordings share (the gain of the"
+    " force sensors, the robot file, where the sensors sit) cancels in the\ndifference as far as"
+    " both bodies are alike. The 1-sigma takes the two as independent, and is too large then."
 )

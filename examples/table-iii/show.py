@@ -16,15 +16,20 @@ for name, body in bodies.items():
     print(f"{name:9}: {body.mass:.3f} kg, principal moments {i1:.2f}, {i2:.2f}, {i3:.2f} kg m^2")
     if body.is_physical:
         print(
-            f"           a body can have them: {i1:.2f} + {i2:.2f} is {body.triangle_margin:.2f} kg m^2 more than {i3:.2f}"
+            f"           a body can have them: {i1:.2f} + {i2:.2f} is {body.triangle_margin:.2f} kg"
+            f" m^2 more than {i3:.2f}"
         )
     else:
         print(
-            f"           no body can have them: {i1:.2f} + {i2:.2f} is {-body.triangle_margin:.2f} kg m^2 less than {i3:.2f}"
+            f"           no body can have them: {i1:.2f} + {i2:.2f} is {-body.triangle_margin:.2f}"
+            f" kg m^2 less than {i3:.2f}"
         )
 
 nearest = steelyard.nearest_body(bodies["estimated"], bodies["nominal"])
 print(f"nearest  : {nearest}")
 body = nearest.solution.body
 i1, i2, i3 = body.principal_moments
-print(f"           that body: {body.mass:.3f} kg, principal moments {i1:.2f}, {i2:.2f}, {i3:.2f} kg m^2")
+print(
+    f"           that body: {body.mass:.3f} kg, principal moments {i1:.2f}, {i2:.2f}, {i3:.2f}"
+    " kg m^2"
+)

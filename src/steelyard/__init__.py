@@ -1,10 +1,12 @@
-"""steelyard finds what a cable robot carries: mass, centre of gravity and inertia, and how well each is known.
+"""steelyard finds what a cable robot carries: mass, centre of gravity and inertia, and how well
+each is known.
 
     >>> import steelyard
     >>> experiment = steelyard.read_experiment("experiment.yaml")
     >>> steelyard.identify(experiment).estimate
 
-The names below are the public face; they load when they are first used, so that the command line answers at once.
+The names below are the public face; they load when they are first used, so that the command line
+answers at once.
 """
 
 from __future__ import annotations
@@ -13,11 +15,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from steelyard.bodies.nearest_body import nearest_body as nearest_body
     from steelyard.dynamics import platform_regressor as platform_regressor
     from steelyard.dynamics import platform_wrench as platform_wrench
     from steelyard.errors import InfeasibleError as InfeasibleError
     from steelyard.errors import InputError as InputError
     from steelyard.errors import SteelyardError as SteelyardError
+    from steelyard.estimates.comparison import Comparison as Comparison
+    from steelyard.estimates.comparison import compare as compare
+    from steelyard.estimates.estimate import Estimate as Estimate
+    from steelyard.estimates.estimate import Verdict as Verdict
+    from steelyard.estimates.estimate_file import NamedEstimate as NamedEstimate
+    from steelyard.estimates.estimate_file import read_estimates as read_estimates
+    from steelyard.estimates.payload import Payload as Payload
+    from steelyard.estimates.payload import payload as payload
     from steelyard.excitation.design import Design as Design
     from steelyard.excitation.design import design as design
     from steelyard.excitation.design_file import write_design as write_design
@@ -28,25 +39,20 @@ if TYPE_CHECKING:
     from steelyard.experiment.write import write_experiment as write_experiment
     from steelyard.exports.exported import Exported as Exported
     from steelyard.exports.formats import export as export
-    from steelyard.identification.bound import cramer_rao as cramer_rao
-    from steelyard.identification.comparison import Comparison as Comparison
-    from steelyard.identification.comparison import compare as compare
-    from steelyard.identification.consistent import Consistent as Consistent
-    from steelyard.identification.estimate import Estimate as Estimate
-    from steelyard.identification.estimate import Verdict as Verdict
-    from steelyard.identification.estimate_file import NamedEstimate as NamedEstimate
-    from steelyard.identification.estimate_file import read_estimates as read_estimates
-    from steelyard.identification.fitted_motion import FittedMotion as FittedMotion
     from steelyard.identification.identify import Identification as Identification
     from steelyard.identification.identify import identify as identify
-    from steelyard.identification.instrumental_variables import InstrumentalVariables as InstrumentalVariables
-    from steelyard.identification.least_squares import LeastSquares as LeastSquares
-    from steelyard.identification.maximum_likelihood import MaximumLikelihood as MaximumLikelihood
-    from steelyard.identification.nearest_body import nearest_body as nearest_body
-    from steelyard.identification.payload import Payload as Payload
-    from steelyard.identification.payload import payload as payload
-    from steelyard.identification.prediction import predict_held_out as predict_held_out
-    from steelyard.identification.two_step import TwoStep as TwoStep
+    from steelyard.identification.methods.consistent import Consistent as Consistent
+    from steelyard.identification.methods.instrumental_variables import (
+        InstrumentalVariables as InstrumentalVariables,
+    )
+    from steelyard.identification.methods.least_squares import LeastSquares as LeastSquares
+    from steelyard.identification.methods.maximum_likelihood import (
+        MaximumLikelihood as MaximumLikelihood,
+    )
+    from steelyard.identification.methods.two_step import TwoStep as TwoStep
+    from steelyard.identification.model.fitted_motion import FittedMotion as FittedMotion
+    from steelyard.identification.solve.bound import cramer_rao as cramer_rao
+    from steelyard.identification.verdict.prediction import predict_held_out as predict_held_out
     from steelyard.imports.formats import import_robot as import_robot
     from steelyard.inertia import Inertia as Inertia
     from steelyard.inspection.inspect import Inspection as Inspection
@@ -62,32 +68,32 @@ if TYPE_CHECKING:
     from steelyard.simulation.trajectories import trajectories as trajectories
 
 _WHERE = {
-    "Comparison": "identification.comparison",
-    "Consistent": "identification.consistent",
+    "Comparison": "estimates.comparison",
+    "Consistent": "identification.methods.consistent",
     "Design": "excitation.design",
-    "Estimate": "identification.estimate",
+    "Estimate": "estimates.estimate",
     "Experiment": "experiment.model",
     "Exported": "exports.exported",
-    "FittedMotion": "identification.fitted_motion",
+    "FittedMotion": "identification.model.fitted_motion",
     "Identification": "identification.identify",
     "Inertia": "inertia",
     "InfeasibleError": "errors",
     "InputError": "errors",
     "Inspection": "inspection.inspect",
-    "InstrumentalVariables": "identification.instrumental_variables",
-    "LeastSquares": "identification.least_squares",
-    "MaximumLikelihood": "identification.maximum_likelihood",
-    "NamedEstimate": "identification.estimate_file",
-    "Payload": "identification.payload",
+    "InstrumentalVariables": "identification.methods.instrumental_variables",
+    "LeastSquares": "identification.methods.least_squares",
+    "MaximumLikelihood": "identification.methods.maximum_likelihood",
+    "NamedEstimate": "estimates.estimate_file",
+    "Payload": "estimates.payload",
     "Robot": "robot.model",
     "Run": "experiment.model",
     "SteelyardError": "errors",
     "Stream": "experiment.model",
-    "TwoStep": "identification.two_step",
-    "Verdict": "identification.estimate",
+    "TwoStep": "identification.methods.two_step",
+    "Verdict": "estimates.estimate",
     "VirtualExperiment": "simulation.simulate",
-    "compare": "identification.comparison",
-    "cramer_rao": "identification.bound",
+    "compare": "estimates.comparison",
+    "cramer_rao": "identification.solve.bound",
     "design": "excitation.design",
     "export": "exports.formats",
     "figure": "report.figures",
@@ -95,12 +101,12 @@ _WHERE = {
     "identify": "identification.identify",
     "import_robot": "imports.formats",
     "inspect": "inspection.inspect",
-    "nearest_body": "identification.nearest_body",
-    "payload": "identification.payload",
+    "nearest_body": "bodies.nearest_body",
+    "payload": "estimates.payload",
     "platform_regressor": "dynamics",
     "platform_wrench": "dynamics",
-    "predict_held_out": "identification.prediction",
-    "read_estimates": "identification.estimate_file",
+    "predict_held_out": "identification.verdict.prediction",
+    "read_estimates": "estimates.estimate_file",
     "read_experiment": "experiment.read",
     "read_robot": "robot.file",
     "read_sensors": "simulation.sensors",

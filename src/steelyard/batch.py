@@ -1,8 +1,9 @@
 """CasADi expressions evaluated over all samples at once.
 
-The physics is written once, symbolically. This module turns an expression into a function of NumPy arrays with
-time on axis 0. Samples go through CasADi's buffer interface in blocks: no conversion, no copy of the block. It lets go of the
-interpreter's lock, so that many blocks are shared among threads; each sample is computed alike, whoever does it.
+The physics is written once, symbolically. This module turns an expression into a function of NumPy
+arrays with time on axis 0. Samples go through CasADi's buffer interface in blocks: no conversion,
+no copy of the block. It lets go of the interpreter's lock, so that many blocks are shared among
+threads; each sample is computed alike, whoever does it.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from steelyard.arrays import Array
 Symbol: TypeAlias = Any
 """A CasADi SX or MX expression (the library ships no types)."""
 
-_BLOCK = 256  # samples a call: large enough to hide the call, small enough to build in a millisecond
+_BLOCK = (
+    256  # samples a call: large enough to hide the call, small enough to build in a millisecond
+)
 _SMALL_BLOCK = 16  # of long expressions, beside which a call is nothing: less is computed for nothing in the last block
 _LONG = 4000  # operations
 _SAMPLES_A_THREAD = (
@@ -39,15 +42,21 @@ def _row_major(expression: Symbol) -> Symbol:
 class Batched:
     """A function of arrays with samples on axis 0, made from symbolic inputs and outputs.
 
-    An input symbol of shape (r, c) takes an array of shape (n, r, c), a column (r, 1) one of shape (n, r); without the
-    leading axis the value is the same for all samples. Outputs follow the same rule and are named as given.
+    An input symbol of shape (r, c) takes an array of shape (n, r, c), a column (r, 1) one of shape
+    (n, r); without the leading axis the value is the same for all samples. Outputs follow the same
+    rule and are named as given.
     """
 
-    def __init__(self, name: str, inputs: Mapping[str, Symbol], outputs: Mapping[str, Symbol]) -> None:
+    def __init__(
+        self, name: str, inputs: Mapping[str, Symbol], outputs: Mapping[str, Symbol]
+    ) -> None:
         self._in_shapes = {key: _shape(symbol) for key, symbol in inputs.items()}
         self._out_shapes = {key: _shape(symbol) for key, symbol in outputs.items()}
         flat = {key: type(symbol).sym(key, symbol.numel()) for key, symbol in inputs.items()}
-        matrices = [ca.reshape(flat[key], symbol.shape[1], symbol.shape[0]).T for key, symbol in inputs.items()]
+        matrices = [
+            ca.reshape(flat[key], symbol.shape[1], symbol.shape[0]).T
+            for key, symbol in inputs.items()
+        ]
         self._inner = ca.Function(name, list(inputs.values()), list(outputs.values()))
         results = self._inner.call(matrices, True, False)
         self._single = ca.Function(name, list(flat.values()), [_row_major(r) for r in results])
@@ -67,7 +76,11 @@ class Batched:
     def at(self, **symbols: Symbol) -> dict[str, Symbol]:
         """The same expressions of other symbols, of the shapes of the inputs."""
         return dict(
-            zip(self._out_shapes, self._inner.call([symbols[key] for key in self._in_shapes], True, False), strict=True)
+            zip(
+                self._out_shapes,
+                self._inner.call([symbols[key] for key in self._in_shapes], True, False),
+                strict=True,
+            )
         )
 
     def __call__(self, **arrays: ArrayLike) -> dict[str, Array]:
@@ -80,7 +93,9 @@ class Batched:
             One array per output, samples on axis 0 (also where all inputs were constant: n = 1).
         """
         values = {key: np.asarray(arrays[key], dtype=np.float64) for key in self._in_shapes}
-        lengths = {v.shape[0] for key, v in values.items() if v.ndim == len(self._in_shapes[key]) + 1}
+        lengths = {
+            v.shape[0] for key, v in values.items() if v.ndim == len(self._in_shapes[key]) + 1
+        }
         if len(lengths) > 1:
             raise ValueError(f"expected equal numbers of samples, found {sorted(lengths)}")
         n = lengths.pop() if lengths else 1
@@ -104,7 +119,9 @@ class Batched:
         return {key: array[:n] for key, array in outputs.items()}
 
     def _evaluate(self, inputs: list[Array], outputs: list[Array], first: int, last: int) -> None:
-        """Fill the outputs of blocks first to last - 1; a buffer has memory of its own, so that calls may overlap."""
+        """Fill the outputs of blocks first to last - 1; a buffer has memory of its own, so that
+        calls may overlap.
+        """
         buffer: Any
         buffer, evaluate = self._block.buffer()
         for k in range(first, last):

@@ -1,4 +1,6 @@
-"""Numbers as people read them: names and units of the ten parameters, and the digits that an uncertainty leaves."""
+"""Numbers as people read them: names and units of the ten parameters, and the digits that an
+uncertainty leaves.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +23,15 @@ LABELS = (
 
 
 def number(value: float | None, deviation: float | None = None, *, sign: bool = False) -> str:
-    """A number with the digits that its uncertainty leaves: two of the 1-sigma; a dash where there is none."""
+    """A number with the digits that its uncertainty leaves: two of the 1-sigma; a dash where there
+    is none.
+    """
     if value is None:
         return "-"
     scale = deviation if deviation else abs(value) * 1e-3
-    digits = int(np.clip(1 - np.floor(np.log10(scale)), 0, 6)) if scale and np.isfinite(scale) else 3
+    digits = (
+        int(np.clip(1 - np.floor(np.log10(scale)), 0, 6)) if scale and np.isfinite(scale) else 3
+    )
     text = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
     return text if deviation is None else f"{text} ± {deviation:.{digits}f}"
 

@@ -1,4 +1,6 @@
-"""How values show themselves in a session or a notebook: a small table and sentences below it, as text and as HTML."""
+"""How values show themselves in a session or a notebook: a small table and sentences below it, as
+text and as HTML.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,10 @@ class Display:
 
     def text(self) -> str:
         """For a terminal; lines have no blanks at their ends."""
-        grid = [[printable(cell) for cell in row] for row in (*((self.head,) if self.head else ()), *self.rows)]
+        grid = [
+            [printable(cell) for cell in row]
+            for row in (*((self.head,) if self.head else ()), *self.rows)
+        ]
         widths = [max(map(len, column)) for column in zip(*grid, strict=True)]
         lines = [
             "  ".join(
@@ -35,7 +40,9 @@ class Display:
         return "\n".join([printable(self.title), *lines, *map(printable, self.sentences)])
 
     def html(self) -> str:
-        """For a notebook; without colours of its own, so that it is readable on light and on dark."""
+        """For a notebook; without colours of its own, so that it is readable on light and on
+        dark.
+        """
         head = f"<thead>{_row('th', self.head)}</thead>" if self.head else ""
         body = "".join(_row("td", row) for row in self.rows)
         caption = f'<caption style="text-align: left">{_escaped(self.title)}</caption>'
@@ -46,7 +53,8 @@ class Display:
 def _row(tag: str, cells: Sequence[str]) -> str:
     sides = ("left" if i < _NUMBERS else "right" for i in range(len(cells)))
     inner = (
-        f'<{tag} style="text-align: {side}">{_escaped(cell)}</{tag}>' for side, cell in zip(sides, cells, strict=True)
+        f'<{tag} style="text-align: {side}">{_escaped(cell)}</{tag}>'
+        for side, cell in zip(sides, cells, strict=True)
     )
     return f"<tr>{''.join(inner)}</tr>"
 
@@ -57,4 +65,6 @@ def _escaped(text: str) -> str:
 
 def printable(text: str) -> str:
     """In one line, without anything that steers a terminal."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split()))
+    return "".join(
+        c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split())
+    )

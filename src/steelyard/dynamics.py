@@ -1,7 +1,7 @@
 r"""Newton-Euler equations of the platform and their regressor.
 
-With the specific force :math:`s = R^T (a_P - g)` and :math:`h = m c`, all in the platform frame about its origin, the
-cables (or whatever carries the body) exert
+With the specific force :math:`s = R^T (a_P - g)` and :math:`h = m c`, all in the platform frame
+about its origin, the cables (or whatever carries the body) exert
 
 .. math:: f = m s + \dot\omega \times h + \omega \times (\omega \times h), \qquad
           n = J_P \dot\omega + \omega \times J_P \omega + h \times s .
@@ -20,7 +20,9 @@ from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 
 
-def newton_euler(parameters: Symbol, specific_force: Symbol, omega: Symbol, alpha: Symbol) -> Symbol:
+def newton_euler(
+    parameters: Symbol, specific_force: Symbol, omega: Symbol, alpha: Symbol
+) -> Symbol:
     """Wrench that moves the body, about the platform origin, in the platform frame.
 
     Args:
@@ -46,12 +48,18 @@ def newton_euler(parameters: Symbol, specific_force: Symbol, omega: Symbol, alph
 
 
 def specific_force_in_platform(rotation: Symbol, acceleration: Symbol, gravity: Symbol) -> Symbol:
-    """What an ideal accelerometer at the platform origin reads: R^T (a_P - g) [m/s^2], errata.md item 4 of Eq. (6)."""
+    """What an ideal accelerometer at the platform origin reads: R^T (a_P - g) [m/s^2], errata.md
+    item 4 of Eq. (6).
+    """
     return rotation.T @ (acceleration - gravity)
 
 
-def point_specific_force(specific_force: Symbol, omega: Symbol, alpha: Symbol, point: Symbol) -> Symbol:
-    """Specific force of a point fixed to the platform, in P [m/s^2]: s + alpha x p + omega x (omega x p)."""
+def point_specific_force(
+    specific_force: Symbol, omega: Symbol, alpha: Symbol, point: Symbol
+) -> Symbol:
+    """Specific force of a point fixed to the platform, in P [m/s^2]: s + alpha x p + omega x (omega
+    x p).
+    """
     return specific_force + ca.cross(alpha, point) + ca.cross(omega, ca.cross(omega, point))
 
 
@@ -85,9 +93,11 @@ def platform_wrench(parameters: Array, specific_force: Array, omega: Array, alph
 
 
 def platform_regressor(specific_force: Array, omega: Array, alpha: Array) -> Array:
-    r"""Regressor Y of the Newton-Euler equations, :math:`Y \phi` = wrench of the cables about the origin of P, in P.
+    r"""Regressor Y of the Newton-Euler equations, :math:`Y \phi` = wrench of the cables about the
+    origin of P, in P.
 
-    The exact derivative of :func:`newton_euler`; the joint form of Eq. (6) and (8) of [Tempel2017]_.
+    The exact derivative of :func:`newton_euler`; the joint form of Eq. (6) and (8) of
+    [Tempel2017]_.
 
     Args:
         specific_force: Acceleration of the origin of P minus gravity, in P [m/s^2], shape (n, 3).

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 
 class SteelyardError(Exception):
-    """Anything that steelyard reports on purpose; the text says where, what was found, and what to do."""
+    """Anything that steelyard reports on purpose; the text says where, what was found, and what to
+    do.
+    """
 
 
 class InputError(SteelyardError):

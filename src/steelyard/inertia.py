@@ -12,11 +12,13 @@ from numpy.typing import ArrayLike
 from steelyard.arrays import Array, readonly
 
 LINEAR_PARAMETERS = ("m", "hx", "hy", "hz", "Jxx", "Jyy", "Jzz", "Jyz", "Jxz", "Jxy")
-"""The ten parameters in which the dynamics is linear: mass [kg], first moment h = m c [kg m] and inertia matrix about the
-platform origin [kg m^2]. Moments in the order of the paper's k_2; products are elements of the matrix."""
+"""The ten parameters in which the dynamics is linear: mass [kg], first moment h = m c [kg m] and
+inertia matrix about the platform origin [kg m^2]. Moments in the order of the paper's k_2; products
+are elements of the matrix."""
 
 BODY_PARAMETERS = ("mass", "cx", "cy", "cz", "Jxx", "Jyy", "Jzz", "Jyz", "Jxz", "Jxy")
-"""The same body as people quote it: mass [kg], centre of gravity [m], inertia matrix about it [kg m^2]."""
+"""The same body as people quote it: mass [kg], centre of gravity [m], inertia matrix about it [kg
+m^2]."""
 
 BODY_UNITS = ("kg", "m", "m", "m", *["kg m^2"] * 6)
 """Of :data:`BODY_PARAMETERS`."""
@@ -35,12 +37,15 @@ def symmetric(six: ArrayLike) -> Array:
 
 
 def six(matrix: ArrayLike) -> Any:
-    """Elements xx, yy, zz, yz, xz, xy of a symmetric matrix of shape (3, 3); complex numbers stay complex."""
+    """Elements xx, yy, zz, yz, xz, xy of a symmetric matrix of shape (3, 3); complex numbers stay
+    complex.
+    """
     return np.asarray(matrix)[ROWS, COLUMNS]
 
 
 def point_inertia(mass: Any, position: ArrayLike) -> Any:
-    """Inertia matrix of a point mass about the origin, m [c]x^T [c]x of Eq. (7) of [Tempel2017]_ [kg m^2], shape (3, 3).
+    """Inertia matrix of a point mass about the origin, m [c]x^T [c]x of Eq. (7) of [Tempel2017]_
+    [kg m^2], shape (3, 3).
 
     Complex numbers stay complex, so that derivatives can be had by a complex step.
     """
@@ -49,7 +54,8 @@ def point_inertia(mass: Any, position: ArrayLike) -> Any:
 
 
 def body_jacobian(parameters: ArrayLike) -> Array:
-    """Derivative of the ten of :data:`BODY_PARAMETERS` by the ten of :data:`LINEAR_PARAMETERS`, shape (10, 10).
+    """Derivative of the ten of :data:`BODY_PARAMETERS` by the ten of :data:`LINEAR_PARAMETERS`,
+    shape (10, 10).
 
     Args:
         parameters: Of :data:`LINEAR_PARAMETERS`, the mass not zero, shape (10,).
@@ -62,15 +68,17 @@ def body_jacobian(parameters: ArrayLike) -> Array:
 
     # A complex step is exact to rounding.
     step = 1e-200
-    return np.column_stack([np.asarray(body(p + 1j * step * e).imag / step, dtype=np.float64) for e in np.eye(10)])
+    return np.column_stack(
+        [np.asarray(body(p + 1j * step * e).imag / step, dtype=np.float64) for e in np.eye(10)]
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
     """Mass, centre of gravity and inertia of a body, in platform axes.
 
-    Any numbers may stand here, also those of a body that cannot exist: an estimate has to be shown as it is.
-    :attr:`is_physical` tells.
+    Any numbers may stand here, also those of a body that cannot exist: an estimate has to be shown
+    as it is. :attr:`is_physical` tells.
     """
 
     mass: float
@@ -78,13 +86,18 @@ class Inertia:
     center_of_gravity: Array
     """In the platform frame [m], shape (3,)."""
     inertia: Array
-    """About the centre of gravity, platform axes; products are elements of the matrix [kg m^2], shape (3, 3)."""
+    """About the centre of gravity, platform axes; products are elements of the matrix [kg m^2],
+    shape (3, 3)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mass", float(readonly(self.mass, (), "mass")))
-        object.__setattr__(self, "center_of_gravity", readonly(self.center_of_gravity, (3,), "center_of_gravity"))
+        object.__setattr__(
+            self, "center_of_gravity", readonly(self.center_of_gravity, (3,), "center_of_gravity")
+        )
         matrix = readonly(self.inertia, (3, 3), "inertia")
-        if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=1e-12 * float(np.abs(matrix).max(initial=0.0))):
+        if not np.allclose(
+            matrix, matrix.T, rtol=1e-9, atol=1e-12 * float(np.abs(matrix).max(initial=0.0))
+        ):
             raise ValueError(f"inertia: expected a symmetric matrix, found {matrix.tolist()}")
         object.__setattr__(self, "inertia", readonly((matrix + matrix.T) / 2, (3, 3), "inertia"))
 
@@ -141,10 +154,12 @@ class Inertia:
 
     @property
     def pseudo_inertia(self) -> Array:
-        """Second moments of the homogeneous position [r; 1] about the origin, shape (4, 4) [Wensing2018]_.
+        """Second moments of the homogeneous position [r; 1] about the origin, shape (4, 4)
+        [Wensing2018]_.
 
-        ``[[S, h], [h^T, m]]`` with S = integral of r r^T dm = tr(J_P) / 2 - J_P [kg m^2]. The body can exist exactly
-        if this matrix is positive definite (semidefinite for a flat or pointlike one).
+        ``[[S, h], [h^T, m]]`` with S = integral of r r^T dm = tr(J_P) / 2 - J_P [kg m^2]. The body
+        can exist exactly if this matrix is positive definite (semidefinite for a flat or pointlike
+        one).
         """
         J = self.inertia_about_origin
         h = self.first_moment[:, None]
@@ -159,23 +174,27 @@ class Inertia:
 
     @property
     def log_cholesky(self) -> Array:
-        """Ten unconstrained numbers (alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3) of [Rucker2022]_, shape (10,).
+        """Ten unconstrained numbers (alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3) of
+        [Rucker2022]_, shape (10,).
 
-        ``pseudo_inertia = U U^T`` with ``U = exp(alpha) [[exp(d1), s12, s13, t1], [0, exp(d2), s23, t2],
-        [0, 0, exp(d3), t3], [0, 0, 0, 1]]``.
+        ``pseudo_inertia = U U^T`` with ``U = exp(alpha) [[exp(d1), s12, s13, t1], [0, exp(d2), s23,
+        t2], [0, 0, exp(d3), t3], [0, 0, 0, 1]]``.
 
         Raises:
             ValueError: The body cannot exist, so it has no such form.
         """
         if not self.is_physical:
             raise ValueError(
-                "log_cholesky: expected a body that can exist, found a pseudo-inertia that is not positive definite"
+                "log_cholesky: expected a body that can exist, found a pseudo-inertia that is not"
+                " positive definite"
             )
         flip = np.arange(3, -1, -1)
         # The upper factor is the lower one of the matrix with its axes in reverse order.
         U = np.linalg.cholesky(self.pseudo_inertia[np.ix_(flip, flip)])[np.ix_(flip, flip)]
         V = U / U[3, 3]
-        return np.array([np.log(U[3, 3]), *np.log(np.diag(V)[:3]), V[0, 1], V[1, 2], V[0, 2], *V[:3, 3]])
+        return np.array(
+            [np.log(U[3, 3]), *np.log(np.diag(V)[:3]), V[0, 1], V[1, 2], V[0, 2], *V[:3, 3]]
+        )
 
     @classmethod
     def from_log_cholesky(cls, values: ArrayLike) -> Inertia:
@@ -195,18 +214,24 @@ class Inertia:
 
     @property
     def principal_moments(self) -> Array:
-        """Eigenvalues of the inertia matrix about the centre of gravity, ascending [kg m^2], shape (3,)."""
+        """Eigenvalues of the inertia matrix about the centre of gravity, ascending [kg m^2], shape
+        (3,).
+        """
         return np.asarray(np.linalg.eigvalsh(self.inertia), dtype=np.float64)
 
     @property
     def triangle_margin(self) -> float:
-        """How far the principal moments keep the triangle inequality, I1 + I2 - I3 [kg m^2]; negative: no body."""
+        """How far the principal moments keep the triangle inequality, I1 + I2 - I3 [kg m^2];
+        negative: no body.
+        """
         i1, i2, i3 = self.principal_moments
         return float(i1 + i2 - i3)
 
     @property
     def is_physical(self) -> bool:
-        """Whether a mass distribution with these values exists (a positive definite pseudo-inertia matrix)."""
+        """Whether a mass distribution with these values exists (a positive definite pseudo-inertia
+        matrix).
+        """
         return self.mass > 0 and bool(self.principal_moments[0] > 0) and self.triangle_margin > 0
 
     def __repr__(self) -> str:
@@ -220,13 +245,17 @@ class Inertia:
     def to_pinocchio(self) -> PinocchioParameters:
         """Dynamic parameters as ``pinocchio.Inertia.toDynamicParameters`` orders them."""
         h, J = self.first_moment, self.inertia_about_origin
-        return PinocchioParameters(self.mass, h[0], h[1], h[2], J[0, 0], J[0, 1], J[1, 1], J[0, 2], J[1, 2], J[2, 2])
+        return PinocchioParameters(
+            self.mass, h[0], h[1], h[2], J[0, 0], J[0, 1], J[1, 1], J[0, 2], J[1, 2], J[2, 2]
+        )
 
     @classmethod
     def from_pinocchio(cls, values: PinocchioParameters | ArrayLike) -> Inertia:
         """From the order of ``pinocchio.Inertia.toDynamicParameters``."""
         v = PinocchioParameters(*np.asarray(values, dtype=np.float64))
-        return cls.from_parameters([v.m, v.mx, v.my, v.mz, v.Ixx, v.Iyy, v.Izz, v.Iyz, v.Ixz, v.Ixy])
+        return cls.from_parameters(
+            [v.m, v.mx, v.my, v.mz, v.Ixx, v.Iyy, v.Izz, v.Iyz, v.Ixz, v.Ixy]
+        )
 
     def to_mujoco(self) -> MujocoInertial:
         """The ``inertial`` element of MJCF with ``fullinertia``."""
@@ -249,14 +278,21 @@ class Inertia:
         return UrdfInertial(
             self.mass,
             tuple(float(v) for v in self.center_of_gravity),
-            J[0, 0], J[0, 1], J[0, 2], J[1, 1], J[1, 2], J[2, 2],
-        )  # fmt: skip
+            J[0, 0],
+            J[0, 1],
+            J[0, 2],
+            J[1, 1],
+            J[1, 2],
+            J[2, 2],
+        )
 
     @classmethod
     def from_urdf(cls, values: UrdfInertial) -> Inertia:
         """Inverse of :meth:`to_urdf`."""
         v = values
-        return cls(v.mass, np.array(v.origin_xyz), symmetric([v.ixx, v.iyy, v.izz, v.iyz, v.ixz, v.ixy]))
+        return cls(
+            v.mass, np.array(v.origin_xyz), symmetric([v.ixx, v.iyy, v.izz, v.iyz, v.ixz, v.ixy])
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers under the names of the contract."""
@@ -268,17 +304,22 @@ class Inertia:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Inertia:
-        """From the names of the contract, as in ``truth.json`` or an estimate; other keys are passed over.
+        """From the names of the contract, as in ``truth.json`` or an estimate; other keys are
+        passed over.
 
         Raises:
             KeyError: A name is missing.
             ValueError: A value has the wrong shape, or is null.
         """
-        return cls(values["mass"], np.asarray(values["center_of_gravity"]), np.asarray(values["inertia"]))
+        return cls(
+            values["mass"], np.asarray(values["center_of_gravity"]), np.asarray(values["inertia"])
+        )
 
 
 class PinocchioParameters(NamedTuple):
-    """Pinocchio: mass, first moment, inertia about the origin (elements of the matrix), [kg], [kg m], [kg m^2]."""
+    """Pinocchio: mass, first moment, inertia about the origin (elements of the matrix), [kg], [kg
+    m], [kg m^2].
+    """
 
     m: float
     mx: float
@@ -293,7 +334,9 @@ class PinocchioParameters(NamedTuple):
 
 
 class MujocoInertial(NamedTuple):
-    """MuJoCo: mass [kg], position of the centre of gravity [m], inertia about it as xx, yy, zz, xy, xz, yz [kg m^2]."""
+    """MuJoCo: mass [kg], position of the centre of gravity [m], inertia about it as xx, yy, zz, xy,
+    xz, yz [kg m^2].
+    """
 
     mass: float
     pos: tuple[float, ...]
@@ -301,7 +344,9 @@ class MujocoInertial(NamedTuple):
 
 
 class UrdfInertial(NamedTuple):
-    """URDF: mass [kg], origin of the inertial frame [m], inertia in it; products are elements of the matrix [kg m^2]."""
+    """URDF: mass [kg], origin of the inertial frame [m], inertia in it; products are elements of
+    the matrix [kg m^2].
+    """
 
     mass: float
     origin_xyz: tuple[float, ...]

@@ -23,21 +23,26 @@ def read_json(path: Path) -> Any:
     with path.open("rb") as file:
         content = file.read(_LARGEST_FILE + 1)
     if len(content) > _LARGEST_FILE:
-        raise InputError(f"{path}: expected at most {_LARGEST_FILE >> 20} MiB of JSON, found more; check the path")
+        raise InputError(
+            f"{path}: expected at most {_LARGEST_FILE >> 20} MiB of JSON, found more; check the"
+            " path"
+        )
     try:
         return json.loads(content.decode("utf-8-sig"), parse_int=float, parse_constant=_no_number)
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{path}: expected UTF-8 text, found a byte that is not at {error.start}; check the path"
+            f"{path}: expected UTF-8 text, found a byte that is not at {error.start}; check the"
+            " path"
         ) from None
     except json.JSONDecodeError as error:
         raise InputError(
-            f"{path}:{error.lineno}: expected JSON, found a mistake in it ({error.msg[:1].lower()}{error.msg[1:]}); "
-            "let identify write the file again"
+            f"{path}:{error.lineno}: expected JSON, found a mistake in it"
+            f" ({error.msg[:1].lower()}{error.msg[1:]}); let identify write the file again"
         ) from None
     except RecursionError:
         raise InputError(
-            f"{path}: expected an estimate that identify wrote, found lists too deep; check the path"
+            f"{path}: expected an estimate that identify wrote, found lists too deep; check the"
+            " path"
         ) from None
     except ValueError as error:
         raise InputError(

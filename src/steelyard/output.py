@@ -16,7 +16,8 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 
 _HIDDEN = ".steelyard-"
-"""How the names of unfinished results begin; what a killed process left does not count as files of the user."""
+"""How the names of unfinished results begin; what a killed process left does not count as files of
+the user."""
 
 
 def check_target(target: Path, *, force: bool) -> None:
@@ -27,17 +28,26 @@ def check_target(target: Path, *, force: bool) -> None:
         force: Whether they may replace others.
 
     Raises:
-        InputError: Something is there already and may not be replaced, or the place cannot be written to.
+        InputError: Something is there already and may not be replaced, or the place cannot be
+            written to.
     """
     if target.is_symlink() and not target.exists():
         raise InputError(
-            f"{target}: expected a folder for the results, found a link to nothing; choose another with --out"
+            f"{target}: expected a folder for the results, found a link to nothing; choose another"
+            " with --out"
         )
     if target.exists() and not target.is_dir():
-        raise InputError(f"{target}: expected a folder for the results, found a file; choose another with --out")
-    if target.is_dir() and not force and any(not entry.name.startswith(_HIDDEN) for entry in target.iterdir()):
         raise InputError(
-            f"{target}: expected a new or empty folder for the results, found files; choose another, or --force to replace them"
+            f"{target}: expected a folder for the results, found a file; choose another with --out"
+        )
+    if (
+        target.is_dir()
+        and not force
+        and any(not entry.name.startswith(_HIDDEN) for entry in target.iterdir())
+    ):
+        raise InputError(
+            f"{target}: expected a new or empty folder for the results, found files; choose"
+            " another, or --force to replace them"
         )
     _check_place(target.absolute() if target.is_dir() else target.absolute().parent, target)
 
@@ -50,16 +60,23 @@ def check_file_target(target: Path, *, force: bool) -> None:
         force: Whether it may replace another.
 
     Raises:
-        InputError: Something is there already and may not be replaced, or the place cannot be written to.
+        InputError: Something is there already and may not be replaced, or the place cannot be
+            written to.
     """
     if target.is_symlink() and not target.exists():
-        raise InputError(f"{target}: expected a file to write, found a link to nothing; choose another with --out")
+        raise InputError(
+            f"{target}: expected a file to write, found a link to nothing; choose another with"
+            " --out"
+        )
     if target.exists() and not target.is_file():
         found = "a folder" if target.is_dir() else "something that is no regular file"
-        raise InputError(f"{target}: expected a file to write, found {found}; choose another with --out")
+        raise InputError(
+            f"{target}: expected a file to write, found {found}; choose another with --out"
+        )
     if target.exists() and not force:
         raise InputError(
-            f"{target}: expected a new file, found one of that name; choose another with --out, or --force to replace it"
+            f"{target}: expected a new file, found one of that name; choose another with --out, or"
+            " --force to replace it"
         )
     _check_place(target.resolve().parent, target)
 
@@ -68,14 +85,19 @@ def _check_place(folder: Path, target: Path) -> None:
     while not folder.exists():
         folder = folder.parent
     if not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise InputError(f"{target}: expected a place that can be written to, found none; choose another with --out")
+        raise InputError(
+            f"{target}: expected a place that can be written to, found none; choose another with"
+            " --out"
+        )
 
 
 @contextmanager
 def results_folder(target: Path, *, force: bool) -> Iterator[Path]:
-    """A folder to write results into, which appear at their place only when the block ends without an error.
+    """A folder to write results into, which appear at their place only when the block ends without
+    an error.
 
-    With ``force``, files and folders of the same names are replaced; whatever else lies there stays.
+    With ``force``, files and folders of the same names are replaced; whatever else lies there
+    stays.
 
     Args:
         target: Where the results belong.
@@ -103,7 +125,8 @@ def results_folder(target: Path, *, force: bool) -> Iterator[Path]:
 
 @contextmanager
 def results_file(target: Path, *, force: bool) -> Iterator[Path]:
-    """A path to write one file to, which appears at its place only when the block ends without an error.
+    """A path to write one file to, which appears at its place only when the block ends without an
+    error.
 
     Args:
         target: Where the file belongs.
@@ -130,7 +153,9 @@ def results_file(target: Path, *, force: bool) -> Iterator[Path]:
 
 @contextmanager
 def _beside(folder: Path) -> Iterator[Path]:
-    """A hidden place in a folder, gone in the end; what had to be made of the folder goes too where the block fails."""
+    """A hidden place in a folder, gone in the end; what had to be made of the folder goes too where
+    the block fails.
+    """
     made = [each for each in (folder, *folder.parents) if not each.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     # Inside a folder that exists: what lies beside it may be another device, or somebody else's.
@@ -160,7 +185,8 @@ def _publish(fresh: Path, place: Path, old: Path) -> None:
     if not place.exists():
         fresh.rename(place)
         return
-    # Entry by entry: what else is there stays, and so does the folder itself, in which somebody may stand.
+    # Entry by entry: what else is there stays, and so does the folder itself, in which somebody may
+    # stand.
     old.mkdir()
     moved: list[str] = []
     try:
@@ -204,7 +230,9 @@ def write_table(runs: Sequence[tuple[str, Mapping[str, Array]]], path: Path) -> 
     """
     import polars as pl
 
-    frames = [pl.DataFrame(columns).select(pl.lit(run).alias("run"), pl.all()) for run, columns in runs]
+    frames = [
+        pl.DataFrame(columns).select(pl.lit(run).alias("run"), pl.all()) for run, columns in runs
+    ]
     # Into memory first: names of files are bytes, which the library would have as text.
     buffer = io.BytesIO()
     pl.concat(frames).write_parquet(buffer)

@@ -1,8 +1,9 @@
 """Rotations, written once in CasADi.
 
-``R_a_b`` maps coordinates in frame b to coordinates in frame a. Tait-Bryan angles are (roll, pitch, yaw) with
-``R = Rz(yaw) Ry(pitch) Rx(roll)``, Eq. (3) of [Tempel2017]_; quaternions are (w, x, y, z). Conversions of recorded numbers
-use :class:`scipy.spatial.transform.Rotation`; here is what the model needs with derivatives.
+``R_a_b`` maps coordinates in frame b to coordinates in frame a. Tait-Bryan angles are (roll, pitch,
+yaw) with ``R = Rz(yaw) Ry(pitch) Rx(roll)``, Eq. (3) of [Tempel2017]_; quaternions are (w, x, y,
+z). Conversions of recorded numbers use :class:`scipy.spatial.transform.Rotation`; here is what the
+model needs with derivatives.
 """
 
 from __future__ import annotations
@@ -48,7 +49,9 @@ def from_quaternion(q: Symbol) -> Symbol:
 
 
 def quaternion_of_rpy(rpy: Symbol) -> Symbol:
-    """Quaternion (w, x, y, z) of Tait-Bryan angles (roll, pitch, yaw) [rad], without jumps of sign."""
+    """Quaternion (w, x, y, z) of Tait-Bryan angles (roll, pitch, yaw) [rad], without jumps of
+    sign.
+    """
     cr, cp, cy = ca.cos(rpy[0] / 2), ca.cos(rpy[1] / 2), ca.cos(rpy[2] / 2)
     sr, sp, sy = ca.sin(rpy[0] / 2), ca.sin(rpy[1] / 2), ca.sin(rpy[2] / 2)
     return ca.vertcat(
@@ -66,16 +69,21 @@ def quaternion_rate(q: Symbol, omega: Symbol) -> Symbol:
 
 
 def quaternion_omega(q: Symbol, dq: Symbol) -> Symbol:
-    """Angular velocity in body axes [rad/s] of a quaternion (w, x, y, z) of any length, not zero, and its derivative."""
+    """Angular velocity in body axes [rad/s] of a quaternion (w, x, y, z) of any length, not zero,
+    and its derivative.
+    """
     w, v, dw, dv = q[0], q[1:4], dq[0], dq[1:4]
     return 2 * (w * dv - dw * v - ca.cross(v, dv)) / ca.dot(q, q)
 
 
 def exp(theta: Symbol) -> Symbol:
-    """Rotation matrix of a rotation vector [rad] (Rodrigues), exact to rounding near zero and smooth there."""
+    """Rotation matrix of a rotation vector [rad] (Rodrigues), exact to rounding near zero and
+    smooth there.
+    """
     square = ca.dot(theta, theta)
     small = square < 1e-6
-    # Both branches are evaluated: the exact one must stay finite, with finite derivatives, where it is not taken.
+    # Both branches are evaluated: the exact one must stay finite, with finite derivatives, where it
+    # is not taken.
     safe = ca.if_else(small, 1.0, square)
     angle = ca.sqrt(safe)
     sine = ca.if_else(small, 1 - square / 6 + square**2 / 120, ca.sin(angle) / angle)
@@ -87,7 +95,11 @@ def exp(theta: Symbol) -> Symbol:
 def log(rotation: Symbol) -> Symbol:
     """Rotation vector [rad] of a rotation matrix by an angle below pi, smooth at zero."""
     axial = (
-        ca.vertcat(rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1])
+        ca.vertcat(
+            rotation[2, 1] - rotation[1, 2],
+            rotation[0, 2] - rotation[2, 0],
+            rotation[1, 0] - rotation[0, 1],
+        )
         / 2
     )
     square = ca.dot(axial, axial)

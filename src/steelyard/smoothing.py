@@ -1,7 +1,9 @@
-"""Least-squares splines: one zero-phase low-pass for streams of any rate, uneven, with repeated or missing samples.
+"""Least-squares splines: one zero-phase low-pass for streams of any rate, uneven, with repeated or
+missing samples.
 
-Every stream of a run is fitted with quintic splines on one common grid of knots, so that all are filtered alike; the spline is
-then evaluated, with derivatives, at any time. Knots ``spacing`` apart pass motion up to about ``1 / (2 spacing)``.
+Every stream of a run is fitted with quintic splines on one common grid of knots, so that all are
+filtered alike; the spline is then evaluated, with derivatives, at any time. Knots ``spacing`` apart
+pass motion up to about ``1 / (2 spacing)``.
 """
 
 from __future__ import annotations
@@ -24,12 +26,15 @@ _LONGEST_PIECE = 300.0
 _OVERLAP_SPACINGS = 12.0
 
 _PROBES = 4
-"""Columns of white noise that are fitted along with the data, to see how much noise the spline lets through."""
+"""Columns of white noise that are fitted along with the data, to see how much noise the spline lets
+through."""
 
 
 @dataclass(frozen=True, eq=False)
 class Samples1D:
-    """Samples of one quantity: times [s], shape (n,), never decreasing, and finite values, shape (n, k)."""
+    """Samples of one quantity: times [s], shape (n,), never decreasing, and finite values, shape
+    (n, k).
+    """
 
     time: Array
     values: Array
@@ -61,7 +66,9 @@ def knots(start: float, end: float, spacing: float) -> Array:
     return np.concatenate([np.full(DEGREE, start), inner, np.full(DEGREE, end)])
 
 
-def fit(samples: Samples1D, start: float, end: float, spacing: float, *, robust: bool = False) -> Smoothed | None:
+def fit(
+    samples: Samples1D, start: float, end: float, spacing: float, *, robust: bool = False
+) -> Smoothed | None:
     """Fit one quantity over an interval; None where its samples do not determine the spline.
 
     Args:
@@ -75,8 +82,9 @@ def fit(samples: Samples1D, start: float, end: float, spacing: float, *, robust:
     time, values = samples.time[inside], samples.values[inside]
     if not robust or len(time) <= _NEIGHBOURS:
         return _fit(time, values, start, end, spacing)[0]
-    # A number that stands far is replaced by what the others say of it: a spike in one channel leaves the others as they are. Spikes
-    # are seen against their neighbours first, since they would ring through the spline.
+    # A number that stands far is replaced by what the others say of it: a spike in one channel
+    # leaves the others as they are. Spikes are seen against their neighbours first, since they
+    # would ring through the spline.
     expected: Array | None = _among_neighbours(values)
     fitted = None
     for _ in range(_ROUNDS):
@@ -84,7 +92,9 @@ def fit(samples: Samples1D, start: float, end: float, spacing: float, *, robust:
         far = _far(values, expected)
         if fitted is not None and not far.any():
             break
-        again, expected = _fit(time, np.where(far, expected, values) if far.any() else values, start, end, spacing)
+        again, expected = _fit(
+            time, np.where(far, expected, values) if far.any() else values, start, end, spacing
+        )
         if again is None:
             break
         fitted = again
@@ -105,7 +115,8 @@ def _among_neighbours(values: Array) -> Array:
     before, after = (around[:-4], around[1:-3]), (around[3:-1], around[4:])
     lower, higher = np.minimum(*before), np.maximum(*before)
     low, high = np.minimum(*after), np.maximum(*after)
-    # Of two sorted pairs the middle two are the larger of the smaller ones and the smaller of the larger ones.
+    # Of two sorted pairs the middle two are the larger of the smaller ones and the smaller of the
+    # larger ones.
     return np.asarray((np.maximum(lower, low) + np.minimum(higher, high)) / 2)
 
 
@@ -119,7 +130,9 @@ def _far(values: Array, expected: Array) -> NDArray[np.bool_]:
     return np.asarray(far & (far.mean(axis=0) <= _MOST_LEFT_OUT))
 
 
-def _fit(time: Array, values: Array, start: float, end: float, spacing: float) -> tuple[Smoothed | None, Array | None]:
+def _fit(
+    time: Array, values: Array, start: float, end: float, spacing: float
+) -> tuple[Smoothed | None, Array | None]:
     """The spline, and its values at the samples."""
     t = knots(start, end, spacing)
     freedom = len(t) - DEGREE - 1
@@ -144,8 +157,8 @@ def _fit(time: Array, values: Array, start: float, end: float, spacing: float) -
 def _least_squares(time: Array, values: Array, t: Array) -> BSpline | None:
     """Least-squares spline on knots t; None where the samples do not determine it.
 
-    The normal equations of B-splines are banded, mostly well conditioned and linear in time; where they are not, as with samples that
-    only just reach an end, orthogonal reduction takes over.
+    The normal equations of B-splines are banded, mostly well conditioned and linear in time; where
+    they are not, as with samples that only just reach an end, orthogonal reduction takes over.
     """
     for method in ("norm-eq", "qr"):
         try:
@@ -155,7 +168,9 @@ def _least_squares(time: Array, values: Array, t: Array) -> BSpline | None:
     return None
 
 
-def segments(streams: Sequence[Array], start: float, end: float, spacing: float) -> list[tuple[float, float]]:
+def segments(
+    streams: Sequence[Array], start: float, end: float, spacing: float
+) -> list[tuple[float, float]]:
     """Parts of an interval in which no stream has a gap too wide for the knots.
 
     Args:
@@ -175,14 +190,17 @@ def segments(streams: Sequence[Array], start: float, end: float, spacing: float)
         gaps = np.flatnonzero(steps > limit)
         edges = [start, *(edge for i in gaps for edge in (inside[i], inside[i + 1])), end]
         own = list(zip(edges[::2], edges[1::2], strict=True))
-        parts = [(max(a, c), min(b, d)) for a, b in parts for c, d in own if min(b, d) - max(a, c) > 0]
+        parts = [
+            (max(a, c), min(b, d)) for a, b in parts for c, d in own if min(b, d) - max(a, c) > 0
+        ]
     return [(float(a), float(b)) for a, b in parts]
 
 
 def pieces(start: float, end: float, spacing: float) -> list[tuple[float, float, float, float]]:
     """Cut a long part into pieces, so that memory does not grow with its length.
 
-    Every piece is fitted over some more than it is used for: a spline forgets its ends within a few knots.
+    Every piece is fitted over some more than it is used for: a spline forgets its ends within a few
+    knots.
 
     Args:
         start: Of the part [s].
@@ -190,8 +208,8 @@ def pieces(start: float, end: float, spacing: float) -> list[tuple[float, float,
         spacing: Of the knots [s].
 
     Returns:
-        Start and end of what is fitted, start and end of what is used of it [s]; at the ends of the part a knot spacing, where
-        derivatives are poor, is not used.
+        Start and end of what is fitted, start and end of what is used of it [s]; at the ends of the
+        part a knot spacing, where derivatives are poor, is not used.
     """
     count = max(1, round((end - start) / _LONGEST_PIECE))
     cuts = np.linspace(start, end, count + 1)
@@ -208,7 +226,12 @@ def pieces(start: float, end: float, spacing: float) -> list[tuple[float, float,
 
 
 def choose_spacing(
-    streams: Sequence[Samples1D], candidates: Sequence[float], start: float, end: float, *, robust: bool = False
+    streams: Sequence[Samples1D],
+    candidates: Sequence[float],
+    start: float,
+    end: float,
+    *,
+    robust: bool = False,
 ) -> float:
     """Knot spacing that predicts the streams best, by generalised cross-validation.
 
@@ -232,8 +255,13 @@ def choose_spacing(
                 break
             n = int(np.sum((samples.time >= start) & (samples.time <= end)))
             freedom = len(fitted.spline.t) - DEGREE - 1
-            # GCV = (RSS / n) / (1 - freedom / n)^2, as a log likelihood over all numbers of the stream; noise-free data bottom out.
-            variance = fitted.sigma**2 / (1 - freedom / n) + 1e-18 * float(np.mean(samples.values**2)) + 1e-300
+            # GCV = (RSS / n) / (1 - freedom / n)^2, as a log likelihood over all numbers of the
+            # stream; noise-free data bottom out.
+            variance = (
+                fitted.sigma**2 / (1 - freedom / n)
+                + 1e-18 * float(np.mean(samples.values**2))
+                + 1e-300
+            )
             score += samples.values.size * float(np.log(variance))
         if score < best:
             best, choice = score, spacing

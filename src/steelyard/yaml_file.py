@@ -1,4 +1,6 @@
-"""YAML files from anyone: read as data, checked against a model, with errors that name file, line and key."""
+"""YAML files from anyone: read as data, checked against a model, with errors that name file, line
+and key.
+"""
 
 from __future__ import annotations
 
@@ -20,11 +22,15 @@ from steelyard.errors import InputError
 _LARGEST_FILE = 2**19  # bytes; reading line numbers along takes seconds beyond it
 _LARGEST_NUMBER = 1e15
 _DEEPEST = 200  # brackets in each other; beyond, the parser spends seconds before it gives up
-_MOST_VALUES = 200_000  # after aliases are expanded: a file of a few lines can name itself a billion times
+_MOST_VALUES = (
+    200_000  # after aliases are expanded: a file of a few lines can name itself a billion times
+)
 
 
 class FileModel(BaseModel):
-    """Base of everything that a file may hold: no unknown keys, no silent conversion, never changed."""
+    """Base of everything that a file may hold: no unknown keys, no silent conversion, never
+    changed.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -70,7 +76,8 @@ def read_yaml(path: Path, what: str = "YAML") -> Document:
     text = read_text(path)
     if _depth(text) > _DEEPEST:
         raise InputError(
-            f"{path}: expected {what}, found something that cannot be read (brackets more than {_DEEPEST} deep); correct it"
+            f"{path}: expected {what}, found something that cannot be read (brackets more than"
+            f" {_DEEPEST} deep); correct it"
         )
     try:
         node = YAML(typ="rt", pure=True).load(text)
@@ -94,9 +101,13 @@ def read_yaml(path: Path, what: str = "YAML") -> Document:
     try:
         data = _plain(node, (), lines, [0])
     except (_TooManyError, RecursionError):
-        raise InputError(f"{path}: expected at most {_MOST_VALUES} values, found more; remove nested aliases") from None
+        raise InputError(
+            f"{path}: expected at most {_MOST_VALUES} values, found more; remove nested aliases"
+        ) from None
     except _BrokenTextError:
-        raise InputError(f"{path}: expected text, found half a character (a lone surrogate); remove it") from None
+        raise InputError(
+            f"{path}: expected text, found half a character (a lone surrogate); remove it"
+        ) from None
     return Document(path, data, lines)
 
 
@@ -115,13 +126,15 @@ def read_text(path: Path) -> str:
     require_file(path)
     if path.stat().st_size > _LARGEST_FILE:
         raise InputError(
-            f"{path}: expected at most {_LARGEST_FILE >> 10} KiB of YAML, found {path.stat().st_size >> 10} KiB"
+            f"{path}: expected at most {_LARGEST_FILE >> 10} KiB of YAML, found"
+            f" {path.stat().st_size >> 10} KiB"
         )
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{path}: expected UTF-8 text, found a byte that is not at {error.start}; save it as UTF-8"
+            f"{path}: expected UTF-8 text, found a byte that is not at {error.start}; save it as"
+            " UTF-8"
         ) from None
 
 
@@ -144,7 +157,11 @@ def require_file(path: Path, what: str = "file") -> None:
         if path.is_file():
             return
         found = (
-            "a folder" if path.is_dir() else "something that is no regular file" if path.exists() else "nothing there"
+            "a folder"
+            if path.is_dir()
+            else "something that is no regular file"
+            if path.exists()
+            else "nothing there"
         )
     except OSError as error:
         found = f"'{error.strerror}'"
@@ -161,8 +178,12 @@ class _BrokenTextError(Exception):
     """Half of a surrogate pair, which no text may hold."""
 
 
-def _plain(node: Any, key: tuple[str | int, ...], lines: dict[tuple[str | int, ...], int], count: list[int]) -> Any:
-    """Turn the loader's nodes into dicts, lists, strings, numbers and None, and note their lines."""
+def _plain(
+    node: Any, key: tuple[str | int, ...], lines: dict[tuple[str | int, ...], int], count: list[int]
+) -> Any:
+    """Turn the loader's nodes into dicts, lists, strings, numbers and None, and note their
+    lines.
+    """
     count[0] += 1
     if count[0] > _MOST_VALUES:
         raise _TooManyError
@@ -171,14 +192,18 @@ def _plain(node: Any, key: tuple[str | int, ...], lines: dict[tuple[str | int, .
         mapping = {}
         for name, value in node.items():
             inner = (*key, str(name))
-            lines[inner] = line_of.key(name)[0] + 1 if name in (line_of.data or {}) else lines.get(key, 1)
+            lines[inner] = (
+                line_of.key(name)[0] + 1 if name in (line_of.data or {}) else lines.get(key, 1)
+            )
             mapping[str(name)] = _plain(value, inner, lines, count)
         return mapping
     if isinstance(node, list):
         items = []
         for i, value in enumerate(node):
             inner = (*key, i)
-            lines[inner] = line_of.item(i)[0] + 1 if i in (line_of.data or {}) else lines.get(key, 1)
+            lines[inner] = (
+                line_of.item(i)[0] + 1 if i in (line_of.data or {}) else lines.get(key, 1)
+            )
             items.append(_plain(value, inner, lines, count))
         return items
     if isinstance(node, bool) or node is None:
@@ -201,7 +226,9 @@ def _text(node: Any) -> str:
     return text
 
 
-def validate(model: type[Model], document: Document, data: Any = None, key: tuple[str | int, ...] = ()) -> Model:
+def validate(
+    model: type[Model], document: Document, data: Any = None, key: tuple[str | int, ...] = ()
+) -> Model:
     """Check plain values against a model.
 
     Args:
@@ -222,9 +249,14 @@ def validate(model: type[Model], document: Document, data: Any = None, key: tupl
     except ValidationError as error:
         problems = error.errors(include_url=False)
         # Of a number-or-list, the branch that was meant is the one whose shape was given.
-        fitting = [p for p in problems if not (p["type"] == "float_type" and isinstance(p.get("input"), tuple))]
+        fitting = [
+            p
+            for p in problems
+            if not (p["type"] == "float_type" and isinstance(p.get("input"), tuple))
+        ]
         first = (fitting or problems)[0]
-        # Branches of a union appear in the location under their tag; only real keys help the reader.
+        # Branches of a union appear in the location under their tag; only real keys help the
+        # reader.
         path = key + _real_keys(tuple(first["loc"]), values)
         known = _known_keys(model, tuple(first["loc"]))
         places = {_real_keys(tuple(p["loc"]), values) for p in problems}
@@ -239,11 +271,15 @@ def _check_sizes(document: Document, value: Any, key: tuple[str | int, ...]) -> 
         for part, entry in value.items() if isinstance(value, dict) else enumerate(value):
             _check_sizes(document, entry, (*key, part))
     elif isinstance(value, float) and _LARGEST_NUMBER < abs(value) < float("inf"):
-        raise document.error(key, f"expected a number of a possible size, found {value:g}; correct it")
+        raise document.error(
+            key, f"expected a number of a possible size, found {value:g}; correct it"
+        )
 
 
 def _with_tuples(value: Any) -> Any:
-    """Lists as tuples: strict validation takes nothing for anything else, and the models hold tuples."""
+    """Lists as tuples: strict validation takes nothing for anything else, and the models hold
+    tuples.
+    """
     if isinstance(value, dict):
         return {key: _with_tuples(entry) for key, entry in value.items()}
     return tuple(_with_tuples(entry) for entry in value) if isinstance(value, list) else value
@@ -259,7 +295,9 @@ def _real_keys(location: tuple[str | int, ...], data: Any) -> tuple[str | int, .
             data = data[part]
             real.append(part)
         elif (
-            i == len(location) - 1 and isinstance(data, dict) and not str(part).startswith(("function-", "constrained"))
+            i == len(location) - 1
+            and isinstance(data, dict)
+            and not str(part).startswith(("function-", "constrained"))
         ):
             real.append(part)
     return tuple(real)
@@ -278,7 +316,9 @@ def _is_model(kind: Any) -> bool:
 
 
 def _inside(kind: Any, part: str | int) -> Any:
-    """Type of a part of a value: of a key of a mapping, of an item of a list, of a branch of a union by its tag."""
+    """Type of a part of a value: of a key of a mapping, of an item of a list, of a branch of a
+    union by its tag.
+    """
     while typing.get_origin(kind) is typing.Annotated:
         kind = typing.get_args(kind)[0]
     if _is_model(kind):
@@ -301,7 +341,10 @@ def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> st
     location = problem["loc"]
     name = str(path[-1]) if path else ""
     if kind == "missing" and location and isinstance(location[-1], int):
-        return f"expected at least {location[-1] + 1} values, found {location[-1]}; add what is missing"
+        return (
+            f"expected at least {location[-1] + 1} values, found {location[-1]}; add what is"
+            " missing"
+        )
     if kind == "missing":
         return f"expected this key, found it missing; add '{name}'"
     if kind == "extra_forbidden":
@@ -316,7 +359,10 @@ def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> st
         return f"expected a known key, found '{name}'{hint}"
     if kind in {"union_tag_invalid", "literal_error"}:
         expected = context.get("expected_tags") or context.get("expected")
-        return f"expected one of {expected}, found {_short(context.get('tag', found))}; choose one of these"
+        return (
+            f"expected one of {expected}, found {_short(context.get('tag', found))}; choose one of"
+            " these"
+        )
     if kind == "union_tag_not_found":
         return "expected the key 'kind', found it missing; add it"
     if kind in {"float_type", "int_type", "float_parsing", "finite_number", "int_from_float"}:
@@ -332,7 +378,10 @@ def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> st
         return f"expected a number {sign} {bound:g}, found {_short(found)}; correct it"
     if kind in {"too_short", "too_long", "tuple_type", "list_type"}:
         if kind == "too_long":
-            return f"expected at most {context.get('max_length')} values, found {_short(found)}; correct it"
+            return (
+                f"expected at most {context.get('max_length')} values, found {_short(found)};"
+                " correct it"
+            )
         least = f" of at least {context['min_length']} values" if "min_length" in context else ""
         return f"expected a list{least}, found {_short(found)}; correct it"
     if kind == "string_type":

@@ -18,7 +18,9 @@ TRUTH = "truth.json"
 _LARGEST_TRUTH = 1 << 24  # bytes
 
 
-def run_conversion(place: Path, out: Path, *, tables: TableFormat, force: bool, as_json: bool, quiet: bool) -> None:
+def run_conversion(
+    place: Path, out: Path, *, tables: TableFormat, force: bool, as_json: bool, quiet: bool
+) -> None:
     """Write an experiment with all its streams on one clock."""
     check_target(out, force=force)
     experiment = read_experiment(place)
@@ -35,23 +37,41 @@ def run_conversion(place: Path, out: Path, *, tables: TableFormat, force: bool, 
             shutil.copyfile(truth, folder / TRUTH)
         written = [path for path in folder.rglob("*") if path.is_file()]
         size = sum(path.stat().st_size for path in written)
-    runs = {run.name: {name: len(stream) for name, stream in run.streams.items()} for run in experiment.runs}
+    runs = {
+        run.name: {name: len(stream) for name, stream in run.streams.items()}
+        for run in experiment.runs
+    }
     if as_json:
-        print_json({"experiment": str(out / "experiment.yaml"), "samples": runs, "files": len(written), "bytes": size})
+        print_json(
+            {
+                "experiment": str(out / "experiment.yaml"),
+                "samples": runs,
+                "files": len(written),
+                "bytes": size,
+            }
+        )
         return
     print(
-        f"{out / 'experiment.yaml'}: {len(runs)} run{'s' if len(runs) > 1 else ''}, {len(written)} files, {size / 1e6:.1f} MB"
+        f"{out / 'experiment.yaml'}: {len(runs)} run{'s' if len(runs) > 1 else ''}, {len(written)}"
+        f" files, {size / 1e6:.1f} MB"
     )
     for name, samples in runs.items():
-        print(f"  {name}: " + ", ".join(f"{count} samples of {stream}" for stream, count in samples.items()))
+        print(
+            f"  {name}: "
+            + ", ".join(f"{count} samples of {stream}" for stream, count in samples.items())
+        )
 
 
 def _check_apart(experiment: Experiment, place: Path, out: Path) -> None:
     """See that nothing is written over what is read."""
     target = out.resolve()
-    read = [place, *(Path(stream.source) for run in experiment.runs for stream in run.streams.values())]
+    read = [
+        place,
+        *(Path(stream.source) for run in experiment.runs for stream in run.streams.values()),
+    ]
     for path in read:
         if path.resolve().is_relative_to(target):
             raise InputError(
-                f"{out}: expected a folder apart from the recordings, found {path} in it; choose another with --out"
+                f"{out}: expected a folder apart from the recordings, found {path} in it; choose"
+                " another with --out"
             )

@@ -14,19 +14,26 @@ from steelyard.arrays import Array
 from steelyard.cli.progress import progress
 from steelyard.cli.verbs import print_json
 from steelyard.errors import InputError
+from steelyard.estimates.estimate import Estimate
+from steelyard.estimates.estimate_file import read_estimates
 from steelyard.excitation.appraisal import Appraisal, appraise
 from steelyard.excitation.criterion import Target
 from steelyard.excitation.demands import Demands, Margin
 from steelyard.excitation.design import design, designed_body
-from steelyard.excitation.design_file import RATE, RESULT, appraisal_dict, command_names, design_dict, write_design
+from steelyard.excitation.design_file import (
+    RATE,
+    RESULT,
+    appraisal_dict,
+    command_names,
+    design_dict,
+    write_design,
+)
 from steelyard.excitation.plan import is_experiment, planned
 from steelyard.excitation.poses import held
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
-from steelyard.identification.estimate import Estimate
-from steelyard.identification.estimate_file import read_estimates
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.study import Progress
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.solve.study import Progress
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.motion.trajectory import Trajectory
 from steelyard.output import check_target, results_folder, write_json
@@ -83,7 +90,9 @@ def run_design(
                     write_document(design_document(appraisal), folder, REPORT)
         else:
             if duration is None:
-                raise InputError("--duration: expected the length of the motion in seconds, found none; add it")
+                raise InputError(
+                    "--duration: expected the length of the motion in seconds, found none; add it"
+                )
             if out is None:
                 raise InputError("--out: expected a folder for the commands, found none; add it")
             found = design(
@@ -111,15 +120,22 @@ def run_design(
     if check is None and out is not None:
         if not found.in_time:
             print(
-                "The time was up before all searches had ended: another run may find another motion; a larger --budget helps."
+                "The time was up before all searches had ended: another run may find another"
+                " motion; a larger --budget helps."
             )
         files = ", ".join(name for _, name in command_names(appraisal))
         print(f"\n{files} and {RESULT} are in {out}/; {REPORT}.html shows the motion.")
         if is_experiment(place):
-            print(f"Record the motion, add it as a run to {place}, then: steelyard identify {_quoted(place)}")
+            print(
+                f"Record the motion, add it as a run to {place}, then: steelyard identify"
+                f" {_quoted(place)}"
+            )
         else:
             print("Try it on the simulated robot next:")
-            print(f"  steelyard simulate {_quoted(place)} --trajectory {out / 'command.csv'} --out {out / 'virtual'}")
+            print(
+                f"  steelyard simulate {_quoted(place)} --trajectory {out / 'command.csv'} --out"
+                f" {out / 'virtual'}"
+            )
 
 
 def _quoted(place: str) -> str:
@@ -128,26 +144,33 @@ def _quoted(place: str) -> str:
 
 def _check_numbers(margin: float, runs: int, budget: float, rate: float) -> None:
     if not RATE <= rate <= _MOST_RATE:
-        raise InputError(f"--rate: expected {RATE:g} to {_MOST_RATE:g} Hz, found {rate:g}; choose another")
+        raise InputError(
+            f"--rate: expected {RATE:g} to {_MOST_RATE:g} Hz, found {rate:g}; choose another"
+        )
     if not _MARGINS[0] <= margin <= _MARGINS[1]:
         raise InputError(
-            f"--margin: expected a share from {_MARGINS[0]:g} to {_MARGINS[1]:g}, found {margin:g}; .2 is a body up to 20 % lighter or heavier"
+            f"--margin: expected a share from {_MARGINS[0]:g} to {_MARGINS[1]:g}, found {margin:g};"
+            " .2 is a body up to 20 % lighter or heavier"
         )
     if not 1 <= runs <= _MOST_RUNS:
         raise InputError(f"--runs: expected 1 to {_MOST_RUNS}, found {runs}; choose another number")
     if not _BUDGETS[0] <= budget <= _BUDGETS[1]:
         raise InputError(
-            f"--budget: expected {_BUDGETS[0]:g} to {_BUDGETS[1]:g} s, found {budget:g}; choose another time"
+            f"--budget: expected {_BUDGETS[0]:g} to {_BUDGETS[1]:g} s, found {budget:g}; choose"
+            " another time"
         )
 
 
 def _with_body(experiment: Experiment, body: str | None, earlier: Sequence[Estimate]) -> Experiment:
-    """The experiment with the body that is designed for: as estimated, else as the robot file says, else as it was found before."""
+    """The experiment with the body that is designed for: as estimated, else as the robot file says,
+    else as it was found before.
+    """
     if body is not None:
         estimate = _estimate(body)
         if estimate.body is None:
             raise InputError(
-                f"--body {body}: expected an estimate of all ten parameters, found one that lacks some; add what is missing as 'platform' to the robot file"
+                f"--body {body}: expected an estimate of all ten parameters, found one that lacks"
+                " some; add what is missing as 'platform' to the robot file"
             )
         return replace(experiment, robot=replace(experiment.robot, platform=estimate.body))
     found = next((each.body for each in earlier if each.body is not None), None)
@@ -163,7 +186,9 @@ def _estimate(place: str) -> Estimate:
         return MaximumLikelihood()(read_experiment(path))
     found = read_estimates([place])
     if len(found) != 1:
-        raise InputError(f"{place}: expected one estimate, found {len(found)}; name the method behind a colon")
+        raise InputError(
+            f"{place}: expected one estimate, found {len(found)}; name the method behind a colon"
+        )
     return found[0].estimate
 
 
@@ -173,20 +198,27 @@ def _information(estimate: Estimate, platform: Inertia) -> Array:
     if not told.any():
         return np.zeros((10, 10))
     rows = body_jacobian(platform.parameters)[told]
-    return np.asarray(rows.T @ np.linalg.pinv(estimate.covariance[np.ix_(told, told)], hermitian=True) @ rows)
+    return np.asarray(
+        rows.T @ np.linalg.pinv(estimate.covariance[np.ix_(told, told)], hermitian=True) @ rows
+    )
 
 
 def _target(text: str | None, platform: Inertia) -> Target:
     """From ``mass=1.6,cog=0.002,inertia=1%``; what is not named takes its default."""
     target = Target.default(platform)
-    whole = {"mass": platform.mass, "cog": None, "inertia": float(np.max(np.diag(platform.inertia)))}
+    whole = {
+        "mass": platform.mass,
+        "cog": None,
+        "inertia": float(np.max(np.diag(platform.inertia))),
+    }
     for part in (text or "").split(",") if text else ():
         key, _, value = (each.strip() for each in part.partition("="))
         number = _number(value.removesuffix("%"))
         relative = value.endswith("%")
         if key not in whole or number is None or (relative and whole[key] is None):
             raise InputError(
-                f"--target: expected mass=KG,cog=M,inertia=KGM2 (mass and inertia also in %), found '{part}'; correct it"
+                "--target: expected mass=KG,cog=M,inertia=KGM2 (mass and inertia also in %), found"
+                f" '{part}'; correct it"
             )
         size = number / 100 * (whole[key] or 1.0) if relative else number
         target = replace(target, **{key: size})
@@ -219,10 +251,14 @@ def _checked(
     before: Array,
     tell: Progress,
 ) -> Appraisal:
-    """What a given motion will tell and what it takes; limits that it exceeds are said, not refused."""
+    """What a given motion will tell and what it takes; limits that it exceeds are said, not
+    refused.
+    """
     robot = experiment.robot
     runs: dict[str, Trajectory] = (
-        {"paper": repeated_move(duration)} if which == "paper" else trajectories(robot, which, duration, check=False)
+        {"paper": repeated_move(duration)}
+        if which == "paper"
+        else trajectories(robot, which, duration, check=False)
     )
     demands = held(Demands(robot, experiment.instruments, Margin(margin, robot.size), 0.0, 1.0))
     return appraise(

@@ -31,14 +31,20 @@ def run_export(
 ) -> None:
     """Write an estimate in a format."""
     if robot is not None and format_ != "mjcf":
-        raise InputError(f"--robot: expected --format mjcf, the only one with cables, found {format_}; leave one out")
+        raise InputError(
+            f"--robot: expected --format mjcf, the only one with cables, found {format_}; leave"
+            " one out"
+        )
     if pose is not None and robot is None:
-        raise InputError("--pose: expected --robot beside it, found none; leave --pose out or name the robot")
+        raise InputError(
+            "--pose: expected --robot beside it, found none; leave --pose out or name the robot"
+        )
     check_file_target(out, force=force)
     exported = read_exported(place, method)
     if exported.path is not None and out.exists() and out.samefile(exported.path):
         raise InputError(
-            f"{out}: expected another file than the estimate that is read, found it; choose another with --out"
+            f"{out}: expected another file than the estimate that is read, found it; choose another"
+            " with --out"
         )
     form = FORMATS[format_]
     check(exported, title=form.title, whole=form.whole, anyway=anyway)

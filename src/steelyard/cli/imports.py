@@ -27,7 +27,8 @@ def run_import(
     imported = import_robot(files, products=products, about=about, cable_set=cable_set)
     if any(out.exists() and out.samefile(path) for path in imported.files):
         raise InputError(
-            f"{out}: expected another file than those that are read, found one of them; choose another with --out"
+            f"{out}: expected another file than those that are read, found one of them; choose"
+            " another with --out"
         )
     with results_file(out, force=force) as path:
         path.write_text(imported.to_text(), encoding="utf-8", newline="\n")
@@ -37,6 +38,8 @@ def run_import(
         print(to_json({"robot": str(out), **imported.to_dict()}, ascii_only=True))
         return
     robot = imported.robot
-    print(f"{out}: {robot.name}, {robot.m} cable{'s' if robot.m > 1 else ''}, from {imported.format}")
+    print(
+        f"{out}: {robot.name}, {robot.m} cable{'s' if robot.m > 1 else ''}, from {imported.format}"
+    )
     for note in imported.notes:
         print(f"  {note}")

@@ -22,22 +22,29 @@ from steelyard.robot.file import bundled_names, read_robot
 from steelyard.robot.model import Robot
 
 
-def run_init(logs: Sequence[Path], robot: str, out: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
+def run_init(
+    logs: Sequence[Path], robot: str, out: Path, *, force: bool, as_json: bool, quiet: bool
+) -> None:
     """Guess the experiment that logs were recorded in, and write its file."""
     check_file_target(out, force=force)
     model = read_robot(robot)
     with progress(quiet=quiet) as tell:
         found = draft(logs, model, tell)
     with results_file(out, force=force) as fresh:
-        # What `identify` would refuse must not be written: it is read once, from a place beside its own.
+        # What `identify` would refuse must not be written: it is read once, from a place beside its
+        # own.
         trial = fresh.parent / "trial.yaml"
         trial.write_text(_text(found, model, robot, out, trial.parent), encoding="utf-8")
         try:
             read_experiment(trial)
         except InputError as error:
-            raise InputError(f"{error}".replace(f"{trial.parent}/../", "").replace(f"{trial}", f"{out}")) from None
+            raise InputError(
+                f"{error}".replace(f"{trial.parent}/../", "").replace(f"{trial}", f"{out}")
+            ) from None
         trial.unlink()
-        fresh.write_text(_text(found, model, robot, out, out.resolve().parent), encoding="utf-8", newline="\n")
+        fresh.write_text(
+            _text(found, model, robot, out, out.resolve().parent), encoding="utf-8", newline="\n"
+        )
     values = _values(found, out)
     if as_json:
         print_json(values)
@@ -69,7 +76,9 @@ def _relative(path: Path, folder: Path) -> str:
     try:
         relative.encode()
     except UnicodeEncodeError:
-        raise InputError(f"{path}: expected a path that is text, found other bytes; rename it") from None
+        raise InputError(
+            f"{path}: expected a path that is text, found other bytes; rename it"
+        ) from None
     return relative
 
 
@@ -92,7 +101,12 @@ def _values(found: Draft, out: Path) -> dict[str, Any]:
 
 def _show(values: dict[str, Any]) -> None:
     screen = console()
-    table = Table(title=Text(f"{values['experiment']}"), title_justify="left", title_style="bold", header_style="bold")
+    table = Table(
+        title=Text(f"{values['experiment']}"),
+        title_justify="left",
+        title_style="bold",
+        header_style="bold",
+    )
     for heading in ("run", "instrument", "log", "columns", "units", "rate", "samples"):
         table.add_column(heading, justify="right" if heading in {"rate", "samples"} else "left")
     checks: dict[str, None] = {}
@@ -100,7 +114,13 @@ def _show(values: dict[str, Any]) -> None:
         for name, stream in entry["streams"].items():
             log = stream["log"] if stream["topic"] is None else f"{stream['log']} {stream['topic']}"
             units = ", ".join(dict.fromkeys(stream["units"].values())) or "SI"
-            rate = "at rest" if entry["static"] else "" if stream["rate"] is None else f"{stream['rate']:g} Hz"
+            rate = (
+                "at rest"
+                if entry["static"]
+                else ""
+                if stream["rate"] is None
+                else f"{stream['rate']:g} Hz"
+            )
             cells = [
                 run,
                 f"{name} ({stream['kind']})",
@@ -123,8 +143,8 @@ def _show(values: dict[str, Any]) -> None:
     screen.print(
         Text(
             _seen(
-                "Fill in where the instruments sit (position, rpy_deg, target), then: steelyard inspect "
-                + values["experiment"]
+                "Fill in where the instruments sit (position, rpy_deg, target), then: steelyard"
+                " inspect " + values["experiment"]
             )
         )
     )

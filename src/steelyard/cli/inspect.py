@@ -16,9 +16,17 @@ from steelyard.report.write import write_document
 
 
 def run_inspection(
-    experiment: Path, *, runs: Sequence[str], out: Path | None, force: bool, as_json: bool, quiet: bool
+    experiment: Path,
+    *,
+    runs: Sequence[str],
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
-    """Look at the recordings of an experiment, print what was found, and write it where it was asked for."""
+    """Look at the recordings of an experiment, print what was found, and write it where it was
+    asked for.
+    """
     if out is not None:
         check_target(out, force=force)
     recorded = selected(read_experiment(experiment), runs)

@@ -9,7 +9,9 @@ from contextlib import contextmanager
 
 @contextmanager
 def progress(*, quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
-    """A function that is told what is being done and the fraction that is done; None where nobody looks."""
+    """A function that is told what is being done and the fraction that is done; None where nobody
+    looks.
+    """
     if quiet or not sys.stderr.isatty():
         yield None
         return

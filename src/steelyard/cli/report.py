@@ -15,7 +15,10 @@ def run_report(folder: Path, *, as_json: bool) -> None:
     """Draw the report of a folder again."""
     if not folder.is_dir():
         found = "a file" if folder.exists() else "nothing"
-        raise InputError(f"{folder}: expected a folder that identify wrote with --out, found {found}; check the path")
+        raise InputError(
+            f"{folder}: expected a folder that identify wrote with --out, found {found}; check the"
+            " path"
+        )
     summary = read_summary(folder)
     # What is replaced has been drawn from the same summary.
     with results_folder(folder, force=True) as fresh:

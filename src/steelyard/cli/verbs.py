@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from steelyard.bodies.mass_region import Box, Ellipsoid
 from steelyard.cli.progress import progress
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
-from steelyard.identification.consistent import Consistent
 from steelyard.identification.identify import chosen_methods, identify
-from steelyard.identification.mass_region import Box, Ellipsoid
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.two_step import TwoStep
+from steelyard.identification.methods.consistent import Consistent
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.two_step import TwoStep
 from steelyard.inertia import Inertia
 from steelyard.output import check_target, results_folder, to_json
 from steelyard.report.made import made_of
@@ -55,7 +55,13 @@ def list_robots(name: str | None, *, as_json: bool) -> None:
         return
     robots = {each: read_robot(each) for each in bundled_names()}
     if as_json:
-        print_json({"robots": [{"name": n, "cables": r.m, "mass": _mass(r.platform)} for n, r in robots.items()]})
+        print_json(
+            {
+                "robots": [
+                    {"name": n, "cables": r.m, "mass": _mass(r.platform)} for n, r in robots.items()
+                ]
+            }
+        )
         return
     for each, robot in robots.items():
         print(f"{each:16} {robot.m} cables, nominal platform {_mass(robot.platform) or 0:.3f} kg")
@@ -81,17 +87,32 @@ def run_simulation(
     check_target(out, force=force)
     model = read_robot(robot)
     with progress(quiet=quiet) as tell:
-        virtual = simulate_experiment(model, trajectory, sensors, duration=duration, seed=seed, progress=tell)
+        virtual = simulate_experiment(
+            model, trajectory, sensors, duration=duration, seed=seed, progress=tell
+        )
     virtual.write(out, force=force)
-    runs = {run.name: {name: len(stream) for name, stream in run.streams.items()} for run in virtual.experiment.runs}
+    runs = {
+        run.name: {name: len(stream) for name, stream in run.streams.items()}
+        for run in virtual.experiment.runs
+    }
     if as_json:
-        print_json({"experiment": str(out / "experiment.yaml"), "truth": str(out / "truth.json"), "samples": runs})
+        print_json(
+            {
+                "experiment": str(out / "experiment.yaml"),
+                "truth": str(out / "truth.json"),
+                "samples": runs,
+            }
+        )
         return
     print(
-        f"{out / 'experiment.yaml'}: {len(runs)} run{'s' if len(runs) > 1 else ''} of {model.name}, truth in {out / 'truth.json'}"
+        f"{out / 'experiment.yaml'}: {len(runs)} run{'s' if len(runs) > 1 else ''} of {model.name},"
+        f" truth in {out / 'truth.json'}"
     )
     for name, samples in runs.items():
-        print(f"  {name}: " + ", ".join(f"{count} samples of {stream}" for stream, count in samples.items()))
+        print(
+            f"  {name}: "
+            + ", ".join(f"{count} samples of {stream}" for stream, count in samples.items())
+        )
 
 
 def run_identification(
@@ -152,25 +173,35 @@ def _options(given: Mapping[str, Any]) -> dict[str, str]:
     """What was asked for, in words."""
     chosen = {name: value for name, value in given.items() if value}
     return {
-        name: "yes" if value is True else value if isinstance(value, str) else ", ".join(map(str, value))
+        name: (
+            "yes"
+            if value is True
+            else value
+            if isinstance(value, str)
+            else ", ".join(map(str, value))
+        )
         for name, value in chosen.items()
     }
 
 
-def _regions(box: Sequence[float] | None, ellipsoid: Sequence[float] | None) -> tuple[Box | Ellipsoid, ...]:
+def _regions(
+    box: Sequence[float] | None, ellipsoid: Sequence[float] | None
+) -> tuple[Box | Ellipsoid, ...]:
     """Where the mass lies, as the user says."""
     regions: list[Box | Ellipsoid] = []
     if box:
         lower, upper = box[:3], box[3:]
         if not all(low < high for low, high in zip(lower, upper, strict=True)):
             raise InputError(
-                f"--box: expected the lower corner, then the upper one [m], found {' '.join(map(str, box))}; order them"
+                "--box: expected the lower corner, then the upper one [m], found"
+                f" {' '.join(map(str, box))}; order them"
             )
         regions.append(Box(np.array(lower), np.array(upper)))
     if ellipsoid:
         if min(ellipsoid[3:]) <= 0:
             raise InputError(
-                f"--ellipsoid: expected the centre, then three semi-axes above 0 [m], found {' '.join(map(str, ellipsoid))}; correct it"
+                "--ellipsoid: expected the centre, then three semi-axes above 0 [m], found"
+                f" {' '.join(map(str, ellipsoid))}; correct it"
             )
         regions.append(Ellipsoid(np.array(ellipsoid[:3]), np.array(ellipsoid[3:])))
     return tuple(regions)
@@ -183,7 +214,9 @@ def selected(experiment: Experiment, names: Sequence[str]) -> Experiment:
     known = [run.name for run in experiment.runs]
     for name in names:
         if name not in known:
-            raise InputError(f"--run: expected one of {', '.join(known)}, found '{name}'; choose one of these")
+            raise InputError(
+                f"--run: expected one of {', '.join(known)}, found '{name}'; choose one of these"
+            )
     return replace(experiment, runs=tuple(run for run in experiment.runs if run.name in names))
 
 
@@ -191,7 +224,9 @@ _LARGEST_TRUTH = 1 << 24  # bytes
 
 
 def known_truth(folder: Path) -> Inertia | None:
-    """The true body, where a simulation left it beside its experiment; None where there is none that can be read."""
+    """The true body, where a simulation left it beside its experiment; None where there is none
+    that can be read.
+    """
     import json
 
     path = folder / "truth.json"
@@ -223,7 +258,9 @@ def run_demo(out: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
     beside = {"two-step, the paper's eight moves": moves.estimates["two-step"]}
     truth = recorded["multisine"].body
     title = "CoGiRo with the sensors of the paper, simulated: its eight moves, and 20 s on six axes"
-    made = {name: made_of(virtual.experiment, {"demo": "seed 0"}) for name, virtual in recorded.items()}
+    made = {
+        name: made_of(virtual.experiment, {"demo": "seed 0"}) for name, virtual in recorded.items()
+    }
     summary = summarise(best, truth, beside, title, ", six axes", made["multisine"])
     with results_folder(out, force=force) as folder:
         write_virtual(recorded["multisine"], folder)
@@ -236,7 +273,10 @@ def run_demo(out: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
         print_json(best.to_dict())
         return
     show(summary, each_run=False)
-    print(f"\nData, estimates and report are in {out}/ (the paper's moves in {out / 'paper-moves'}/). Look at")
+    print(
+        f"\nData, estimates and report are in {out}/ (the paper's moves in {out / 'paper-moves'}/)."
+        " Look at"
+    )
     print(f"  {out / 'report.html'}\nin a browser, and try next:")
     print(f"  steelyard identify {out / 'experiment.yaml'} --acceleration tracker")
 

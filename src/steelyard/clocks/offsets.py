@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.clocks.clock_signals import Clock
 from steelyard.clocks.search import Candidate, candidates
 from steelyard.clocks.shift import Shift, refined
-from steelyard.clocks.witness import Clock
 
 _LEAST_GAIN = 8.0
 """Log likelihood that two clocks must share."""
@@ -44,7 +44,8 @@ class Offset:
     instruments: tuple[str, ...]
     """That share the clock."""
     value: float
-    """Its time less that of the forces' clock at the same instant [s], where the recording begins."""
+    """Its time less that of the forces' clock at the same instant [s], where the recording
+    begins."""
     sigma: float
     """1-sigma [s]."""
     told: bool
@@ -91,12 +92,17 @@ def joined(clocks: Sequence[Clock]) -> list[Offset]:
     if len(clocks) < 2:
         return [Offset(c.instruments, 0.0, 0.0, True) for c in clocks]
     links = sorted(
-        (Link(i, j, tuple(candidates(clocks[i], clocks[j], _TRIED))) for i, j in combinations(range(len(clocks)), 2)),
+        (
+            Link(i, j, tuple(candidates(clocks[i], clocks[j], _TRIED)))
+            for i, j in combinations(range(len(clocks)), 2)
+        ),
         key=lambda link: -link.gain,
     )
     known = {0: Offset(clocks[0].instruments, 0.0, 0.0, True)}
     while len(known) < len(clocks):
-        link = next((each for each in links if (each.first in known) != (each.second in known)), None)
+        link = next(
+            (each for each in links if (each.first in known) != (each.second in known)), None
+        )
         assert link is not None  # every pair has a link
         forward = link.first in known
         old, new = (link.first, link.second) if forward else (link.second, link.first)
@@ -121,26 +127,45 @@ def _measured(clocks: Sequence[Clock], link: Link) -> Offset:
     first, second = clocks[link.first], clocks[link.second]
     names = f"{' and '.join(first.instruments)} against {' and '.join(second.instruments)}"
     if link.gain < _LEAST_GAIN:
-        return Offset(second.instruments, 0.0, np.inf, False, f"{names}: the motion that both saw is too little")
-    tried = [(c, s) for c in link.found for s in [_overall(first, second, c.shift)] if s is not None]
+        return Offset(
+            second.instruments,
+            0.0,
+            np.inf,
+            False,
+            f"{names}: the motion that both saw is too little",
+        )
+    tried = [
+        (c, s) for c in link.found for s in [_overall(first, second, c.shift)] if s is not None
+    ]
     if not tried:
-        return Offset(second.instruments, link.found[0].shift, np.inf, False, f"{names}: too little overlaps")
-    # The likeliest of the rough search, unless the finer one knows better among those about as likely.
+        return Offset(
+            second.instruments, link.found[0].shift, np.inf, False, f"{names}: too little overlaps"
+        )
+    # The likeliest of the rough search, unless the finer one knows better among those about as
+    # likely.
     close = sorted((t for t in tried if t[0].gain > _CLOSE * link.gain), key=lambda t: t[1].cost)
     if not close:
-        return Offset(second.instruments, link.found[0].shift, np.inf, False, f"{names}: too little overlaps")
+        return Offset(
+            second.instruments, link.found[0].shift, np.inf, False, f"{names}: too little overlaps"
+        )
     best = close[0][1]
     others = [
         s
         for c, s in close[1:]
-        if c.gain > _ALIKE * link.gain and abs(s.value - best.value) > _APART and s.cost < best.cost + _MUCH
+        if c.gain > _ALIKE * link.gain
+        and abs(s.value - best.value) > _APART
+        and s.cost < best.cost + _MUCH
     ]
     if others:
         shifts = " and ".join(f"{s:.3f} s" for s in sorted((best.value, others[0].value)))
         reason = f"{names}: the motion repeats itself, so that shifts of {shifts} explain it alike"
         return Offset(second.instruments, best.value, np.inf, False, reason)
     told = best.sigma < _LARGEST_SIGMA
-    reason = "" if told else f"{names}: the motion is too slow to tell it better than to {best.sigma * 1e3:.0f} ms"
+    reason = (
+        ""
+        if told
+        else f"{names}: the motion is too slow to tell it better than to {best.sigma * 1e3:.0f} ms"
+    )
     drift, deviation = _drift(first, second, best)
     return Offset(second.instruments, best.value, best.sigma, told, reason, drift, deviation)
 
@@ -166,7 +191,9 @@ def liveliest(clock: Clock, start: float, end: float) -> tuple[float, float]:
     # Means over half a second: changes of these are motion, not noise.
     bins = np.floor((signal.time - signal.time[0]) / 0.5).astype(np.int64)
     count = np.maximum(np.bincount(bins), 1)
-    means = np.column_stack([np.bincount(bins, scaled[:, i]) / count for i in range(scaled.shape[1])])
+    means = np.column_stack(
+        [np.bincount(bins, scaled[:, i]) / count for i in range(scaled.shape[1])]
+    )
     changes = np.concatenate([[0.0], np.cumsum(np.sum(np.diff(means, axis=0) ** 2, axis=1))])
     width = round(_PART / 0.5)
     gained = changes[width:] - changes[:-width]
@@ -175,7 +202,9 @@ def liveliest(clock: Clock, start: float, end: float) -> tuple[float, float]:
 
 
 def _drift(first: Clock, second: Clock, overall: Shift) -> tuple[float, float]:
-    """By how much the second clock runs faster than the first one, with its 1-sigma; 0 where none shows."""
+    """By how much the second clock runs faster than the first one, with its 1-sigma; 0 where none
+    shows.
+    """
 
     def at(middle: float, reach: float) -> Shift | None:
         around = (middle - _PART / 2, middle + _PART / 2)
@@ -184,8 +213,11 @@ def _drift(first: Clock, second: Clock, overall: Shift) -> tuple[float, float]:
     return drift_of(at, _common(first, second, overall.value))
 
 
-def drift_of(at: Callable[[float, float], Shift | None], span: tuple[float, float]) -> tuple[float, float]:
-    """Drift between two clocks with its 1-sigma, from parts of a recording; 0 where none shows, or it is too short to show any.
+def drift_of(
+    at: Callable[[float, float], Shift | None], span: tuple[float, float]
+) -> tuple[float, float]:
+    """Drift between two clocks with its 1-sigma, from parts of a recording; 0 where none shows, or
+    it is too short to show any.
 
     Args:
         at: Shift about a time of the first clock [s], looked for as far as a reach [s].
@@ -198,16 +230,24 @@ def drift_of(at: Callable[[float, float], Shift | None], span: tuple[float, floa
     middles = np.linspace(start + _PART / 2, end - _PART / 2, count)
     reach = max(0.05, _FASTEST_DRIFT * (end - start))
     parts = [at(float(middle), reach) for middle in middles]
-    told = [(m, p) for m, p in zip(middles, parts, strict=True) if p is not None and p.sigma < _LARGEST_SIGMA]
+    told = [
+        (m, p)
+        for m, p in zip(middles, parts, strict=True)
+        if p is not None and p.sigma < _LARGEST_SIGMA
+    ]
     if len(told) < 3:
         return 0.0, 0.0
     time = np.array([m for m, _ in told])
-    slope, sigma = _line(time, np.array([p.value for _, p in told]), np.array([p.sigma for _, p in told]))
+    slope, sigma = _line(
+        time, np.array([p.value for _, p in told]), np.array([p.sigma for _, p in told])
+    )
     return (slope, sigma) if abs(slope) > max(_CLEAR * sigma, _LEAST_DRIFT) else (0.0, sigma)
 
 
 def _line(x: Array, y: Array, sigma: Array) -> tuple[float, float]:
-    """Slope of a line through points, with its 1-sigma, enlarged where they scatter more than they should."""
+    """Slope of a line through points, with its 1-sigma, enlarged where they scatter more than they
+    should.
+    """
     weight = 1 / np.maximum(sigma, 1e-5) ** 2
     center = np.average(x, weights=weight)
     spread = float(np.sum(weight * (x - center) ** 2))

@@ -1,7 +1,7 @@
 """Where the streams of two clocks may lie to each other: all shifts at once, by correlation.
 
-At every shift the readings of one clock are regressed on what the other one tells; sums over the part that overlaps are correlations, which
-fast Fourier transforms give for all shifts together.
+At every shift the readings of one clock are regressed on what the other one tells; sums over the
+part that overlaps are correlations, which fast Fourier transforms give for all shifts together.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
 from steelyard.arrays import Array
+from steelyard.clocks.clock_signals import Clock, ClockSignals, Signal
 from steelyard.clocks.relations import relations
-from steelyard.clocks.witness import Clock, Signal, Witness
 
 _STEP = 0.04
 """Of the grid on which shifts are looked for [s]."""
@@ -57,14 +57,15 @@ def candidates(first: Clock, second: Clock, most: int) -> list[Candidate]:
     one, other = (_thinned(c, step) for c in (first, second))
     if not (one.signals and other.signals):
         return []
-    witnesses = [Witness(c, *_bounds(c)) for c in (one, other)]
+    all_signals = [ClockSignals(c, *_bounds(c)) for c in (one, other)]
     total: Array | None = None
-    # Index 0 of each grid is the first bin; shifts are those of the second grid against the first one.
+    # Index 0 of each grid is the first bin; shifts are those of the second grid against the first
+    # one.
     for of, by, sign in ((0, 1, 1), (1, 0, -1)):
-        start_of, start_by = witnesses[of].start, witnesses[by].start
-        for relation in relations(witnesses[of], witnesses[by]):
-            n_of = round((witnesses[of].end - start_of) / step) + 1
-            n_by = round((witnesses[by].end - start_by) / step) + 1
+        start_of, start_by = all_signals[of].start, all_signals[by].start
+        for relation in relations(all_signals[of], all_signals[by]):
+            n_of = round((all_signals[of].end - start_of) / step) + 1
+            n_by = round((all_signals[by].end - start_by) / step) + 1
             t_of = np.asarray(start_of + np.arange(n_of) * step)
             t_by = np.asarray(start_by + np.arange(n_by) * step)
             gains = _gains(_on_grid(relation.samples, t_of, step), relation.explain(t_by), step)
@@ -72,14 +73,16 @@ def candidates(first: Clock, second: Clock, most: int) -> list[Candidate]:
             total = gains if total is None else total + gains
     if total is None:
         return []
-    n_first = round((witnesses[0].end - witnesses[0].start) / step) + 1
-    origin = witnesses[1].start - witnesses[0].start
+    n_first = round((all_signals[0].end - all_signals[0].start) / step) + 1
+    origin = all_signals[1].start - all_signals[0].start
     found: list[Candidate] = []
 
     def shift_at(place: int) -> float:
         return float(origin + (place - (n_first - 1)) * step)
 
-    peaks = np.flatnonzero((total > np.roll(total, 1)) & (total >= np.roll(total, -1)) & (total > 0))
+    peaks = np.flatnonzero(
+        (total > np.roll(total, 1)) & (total >= np.roll(total, -1)) & (total > 0)
+    )
     for place in peaks[np.argsort(-total[peaks])]:
         shift = shift_at(int(place))
         if all(abs(shift - c.shift) > _APART for c in found):
@@ -94,7 +97,9 @@ def candidates(first: Clock, second: Clock, most: int) -> list[Candidate]:
 
 
 def _bounds(clock: Clock) -> tuple[float, float]:
-    return min(s.time[0] for s in clock.signals.values()), max(s.time[-1] for s in clock.signals.values())
+    return min(s.time[0] for s in clock.signals.values()), max(
+        s.time[-1] for s in clock.signals.values()
+    )
 
 
 def _thinned(clock: Clock, step: float) -> Clock:
@@ -110,21 +115,33 @@ def _thinned(clock: Clock, step: float) -> Clock:
         counts = np.diff(np.append(first, len(bins)))
         values = np.add.reduceat(signal.values, first, axis=0) / counts[:, None]
         signals[kind] = Signal(np.add.reduceat(signal.time, first) / counts, values)
-    return Clock(clock.instruments, {k: s for k, s in signals.items() if len(s.time) >= _FEWEST}, clock.forces)
+    return Clock(
+        clock.instruments,
+        {k: s for k, s in signals.items() if len(s.time) >= _FEWEST},
+        clock.forces,
+    )
 
 
 def _on_grid(signal: Signal, grid: Array, step: float) -> Array:
     """Samples at the times of a grid, NaN in gaps, shape (n, k)."""
-    values = np.column_stack([np.interp(grid, signal.time, signal.values[:, i]) for i in range(signal.values.shape[1])])
+    values = np.column_stack(
+        [np.interp(grid, signal.time, signal.values[:, i]) for i in range(signal.values.shape[1])]
+    )
     after = np.clip(np.searchsorted(signal.time, grid), 1, len(signal.time) - 1)
     apart = signal.time[after] - signal.time[after - 1]
-    outside = (grid < signal.time[0]) | (grid > signal.time[-1]) | (apart > max(4 * signal.step, 4 * step))
+    outside = (
+        (grid < signal.time[0])
+        | (grid > signal.time[-1])
+        | (apart > max(4 * signal.step, 4 * step))
+    )
     values[outside] = np.nan
     return values
 
 
 def _gains(readings: Array, explanation: Array, step: float) -> Array:
-    """Log likelihood of every shift: lag of the explanation from ``-(n - 1)`` to ``n' - 1`` steps, shape (n + n' - 1,)."""
+    """Log likelihood of every shift: lag of the explanation from ``-(n - 1)`` to ``n' - 1`` steps,
+    shape (n + n' - 1,).
+    """
     n, n_by = len(readings), len(explanation)
     use: NDArray[np.bool_] = np.asarray(np.isfinite(readings).all(axis=1))
     use_by: NDArray[np.bool_] = np.asarray(np.isfinite(explanation).all(axis=1))
@@ -143,7 +160,9 @@ def _gains(readings: Array, explanation: Array, step: float) -> Array:
     a, b = use.astype(np.float64), use_by.astype(np.float64)
 
     def over(first: Array, second: Array) -> Array:
-        """Sum of first[i] second[i + lag] for all lags, for columns side by side, shape (lags, k)."""
+        """Sum of first[i] second[i + lag] for all lags, for columns side by side, shape (lags,
+        k).
+        """
         found: Array = fftconvolve(second, first[::-1], axes=0)
         return found
 
@@ -157,12 +176,17 @@ def _gains(readings: Array, explanation: Array, step: float) -> Array:
     yy = over(Y**2, np.repeat(b[:, None], k, axis=1)) / some[:, None] - mean_y**2
     i, j = np.triu_indices(p)
     xx_flat = (
-        over(np.repeat(a[:, None], len(i), axis=1), X[:, i] * X[:, j]) / some[:, None] - mean_x[:, i] * mean_x[:, j]
+        over(np.repeat(a[:, None], len(i), axis=1), X[:, i] * X[:, j]) / some[:, None]
+        - mean_x[:, i] * mean_x[:, j]
     )
     xx = np.empty((len(count), p, p))
     xx[:, i, j] = xx[:, j, i] = xx_flat
     xy = np.stack(
-        [over(np.repeat(Y[:, [c]], p, axis=1), X) / some[:, None] - mean_x * mean_y[:, [c]] for c in range(k)], axis=2
+        [
+            over(np.repeat(Y[:, [c]], p, axis=1), X) / some[:, None] - mean_x * mean_y[:, [c]]
+            for c in range(k)
+        ],
+        axis=2,
     )
     # Parts in which nothing moves explain nothing.
     xx += 1e-3 * np.eye(p)
@@ -170,14 +194,18 @@ def _gains(readings: Array, explanation: Array, step: float) -> Array:
     left = np.clip(1 - explained / np.maximum(yy, 1e-3), 1e-6, 1.0)
     freedom = count * step / _LASTING
     freedom = np.maximum(freedom, 1e-9)
-    left = np.minimum(1.0, left * freedom[:, None] / np.maximum(freedom - p, 0.2 * freedom)[:, None])
+    left = np.minimum(
+        1.0, left * freedom[:, None] / np.maximum(freedom - p, 0.2 * freedom)[:, None]
+    )
     gains = -0.5 * freedom * np.log(np.maximum(left, 1e-12)).mean(axis=1) * min(k, 3)
     gains[count < _LEAST_OVERLAP * min(use.sum(), use_by.sum())] = 0.0
     return np.asarray(gains)
 
 
 def _leading(explanation: Array, use: NDArray[np.bool_], most: int) -> Array:
-    """Leading directions of what varies, each of variance 1, zero where there is nothing, shape (n, q)."""
+    """Leading directions of what varies, each of variance 1, zero where there is nothing, shape (n,
+    q).
+    """
     raw = explanation[use] - explanation[use].mean(axis=0)
     deviation = raw.std(axis=0)
     moving = deviation > 1e-9 * (np.abs(explanation[use]).max(axis=0) + 1e-300)

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from steelyard.arrays import Array
+from steelyard.clocks.clock_signals import Clock, ClockSignals
 from steelyard.clocks.relations import Relation, relations
-from steelyard.clocks.witness import Clock, Witness
 
 _BLOCK = 0.5
 """Residuals further apart have nothing to do with each other [s]."""
@@ -55,7 +55,9 @@ class Term(Protocol):
         ...
 
     def residual(self, shift: float) -> Array:
-        """What is not explained, in any unit, shape (n, k); NaN where a reading meets nothing that could explain it."""
+        """What is not explained, in any unit, shape (n, k); NaN where a reading meets nothing that
+        could explain it.
+        """
         ...
 
 
@@ -72,8 +74,8 @@ def refined(
         reach: How far from the guess to look [s].
     """
     start, end = around
-    one = Witness(first, start, end)
-    other = Witness(second, start + guess - 2 * reach, end + guess + 2 * reach)
+    one = ClockSignals(first, start, end)
+    other = ClockSignals(second, start + guess - 2 * reach, end + guess + 2 * reach)
     found = [(r, 1) for r in relations(one, other)] + [(r, -1) for r in relations(other, one)]
     if any(r.exact for r, _ in found):
         found = [(r, sign) for r, sign in found if r.exact]
@@ -99,7 +101,9 @@ def least(terms: Sequence[Term], guess: float, reach: float) -> Shift | None:
     costs = [cost(float(s)) for s in shifts]
     lowest = int(np.argmin(costs))
     low, high = shifts[max(lowest - 1, 0)], shifts[min(lowest + 1, _GRID - 1)]
-    best = float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-6}).x)
+    best = float(
+        minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-6}).x
+    )
     return Shift(best, _deviation(terms, best), cost(best))
 
 
@@ -131,13 +135,21 @@ class _Regression:
         moving = deviation > 1e-9 * (np.abs(self.values).max(axis=0, initial=0.0) + 1e-300)
         self.values = self.values[:, moving] / np.maximum(deviation[moving], 1e-300)
         self.coefficients = (
-            (1 + beside.shape[1] + relation.explain(self.time[:1] + sign * guess).shape[1]) if use.any() else 0
+            (1 + beside.shape[1] + relation.explain(self.time[:1] + sign * guess).shape[1])
+            if use.any()
+            else 0
         )
         self.enough = bool(moving.any()) and len(self.time) > 2 * self.coefficients
 
     def residual(self, shift: float) -> Array:
         """What is not explained, shape (n, k)."""
-        X = np.hstack([np.ones((len(self.time), 1)), self.beside, self.relation.explain(self.time + self.sign * shift)])
+        X = np.hstack(
+            [
+                np.ones((len(self.time), 1)),
+                self.beside,
+                self.relation.explain(self.time + self.sign * shift),
+            ]
+        )
         # At some shifts a reading may meet a gap.
         whole = np.isfinite(X).all(axis=1)
         X = X[whole]
@@ -145,7 +157,8 @@ class _Regression:
         X /= np.maximum(np.linalg.norm(X, axis=0), 1e-300)
         left = np.full(self.values.shape, np.nan)
         left[whole] = self.values[whole] - X @ np.linalg.lstsq(X, self.values[whole], rcond=1e-8)[0]
-        # Noise-free readings are explained to rounding; that is not worth more than a seventh digit.
+        # Noise-free readings are explained to rounding; that is not worth more than a seventh
+        # digit.
         return np.asarray(np.sqrt(left**2 + _ROUNDING**2) * np.sign(left + (left == 0)))
 
 
@@ -161,7 +174,8 @@ def _deviation(terms: Sequence[Term], shift: float) -> float:
         scores.append(np.bincount(blocks, np.nansum(slope * residual * weight, axis=1)))
     if curvature <= 0:
         return np.inf
-    # Relations of the same instants err together. What is fitted along has taken its part of every residual.
+    # Relations of the same instants err together. What is fitted along has taken its part of every
+    # residual.
     count = max(len(s) for s in scores)
     together = np.sum([np.pad(s, (0, count - len(s))) for s in scores], axis=0)
     free = max(count - min(term.coefficients for term in terms), _LEAST_FREE * count)

@@ -1,1 +1,3 @@
-"""A first experiment file from a heap of logs: what each column may be, which unit it may have, which logs belong together."""
+"""A first experiment file from a heap of logs: what each column may be, which unit it may have,
+which logs belong together.
+"""

@@ -1,4 +1,6 @@
-"""Which streams were recorded together, and by which instruments: runs and names from folders, file names and times."""
+"""Which streams were recorded together, and by which instruments: runs and names from folders, file
+names and times.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +22,15 @@ from steelyard.logs.formats import ending_of
 FORCES = frozenset({"tension", "wrench"})
 MOTIONS = frozenset({"imu", "attitude", "position", "pose"})
 _NAMES = {
-    "tension": "cables", "wrench": "wrench", "imu": "imu", "attitude": "attitude", "position": "tracker", "pose": "pose", "length": "winches",
+    "tension": "cables",
+    "wrench": "wrench",
+    "imu": "imu",
+    "attitude": "attitude",
+    "position": "tracker",
+    "pose": "pose",
+    "length": "winches",
     "command": "command",
-}  # fmt: skip
+}
 _ONCE = frozenset({"tension", "wrench", "length", "command"})
 """Kinds that a run has but one stream of."""
 _EPOCH = 1e8  # [s]
@@ -67,7 +75,9 @@ def groups_of(found: Sequence[Found]) -> tuple[list[Group], list[Unused]]:
     unused: list[Unused] = []
     moving = [f for f in found if not f.static and len(f.stream) >= _FEWEST]
     unused += [
-        Unused(name_of(f.place.path, f.place.topic), f"{f.kind}: {len(f.stream)} samples are too few")
+        Unused(
+            name_of(f.place.path, f.place.topic), f"{f.kind}: {len(f.stream)} samples are too few"
+        )
         for f in found
         if not f.static and len(f.stream) < _FEWEST
     ]
@@ -85,7 +95,10 @@ def groups_of(found: Sequence[Found]) -> tuple[list[Group], list[Unused]]:
             if fitted.complete:
                 groups.append(fitted)
             else:
-                unused += [Unused(name_of(f.place.path, f.place.topic), _lacks(f, fitted)) for f in fitted.streams]
+                unused += [
+                    Unused(name_of(f.place.path, f.place.topic), _lacks(f, fitted))
+                    for f in fitted.streams
+                ]
     return _named_apart(groups), unused
 
 
@@ -100,7 +113,10 @@ def _key(found: Found) -> tuple[Path, str]:
     folder = path.parent
     stem = path.name if path.is_dir() else path.name.split(".")[0]
     parts = re.split(r"([_\-. ]+)", stem)
-    kept = "".join("" if part and INSTRUMENTS.issuperset(words_of(part)) and words_of(part) else part for part in parts)
+    kept = "".join(
+        "" if part and INSTRUMENTS.issuperset(words_of(part)) and words_of(part) else part
+        for part in parts
+    )
     kept = re.sub(r"([_\-. ])[_\-. ]+", r"\1", kept)
     group = found.place.topic
     if group and ending_of(path) in TREES and not INSTRUMENTS.issuperset(words_of(group)):
@@ -120,14 +136,18 @@ def _name(key: tuple[Path, str]) -> str:
 
 
 def _joined(groups: Sequence[Group], static: bool) -> tuple[list[Group], list[Unused]]:
-    """Groups that lack forces or motion put together: those recorded at the same time, else all that has no double."""
+    """Groups that lack forces or motion put together: those recorded at the same time, else all
+    that has no double.
+    """
     whole = [group for group in groups if group.complete]
     rest = [found for group in groups if not group.complete for found in group.streams]
     if not rest or static:
         return [*whole, *(group for group in groups if not group.complete)], []
     if all(float(found.stream.time[0]) > _EPOCH for found in rest):
         for bunch in _overlapping(rest):
-            home = next((i for i, group in enumerate(whole) if _overlap(group.streams, bunch)), None)
+            home = next(
+                (i for i, group in enumerate(whole) if _overlap(group.streams, bunch)), None
+            )
             if home is None:
                 whole.append(Group(_name(_key(bunch[0])), tuple(bunch), static))
             else:
@@ -167,10 +187,20 @@ def _fitted(group: Group) -> tuple[Group, list[Unused]]:
         log = name_of(found.place.path, found.place.topic)
         double = next((f for f in kept if _same(f, found)), None)
         if double is not None:
-            unused.append(Unused(log, f"{found.kind}: the same as in {name_of(double.place.path, double.place.topic)}"))
+            unused.append(
+                Unused(
+                    log,
+                    f"{found.kind}: the same as in"
+                    f" {name_of(double.place.path, double.place.topic)}",
+                )
+            )
         elif found.kind in _ONCE and any(f.kind == found.kind for f in kept):
             unused.append(
-                Unused(log, f"{found.kind}: run '{group.name}' has one already; name it yourself if both belong to it")
+                Unused(
+                    log,
+                    f"{found.kind}: run '{group.name}' has one already; name it yourself if both"
+                    " belong to it",
+                )
             )
         else:
             kept.append(found)
@@ -209,7 +239,8 @@ def _named_apart(groups: Sequence[Group]) -> list[Group]:
         name = group.name
         if names.count(name) > 1:
             around = [
-                os.fsencode(p.name).decode(errors="replace") for p in group.streams[0].place.path.resolve().parents
+                os.fsencode(p.name).decode(errors="replace")
+                for p in group.streams[0].place.path.resolve().parents
             ]
             name = next((f"{folder}-{name}" for folder in around if folder not in {name, ""}), name)
         whole, count = name, 2
@@ -222,7 +253,12 @@ def _named_apart(groups: Sequence[Group]) -> list[Group]:
 
 def runs_of(groups: Sequence[Group]) -> list[DraftRun]:
     """Runs whose streams stand under the names of their instruments, the same in all runs."""
-    several = {f.kind for group in groups for f in group.streams if sum(o.kind == f.kind for o in group.streams) > 1}
+    several = {
+        f.kind
+        for group in groups
+        for f in group.streams
+        if sum(o.kind == f.kind for o in group.streams) > 1
+    }
     known: dict[str, str] = {}
     """Name -> settings of the instrument."""
     runs = []

@@ -13,7 +13,8 @@ _SINCE_1970 = 1e8
 _AGREE = 0.1
 """Clocks that begin and end together within so much, or within two samples, are one [s]."""
 _LONG_RUNNING = 20.0
-"""Streams that overlap on clocks that have run so many times as long as the recording are no chance."""
+"""Streams that overlap on clocks that have run so many times as long as the recording are no
+chance."""
 
 
 def one_clock(streams: Sequence[Found]) -> tuple[bool, str]:

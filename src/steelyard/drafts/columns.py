@@ -48,26 +48,34 @@ def claims_of(columns: Sequence[str], m: int, hints: Sequence[str]) -> list[Clai
     commanded = bool(COMMANDS.intersection(hints))
     cables = _per_cable(names, m, hints)
     taken = {column for claim in cables for column in claim.columns.values()}
-    groups = list(groups_among([name for name in names if name.column not in taken], hints, commanded))
+    groups = list(
+        groups_among([name for name in names if name.column not in taken], hints, commanded)
+    )
     claims = [*cables, *_instruments(groups)]
     return [_timed(claim, times) for claim in claims]
 
 
 def _nameless(columns: Sequence[str], m: int, hints: Sequence[str]) -> Claim | None:
-    """Columns that have numbers instead of names: as many as an instrument has, with or without a time in front."""
+    """Columns that have numbers instead of names: as many as an instrument has, with or without a
+    time in front.
+    """
     if list(columns) != [f"[{i}]" for i in range(len(columns))]:
         return None
     said = hinted(hints) or ("position" if TRACKERS.intersection(hints) else None)
     for first in (1, 0):
         count = len(columns) - first
-        lengths = bool({"length", "lengths", "winch", "winches", "encoder", "encoders"}.intersection(hints))
+        lengths = bool(
+            {"length", "lengths", "winch", "winches", "encoder", "encoders"}.intersection(hints)
+        )
         if m and count == m:
             kind, contract = ("length", "l") if lengths else ("tension", "f")
             names = [f"{contract}{i + 1}" for i in range(m)]
         elif count == 3 and said in {"angular_velocity", "specific_force", "position"}:
             kind = "position" if said == "position" else "imu"
             names = [f"{CONTRACT[said]}{axis}" for axis in AXES]
-        elif count == 6 and (said in {"force", "torque"} or {"wrench", "fts", "ft"}.intersection(hints)):
+        elif count == 6 and (
+            said in {"force", "torque"} or {"wrench", "fts", "ft"}.intersection(hints)
+        ):
             kind, names = "wrench", [f"{letter}{axis}" for letter in "ft" for axis in AXES]
         elif count == 6 and COMMANDS.intersection(hints):
             kind, names = "command", [*AXES, "roll", "pitch", "yaw"]
@@ -80,7 +88,9 @@ def _nameless(columns: Sequence[str], m: int, hints: Sequence[str]) -> Claim | N
 
 
 def _timed(claim: Claim, times: Sequence[Name]) -> Claim:
-    """The claim with columns of its time: of its own message, the device's stamp before that of the recorder."""
+    """The claim with columns of its time: of its own message, the device's stamp before that of the
+    recorder.
+    """
 
     def fit(name: Name) -> tuple[bool, bool, bool]:
         label = label_of(name.words[:-1])
@@ -88,7 +98,9 @@ def _timed(claim: Claim, times: Sequence[Name]) -> Claim:
 
     order = sorted(times, key=fit)[:_MOST_TIMES]
     units = {name.column: name.unit for name in order if name.unit}
-    return replace(claim, times=tuple(name.column for name in order), units={**claim.units, **units})
+    return replace(
+        claim, times=tuple(name.column for name in order), units={**claim.units, **units}
+    )
 
 
 def _per_cable(names: Sequence[Name], m: int, hints: Sequence[str]) -> list[Claim]:
@@ -111,11 +123,21 @@ def _per_cable(names: Sequence[Name], m: int, hints: Sequence[str]) -> list[Clai
         elif kind and kind not in found:
             found[kind] = _cable_claim(kind, template, members)
     for template, members in undecided:
-        kind = "length" if {"length", "lengths", "winch", "winches", "encoder"}.intersection(hints) else "tension"
+        kind = (
+            "length"
+            if {"length", "lengths", "winch", "winches", "encoder"}.intersection(hints)
+            else "tension"
+        )
         if kind not in found:
             claim = _cable_claim(kind, template, members)
             found[kind] = replace(
-                claim, checks=(f"that these columns are a {kind} of each cable: their names do not say what they are",)
+                claim,
+                checks=(
+                    (
+                        f"that these columns are a {kind} of each cable: their names do not say"
+                        " what they are"
+                    ),
+                ),
             )
     return list(found.values())
 
@@ -172,7 +194,11 @@ def _instruments(groups: Sequence[Group]) -> Iterable[Claim]:
         inertial = [its[q][0] for q in ("angular_velocity", "specific_force") if q in its]
         if inertial:
             # An accelerometer alone knows no orientation; a matrix comes from an arm or a tracker.
-            own = [g for g in turned if "r11" not in g.columns][:1] if "angular_velocity" in its else []
+            own = (
+                [g for g in turned if "r11" not in g.columns][:1]
+                if "angular_velocity" in its
+                else []
+            )
             if len(own) == len(turned) == 1 and "position" in its and "roll" in own[0].columns:
                 own = []
             turned = [group for group in turned if group not in own]
@@ -199,6 +225,11 @@ def _claim(kind: str, groups: Sequence[Group]) -> Claim:
         kind,
         {contract: name.column for group in groups for contract, name in group.columns.items()},
         groups[0].label,
-        {name.column: name.unit for group in groups for name in group.columns.values() if name.unit},
+        {
+            name.column: name.unit
+            for group in groups
+            for name in group.columns.values()
+            if name.unit
+        },
         tuple(check for group in groups for check in group.checks),
     )

@@ -21,7 +21,8 @@ _MOST = 4000
 _SPREAD = 0.02
 """Second singular value of directions of gravity that tell a rotation."""
 _TURNED, _SQUARE = np.radians(20.0), np.radians(10.0)
-"""A mounting is named where it is farther from none, and rounded to right angles where it is closer to them [rad]."""
+"""A mounting is named where it is farther from none, and rounded to right angles where it is closer
+to them [rad]."""
 _FITS = 10.0
 """How far gravity may be from where it should be [deg]."""
 _UPRIGHT = 0.9
@@ -40,7 +41,9 @@ def compared(streams: tuple[Found, ...], m: int, *, agree: bool) -> tuple[Found,
     if not agree:
         return streams
     checked = {"wrench": _sign_checked, "imu": _mounted}
-    return tuple(checked[found.kind](found, streams) if found.kind in checked else found for found in streams)
+    return tuple(
+        checked[found.kind](found, streams) if found.kind in checked else found for found in streams
+    )
 
 
 def _turning(found: Found) -> float | None:
@@ -72,7 +75,11 @@ def _gyro_checked(found: Found, streams: tuple[Found, ...], m: int) -> Found:
     ratio = float(np.percentile(np.linalg.norm(rates, axis=1), 90)) / speeds[0]
     named = {found.place.columns.get(f"w{axis}", f"w{axis}") for axis in "xyz"}
     stated = named & set(found.stated)
-    if not stated and not named & set(found.place.units) and _DEGREES / _NEAR < ratio < _DEGREES * _NEAR:
+    if (
+        not stated
+        and not named & set(found.place.units)
+        and _DEGREES / _NEAR < ratio < _DEGREES * _NEAR
+    ):
         units = {**found.place.units, **dict.fromkeys(sorted(_gyro_columns(found)), "deg/s")}
         why = (*found.why, f"the gyro turns {ratio:.3g} times as fast as the orientation: deg/s")
         try:
@@ -84,7 +91,10 @@ def _gyro_checked(found: Found, streams: tuple[Found, ...], m: int) -> Found:
             found,
             checks=(
                 *found.checks,
-                f"the unit of gyro or angles: the gyro turns {ratio:.3g} times as fast as the orientation",
+                (
+                    f"the unit of gyro or angles: the gyro turns {ratio:.3g} times as fast as the"
+                    " orientation"
+                ),
             ),
         )
     sure = tuple(
@@ -92,19 +102,25 @@ def _gyro_checked(found: Found, streams: tuple[Found, ...], m: int) -> Found:
         for check in found.checks
         if check not in {"that the gyro reads deg/s", "that roll, pitch, yaw are radians"}
     )
-    return replace(found, checks=sure, why=(*found.why, "the gyro turns as fast as the orientation"))
+    return replace(
+        found, checks=sure, why=(*found.why, "the gyro turns as fast as the orientation")
+    )
 
 
 def _gyro_columns(found: Found) -> set[str]:
     """Columns of the log that hold the rates; fields of messages have names of their own."""
     named = {found.place.columns[f"w{axis}"] for axis in "xyz" if f"w{axis}" in found.place.columns}
     return named or {
-        column for column in found.used if column in {"wx", "wy", "wz"} or column.startswith("angular_velocity.")
+        column
+        for column in found.used
+        if column in {"wx", "wy", "wz"} or column.startswith("angular_velocity.")
     }
 
 
 def _sign_checked(found: Found, streams: tuple[Found, ...]) -> Found:
-    """A wrench sensor with the sign that gravity gives it: up is the force on a body that hangs or stands."""
+    """A wrench sensor with the sign that gravity gives it: up is the force on a body that hangs or
+    stands.
+    """
     arm = next((other for other in streams if other.kind in {"attitude", "pose"}), None)
     if arm is None or "acts_on" in found.settings:
         return found
@@ -114,11 +130,16 @@ def _sign_checked(found: Found, streams: tuple[Found, ...]) -> Found:
     up, force = up[rows], force[rows]
     valid = np.isfinite(up).all(axis=1) & np.isfinite(force).all(axis=1)
     up, force = up[valid], force[valid]
-    # F = weight x up + offset, about the mean: offsets of such sensors are larger than what they carry.
+    # F = weight x up + offset, about the mean: offsets of such sensors are larger than what they
+    # carry.
     spread, against = up - up.mean(axis=0), force - force.mean(axis=0)
     if len(up) < 3 or not (spread**2).sum() > 0.05 * len(up):
         return replace(
-            found, checks=(*found.checks, "acts_on: sensor, where the log has what the body does to the sensor")
+            found,
+            checks=(
+                *found.checks,
+                "acts_on: sensor, where the log has what the body does to the sensor",
+            ),
         )
     weight = float((spread * against).sum() / (spread**2).sum())
     followed = 1 - float(((against - weight * spread) ** 2).sum() / max((against**2).sum(), 1e-300))
@@ -128,15 +149,26 @@ def _sign_checked(found: Found, streams: tuple[Found, ...]) -> Found:
             found,
             checks=(
                 *found.checks,
-                f"rpy_deg, and whether something touches the body: {text}, which explains {followed:.0%} of it",
+                (
+                    f"rpy_deg, and whether something touches the body: {text}, which explains"
+                    f" {followed:.0%} of it"
+                ),
             ),
         )
-    side, words = ("sensor", "the body pulls at the sensor") if weight < 0 else ("body", "the sensor carries the body")
-    return replace(found, settings={**found.settings, "acts_on": side}, why=(*found.why, f"{text}: {words}"))
+    side, words = (
+        ("sensor", "the body pulls at the sensor")
+        if weight < 0
+        else ("body", "the sensor carries the body")
+    )
+    return replace(
+        found, settings={**found.settings, "acts_on": side}, why=(*found.why, f"{text}: {words}")
+    )
 
 
 def _mounted(found: Found, streams: tuple[Found, ...]) -> Found:
-    """An accelerometer with the rotation that brings its gravity to where an attitude beside it says that up is."""
+    """An accelerometer with the rotation that brings its gravity to where an attitude beside it
+    says that up is.
+    """
     arm = next((other for other in streams if other.kind in {"attitude", "pose"}), None)
     force = found.stream.values.get("specific_force")
     if arm is None or force is None or found.settings.get("gravity") != "included":
@@ -147,33 +179,56 @@ def _mounted(found: Found, streams: tuple[Found, ...]) -> Found:
     up, force = up[valid], force[valid]
     if len(up) < 3:
         return found
-    U, S, Vt = np.linalg.svd(up.T @ force / float(np.median(np.linalg.norm(force, axis=1))) / len(up))
+    U, S, Vt = np.linalg.svd(
+        up.T @ force / float(np.median(np.linalg.norm(force, axis=1))) / len(up)
+    )
     if S[1] < _SPREAD:
-        return replace(found, checks=(*found.checks, "rpy_deg: gravity points too much the same way to tell it"))
+        return replace(
+            found,
+            checks=(*found.checks, "rpy_deg: gravity points too much the same way to tell it"),
+        )
     # The rotation that fits best [Wahba1965]: R_platform_instrument.
     R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     off = float(
         np.degrees(
-            np.sqrt(np.mean(np.sum((force / np.linalg.norm(force, axis=1, keepdims=True) @ R.T - up) ** 2, axis=1)))
+            np.sqrt(
+                np.mean(
+                    np.sum(
+                        (force / np.linalg.norm(force, axis=1, keepdims=True) @ R.T - up) ** 2,
+                        axis=1,
+                    )
+                )
+            )
         )
     )
     turned = Rotation.from_matrix(R)
     if turned.magnitude() < _TURNED:
-        return replace(found, why=(*found.why, "gravity and attitude agree: the axes are those of the platform"))
+        return replace(
+            found,
+            why=(*found.why, "gravity and attitude agree: the axes are those of the platform"),
+        )
     if off > _FITS:
         return replace(
             found,
-            checks=(*found.checks, f"rpy_deg: gravity and attitude are {off:.0f} deg apart however it is mounted"),
+            checks=(
+                *found.checks,
+                f"rpy_deg: gravity and attitude are {off:.0f} deg apart however it is mounted",
+            ),
         )
     square = min(Rotation.create_group("O"), key=lambda each: (each.inv() * turned).magnitude())
     near = (square.inv() * turned).magnitude() < _SQUARE
-    angles = (square if near else turned).as_euler("ZYX", degrees=True, suppress_warnings=True)[::-1]
+    angles = (square if near else turned).as_euler("ZYX", degrees=True, suppress_warnings=True)[
+        ::-1
+    ]
     rpy = tuple(float(round(angle)) + 0.0 for angle in angles)
     text = f"rpy_deg: {list(rpy)} brings gravity to where the attitude says up is"
     return replace(
         found,
         settings={**found.settings, "rpy_deg": rpy},
-        why=(*found.why, f"with that rpy_deg gravity is where the attitude says up is, within {off:.1f} deg"),
+        why=(
+            *found.why,
+            f"with that rpy_deg gravity is where the attitude says up is, within {off:.1f} deg",
+        ),
         checks=(*found.checks, text),
     )
 

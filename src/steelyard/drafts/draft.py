@@ -1,4 +1,6 @@
-"""From a heap of logs to a first experiment: what it holds, what was guessed, what is left to check."""
+"""From a heap of logs to a first experiment: what it holds, what was guessed, what is left to
+check.
+"""
 
 from __future__ import annotations
 
@@ -55,12 +57,14 @@ def draft(logs: Sequence[Path], robot: Robot, progress: Progress | None = None) 
         unused += left
         if len(found) > MOST_STREAMS:
             raise InputError(
-                f"{path}: expected at most {MOST_STREAMS} streams in all logs, found more; name fewer logs"
+                f"{path}: expected at most {MOST_STREAMS} streams in all logs, found more; name"
+                " fewer logs"
             )
     groups, left = groups_of(found)
     unused += left
     groups = [
-        replace(g, streams=compared(g.streams, robot.m, agree=g.static or one_clock(g.streams)[0])) for g in groups
+        replace(g, streams=compared(g.streams, robot.m, agree=g.static or one_clock(g.streams)[0]))
+        for g in groups
     ]
     if not groups:
         raise InputError(f"{_places(logs)}: {_nothing(paths, found, unused)}")
@@ -70,7 +74,8 @@ def draft(logs: Sequence[Path], robot: Robot, progress: Progress | None = None) 
 
 
 def logs_in(places: Sequence[Path]) -> tuple[list[Path], list[Unused]]:
-    """Logs among files and folders, each once, in the order of their names, and the files that are none.
+    """Logs among files and folders, each once, in the order of their names, and the files that are
+    none.
 
     Raises:
         InputError: A place is not there, or there are too many.
@@ -80,7 +85,8 @@ def logs_in(places: Sequence[Path]) -> tuple[list[Path], list[Unused]]:
     for place in places:
         if not place.exists():
             raise InputError(
-                f"{place}: expected a log or a folder with logs, found nothing of that name; check the path"
+                f"{place}: expected a log or a folder with logs, found nothing of that name; check"
+                " the path"
             )
         if not place.is_dir() or _is_bag(place):
             if _is_bag(place) or ending_of(place) is not None:
@@ -90,9 +96,15 @@ def logs_in(places: Sequence[Path]) -> tuple[list[Path], list[Unused]]:
             continue
         for entry in _entries(place):
             inner = [entry] if not entry.is_dir() or _is_bag(entry) else _entries(entry)
-            paths += [path for path in inner if _is_bag(path) or (path.is_file() and ending_of(path) is not None)]
+            paths += [
+                path
+                for path in inner
+                if _is_bag(path) or (path.is_file() and ending_of(path) is not None)
+            ]
         if len(paths) > MOST_LOGS:
-            raise InputError(f"{place}: expected at most {MOST_LOGS} logs, found more; name fewer folders")
+            raise InputError(
+                f"{place}: expected at most {MOST_LOGS} logs, found more; name fewer folders"
+            )
     return list({path.resolve(): path for path in paths}.values()), unused
 
 
@@ -123,13 +135,19 @@ def _look(path: Path, robot: Robot) -> tuple[list[Found], list[Unused]]:
 
 
 def _agreed(groups: Sequence[Group]) -> list[Group]:
-    """Settings that one run tells and another cannot are those of both, where no two runs contradict each other."""
+    """Settings that one run tells and another cannot are those of both, where no two runs
+    contradict each other.
+    """
     told: dict[tuple[tuple[str, tuple[str, ...]], str], list[Any]] = {}
     for group in groups:
         for found in group.streams:
             for key in _OF_THE_DEVICE & found.settings.keys():
                 told.setdefault(((found.kind, found.label), key), []).append(found.settings[key])
-    alike = {place: values[0] for place, values in told.items() if all(value == values[0] for value in values)}
+    alike = {
+        place: values[0]
+        for place, values in told.items()
+        if all(value == values[0] for value in values)
+    }
 
     def settled(found: Found) -> Found:
         known = {
@@ -138,13 +156,19 @@ def _agreed(groups: Sequence[Group]) -> list[Group]:
             if device == (found.kind, found.label) and key not in found.settings
         }
         checks = tuple(check for check in found.checks if not any(key in check for key in known))
-        return replace(found, settings={**found.settings, **known}, checks=checks) if known else found
+        return (
+            replace(found, settings={**found.settings, **known}, checks=checks) if known else found
+        )
 
-    return [replace(group, streams=tuple(settled(found) for found in group.streams)) for group in groups]
+    return [
+        replace(group, streams=tuple(settled(found) for found in group.streams)) for group in groups
+    ]
 
 
 def _instruments(runs: Sequence[DraftRun]) -> dict[str, dict[str, Any]]:
-    """Instruments in the order of the contract, forces first; those that always share a file share a clock."""
+    """Instruments in the order of the contract, forces first; those that always share a file share
+    a clock.
+    """
     names = dict.fromkeys(name for run in runs for name in run.streams)
     found = {name: next(run.streams[name] for run in runs if name in run.streams) for name in names}
     order = sorted(names, key=lambda name: _ORDER.index(found[name].kind))
@@ -172,7 +196,8 @@ def _share(one: str, other: str, runs: Sequence[DraftRun]) -> bool:
         if {one, other} <= r.streams.keys() and not r.static
     ]
     return bool(both) and all(
-        (a.path, a.topic, a.columns.get("t")) == (b.path, b.topic, b.columns.get("t")) for a, b in both
+        (a.path, a.topic, a.columns.get("t")) == (b.path, b.topic, b.columns.get("t"))
+        for a, b in both
     )
 
 
@@ -183,17 +208,24 @@ def _places(logs: Sequence[Path]) -> str:
 def _nothing(paths: Sequence[Path], found: Sequence[Found], unused: Sequence[Unused]) -> str:
     """Why there is no run."""
     if not paths:
-        return f"expected logs in one of the formats {', '.join(FORMATS)}, found none; name files or folders with recordings"
+        return (
+            f"expected logs in one of the formats {', '.join(FORMATS)}, found none; name files or"
+            " folders with recordings"
+        )
     kinds = sorted({each.kind for each in found})
     refused = next((each for each in unused if "expected" in each.what), None)
     first = f" ({refused.log}: {refused.what})" if refused else ""
     if kinds:
         return (
-            f"expected logs of forces (tension, wrench) and of motion (imu, attitude, position, pose) that belong together, found {', '.join(kinds)}"
-            f"{first}; add what is missing, or write the experiment file by hand"
+            "expected logs of forces (tension, wrench) and of motion (imu, attitude, position,"
+            f" pose) that belong together, found {', '.join(kinds)}{first}; add what is missing, or"
+            " write the experiment file by hand"
         )
     first = first or (f" ({unused[0].log}: {unused[0].what})" if unused else "")
-    return f"expected columns of an instrument, found none that is known{first}; rename columns as in the contract"
+    return (
+        f"expected columns of an instrument, found none that is known{first}; rename columns as in"
+        " the contract"
+    )
 
 
 def describe(found: Found) -> dict[str, Any]:

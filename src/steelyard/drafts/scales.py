@@ -1,4 +1,6 @@
-"""From the values of columns to their units: what a platform can do tells milliseconds from seconds, and g from m/s^2."""
+"""From the values of columns to their units: what a platform can do tells milliseconds from
+seconds, and g from m/s^2.
+"""
 
 from __future__ import annotations
 
@@ -54,10 +56,13 @@ def scale_of(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale:
 
     Args:
         kind: Of the instrument.
-        values: Column of the contract -> values as they stand in the log, in units that nobody states, shape (n,).
+        values: Column of the contract -> values as they stand in the log, in units that nobody
+            states, shape (n,).
         robot: What it is on.
     """
-    parts = [part for part in (guess(kind, values, robot) for guess in _GUESSES) if part is not None]
+    parts = [
+        part for part in (guess(kind, values, robot) for guess in _GUESSES) if part is not None
+    ]
     return Scale(
         {name: unit for part in parts for name, unit in part.units.items()},
         {key: value for part in parts for key, value in part.settings.items()},
@@ -82,19 +87,28 @@ def _acceleration(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale
         return None
     norms = np.linalg.norm(rows, axis=1)
     typical = float(np.median(norms))
-    steady = float(np.std(norms)) < 0.25 * typical or float(np.linalg.norm(rows.mean(axis=0))) > 0.8 * float(
-        norms.mean()
-    )
+    steady = float(np.std(norms)) < 0.25 * typical or float(
+        np.linalg.norm(rows.mean(axis=0))
+    ) > 0.8 * float(norms.mean())
     for unit, low, high in _GRAVITIES if steady else ():
         if low <= typical <= high:
             units = {} if unit == "m/s^2" else dict.fromkeys(names, unit)
             return Scale(
-                units, {"gravity": "included"}, why=(f"readings of {typical:.4g} at rest are gravity in {unit}",)
+                units,
+                {"gravity": "included"},
+                why=(f"readings of {typical:.4g} at rest are gravity in {unit}",),
             )
     if typical < (0.3 if steady else 3.0):
         text = f"readings of {typical:.2g} in the middle hold no gravity"
-        return Scale({}, {"gravity": "removed"}, (text,), ("gravity: removed, and whether the unit is m/s^2",))
-    return Scale(checks=(f"the unit of the accelerometer: its readings are {typical:.3g} in the middle",))
+        return Scale(
+            {},
+            {"gravity": "removed"},
+            (text,),
+            ("gravity: removed, and whether the unit is m/s^2",),
+        )
+    return Scale(
+        checks=(f"the unit of the accelerometer: its readings are {typical:.3g} in the middle",)
+    )
 
 
 def _gyro(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
@@ -106,7 +120,9 @@ def _gyro(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
     limit = robot.limits.angular_speed or _FAST
     if fastest > 3 * limit:
         text = f"rates up to {fastest:.3g} are too fast for rad/s"
-        return Scale(dict.fromkeys(names, "deg/s"), why=(text,), checks=("that the gyro reads deg/s",))
+        return Scale(
+            dict.fromkeys(names, "deg/s"), why=(text,), checks=("that the gyro reads deg/s",)
+        )
     return Scale()
 
 
@@ -154,11 +170,15 @@ def _tension(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | No
     if text:
         why.append(text)
         checks.append("the unit of the forces")
-    return Scale(dict.fromkeys(names, units) if units != "N" else {}, settings, tuple(why), tuple(checks))
+    return Scale(
+        dict.fromkeys(names, units) if units != "N" else {}, settings, tuple(why), tuple(checks)
+    )
 
 
 def _force_unit(total: float, weight: float | None, highest: float | None) -> tuple[str, str]:
-    """Unit of tensions by their sum, which is at least the weight of the platform and at most what the cables may bear."""
+    """Unit of tensions by their sum, which is at least the weight of the platform and at most what
+    the cables may bear.
+    """
     if weight:
         beside = f"together they are {total:.3g}, the platform weighs {weight:.3g} N"
         if total < 0.05 * weight:
@@ -179,7 +199,10 @@ def _length(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | Non
     reach = float(np.mean(np.linalg.norm(robot.anchors - robot.anchors.mean(axis=0), axis=1)))
     typical = max(float(np.median(np.abs(rows))), float(np.ptp(rows, axis=0).max()))
     checks = (
-        "that these are lengths fed out, growing as the cable gets longer, and no angles or counts of the winches",
+        (
+            "that these are lengths fed out, growing as the cable gets longer, and no angles or"
+            " counts of the winches"
+        ),
     )
     if typical > 100 * reach:
         return Scale(
@@ -194,10 +217,14 @@ def _wrench(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | Non
     force, torque = _vector(values, ("fx", "fy", "fz")), _vector(values, ("tx", "ty", "tz"))
     if kind != "wrench" or force is None or torque is None:
         return None
-    lever = float(np.median(np.linalg.norm(torque, axis=1)) / max(np.median(np.linalg.norm(force, axis=1)), 1e-12))
+    lever = float(
+        np.median(np.linalg.norm(torque, axis=1))
+        / max(np.median(np.linalg.norm(force, axis=1)), 1e-12)
+    )
     if lever > 20:
         return Scale(
-            dict.fromkeys(("tx", "ty", "tz"), "N mm"), why=(f"torques {lever:.3g} times as large as forces are N mm",)
+            dict.fromkeys(("tx", "ty", "tz"), "N mm"),
+            why=(f"torques {lever:.3g} times as large as forces are N mm",),
         )
     return Scale()
 

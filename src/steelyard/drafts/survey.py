@@ -1,4 +1,6 @@
-"""What is in a heap of logs: every stream that an instrument may have recorded, read once, and all that is none."""
+"""What is in a heap of logs: every stream that an instrument may have recorded, read once, and all
+that is none.
+"""
 
 from __future__ import annotations
 
@@ -88,7 +90,9 @@ def name_of(path: Path, topic: str | None) -> str:
     return f"{path}" if topic is None else f"{path} {topic}"
 
 
-def streams_in(path: Path, topic: str | None, robot: Robot, hints: Sequence[str]) -> tuple[list[Found], list[Unused]]:
+def streams_in(
+    path: Path, topic: str | None, robot: Robot, hints: Sequence[str]
+) -> tuple[list[Found], list[Unused]]:
     """Look through one topic of one log.
 
     Args:
@@ -103,10 +107,17 @@ def streams_in(path: Path, topic: str | None, robot: Robot, hints: Sequence[str]
             names = log.names
             claims = claims_of(names, robot.m, hints)
             if len(claims) > _MOST_INSTRUMENTS:
-                text = f"columns of {len(claims)} instruments, where at most {_MOST_INSTRUMENTS} are looked at"
+                text = (
+                    f"columns of {len(claims)} instruments, where at most {_MOST_INSTRUMENTS} are"
+                    " looked at"
+                )
                 return [], [Unused(name_of(path, topic), text)]
             if not claims:
-                return [], [Unused(name_of(path, topic), f"no instrument has columns like {_some(log.names)}")]
+                return [], [
+                    Unused(
+                        name_of(path, topic), f"no instrument has columns like {_some(log.names)}"
+                    )
+                ]
             shares = [(claim, _claimed(claims, claim, robot.m)) for claim in claims]
             drafts = []
             for claim, claimed in shares:
@@ -129,7 +140,9 @@ def streams_in(path: Path, topic: str | None, robot: Robot, hints: Sequence[str]
     return found, unused
 
 
-def read_again(found: Found, m: int, *, claimed: frozenset[str] = frozenset(), **changes: Any) -> Found:
+def read_again(
+    found: Found, m: int, *, claimed: frozenset[str] = frozenset(), **changes: Any
+) -> Found:
     """A stream read as it is described now.
 
     Raises:
@@ -143,11 +156,15 @@ def read_again(found: Found, m: int, *, claimed: frozenset[str] = frozenset(), *
 def _claimed(claims: Iterable[Claim], claim: Claim, m: int) -> frozenset[str]:
     """Columns that the other instruments of a log need."""
     others = (other for other in claims if other is not claim)
-    return frozenset().union(*(needed_columns(instrument_of(o.kind, {}), m, o.columns) for o in others))
+    return frozenset().union(
+        *(needed_columns(instrument_of(o.kind, {}), m, o.columns) for o in others)
+    )
 
 
 def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> Found:
-    """What a claim comes to, once its values have been looked at; the stream is still to be read."""
+    """What a claim comes to, once its values have been looked at; the stream is still to be
+    read.
+    """
     table = log.read([*claim.columns.values()])
     columns, checks = dict(claim.columns), list(claim.checks)
     if GRAVITY_OR_GYRO in checks and _is_gravity(table, columns):
@@ -156,7 +173,9 @@ def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> Found:
         if not columns:
             raise InputError("expected rates of a gyro, found gravity; nothing needs it")
     timed, time = _time(log, claim, len(next(iter(table.values()))))
-    stated = {column: unit for column, unit in log.units.items() if column in {*columns.values(), timed}}
+    stated = {
+        column: unit for column, unit in log.units.items() if column in {*columns.values(), timed}
+    }
     units = {column: unit for column, unit in claim.units.items() if column not in stated}
     open_ones = {n: table[c] for n, c in columns.items() if c not in stated and c not in units}
     scale = scale_of(claim.kind, open_ones, robot)
@@ -171,7 +190,11 @@ def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> Found:
     columns, turned = _quaternion(columns, table)
     if timed is not None:
         columns = {"t": timed, **columns}
-    named = {name: column for name, column in columns.items() if column_in(log.names, name, None) != column}
+    named = {
+        name: column
+        for name, column in columns.items()
+        if column_in(log.names, name, None) != column
+    }
     return Found(
         place=Place(log.path, topic, named, units),
         kind=claim.kind,
@@ -187,7 +210,9 @@ def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> Found:
 
 
 def _time(log: Log, claim: Claim, rows: int) -> tuple[str | None, Array | None]:
-    """The first column that can be the time of a claim: every row has one, and it never decreases."""
+    """The first column that can be the time of a claim: every row has one, and it never
+    decreases.
+    """
     problem: InputError | None = None
     for column in claim.times:
         try:
@@ -196,13 +221,16 @@ def _time(log: Log, claim: Claim, rows: int) -> tuple[str | None, Array | None]:
             problem = error
             continue
         if len(time) != rows:
-            problem = InputError(f"expected a time in every row, found column '{column}' with {len(time)} of {rows}")
+            problem = InputError(
+                f"expected a time in every row, found column '{column}' with {len(time)} of {rows}"
+            )
         elif np.isnan(time).any():
             problem = InputError(f"expected a time in every row, found column '{column}' with gaps")
         elif (np.diff(time) < 0).any():
             row = int(np.flatnonzero(np.diff(time) < 0)[0]) + 1
             problem = InputError(
-                f"{log.place(row)}: expected time that never decreases, found column '{column}' going back"
+                f"{log.place(row)}: expected time that never decreases, found column '{column}'"
+                " going back"
             )
         else:
             return column, time
@@ -215,10 +243,14 @@ def _is_gravity(table: Mapping[str, Array], columns: Mapping[str, str]) -> bool:
     """Whether what may be a gyro reads the same size all the time, that of gravity."""
     norms = np.linalg.norm(np.column_stack([table[columns[f"w{axis}"]] for axis in "xyz"]), axis=1)
     typical = float(np.nanmedian(norms))
-    return bool(np.nanstd(norms) < 0.05 * typical and (9.5 < typical < 10.1 or 0.95 < typical < 1.05))
+    return bool(
+        np.nanstd(norms) < 0.05 * typical and (9.5 < typical < 10.1 or 0.95 < typical < 1.05)
+    )
 
 
-def _quaternion(columns: Mapping[str, str], table: Mapping[str, Array]) -> tuple[dict[str, str], tuple[str, ...]]:
+def _quaternion(
+    columns: Mapping[str, str], table: Mapping[str, Array]
+) -> tuple[dict[str, str], tuple[str, ...]]:
     """Numbered quaternions with their scalar part where the values say it is."""
     named = [columns.get(f"q{axis}", "") for axis in "wxyz"]
     if not all(named) or not all(column.rstrip("])").endswith(tuple("01234")) for column in named):

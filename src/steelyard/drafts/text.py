@@ -1,4 +1,6 @@
-"""The text of a first experiment file: what was guessed and why, what to check, and all that one may want to fill in."""
+"""The text of a first experiment file: what was guessed and why, what to check, and all that one
+may want to fill in.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +28,25 @@ _GIVEN = {
     ),
     "wrench": (
         ("position", "[0.0, 0.0, 0.0]", "origin of the sensor in the platform frame [m]"),
-        ("rpy_deg", "[0.0, 0.0, 0.0]", "sensor frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]"),
+        (
+            "rpy_deg",
+            "[0.0, 0.0, 0.0]",
+            "sensor frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]",
+        ),
         ("acts_on", "body", "whose load the log has: body, or sensor"),
-        ("noise", "{force: 0.1, torque: 0.01}", "1-sigma per sample [N], [N m]; default: estimated"),
+        (
+            "noise",
+            "{force: 0.1, torque: 0.01}",
+            "1-sigma per sample [N], [N m]; default: estimated",
+        ),
     ),
     "imu": (
         ("position", "[0.0, 0.0, 0.0]", "origin of the instrument in the platform frame [m]"),
-        ("rpy_deg", "[0.0, 0.0, 0.0]", "instrument frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]"),
+        (
+            "rpy_deg",
+            "[0.0, 0.0, 0.0]",
+            "instrument frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]",
+        ),
         ("gravity", "included", "removed, where the device took it out"),
         (
             "noise",
@@ -41,25 +55,49 @@ _GIVEN = {
         ),
     ),
     "attitude": (
-        ("rpy_deg", "[0.0, 0.0, 0.0]", "instrument frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]"),
+        (
+            "rpy_deg",
+            "[0.0, 0.0, 0.0]",
+            "instrument frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]",
+        ),
         ("noise", "0.005", "1-sigma per sample [rad]; default: estimated"),
     ),
     "position": (
         ("target", "[0.0, 0.0, 0.0]", "tracked point in the platform frame [m]"),
-        ("frame", "{position: [0, 0, 0], rpy_deg: [0, 0, 0]}", "tracker frame in the world frame [m], [deg]"),
+        (
+            "frame",
+            "{position: [0, 0, 0], rpy_deg: [0, 0, 0]}",
+            "tracker frame in the world frame [m], [deg]",
+        ),
         ("noise", "0.0005", "1-sigma per sample [m]; default: estimated"),
     ),
     "pose": (
         ("position", "[0.0, 0.0, 0.0]", "origin of the tracked frame in the platform frame [m]"),
-        ("rpy_deg", "[0.0, 0.0, 0.0]", "tracked frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]"),
-        ("frame", "{position: [0, 0, 0], rpy_deg: [0, 0, 0]}", "tracker frame in the world frame [m], [deg]"),
-        ("noise", "{position: 0.0005, rotation: 0.001}", "1-sigma per sample [m], [rad]; default: estimated"),
+        (
+            "rpy_deg",
+            "[0.0, 0.0, 0.0]",
+            "tracked frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]",
+        ),
+        (
+            "frame",
+            "{position: [0, 0, 0], rpy_deg: [0, 0, 0]}",
+            "tracker frame in the world frame [m], [deg]",
+        ),
+        (
+            "noise",
+            "{position: 0.0005, rotation: 0.001}",
+            "1-sigma per sample [m], [rad]; default: estimated",
+        ),
     ),
     "length": (("noise", "0.001", "1-sigma per sample [m]; default: estimated"),),
     "command": (
-        ("noise", "{position: 0.01, rotation: 0.01}", "how far the platform may be from it [m], [rad]; default: no measurement"),
+        (
+            "noise",
+            "{position: 0.01, rotation: 0.01}",
+            "how far the platform may be from it [m], [rad]; default: no measurement",
+        ),
     ),
-}  # fmt: skip
+}
 """Kind -> keys that a person fills in: an example or the default, and what it means."""
 _GEOMETRY = {
     "wrench": "position and rpy_deg: where the sensor sits",
@@ -71,7 +109,13 @@ _GEOMETRY = {
 
 
 def as_text(
-    draft: Draft, robot: Robot, *, name: str, robot_place: str, files: Mapping[str, str], with_schema: bool
+    draft: Draft,
+    robot: Robot,
+    *,
+    name: str,
+    robot_place: str,
+    files: Mapping[str, str],
+    with_schema: bool,
 ) -> str:
     """The file of a draft.
 
@@ -87,17 +131,33 @@ def as_text(
 
 
 def _lines(
-    draft: Draft, robot: Robot, name: str, robot_place: str, files: Mapping[str, str], with_schema: bool
+    draft: Draft,
+    robot: Robot,
+    name: str,
+    robot_place: str,
+    files: Mapping[str, str],
+    with_schema: bool,
 ) -> Iterator[str]:
     if with_schema:
         yield f"# yaml-language-server: $schema={SCHEMA}"
-    yield "# A first experiment file, drafted by 'steelyard init' from logs. What was guessed says why; look at every 'check'."
+    yield (
+        "# A first experiment file, drafted by 'steelyard init' from logs. What was guessed says"
+        " why; look at every 'check'."
+    )
     yield f"format: {FORMAT}"
     yield f"name: {scalar(name)}"
     yield f"robot: {scalar(robot_place)}"
-    yield "# known: {mass: {value: 100.0, sigma: 0.1}}    # known beforehand [kg]; also center_of_gravity: {x: …} [m], inertia: {xx: …} [kg m^2]"
-    defaults = ", ".join(f"{key}: {value:g}" for key, value in UncertaintyForm().model_dump().items())
-    yield f"# uncertainty: {{{defaults}}}    # 1-sigma of the robot file [m], [m], [m/s^2]; the defaults"
+    yield (
+        "# known: {mass: {value: 100.0, sigma: 0.1}}    # known beforehand [kg]; also"
+        " center_of_gravity: {x: …} [m], inertia: {xx: …} [kg m^2]"
+    )
+    defaults = ", ".join(
+        f"{key}: {value:g}" for key, value in UncertaintyForm().model_dump().items()
+    )
+    yield (
+        f"# uncertainty: {{{defaults}}}    # 1-sigma of the robot file [m], [m], [m/s^2]; the"
+        " defaults"
+    )
     yield "instruments:"
     for each, keys in draft.instruments.items():
         yield from _instrument(each, keys, draft.runs, robot.m)
@@ -108,7 +168,9 @@ def _lines(
         yield f"# not used: {comment(f'{unused.log}: {unused.what}')}"
 
 
-def _instrument(name: str, keys: Mapping[str, Any], runs: Sequence[DraftRun], m: int) -> Iterator[str]:
+def _instrument(
+    name: str, keys: Mapping[str, Any], runs: Sequence[DraftRun], m: int
+) -> Iterator[str]:
     found = [run.streams[name] for run in runs if name in run.streams]
     kind = str(keys["kind"])
     yield f"  {scalar(name)}:"
@@ -133,9 +195,9 @@ def _calibration(name: str, keys: Mapping[str, Any], m: int) -> str:
     """Systematic errors with their defaults, as they would stand in the file."""
     nested: dict[str, Any] = {}
     units = []
-    for term in instrument_of(str(keys["kind"]), {k: v for k, v in keys.items() if k not in {"kind", "clock"}}).terms(
-        m
-    ):
+    for term in instrument_of(
+        str(keys["kind"]), {k: v for k, v in keys.items() if k not in {"kind", "clock"}}
+    ).terms(m):
         deviation = term.deviation
         if deviation is None or term.key in keys.get("calibration", {}):
             continue
@@ -144,7 +206,10 @@ def _calibration(name: str, keys: Mapping[str, Any], m: int) -> str:
         units.append(f"[{term.unit}]")
     nested["delay"] = DEFAULT_DELAY
     extra = "; more of them beside what stands above" if "calibration" in keys else ""
-    return f"calibration: {flow(nested)}    # 1-sigma {', '.join([*units, '[s]'])}; the defaults (delay: 0 for the clock of the forces){extra}"
+    return (
+        f"calibration: {flow(nested)}    # 1-sigma {', '.join([*units, '[s]'])}; the defaults"
+        f" (delay: 0 for the clock of the forces){extra}"
+    )
 
 
 def _run(run: DraftRun, draft: Draft, files: Mapping[str, str]) -> Iterator[str]:
@@ -156,15 +221,27 @@ def _run(run: DraftRun, draft: Draft, files: Mapping[str, str]) -> Iterator[str]
             yield from _stream(name, run.streams[name], files)
     if run.static:
         return
-    shared = "{" + ", ".join(f"{scalar(name)}: 0.0" for name in draft.instruments if name in run.streams) + "}"
+    shared = (
+        "{"
+        + ", ".join(f"{scalar(name)}: 0.0" for name in draft.instruments if name in run.streams)
+        + "}"
+    )
     if run.agree:
         yield f"    # check: that the clocks agree: {comment(run.why)}"
         yield f"    # sync: {shared}    # else: time of one common event on each clock [s], or auto"
     else:
         yield f"    sync: auto    # {comment(run.why)}"
-        yield f"    # sync: {shared}    # better, if known: time of one common event on each clock [s]"
-    longest = max(float(found.stream.time[-1] - found.stream.time[0]) for found in run.streams.values())
-    yield f"    # window: [0.5, {max(longest - 0.5, 1):.1f}]    # part to use [s], after that event (without sync: after the first force sample)"
+        yield (
+            f"    # sync: {shared}    # better, if known: time of one common event on each"
+            " clock [s]"
+        )
+    longest = max(
+        float(found.stream.time[-1] - found.stream.time[0]) for found in run.streams.values()
+    )
+    yield (
+        f"    # window: [0.5, {max(longest - 0.5, 1):.1f}]    # part to use [s], after that event"
+        " (without sync: after the first force sample)"
+    )
 
 
 def _stream(name: str, found: Found, files: Mapping[str, str]) -> Iterator[str]:
@@ -204,24 +281,40 @@ def _mapping(key: str, values: Mapping[str, str]) -> Iterator[str]:
 def flow(value: Any) -> str:
     """A value in one line."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{scalar(str(key))}: {flow(entry)}" for key, entry in value.items()) + "}"
+        return (
+            "{"
+            + ", ".join(f"{scalar(str(key))}: {flow(entry)}" for key, entry in value.items())
+            + "}"
+        )
     if isinstance(value, list | tuple):
         return "[" + ", ".join(flow(entry) for entry in value) + "]"
-    return scalar(value) if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else str(value)
+    return (
+        scalar(value)
+        if isinstance(value, str)
+        else f"{value:g}"
+        if isinstance(value, float)
+        else str(value)
+    )
 
 
 def scalar(text: str) -> str:
-    """A text as YAML: plain where that is certainly what it means, else quoted with all that might steer a reader escaped."""
+    """A text as YAML: plain where that is certainly what it means, else quoted with all that might
+    steer a reader escaped.
+    """
     if _PLAIN.fullmatch(text) and text.lower() not in _WORDS:
         return text
     escaped = "".join(
-        f"\\{c}"
-        if c in '"\\'
-        else c
-        if c.isprintable()
-        else f"\\U{ord(c):08X}"
-        if ord(c) > 0xFFFF
-        else f"\\u{ord(c):04X}"
+        (
+            f"\\{c}"
+            if c in '"\\'
+            else (
+                c
+                if c.isprintable()
+                else f"\\U{ord(c):08X}"
+                if ord(c) > 0xFFFF
+                else f"\\u{ord(c):04X}"
+            )
+        )
         for c in text
     )
     return f'"{escaped}"'

@@ -17,7 +17,8 @@ _GROUPS = re.compile(r"expected 'topic' to say which .* found (?P<names>.*); nam
 
 
 def topics_of(path: Path) -> list[str | None]:
-    """Topics of a recording of messages, or groups of a file of arrays; None alone: the log is one table.
+    """Topics of a recording of messages, or groups of a file of arrays; None alone: the log is one
+    table.
 
     Raises:
         InputError: It is damaged or cut off, or has too many groups to name.
@@ -37,7 +38,9 @@ def topics_of(path: Path) -> list[str | None]:
 
 
 def _groups(path: Path) -> list[str | None]:
-    """Groups as the reader names them, which runs apart and tells no more; what is misread is no group and will be said."""
+    """Groups as the reader names them, which runs apart and tells no more; what is misread is no
+    group and will be said.
+    """
     try:
         with open_log(path):
             return [None]

@@ -40,8 +40,14 @@ def groups_among(names: Sequence[Name], hints: Sequence[str], commanded: bool) -
             word = ANGLES.get(name.words[place], name.words[place])
             members.setdefault((sort, name.template(place)), {})[word] = name
         elif len(name.words) == 1 and name.words[0] in {"p", "q", "r"}:
-            members.setdefault(("rates", ("omega", "@")), {})["xyz"["pqr".index(name.words[0])]] = name
-    forces = {label_of(t) for (_, t), its in members.items() if set(AXES) <= set(its) and quantity_of(t) == "force"}
+            members.setdefault(("rates", ("omega", "@")), {})["xyz"["pqr".index(name.words[0])]] = (
+                name
+            )
+    forces = {
+        label_of(t)
+        for (_, t), its in members.items()
+        if set(AXES) <= set(its) and quantity_of(t) == "force"
+    }
     for (_, template), its in members.items():
         group = _group(template, its, hints, forces)
         if group is not None:
@@ -61,16 +67,25 @@ def _component(name: Name) -> tuple[int | None, str]:
 
 
 def _group(
-    template: tuple[str, ...], its: Mapping[str, Name], hints: Sequence[str], forces: set[tuple[str, ...]]
+    template: tuple[str, ...],
+    its: Mapping[str, Name],
+    hints: Sequence[str],
+    forces: set[tuple[str, ...]],
 ) -> Group | None:
     keys, label = set(its), label_of(template)
     if keys >= {"roll", "pitch", "yaw"}:
         if quantity_of(template) is None:
             return None
         if _says_rate(template):
-            named = dict(zip(("wx", "wy", "wz"), (its["roll"], its["pitch"], its["yaw"]), strict=True))
+            named = dict(
+                zip(("wx", "wy", "wz"), (its["roll"], its["pitch"], its["yaw"]), strict=True)
+            )
             return Group(
-                "angular_velocity", named, label, False, ("that the rates are those about the axes of the body",)
+                "angular_velocity",
+                named,
+                label,
+                False,
+                ("that the rates are those about the axes of the body",),
             )
         return Group("orientation", {k: its[k] for k in ("roll", "pitch", "yaw")}, label, False)
     quantity = quantity_of(template)
@@ -81,7 +96,13 @@ def _group(
     for digits in (("0", "1", "2", "3"), ("1", "2", "3", "4")):
         if quantity == "orientation" and keys == set(digits):
             named = dict(zip(("qw", "qx", "qy", "qz"), (its[d] for d in digits), strict=True))
-            return Group("orientation", named, label, False, ("that the scalar part of the quaternion comes first",))
+            return Group(
+                "orientation",
+                named,
+                label,
+                False,
+                ("that the scalar part of the quaternion comes first",),
+            )
     axes = next((a for a in (AXES, ("0", "1", "2"), ("1", "2", "3")) if keys >= set(a)), None)
     if axes is None or (axes != AXES and (len(keys) != 3 or not quantity)):
         return None
@@ -94,7 +115,11 @@ def _group(
     if quantity == "orientation":
         named = dict(zip(("roll", "pitch", "yaw"), (its[a] for a in axes), strict=True))
         return Group(
-            quantity, named, label, False, ("that these are roll, pitch and yaw, R = Rz(yaw) Ry(pitch) Rx(roll)",)
+            quantity,
+            named,
+            label,
+            False,
+            ("that these are roll, pitch and yaw, R = Rz(yaw) Ry(pitch) Rx(roll)",),
         )
     return Group(quantity, _xyz(CONTRACT[quantity], its, axes), label, False)
 
@@ -110,7 +135,11 @@ def _says_rate(template: tuple[str, ...]) -> bool:
 def hinted(hints: Sequence[str]) -> str | None:
     """Quantity that topic, file or folder speak of, where a column is nothing but x."""
     found = {quantity_of((word,)) for word in hints if len(word) > 1}
-    named = [q for q in ("angular_velocity", "specific_force", "torque", "force", "position") if q in found]
+    named = [
+        q
+        for q in ("angular_velocity", "specific_force", "torque", "force", "position")
+        if q in found
+    ]
     return named[0] if named else None
 
 
@@ -120,27 +149,47 @@ def _matrix(names: Sequence[Name]) -> Group | None:
     listed: dict[tuple[str, ...], dict[int, Name]] = {}
     for name in names:
         words = name.words
-        if len(words) >= 2 and words[-2] in {"r", "rot", "dcm", "m", "matrix"} and len(words[-1]) == 2:
+        if (
+            len(words) >= 2
+            and words[-2] in {"r", "rot", "dcm", "m", "matrix"}
+            and len(words[-1]) == 2
+        ):
             found[words[-1]] = name
-        elif len(words) >= 3 and words[-3] in {"r", "rot", "dcm", "matrix"} and len(words[-2]) == len(words[-1]) == 1:
+        elif (
+            len(words) >= 3
+            and words[-3] in {"r", "rot", "dcm", "matrix"}
+            and len(words[-2]) == len(words[-1]) == 1
+        ):
             found[words[-2] + words[-1]] = name
-        elif len(words) >= 2 and words[-2] in {"rotation", "rot", "dcm", "matrix"} and words[-1].isdigit():
+        elif (
+            len(words) >= 2
+            and words[-2] in {"rotation", "rot", "dcm", "matrix"}
+            and words[-1].isdigit()
+        ):
             listed.setdefault(words[:-1], {})[int(words[-1])] = name
     for first in "10":
         cells = [f"{int(first) + i}{int(first) + j}" for i in range(3) for j in range(3)]
         if all(cell in found for cell in cells):
-            named = {f"r{i + 1}{j + 1}": found[cells[3 * i + j]] for i in range(3) for j in range(3)}
+            named = {
+                f"r{i + 1}{j + 1}": found[cells[3 * i + j]] for i in range(3) for j in range(3)
+            }
             return Group("orientation", named, label_of(found[cells[0]].words[:-2]), False)
     for words, its in listed.items():
         if sorted(its) == list(range(9)):
             named = {f"r{i + 1}{j + 1}": its[3 * i + j] for i in range(3) for j in range(3)}
-            return Group("orientation", named, label_of(words), False, ("that the matrix stands row by row",))
+            return Group(
+                "orientation", named, label_of(words), False, ("that the matrix stands row by row",)
+            )
     return None
 
 
 def label_of(words: Iterable[str]) -> tuple[str, ...]:
     """Words of a name that say neither what is read nor which component: whose it is."""
     known = frozenset().union(
-        *QUANTITIES.values(), NEUTRAL, COMMANDS, ANGLES, {"@", "angular", "velocity", "rate", "vel", "receive"}
+        *QUANTITIES.values(),
+        NEUTRAL,
+        COMMANDS,
+        ANGLES,
+        {"@", "angular", "velocity", "rate", "vel", "receive"},
     )
     return tuple(word for word in words if word not in known)

@@ -13,68 +13,154 @@ def _words(text: str) -> frozenset[str]:
 
 
 QUANTITIES: dict[str, frozenset[str]] = {
-    "angular_velocity": _words("gyro gyr gyroscope omega w drehrate angvel angularvelocity winkelgeschwindigkeit"),
+    "angular_velocity": _words(
+        "gyro gyr gyroscope omega w drehrate angvel angularvelocity winkelgeschwindigkeit"
+    ),
     "specific_force": _words("a acc accel acceleration accelerometer linacc accl beschleunigung"),
-    "orientation": _words("q quat quaternion orientation rotation rot attitude att rpy euler lage dcm"),
+    "orientation": _words(
+        "q quat quaternion orientation rotation rot attitude att rpy euler lage dcm"
+    ),
     "torque": _words("t tau torque moment mom m drehmoment momente"),
     "force": _words("f force forces kraft kraefte"),
     "position": _words(
-        "pos position p prism prisma point translation target tcp xyz location coordinate coord coordinates koordinate ort marker"
+        "pos position p prism prisma point translation target tcp xyz location coordinate coord"
+        " coordinates koordinate ort marker"
     ),
-}  # fmt: skip
+}
 """Vector or rotation -> words that mean it."""
 TENSIONS = _words(
-    "f force forces tension tensions tens kraft kraefte seilkraft seilkraefte load loads loadcell cell effort lc strain"
+    "f force forces tension tensions tens kraft kraefte seilkraft seilkraefte load loads loadcell"
+    " cell effort lc strain"
 )
-LENGTHS = _words("l len length lengths laenge laengen seillaenge pos position encoder enc q joint paidout unwound")
+LENGTHS = _words(
+    "l len length lengths laenge laengen seillaenge pos position encoder enc q joint paidout"
+    " unwound"
+)
 COMMANDS = _words(
-    "cmd command commanded commands ref reference des desired setpoint setpoints set soll sollwert sollwerte goal demand demanded "
-    "planned plan"
+    "cmd command commanded commands ref reference des desired setpoint setpoints set soll sollwert"
+    " sollwerte goal demand demanded planned plan"
 )
 TRACKERS = _words("tracker leica vicon optitrack mocap laser lasertracker prism")
 """Words of file names that mean positions."""
 TIMES = _words("t time timestamp timestamps stamp zeit zeitstempel clock datetime date utc")
 _TIME_UNITS = {
-    "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "ms": "ms", "msec": "ms", "millis": "ms", "milliseconds": "ms",
-    "us": "us", "usec": "us", "micros": "us", "microseconds": "us", "ns": "ns", "nsec": "ns", "nanos": "ns", "nanoseconds": "ns",
-}  # fmt: skip
+    "s": "s",
+    "sec": "s",
+    "secs": "s",
+    "second": "s",
+    "seconds": "s",
+    "ms": "ms",
+    "msec": "ms",
+    "millis": "ms",
+    "milliseconds": "ms",
+    "us": "us",
+    "usec": "us",
+    "micros": "us",
+    "microseconds": "us",
+    "ns": "ns",
+    "nsec": "ns",
+    "nanos": "ns",
+    "nanoseconds": "ns",
+}
 IGNORED = _words(
-    "mag magnetic magnetometer magnetfeld temp temperature current voltage jerk covariance cov variance std sigma error err status seq "
-    "sequence id frame child twist linear jounce snap gps lat lon power battery"
+    "mag magnetic magnetometer magnetfeld temp temperature current voltage jerk covariance cov"
+    " variance std sigma error err status seq sequence id frame child twist linear jounce snap gps"
+    " lat lon power battery"
 )
 """Words of columns that no instrument of ours has."""
 _SPEEDS = _words("velocity vel speed rate rates")
 _ANGULAR = _words("angular ang rot rotational turn gyro omega roll pitch yaw body")
 NEUTRAL = _words("vector data msg value values field header pose transform linear raw in of the si")
 """Words that say nothing of whose a column is."""
-ANGLES = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "phi": "roll", "theta": "pitch", "psi": "yaw"}
+ANGLES = {
+    "roll": "roll",
+    "pitch": "pitch",
+    "yaw": "yaw",
+    "phi": "roll",
+    "theta": "pitch",
+    "psi": "yaw",
+}
 """Words of the angles -> column of the contract."""
 INSTRUMENTS = _words(
-    "imu imus accel acc accelerometer gyro gyr wrench fts ft ati force forces kraft cables cable seile tension tensions tracker leica "
-    "vicon optitrack mocap laser lasertracker position positions pos pose poses orientation orientations attitude command cmd commands ref "
-    "setpoint setpoints soll length lengths winch winches encoder encoders joint joints states state loadcell loadcells sensor sensors "
-    "log data recording xsens mti"
+    "imu imus accel acc accelerometer gyro gyr wrench fts ft ati force forces kraft cables cable"
+    " seile tension tensions tracker leica vicon optitrack mocap laser lasertracker position"
+    " positions pos pose poses orientation orientations attitude command cmd commands ref setpoint"
+    " setpoints soll length lengths winch winches encoder encoders joint joints states state"
+    " loadcell loadcells sensor sensors log data recording xsens mti"
 )
 """Words of file names that say which instrument, not which run."""
 
 _UNIT_ENDINGS: dict[tuple[str, ...], str] = {
-    ("deg", "s"): "deg/s", ("deg", "per", "s"): "deg/s", ("deg", "sec"): "deg/s", ("degs",): "deg/s", ("dps",): "deg/s",
-    ("rad", "s"): "rad/s", ("rad", "per", "s"): "rad/s", ("rad", "sec"): "rad/s", ("rads",): "rad/s", ("rps",): "rad/s",
-    ("m", "s", "2"): "m/s^2", ("m", "per", "s", "2"): "m/s^2", ("mps", "2"): "m/s^2", ("ms", "2"): "m/s^2", ("mss",): "m/s^2",
-    ("k", "n"): "kN", ("m", "n"): "mN", ("da", "n"): "daN", ("g",): "g", ("mg",): "mg", ("mm",): "mm", ("cm",): "cm", ("m",): "m", ("n",): "N", ("kn",): "kN", ("dan",): "daN", ("kgf",): "kgf",
-    ("kg",): "kgf", ("lbf",): "lbf", ("nm",): "N m", ("n", "m"): "N m", ("nmm",): "N mm", ("deg",): "deg", ("degree",): "deg",
-    ("degrees",): "deg", ("rad",): "rad", ("radians",): "rad", **{(word,): unit for word, unit in _TIME_UNITS.items()},
-}  # fmt: skip
+    ("deg", "s"): "deg/s",
+    ("deg", "per", "s"): "deg/s",
+    ("deg", "sec"): "deg/s",
+    ("degs",): "deg/s",
+    ("dps",): "deg/s",
+    ("rad", "s"): "rad/s",
+    ("rad", "per", "s"): "rad/s",
+    ("rad", "sec"): "rad/s",
+    ("rads",): "rad/s",
+    ("rps",): "rad/s",
+    ("m", "s", "2"): "m/s^2",
+    ("m", "per", "s", "2"): "m/s^2",
+    ("mps", "2"): "m/s^2",
+    ("ms", "2"): "m/s^2",
+    ("mss",): "m/s^2",
+    ("k", "n"): "kN",
+    ("m", "n"): "mN",
+    ("da", "n"): "daN",
+    ("g",): "g",
+    ("mg",): "mg",
+    ("mm",): "mm",
+    ("cm",): "cm",
+    ("m",): "m",
+    ("n",): "N",
+    ("kn",): "kN",
+    ("dan",): "daN",
+    ("kgf",): "kgf",
+    ("kg",): "kgf",
+    ("lbf",): "lbf",
+    ("nm",): "N m",
+    ("n", "m"): "N m",
+    ("nmm",): "N mm",
+    ("deg",): "deg",
+    ("degree",): "deg",
+    ("degrees",): "deg",
+    ("rad",): "rad",
+    ("radians",): "rad",
+    **{(word,): unit for word, unit in _TIME_UNITS.items()},
+}
 """How a unit is written behind a name."""
 UNIT_OF = {
-    "time": "s", "angular_velocity": "rad/s", "specific_force": "m/s^2", "orientation": "rad", "torque": "N m", "force": "N", "position": "m",
-}  # fmt: skip
+    "time": "s",
+    "angular_velocity": "rad/s",
+    "specific_force": "m/s^2",
+    "orientation": "rad",
+    "torque": "N m",
+    "force": "N",
+    "position": "m",
+}
 """Quantity -> its SI unit."""
 
 _COMPACT = re.compile(
     r"(?P<base>w|a|f|t|m|q|p|r|g|acc|accel|gyr|gyro|omega|pos|quat|force|torque|tau|mom|rot|cmd|ref|des)(?P<axis>[xyzw])"
 )
-_SHARP = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "ae", "Ö": "oe", "Ü": "ue", "ω": "omega", "φ": "phi", "θ": "theta", "ψ": "psi", "τ": "tau"})  # fmt: skip
+_SHARP = str.maketrans(
+    {
+        "ä": "ae",
+        "ö": "oe",
+        "ü": "ue",
+        "ß": "ss",
+        "Ä": "ae",
+        "Ö": "oe",
+        "Ü": "ue",
+        "ω": "omega",
+        "φ": "phi",
+        "θ": "theta",
+        "ψ": "psi",
+        "τ": "tau",
+    }
+)
 _LONGEST = 200
 """Characters of a name that are looked at."""
 _MOST_NUMBERS = 4
@@ -98,7 +184,14 @@ class Name:
     @property
     def axis(self) -> int | None:
         """Where x, y, z or w stands; None: nowhere."""
-        return next((i for i in range(len(self.words) - 1, -1, -1) if self.words[i] in {"x", "y", "z", "w"}), None)
+        return next(
+            (
+                i
+                for i in range(len(self.words) - 1, -1, -1)
+                if self.words[i] in {"x", "y", "z", "w"}
+            ),
+            None,
+        )
 
     @property
     def angle(self) -> int | None:
@@ -108,7 +201,9 @@ class Name:
     @property
     def numbers(self) -> list[int]:
         """Where numbers stand, the last few."""
-        return [i for i, word in enumerate(self.words) if word.isdigit() and len(word) < 5][-_MOST_NUMBERS:]
+        return [i for i, word in enumerate(self.words) if word.isdigit() and len(word) < 5][
+            -_MOST_NUMBERS:
+        ]
 
     @property
     def is_time(self) -> bool:
@@ -154,7 +249,9 @@ def _carries(name: Name, unit: str) -> bool:
 
 
 def quantity_of(words: tuple[str, ...]) -> str | None:
-    """Which vector or rotation words speak of; the last that says anything decides. None: of none of ours; "": they do not say."""
+    """Which vector or rotation words speak of; the last that says anything decides. None: of none
+    of ours; "": they do not say.
+    """
     known = [word for word in words if word != "@"]
     if _SPEEDS.intersection(known):
         return "angular_velocity" if _ANGULAR.intersection(known) else None

@@ -1,1 +1,3 @@
-"""The experiment before it is made: which motion tells the body best within what the robot can do, and how well."""
+"""The experiment before it is made: which motion tells the body best within what the robot can do,
+and how well.
+"""

@@ -9,6 +9,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError, InputError
+from steelyard.estimates.estimate import Estimate
 from steelyard.excitation.criterion import Target
 from steelyard.excitation.demands import Margin
 from steelyard.excitation.information import Outlook
@@ -16,13 +17,12 @@ from steelyard.excitation.rehearsal import rehearsed
 from steelyard.excitation.sight import View, border_of
 from steelyard.excitation.verification import Verified, times_of, verify
 from steelyard.experiment.model import Experiment
-from steelyard.identification.bound import known_information
-from steelyard.identification.classical import NoBalanceError
-from steelyard.identification.estimate import Estimate
-from steelyard.identification.joint_study import Joint, joint_study
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.regression import TEN
-from steelyard.identification.study import Progress
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.solve.bound import known_information
+from steelyard.identification.solve.classical import NoBalanceError
+from steelyard.identification.solve.joint_study import Joint, joint_study
+from steelyard.identification.solve.normal_equations import TEN
+from steelyard.identification.solve.study import Progress
 from steelyard.inertia import BODY_PARAMETERS, body_jacobian
 from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.model import Robot
@@ -40,7 +40,8 @@ class Appraisal:
     """With its runs, as they would be recorded without noise and errors."""
     trajectories: Mapping[str, Trajectory]
     estimate: Estimate
-    """What maximum likelihood would say of all runs together; the values are those of the nominal body."""
+    """What maximum likelihood would say of all runs together; the values are those of the nominal
+    body."""
     each: Mapping[str, Array]
     """Run -> 1-sigma of the ten parameters from it alone; NaN where it cannot tell; shape (10,)."""
     standard_deviation: Array
@@ -50,7 +51,8 @@ class Appraisal:
     told: Mapping[str, Told]
     """Run -> which part of it tells which parameter."""
     natural_frequencies: Array
-    """Of the platform on its cables where the first run begins, ascending [Hz]; empty where the stiffness is not known."""
+    """Of the platform on its cables where the first run begins, ascending [Hz]; empty where the
+    stiffness is not known."""
     highest_frequency: float
     """Below which 99 % of the power of the accelerations lies [Hz]."""
     target: Target
@@ -60,8 +62,12 @@ class Appraisal:
 
     @property
     def worst(self) -> tuple[str, float]:
-        """The parameter that is known worst, and its 1-sigma in units of the target; infinite where nothing tells it."""
-        ratio = np.where(np.isnan(self.standard_deviation), np.inf, self.standard_deviation / self.target.each)
+        """The parameter that is known worst, and its 1-sigma in units of the target; infinite where
+        nothing tells it.
+        """
+        ratio = np.where(
+            np.isnan(self.standard_deviation), np.inf, self.standard_deviation / self.target.each
+        )
         return BODY_PARAMETERS[int(ratio.argmax())], float(ratio.max())
 
     @property
@@ -77,11 +83,15 @@ class Told:
     time: Array
     """[s], shape (n,)."""
     share: Array
-    """Part of what is known of each of the ten that comes from around each instant [1/s], shape (n, 10); over all runs it is 1, less what priors tell."""
+    """Part of what is known of each of the ten that comes from around each instant [1/s], shape (n,
+    10); over all runs it is 1, less what priors tell."""
 
 
 def rehearse(
-    experiment: Experiment, trajectories: Mapping[str, Trajectory], level: float, progress: Progress = None
+    experiment: Experiment,
+    trajectories: Mapping[str, Trajectory],
+    level: float,
+    progress: Progress = None,
 ) -> Joint:
     """What maximum likelihood makes of runs that are made in thought.
 
@@ -92,7 +102,8 @@ def rehearse(
         return joint_study(rehearsed(experiment, trajectories, level), progress)
     except NoBalanceError as error:
         raise InputError(
-            f"{experiment.source or experiment.name}: expected instruments and a motion that tell something of the body, found that {error}"
+            f"{experiment.source or experiment.name}: expected instruments and a motion that tell"
+            f" something of the body, found that {error}"
         ) from None
 
 
@@ -126,7 +137,10 @@ def appraise(
     joint = rehearse(experiment, trajectories, level, progress)
     alone = dict.fromkeys(trajectories, joint)
     if len(trajectories) > 1:
-        alone = {name: rehearse(experiment, {name: each}, level, progress) for name, each in trajectories.items()}
+        alone = {
+            name: rehearse(experiment, {name: each}, level, progress)
+            for name, each in trajectories.items()
+        }
     estimate = MaximumLikelihood().of(joint)
     if progress:
         progress("design: looking at the limits", 0.9)
@@ -139,7 +153,9 @@ def appraise(
         experiment=joint.study.experiment,
         trajectories=dict(trajectories),
         estimate=estimate,
-        each={name: MaximumLikelihood().of(found).standard_deviation for name, found in alone.items()},
+        each={
+            name: MaximumLikelihood().of(found).standard_deviation for name, found in alone.items()
+        },
         standard_deviation=_together(joint, estimate, before),
         verified=done,
         told=_told(joint, trajectories, level, before),
@@ -163,17 +179,23 @@ def _together(joint: Joint, estimate: Estimate, before: Array | float) -> Array:
     return np.where(np.isnan(estimate.standard_deviation) & ~told, np.nan, found)
 
 
-def _told(joint: Joint, trajectories: Mapping[str, Trajectory], level: float, before: Array | float) -> dict[str, Told]:
+def _told(
+    joint: Joint, trajectories: Mapping[str, Trajectory], level: float, before: Array | float
+) -> dict[str, Told]:
     J = body_jacobian(joint.study.parameters)
-    unknowns = joint.fit.state.systematic.unknowns
-    known = border_of(unknowns)
+    calibration_parameters = joint.fit.state.calibration.calibration_parameters
+    known = border_of(calibration_parameters)
     known[:TEN, :TEN] += before
     known[:TEN, :TEN] += known_information(joint.study.experiment.known, J)
     seen = {}
     for run in joint.study.experiment.runs:
-        arc = next(arc for arc in joint.fit.state.arcs if arc.run == run.name)
-        outlook = Outlook(View.of(joint, run, level), arc, trajectories[run.name].duration, len(known))
-        commands = np.hstack([trajectories[run.name].derivative(outlook.times, order) for order in range(4)])
+        segment = next(segment for segment in joint.fit.state.segments if segment.run == run.name)
+        outlook = Outlook(
+            View.of(joint, run, level), segment, trajectories[run.name].duration, len(known)
+        )
+        commands = np.hstack(
+            [trajectories[run.name].derivative(outlook.times, order) for order in range(4)]
+        )
         seen[run.name] = outlook, outlook.information(commands)
     total = known + sum(information for _, (information, _) in seen.values())
     by = np.linalg.pinv(total, hermitian=True)[:, :TEN] @ J.T
@@ -186,8 +208,15 @@ def _told(joint: Joint, trajectories: Mapping[str, Trajectory], level: float, be
 
 
 def natural_frequencies(robot: Robot, pose: Array, level: float) -> Array:
-    """Of the platform on its elastic cables, ascending [Hz], shape (6,); empty where their stiffness is not known."""
-    if not (robot.m >= 6 and robot.cable.axial_stiffness and robot.platform and robot.platform.is_physical):
+    """Of the platform on its elastic cables, ascending [Hz], shape (6,); empty where their
+    stiffness is not known.
+    """
+    if not (
+        robot.m >= 6
+        and robot.cable.axial_stiffness
+        and robot.platform
+        and robot.platform.is_physical
+    ):
         return np.zeros(0)
     try:
         return CablePlatform(robot, robot.platform).natural_frequencies(pose, level)
@@ -205,4 +234,6 @@ def highest_frequency(trajectory: Trajectory) -> float:
     moving = np.abs(acceleration).max(axis=0) > 0
     if not moving.any():
         return 0.0
-    return float(max(frequencies[int(np.searchsorted(np.cumsum(p), _MOST))] for p in power.T[moving]))
+    return float(
+        max(frequencies[int(np.searchsorted(np.cumsum(p), _MOST))] for p in power.T[moving])
+    )

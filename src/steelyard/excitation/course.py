@@ -1,4 +1,6 @@
-"""The motions that a design chooses from: splines in all six coordinates that begin and end at rest."""
+"""The motions that a design chooses from: splines in all six coordinates that begin and end at
+rest.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +12,15 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from steelyard.arrays import Array
-from steelyard.identification.arc import Basis, basis
+from steelyard.identification.model.segment import Basis, basis
 from steelyard.motion.trajectory import REST_TO_REST, Sampled
 from steelyard.smoothing import DEGREE
 
 SIX = 6
 """Coordinates of a commanded pose: x, y, z [m], roll, pitch, yaw [rad]."""
 HELD = 4
-"""Coefficients at either end that stay where they are: velocity, acceleration and jerk vanish there."""
+"""Coefficients at either end that stay where they are: velocity, acceleration and jerk vanish
+there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +36,8 @@ class Course:
     intervals: int
     """Equal parts of it between knots."""
     reach: Array
-    """How far each coordinate may be from the middle of its range, shape (6,): the unit of the free coefficients."""
+    """How far each coordinate may be from the middle of its range, shape (6,): the unit of the free
+    coefficients."""
 
     @cached_property
     def knots(self) -> Array:
@@ -56,7 +60,10 @@ class Course:
         """Coefficients of the plain move from start to end, shape (c, 6)."""
         count = self.intervals + DEGREE
         # Each coefficient where its function is centred.
-        centres = np.array([self.knots[i + 1 : i + 1 + DEGREE].mean() for i in range(count)]) / self.duration
+        centres = (
+            np.array([self.knots[i + 1 : i + 1 + DEGREE].mean() for i in range(count)])
+            / self.duration
+        )
         centres[:HELD], centres[-HELD:] = 0.0, 1.0
         return np.asarray(self.start + REST_TO_REST(centres)[:, None] * (self.end - self.start))
 
@@ -75,7 +82,9 @@ class Course:
         return Sampled(BSpline(self.knots, self.coefficients(x), DEGREE), self.duration)
 
     def near(self, trajectory: Sampled) -> Array:
-        """Free coefficients of the course nearest to another motion of the same duration, shape (6 f,)."""
+        """Free coefficients of the course nearest to another motion of the same duration, shape (6
+        f,).
+        """
         times = np.linspace(0.0, self.duration, 8 * self.intervals + 1)
         design = BSpline.design_matrix(times, self.knots, DEGREE).toarray()
         missing = trajectory.derivative(times, 0) - design @ self.plain
@@ -108,7 +117,8 @@ class Along:
         """Derivative by the free coefficients of what depends so on the commands, shape (6 f,).
 
         Args:
-            slope: Derivative by the commands, shape (n, 24) or, of their pose, rate and acceleration alone, (n, 18).
+            slope: Derivative by the commands, shape (n, 24) or, of their pose, rate and
+                acceleration alone, (n, 18).
         """
         orders = slope.reshape(len(slope), -1, SIX)
         each = np.einsum("oni,nod->nid", self.basis.values[: orders.shape[1]], orders)
@@ -122,13 +132,16 @@ class Along:
 
     @cached_property
     def pattern(self) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-        """Free coefficients that each instant depends on, shape (n, 36), and which of them there are."""
+        """Free coefficients that each instant depends on, shape (n, 36), and which of them there
+        are.
+        """
         columns = (self._functions[:, :, None] - HELD) * SIX + np.arange(SIX)
         columns = columns.reshape(len(columns), -1)
         return columns, (columns >= 0) & (columns < self.course.size)
 
     def spread(self, derivative: Array) -> Array:
-        """Derivatives by commands as derivatives by the coefficients of :attr:`pattern`, shape (n, g, 36).
+        """Derivatives by commands as derivatives by the coefficients of :attr:`pattern`, shape (n,
+        g, 36).
 
         Args:
             derivative: By pose, rate and acceleration (and jerk), shape (n, g, 18) or (n, g, 24).

@@ -1,4 +1,6 @@
-"""What makes one experiment better than another: the worst 1-sigma of the ten parameters in units of what is wanted."""
+"""What makes one experiment better than another: the worst 1-sigma of the ten parameters in units
+of what is wanted.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.identification.regression import TEN
+from steelyard.identification.solve.normal_equations import TEN
 from steelyard.inertia import Inertia, body_jacobian
 
 _POWER = 2.0
-"""Of the variances in units of the wanted ones: their norm stands for the worst of them, and still asks for all others."""
+"""Of the variances in units of the wanted ones: their norm stands for the worst of them, and still
+asks for all others."""
 _REPEATED = 1e6
-"""Times that an experiment is repeated to see what no motion can tell, such as a gain that all force sensors share."""
+"""Times that an experiment is repeated to see what no motion can tell, such as a gain that all
+force sensors share."""
 _OF_THAT = 0.99
 """Part of it that is taken off, so that something is left."""
 
@@ -53,10 +57,14 @@ class Criterion:
     """Variances of the ten that no motion improves, in units of the wanted ones, shape (10,)."""
 
     @classmethod
-    def about(cls, parameters: Array, target: Target, known: Array, information: Array) -> Criterion:
+    def about(
+        cls, parameters: Array, target: Target, known: Array, information: Array
+    ) -> Criterion:
         """For experiments like one whose information is given."""
         plain = cls(parameters, target, known, np.zeros(TEN))
-        return cls(parameters, target, known, _OF_THAT * plain.ratios(_REPEATED * information)[0] ** 2)
+        return cls(
+            parameters, target, known, _OF_THAT * plain.ratios(_REPEATED * information)[0] ** 2
+        )
 
     def covariance(self, information: Array) -> Array:
         """Of body (ten linear parameters) and systematic errors, shape (b, b)."""
@@ -66,9 +74,17 @@ class Criterion:
         return np.asarray(inverse * np.outer(scale, scale))
 
     def ratios(self, information: Array) -> tuple[Array, Array]:
-        """1-sigma of the ten in units of the target, shape (10,), and how border and body covary, shape (b, 10)."""
-        by = self.covariance(information)[:, :TEN] @ body_jacobian(self.parameters).T / self.target.each
-        variance = np.einsum("ij,ji->i", body_jacobian(self.parameters), by[:TEN]) / self.target.each
+        """1-sigma of the ten in units of the target, shape (10,), and how border and body covary,
+        shape (b, 10).
+        """
+        by = (
+            self.covariance(information)[:, :TEN]
+            @ body_jacobian(self.parameters).T
+            / self.target.each
+        )
+        variance = (
+            np.einsum("ij,ji->i", body_jacobian(self.parameters), by[:TEN]) / self.target.each
+        )
         return np.sqrt(np.maximum(variance, 0.0)), by
 
     def value(self, information: Array) -> tuple[float, Array]:

@@ -1,7 +1,8 @@
-"""What a command demands of the robot at one instant, against what it can do; as expressions with derivatives.
+"""What a command demands of the robot at one instant, against what it can do; as expressions with
+derivatives.
 
-The tensions are those nearest to a level. They are asked for a body that is not quite the nominal one, in motion and at rest: where the
-platform stops, it must be able to hang.
+The tensions are those nearest to a level. They are asked for a body that is not quite the nominal
+one, in motion and at rest: where the platform stops, it must be able to hang.
 """
 
 from __future__ import annotations
@@ -53,9 +54,11 @@ class Demands:
     level: float
     """Tension that the cables are held near to [N]."""
     share: float
-    """Part of the limits on speed and acceleration that a command may use: elastic cables add to it."""
+    """Part of the limits on speed and acceleration that a command may use: elastic cables add to
+    it."""
     softest: float | None = None
-    """How easily the platform may swing on its cables, see :func:`.softness_of` [s^2]; None: that does not matter."""
+    """How easily the platform may swing on its cables, see :func:`.softness_of` [s^2]; None: that
+    does not matter."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -68,7 +71,9 @@ class Demands:
         Args:
             commands: Pose, rate and acceleration, shape (n, 18).
         """
-        return self._expressed.plain(command=commands, level=self.level, softest=self._softest)["value"]
+        return self._expressed.plain(command=commands, level=self.level, softest=self._softest)[
+            "value"
+        ]
 
     def linearised(self, commands: Array) -> tuple[Array, Array]:
         """All of them, shape (n, g), and their derivatives by the commands, shape (n, g, 18)."""
@@ -82,13 +87,21 @@ class Demands:
     @property
     def _expressed(self) -> _Expressed:
         return _expressed(
-            self.robot, tuple(self.instruments.items()), self.margin, self.share, self.softest is not None
+            self.robot,
+            tuple(self.instruments.items()),
+            self.margin,
+            self.share,
+            self.softest is not None,
         )
 
 
 @lru_cache(maxsize=8)
 def _expressed(
-    robot: Robot, instruments: tuple[tuple[str, Instrument], ...], margin: Margin, share: float, swings: bool
+    robot: Robot,
+    instruments: tuple[tuple[str, Instrument], ...],
+    margin: Margin,
+    share: float,
+    swings: bool,
 ) -> _Expressed:
     return _Expressed(robot, dict(instruments), margin, share, swings)
 
@@ -120,12 +133,18 @@ class _Expressed:
         """With derivatives."""
         inputs, found = self._found
         value = ca.vertcat(*[each for _, each in found])
-        value, slope = ca.cse([ca.densify(value), ca.densify(ca.jacobian(value, inputs["command"]))])
+        value, slope = ca.cse(
+            [ca.densify(value), ca.densify(ca.jacobian(value, inputs["command"]))]
+        )
         return Batched("slopes", inputs, {"value": value, "slope": slope})
 
     @cached_property
     def _found(self) -> tuple[dict[str, Symbol], list[tuple[str, Symbol]]]:
-        inputs = {"command": ca.SX.sym("command", AT), "level": ca.SX.sym("level"), "softest": ca.SX.sym("softest")}
+        inputs = {
+            "command": ca.SX.sym("command", AT),
+            "level": ca.SX.sym("level"),
+            "softest": ca.SX.sym("softest"),
+        }
         command, level, softest = inputs.values()
         state = commanded_state(command, self.robot.gravity)
         found = [
@@ -156,12 +175,20 @@ class _Expressed:
             if isinstance(instrument, Position):
                 point = ca.DM(instrument.target)
                 moved = speed + state.rotation @ ca.cross(state.omega, point)
-                felt = point_specific_force(state.specific_force, state.omega, state.alpha, point)
-                bent = state.rotation @ felt + ca.DM(self.robot.gravity)
-                yield from self._below(f"speed of the target of '{name}'", moved, instrument.limits.speed)
-                yield from self._below(f"acceleration of the target of '{name}'", bent, instrument.limits.acceleration)
+                force_samples = point_specific_force(
+                    state.specific_force, state.omega, state.alpha, point
+                )
+                bent = state.rotation @ force_samples + ca.DM(self.robot.gravity)
+                yield from self._below(
+                    f"speed of the target of '{name}'", moved, instrument.limits.speed
+                )
+                yield from self._below(
+                    f"acceleration of the target of '{name}'", bent, instrument.limits.acceleration
+                )
 
-    def _below(self, name: str, vector: Symbol, limit: float | None) -> Iterator[tuple[str, Symbol]]:
+    def _below(
+        self, name: str, vector: Symbol, limit: float | None
+    ) -> Iterator[tuple[str, Symbol]]:
         if limit is not None:
             yield name, ca.dot(vector, vector) / (self.share * limit) ** 2
 
@@ -187,12 +214,15 @@ class _Expressed:
             if np.isfinite(high):
                 yield name, 1 + (most - high) / unit
 
-    def _tensions(self, structure: Symbol, wrench: Symbol, ten: Symbol, level: Symbol) -> tuple[Symbol, Symbol]:
+    def _tensions(
+        self, structure: Symbol, wrench: Symbol, ten: Symbol, level: Symbol
+    ) -> tuple[Symbol, Symbol]:
         """Least and largest tension of each cable over the bodies within the margin."""
         body = self.robot.platform
         assert body is not None
         tension = tension_of(self.robot, structure, wrench, level)
-        # It is linear in the body: what is there without one, what the nominal one adds, what a shift of its mass adds.
+        # It is linear in the body: what is there without one, what the nominal one adds, what a
+        # shift of its mass adds.
         slope = ca.jacobian(tension, ten)
         none = ca.substitute(tension, ten, ca.DM.zeros(10))
         nominal = slope @ ca.DM(body.parameters)

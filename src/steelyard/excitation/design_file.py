@@ -10,13 +10,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
+from steelyard.estimates.estimate import named, plain
 from steelyard.excitation.appraisal import Appraisal
 from steelyard.excitation.design import Design
 from steelyard.excitation.rehearsal import held_tensions
 from steelyard.excitation.verification import Verified, times_of
 from steelyard.experiment.model import Stream
 from steelyard.experiment.write import write_stream
-from steelyard.identification.estimate import named, plain
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments import Command
 from steelyard.motion.limits import Use
@@ -38,7 +38,8 @@ def command_names(appraisal: Appraisal) -> Iterator[tuple[str, str]]:
 
 
 def write_design(design: Design, folder: str | Path, rate: float = RATE) -> None:
-    """Write the commands, ``design.json`` and the motion with its tensions and with what is told when.
+    """Write the commands, ``design.json`` and the motion with its tensions and with what is told
+    when.
 
     Args:
         design: What was found.
@@ -49,11 +50,15 @@ def write_design(design: Design, folder: str | Path, rate: float = RATE) -> None
     for run, name in command_names(appraisal):
         write_command(appraisal.trajectories[run], folder / name, rate)
     write_json(design_dict(design), folder / RESULT)
-    write_table([(run, motion_columns(appraisal, run)) for run in appraisal.trajectories], folder / MOTION)
+    write_table(
+        [(run, motion_columns(appraisal, run)) for run in appraisal.trajectories], folder / MOTION
+    )
 
 
 def motion_columns(appraisal: Appraisal, run: str) -> dict[str, Array]:
-    """Motion, tensions of the nominal platform and what is told, at 100 Hz; named as :mod:`.fitted_motion` names them."""
+    """Motion, tensions of the nominal platform and what is told, at 100 Hz; named as
+    :mod:`.fitted_motion` names them.
+    """
     robot, trajectory = appraisal.experiment.robot, appraisal.trajectories[run]
     assert robot.platform is not None
     times = times_of(trajectory)
@@ -67,11 +72,16 @@ def motion_columns(appraisal: Appraisal, run: str) -> dict[str, Array]:
         ("alpha_x", "alpha_y", "alpha_z"): state.alpha,
     }
     if robot.m:
-        groups[tuple(f"f{i + 1}" for i in range(robot.m))] = held_tensions(robot, state, appraisal.level)
+        groups[tuple(f"f{i + 1}" for i in range(robot.m))] = held_tensions(
+            robot, state, appraisal.level
+        )
     told = appraisal.told[run]
     shares = np.column_stack([np.interp(times, told.time, share) for share in told.share.T])
     groups[tuple(f"told_{name}" for name in BODY_PARAMETERS)] = shares
-    return {"t": times, **{name: values[:, i] for names, values in groups.items() for i, name in enumerate(names)}}
+    return {
+        "t": times,
+        **{name: values[:, i] for names, values in groups.items() for i, name in enumerate(names)},
+    }
 
 
 def write_command(trajectory: Trajectory, path: Path, rate: float = RATE) -> None:
@@ -90,7 +100,9 @@ def design_dict(design: Design) -> dict[str, Any]:
         "search": {
             "seed": design.seed,
             "in_time": design.in_time,
-            "starts": [{"norm": float(np.exp(each.value)), "steps": each.steps} for each in design.starts],
+            "starts": [
+                {"norm": float(np.exp(each.value)), "steps": each.steps} for each in design.starts
+            ],
         },
     }
 
@@ -112,7 +124,9 @@ def appraisal_dict(appraisal: Appraisal) -> dict[str, Any]:
         "violations": [text for run in runs for text in appraisal.verified[run].violations],
         "target": named(appraisal.target.each),
         "worst": {"parameter": parameter, "over_target": ratio if np.isfinite(ratio) else None},
-        "unidentifiable": [name for name in BODY_PARAMETERS if labels.get(name) == "unidentifiable"],
+        "unidentifiable": [
+            name for name in BODY_PARAMETERS if labels.get(name) == "unidentifiable"
+        ],
         "all_runs": {"runs": len(runs), "standard_deviation": named(appraisal.standard_deviation)},
         "margin": {"share": appraisal.margin.share, "center_of_gravity": appraisal.margin.off},
         "tension_level": appraisal.level,
@@ -132,12 +146,21 @@ def appraisal_dict(appraisal: Appraisal) -> dict[str, Any]:
                 "end": _pose(ends[1]),
                 "standard_deviation": named(appraisal.each[run]),
                 "limits": _limits(verified),
-                "allowed": {_key(use): _extremes(use.limit) for use in verified.commanded if use.limit},
-                "on_elastic_cables": {_key(use): _extremes(use.extremes) for use in verified.elastic} or None,
-                "tension_within_margin": None if verified.bodies is None else _extremes(verified.bodies.extremes),
+                "allowed": {
+                    _key(use): _extremes(use.limit) for use in verified.commanded if use.limit
+                },
+                "on_elastic_cables": (
+                    {_key(use): _extremes(use.extremes) for use in verified.elastic} or None
+                ),
+                "tension_within_margin": (
+                    None if verified.bodies is None else _extremes(verified.bodies.extremes)
+                ),
                 "told": {
                     "t": plain(told.time),
-                    **{parameter: plain(share) for parameter, share in zip(BODY_PARAMETERS, told.share.T, strict=True)},
+                    **{
+                        parameter: plain(share)
+                        for parameter, share in zip(BODY_PARAMETERS, told.share.T, strict=True)
+                    },
                 },
             }
         )

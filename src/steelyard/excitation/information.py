@@ -1,7 +1,9 @@
-"""The information of an experiment that has not been made yet, and how it follows from the commanded motion.
+"""The information of an experiment that has not been made yet, and how it follows from the
+commanded motion.
 
-The same matrix as that of the bound and of maximum likelihood: motion, body and systematic errors unknown together, the motion
-eliminated. Readings of a quantity are taken at instants of a grid, each standing for as many as its rate gives.
+The same matrix as that of the bound and of maximum likelihood: motion, body and systematic errors
+unknown together, the motion eliminated. Readings of a quantity are taken at instants of a grid,
+each standing for as many as its rate gives.
 """
 
 from __future__ import annotations
@@ -13,8 +15,15 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.excitation.sight import Sight, View, sights
-from steelyard.identification.arc import POSE, Basis, NormalEquations, Rows, accumulate, spread
-from steelyard.identification.motion_rows import Arc, holding_rows
+from steelyard.identification.model.motion_residuals import Segment, holding_rows
+from steelyard.identification.model.segment import (
+    POSE,
+    Basis,
+    NormalEquations,
+    Rows,
+    accumulate,
+    spread,
+)
 from steelyard.smoothing import DEGREE
 
 _PER_KNOT = 2.0
@@ -26,8 +35,9 @@ class Outlook:
     """What is seen along a run of given length, whatever the motion."""
 
     view: View
-    arc: Arc
-    """Knots and smoothness of the motion as the estimator would have it; its coefficients are those of some motion."""
+    segment: Segment
+    """Knots and smoothness of the motion as the estimator would have it; its coefficients are those
+    of some motion."""
     duration: float
     """[s]"""
     border: int
@@ -41,13 +51,13 @@ class Outlook:
     @cached_property
     def times(self) -> Array:
         """Instants [s], shape (n,): middles of equal steps."""
-        spacing = self.arc.knots[DEGREE + 1] - self.arc.knots[DEGREE]
+        spacing = self.segment.knots[DEGREE + 1] - self.segment.knots[DEGREE]
         n = int(np.ceil(_PER_KNOT * self.duration / spacing))
         return (np.arange(n) + 0.5) * self.duration / n
 
     @cached_property
     def _basis(self) -> Basis:
-        return self.arc.basis(self.times)
+        return self.segment.basis(self.times)
 
     def information(self, commands: Array) -> tuple[Array, Seen]:
         """Information on the border, shape (b, b), and what its slope is made of.
@@ -60,9 +70,19 @@ class Outlook:
         for sight, (by_motion, by_border) in zip(self.sights, derivatives, strict=True):
             n, k, _ = by_motion.shape
             by_order = by_motion.reshape(n, k, -1, POSE).transpose(2, 0, 1, 3)
-            rows.append(Rows(local.first, np.zeros((n, k)), spread(local, *by_order), by_border, sight.columns))
-        held = holding_rows(self.arc)
-        equations = self.arc.smooth(accumulate(len(self.arc.coefficients), self.border, [*rows, held]))
+            rows.append(
+                Rows(
+                    local.first,
+                    np.zeros((n, k)),
+                    spread(local, *by_order),
+                    by_border,
+                    sight.columns,
+                )
+            )
+        held = holding_rows(self.segment)
+        equations = self.segment.smooth(
+            accumulate(len(self.segment.coefficients), self.border, [*rows, held])
+        )
         return equations.reduced()[0], Seen(commands, derivatives, equations)
 
     def slope(self, seen: Seen, weight: Array) -> Array:
@@ -76,20 +96,27 @@ class Outlook:
         total = np.zeros_like(seen.commands)
         for sight, derivatives in zip(self.sights, seen.derivatives, strict=True):
             left = 2 * self._root(sight) * (_left(sight, derivatives, moved) @ weight)
-            total += sight.slope(seen.commands, left @ moved.transpose(0, 2, 1), left[:, :, sight.columns])
+            total += sight.slope(
+                seen.commands, left @ moved.transpose(0, 2, 1), left[:, :, sight.columns]
+            )
         return total
 
     def shares(self, seen: Seen, by: Array) -> Array:
-        """What every instant adds to the information along some directions of the border, shape (n, d).
+        """What every instant adds to the information along some directions of the border, shape (n,
+        d).
 
-        The motion follows the border; what is seen of both together adds up over the instants to the information.
+        The motion follows the border; what is seen of both together adds up over the instants to
+        the information.
 
         Args:
             seen: From :meth:`information`.
             by: Directions, shape (b, d).
         """
         moved = self._moved(seen)
-        lefts = (_left(sight, each, moved) for sight, each in zip(self.sights, seen.derivatives, strict=True))
+        lefts = (
+            _left(sight, each, moved)
+            for sight, each in zip(self.sights, seen.derivatives, strict=True)
+        )
         return np.asarray(sum(np.sum((left @ by) ** 2, axis=1) for left in lefts))
 
     def _moved(self, seen: Seen) -> Array:
@@ -121,7 +148,9 @@ class Seen:
 
 
 def _left(sight: Sight, derivatives: tuple[Array, Array], moved: Array) -> Array:
-    """Derivative of what is seen by the border, with the motion that follows it, shape (n, k, b)."""
+    """Derivative of what is seen by the border, with the motion that follows it, shape (n, k,
+    b).
+    """
     by_motion, by_border = derivatives
     left = by_motion @ moved
     left[:, :, sight.columns] += by_border

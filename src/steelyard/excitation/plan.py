@@ -12,12 +12,16 @@ from steelyard.simulation.sensors import Sensors, read_sensors
 from steelyard.yaml_file import read_yaml
 
 
-def planned(subject: Experiment | Robot | str | Path, sensors: Sensors | str = "paper") -> Experiment:
+def planned(
+    subject: Experiment | Robot | str | Path, sensors: Sensors | str = "paper"
+) -> Experiment:
     """An experiment that is to be made.
 
     Args:
-        subject: An experiment, whose recordings are not needed; a robot; or the path or bundled name of one of them.
-        sensors: Instruments of a robot that comes alone: ``paper``, ``ideal``, or the path of a YAML file.
+        subject: An experiment, whose recordings are not needed; a robot; or the path or bundled
+            name of one of them.
+        sensors: Instruments of a robot that comes alone: ``paper``, ``ideal``, or the path of a
+            YAML file.
 
     Raises:
         InputError: There is nothing of that name, or a file is wrong.

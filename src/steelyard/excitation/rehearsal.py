@@ -1,6 +1,8 @@
-"""An experiment made in thought: readings without errors of a motion that is followed exactly, and what an estimator makes of them.
+"""An experiment made in thought: readings without errors of a motion that is followed exactly, and
+what an estimator makes of them.
 
-What it says of its own uncertainty is the prediction: the very code that will look at the recording has looked at it.
+What it says of its own uncertainty is the prediction: the very code that will look at the recording
+has looked at it.
 """
 
 from __future__ import annotations
@@ -28,18 +30,22 @@ _TURNS = 3
 def held_tensions(robot: Robot, state: State, level: float) -> Array:
     """Tensions that exert the wrench of a state, whatever the robot's limits [N], shape (n, m).
 
-    Those of straight cables nearest to a level, then with the smallest changes that the sag asks for: nearest anew, a slack cable would go on
-    sagging.
+    Those of straight cables nearest to a level, then with the smallest changes that the sag asks
+    for: nearest anew, a slack cable would go on sagging.
     """
     tension = np.full((len(state.wrench), robot.m), level)
-    for which in [robot.with_straight_cables()] + [robot] * (_TURNS if robot.cable.linear_density else 0):
+    for which in [robot.with_straight_cables()] + [robot] * (
+        _TURNS if robot.cable.linear_density else 0
+    ):
         W = cables_at(which, state.position, state.rotation, np.maximum(tension, 1.0)).structure
         missing = state.wrench - np.einsum("nkm,nm->nk", W, tension)
         tension = tension + np.einsum("nmk,nk->nm", np.linalg.pinv(W), missing)
     return tension
 
 
-def rehearsed(experiment: Experiment, trajectories: Mapping[str, Trajectory], level: float) -> Experiment:
+def rehearsed(
+    experiment: Experiment, trajectories: Mapping[str, Trajectory], level: float
+) -> Experiment:
     """The experiment with runs that have been recorded in thought.
 
     Args:
@@ -52,7 +58,9 @@ def rehearsed(experiment: Experiment, trajectories: Mapping[str, Trajectory], le
     """
     robot = experiment.robot
     assert robot.platform is not None
-    instruments = {name: _stated(name, each, experiment) for name, each in experiment.instruments.items()}
+    instruments = {
+        name: _stated(name, each, experiment) for name, each in experiment.instruments.items()
+    }
     runs = []
     for run, trajectory in trajectories.items():
         response = ExactMotion(robot, robot.platform, trajectory)
@@ -62,15 +70,17 @@ def rehearsed(experiment: Experiment, trajectories: Mapping[str, Trajectory], le
             times = np.arange(0.5 / instrument.rate, trajectory.duration, 1 / instrument.rate)
             if len(times) < 2:
                 raise InputError(
-                    f"instrument '{name}': expected at least two samples in {trajectory.duration:g} s, found a rate of {instrument.rate:g} Hz; "
-                    "choose a longer motion"
+                    f"instrument '{name}': expected at least two samples in {trajectory.duration:g}"
+                    f" s, found a rate of {instrument.rate:g} Hz; choose a longer motion"
                 )
             state = response.at(times)
             if isinstance(instrument, Tension | Length):
                 state = replace(state, tension=held_tensions(robot, state, level))
             readings = predict(instrument, robot, state, means(instrument, robot.m))
             there = _read(name, instrument, experiment)
-            streams[name] = Stream(times, {key: value for key, value in readings.items() if key in there}, name)
+            streams[name] = Stream(
+                times, {key: value for key, value in readings.items() if key in there}, name
+            )
         runs.append(Run(run, streams, dict.fromkeys(streams, 0.0)))
     return replace(experiment, instruments=instruments, runs=tuple(runs))
 
@@ -95,21 +105,31 @@ def _stated(name: str, instrument: Instrument, experiment: Experiment) -> Instru
             rate = _COMMANDED
         else:
             raise InputError(
-                f"instrument '{name}': expected the key 'rate', found none, and no recording to take it from; add the samples per second"
+                f"instrument '{name}': expected the key 'rate', found none, and no recording to"
+                " take it from; add the samples per second"
             )
     for quantity in instrument.quantities(experiment.robot.m):
         silent = isinstance(instrument, Command) and not instrument.is_measurement
-        if quantity.name in _read(name, instrument, experiment) and not quantity.noise and not silent:
+        if (
+            quantity.name in _read(name, instrument, experiment)
+            and not quantity.noise
+            and not silent
+        ):
             raise InputError(
-                f"instrument '{name}': expected the noise of its {quantity.name.replace('_', ' ')}, found none; add 'noise', the 1-sigma of a sample "
-                f"in {quantity.unit}: what can be known depends on it"
+                f"instrument '{name}': expected the noise of its {quantity.name.replace('_', ' ')},"
+                f" found none; add 'noise', the 1-sigma of a sample in {quantity.unit}: what can be"
+                " known depends on it"
             )
     return instrument.model_copy(update={"rate": rate})
 
 
 def _read(name: str, instrument: Instrument, experiment: Experiment) -> frozenset[str]:
-    """Quantities that will be recorded: as in earlier runs; without these, all but those that may be absent and state no noise."""
+    """Quantities that will be recorded: as in earlier runs; without these, all but those that may
+    be absent and state no noise.
+    """
     earlier = [run.streams[name].values for run in experiment.runs if name in run.streams]
     if earlier:
         return frozenset(quantity for values in earlier for quantity in values)
-    return frozenset(q.name for q in instrument.quantities(experiment.robot.m) if q.required or q.noise)
+    return frozenset(
+        q.name for q in instrument.quantities(experiment.robot.m) if q.required or q.noise
+    )

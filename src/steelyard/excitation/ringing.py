@@ -1,8 +1,11 @@
-"""How much a command makes a platform ring on its elastic cables, as one number with its derivative.
+"""How much a command makes a platform ring on its elastic cables, as one number with its
+derivative.
 
-What moves the body bends the cables: the platform is off its command by that wrench over their stiffness, which changes with the pose.
-The part of this deflection that lies in the band of the natural frequencies, differentiated twice and enlarged by resonance, is the
-acceleration of the ringing. The stiffness is known to a factor only, so the band begins well below the lowest natural frequency.
+What moves the body bends the cables: the platform is off its command by that wrench over their
+stiffness, which changes with the pose. The part of this deflection that lies in the band of the
+natural frequencies, differentiated twice and enlarged by resonance, is the acceleration of the
+ringing. The stiffness is known to a factor only, so the band begins well below the lowest natural
+frequency.
 """
 
 from __future__ import annotations
@@ -25,14 +28,16 @@ BAND = 0.7
 PER_INTERVAL = 10
 """Instants between two knots of a course at which its commands are taken."""
 ALLOWED = 0.05
-"""Root mean square of the ringing that a command may cause, in units of the limits on acceleration."""
+"""Root mean square of the ringing that a command may cause, in units of the limits on
+acceleration."""
 _LEAST_DAMPING = 0.005
 _UNLIMITED = 3.0, 5.0
 """Units where there is no limit on acceleration and angular acceleration [m/s^2], [rad/s^2]."""
 
 
 def stiffness_of(robot: Robot, state: State) -> Symbol:
-    """Wrench by which straight elastic cables resist a small displacement of the platform, in P [N/m], [N], [N m], shape (6, 6).
+    """Wrench by which straight elastic cables resist a small displacement of the platform, in P
+    [N/m], [N], [N m], shape (6, 6).
 
     What their tension adds is of no account beside it.
     """
@@ -46,7 +51,9 @@ def stiffness_of(robot: Robot, state: State) -> Symbol:
 
 
 def moving_wrench(robot: Robot, state: State) -> Symbol:
-    """Wrench that moves the nominal platform, without what holds it up, in P [N], [N m], shape (6,)."""
+    """Wrench that moves the nominal platform, without what holds it up, in P [N], [N m], shape
+    (6,).
+    """
     assert robot.platform is not None
     ten = ca.DM(robot.platform.parameters)
     moving = newton_euler(ten, state.specific_force, state.omega, state.alpha)
@@ -54,10 +61,14 @@ def moving_wrench(robot: Robot, state: State) -> Symbol:
 
 
 def softness_of(robot: Robot, state: State) -> Symbol:
-    """How easily the nominal platform swings on its cables: sum of the inverse squares of its six natural angular frequencies [s^2]."""
+    """How easily the nominal platform swings on its cables: sum of the inverse squares of its six
+    natural angular frequencies [s^2].
+    """
     assert robot.platform is not None
     accelerations = ca.SX.sym("accelerations", 6)
-    inertial = newton_euler(ca.DM(robot.platform.parameters), accelerations[:3], ca.SX.zeros(3), accelerations[3:])
+    inertial = newton_euler(
+        ca.DM(robot.platform.parameters), accelerations[:3], ca.SX.zeros(3), accelerations[3:]
+    )
     return ca.trace(ca.solve(stiffness_of(robot, state), ca.jacobian(inertial, accelerations)))
 
 
@@ -70,7 +81,11 @@ def _softness(robot: Robot) -> Batched:
 
 def softness_at(robot: Robot, pose: Array) -> float:
     """:func:`softness_of` in a pose x, y, z [m], roll, pitch, yaw [rad]."""
-    return float(_softness(robot)(command=np.concatenate([pose, np.zeros(AT - len(pose))]))["value"].ravel()[0])
+    return float(
+        _softness(robot)(command=np.concatenate([pose, np.zeros(AT - len(pose))]))["value"].ravel()[
+            0
+        ]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +100,8 @@ class Ringing:
     """Natural frequency [Hz]."""
 
     def value(self, commands: Array) -> tuple[float, Array]:
-        """Mean square of the ringing in units of the allowed one, and its derivative by pose, rate and acceleration, shape (n, 18).
+        """Mean square of the ringing in units of the allowed one, and its derivative by pose, rate
+        and acceleration, shape (n, 18).
 
         Args:
             commands: Shape (n, 18).
@@ -97,7 +113,9 @@ class Ringing:
 
     @cached_property
     def _band(self) -> Array:
-        """Amplitudes of the accelerations in the band, as parts of the root mean square, shape (2 f, n)."""
+        """Amplitudes of the accelerations in the band, as parts of the root mean square, shape (2
+        f, n).
+        """
         step = self.times[1] - self.times[0]
         length = len(self.times) * step
         frequencies = np.arange(1, len(self.times) // 2) / length
@@ -123,8 +141,13 @@ class Ringing:
         wrench, stiffness = moving_wrench(robot, state), stiffness_of(robot, state)
         moved = ca.solve(stiffness, wrench)
         limits = robot.limits
-        linear, angular = limits.acceleration or _UNLIMITED[0], limits.angular_acceleration or _UNLIMITED[1]
-        value = ca.vertcat(state.rotation @ moved[:3] / linear, state.rotation @ moved[3:] / angular)
+        linear, angular = (
+            limits.acceleration or _UNLIMITED[0],
+            limits.angular_acceleration or _UNLIMITED[1],
+        )
+        value = ca.vertcat(
+            state.rotation @ moved[:3] / linear, state.rotation @ moved[3:] / angular
+        )
         value = ca.cse(ca.densify(value))
         weight = ca.SX.sym("weight", value.numel())
         slope = ca.cse(ca.densify(ca.jtimes(value, command, weight, True)))

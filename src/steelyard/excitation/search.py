@@ -1,7 +1,8 @@
-"""The search for the best course: a nonlinear programme for IPOPT [Waechter2006]_, with exact first derivatives.
+"""The search for the best course: a nonlinear programme for IPOPT [Waechter2006]_, with exact first
+derivatives.
 
-Everything is evaluated at fixed instants. The objective needs the whole motion, the demands only the commands of one instant each, so
-that their derivatives are sparse.
+Everything is evaluated at fixed instants. The objective needs the whole motion, the demands only
+the commands of one instant each, so that their derivatives are sparse.
 """
 
 from __future__ import annotations
@@ -28,10 +29,12 @@ _PER_INTERVAL = 5
 _CLOSE = 0.995
 """What demands may reach at these instants: between them they may be a little more."""
 _ABOUT = 0.01
-"""By how much the demands may be exceeded where a search is broken off; the motion is made smaller afterwards."""
+"""By how much the demands may be exceeded where a search is broken off; the motion is made smaller
+afterwards."""
 _TOLERANCE = 1e-3
 _SETTLED, _SETTLED_STEPS = 2e-3, 6
-"""Change of the objective, relative to it, that is no progress any more, and in how many steps in a row."""
+"""Change of the objective, relative to it, that is no progress any more, and in how many steps in a
+row."""
 _MEMORY = 20
 """Steps that IPOPT remembers for second derivatives."""
 
@@ -50,7 +53,8 @@ class Found:
     excess: float
     """By how much the worst demand exceeds 1 there."""
     kept: Array | None
-    """The best point on the way that keeps the demands, about; where the search was broken off it may be better."""
+    """The best point on the way that keeps the demands, about; where the search was broken off it
+    may be better."""
     steps: int
     in_time: bool
     """Whether it ended by itself."""
@@ -84,13 +88,17 @@ class Problem:
         return self.outlook.information(self._looked.commands(x))
 
     def objective(self, x: Array) -> tuple[float, Callable[[], Array]]:
-        """Logarithm of the norm of the criterion, and its derivative when asked for, shape (6 f,)."""
+        """Logarithm of the norm of the criterion, and its derivative when asked for, shape (6
+        f,).
+        """
         information, seen = self.information(x)
         value, weight = self.criterion.value(information)
         return value, lambda: self._looked.gathered(self.outlook.slope(seen, weight))
 
     def constraints(self, x: Array) -> tuple[Array, coo_array]:
-        """Numbers that must be at most 1, shape (g,), and their derivative, sparse, shape (g, 6 f)."""
+        """Numbers that must be at most 1, shape (g,), and their derivative, sparse, shape (g, 6
+        f).
+        """
         held = self._held
         commands = held.commands(x)[:, :AT]
         demanded, slope = self.demands.linearised(commands)
@@ -105,12 +113,20 @@ class Problem:
             along = self._rung
             ringing, slope = self.ringing.value(along.commands(x)[:, :AT])
             values.append(np.array([ringing]))
-            entries.append((np.full(self.course.size, n * g), np.arange(self.course.size), along.gathered(slope)))
+            entries.append(
+                (
+                    np.full(self.course.size, n * g),
+                    np.arange(self.course.size),
+                    along.gathered(slope),
+                )
+            )
         i, j, v = (np.concatenate(parts) for parts in zip(*entries, strict=True))
         total = np.concatenate(values)
         return total, coo_array((v, (i, j)), shape=(len(total), self.course.size))
 
-    def search(self, start: Array, *, steps: int, seconds: float, told: Told | None = None) -> Found:
+    def search(
+        self, start: Array, *, steps: int, seconds: float, told: Told | None = None
+    ) -> Found:
         """Improve a course.
 
         Args:
@@ -122,7 +138,12 @@ class Problem:
         evaluated = _Evaluated(self, start, told or (lambda step, value: None))
         x = ca.MX.sym("x", self.course.size)
         count = evaluated.at(start).constraints.shape[0]
-        pieces = [_Objective(evaluated), _Slope(evaluated), _Constraints(evaluated), _Jacobian(evaluated)]
+        pieces = [
+            _Objective(evaluated),
+            _Slope(evaluated),
+            _Constraints(evaluated),
+            _Jacobian(evaluated),
+        ]
         options = {
             "print_time": False,
             "grad_f": _with_parameters("nlp_grad_f", x, [pieces[0](x), pieces[1](x)]),
@@ -144,7 +165,9 @@ class Problem:
                 "max_wall_time": max(seconds, 0.1),
             },
         }
-        solver = ca.nlpsol("design", "ipopt", {"x": x, "f": pieces[0](x), "g": pieces[2](x)}, options)
+        solver = ca.nlpsol(
+            "design", "ipopt", {"x": x, "f": pieces[0](x), "g": pieces[2](x)}, options
+        )
         found = solver(x0=start, lbg=-np.inf, ubg=np.full(count, _CLOSE))
         status = solver.stats()
         end = np.asarray(found["x"]).ravel()

@@ -53,7 +53,8 @@ def searched(
             pool = stack.enter_context(context.Pool(min(processes, len(starts))))
         mailbox = manager.Queue()
         asked = [
-            pool.apply_async(_posted, (problem, i, start, steps, until, mailbox)) for i, start in enumerate(starts)
+            pool.apply_async(_posted, (problem, i, start, steps, until, mailbox))
+            for i, start in enumerate(starts)
         ]
         while not all(each.ready() for each in asked):
             try:
@@ -65,7 +66,9 @@ def searched(
 
 @contextmanager
 def _interrupts_ignored() -> Iterator[None]:
-    """What begins meanwhile does not hear Ctrl-C, which reaches every process of a terminal: the one that asked ends the others."""
+    """What begins meanwhile does not hear Ctrl-C, which reaches every process of a terminal: the
+    one that asked ends the others.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -76,7 +79,9 @@ def _interrupts_ignored() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _posted(problem: Problem, i: int, start: Array, steps: int, until: float, mailbox: Any) -> Found | None:
+def _posted(
+    problem: Problem, i: int, start: Array, steps: int, until: float, mailbox: Any
+) -> Found | None:
     if i and time.time() >= until:
         return None
     return _one(problem, i, start, steps, until, lambda *news: mailbox.put(news))
@@ -84,5 +89,8 @@ def _posted(problem: Problem, i: int, start: Array, steps: int, until: float, ma
 
 def _one(problem: Problem, i: int, start: Array, steps: int, until: float, told: Watched) -> Found:
     return problem.search(
-        start, steps=steps, seconds=until - time.time(), told=lambda step, value: told(i, step, value)
+        start,
+        steps=steps,
+        seconds=until - time.time(),
+        told=lambda step, value: told(i, step, value),
     )

@@ -1,7 +1,7 @@
 """Whether the robot can do a motion: looked at densely, by other means than those of the search.
 
-Poses, speeds and tensions are those of the trajectory itself, of whole bodies within the margin, and of the platform on its elastic
-cables where their stiffness is known.
+Poses, speeds and tensions are those of the trajectory itself, of whole bodies within the margin,
+and of the platform on its elastic cables where their stiffness is known.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
 _PER_SECOND = 100.0
 _BODIES_PER_SECOND = 20.0
 _STIFFNESSES = 0.7, 1.4, 1.0
-"""Of the cables, in units of the stated one, which is known to a factor only; the last is what is shown."""
+"""Of the cables, in units of the stated one, which is known to a factor only; the last is what is
+shown."""
 _TOLERANCE = 1e-6
 """Of the elastic motion, see :meth:`CablePlatform.move`."""
 
@@ -40,9 +41,11 @@ class Verified:
     commanded: tuple[Use, ...]
     """Followed exactly by the nominal platform."""
     bodies: Use | None
-    """Lowest and highest tension over the bodies within the margin, moving and at rest; None without cables."""
+    """Lowest and highest tension over the bodies within the margin, moving and at rest; None
+    without cables."""
     elastic: tuple[Use, ...]
-    """On elastic cables of the stated stiffness (where a softer or stiffer one violates a limit, on these); empty where it is not known."""
+    """On elastic cables of the stated stiffness (where a softer or stiffer one violates a limit, on
+    these); empty where it is not known."""
     violations: tuple[str, ...]
     """In words; empty where the robot can do it."""
 
@@ -83,7 +86,9 @@ def verify(
     pose, rate, acceleration = (trajectory.derivative(times, order) for order in range(3))
     if robot.m:
         state = replace(state, tension=_tensions(robot, trajectory, times, state, level))
-    commanded = tuple(_uses(robot, instruments, times, pose, rate[:, :3], acceleration[:, :3], state))
+    commanded = tuple(
+        _uses(robot, instruments, times, pose, rate[:, :3], acceleration[:, :3], state)
+    )
     violations = [str(use) for use in commanded if use.fraction > 1]
     bodies = None
     if robot.m:
@@ -97,7 +102,9 @@ def verify(
             cable = replace(robot.cable, axial_stiffness=factor * robot.cable.axial_stiffness)
             where = f"on cables of {factor:g} times the stated stiffness"
             try:
-                swinging = _on_elastic_cables(replace(robot, cable=cable), instruments, trajectory, times, level)
+                swinging = _on_elastic_cables(
+                    replace(robot, cable=cable), instruments, trajectory, times, level
+                )
                 violations += [f"{where}: {use}" for use in swinging if use.fraction > 1]
             except InfeasibleError as error:
                 violations.append(f"{where}: {error}")
@@ -106,8 +113,12 @@ def verify(
     return Verified(commanded, bodies, swinging, tuple(violations))
 
 
-def _tensions(robot: Robot, trajectory: Trajectory, times: Array, state: State, level: float) -> Array:
-    """Tensions within the limits that move the nominal platform; where there are none, those that would, whatever the limits [N], shape (n, m)."""
+def _tensions(
+    robot: Robot, trajectory: Trajectory, times: Array, state: State, level: float
+) -> Array:
+    """Tensions within the limits that move the nominal platform; where there are none, those that
+    would, whatever the limits [N], shape (n, m).
+    """
     try:
         return commanded_tensions(robot, trajectory, times, level=level)
     except InfeasibleError:
@@ -115,11 +126,15 @@ def _tensions(robot: Robot, trajectory: Trajectory, times: Array, state: State, 
 
 
 def bodies_within(body: Inertia, margin: Margin) -> Iterator[Inertia]:
-    """The nominal body, and those at the edges of the margin: lighter and heavier, mass shifted along the axes."""
+    """The nominal body, and those at the edges of the margin: lighter and heavier, mass shifted
+    along the axes.
+    """
     yield body
     for share in (-margin.share, margin.share):
         for shift in np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) * margin.off:
-            yield Inertia((1 + share) * body.mass, body.center_of_gravity + shift, (1 + share) * body.inertia)
+            yield Inertia(
+                (1 + share) * body.mass, body.center_of_gravity + shift, (1 + share) * body.inertia
+            )
 
 
 def _over_bodies(robot: Robot, trajectory: Trajectory, margin: Margin, level: float) -> Use:
@@ -133,7 +148,10 @@ def _over_bodies(robot: Robot, trajectory: Trajectory, margin: Margin, level: fl
     found = []
     for body in bodies_within(robot.platform, margin):
         other = replace(robot, platform=body)
-        found += [commanded_tensions(other, trajectory, times, still=still, level=level) for still in (False, True)]
+        found += [
+            commanded_tensions(other, trajectory, times, still=still, level=level)
+            for still in (False, True)
+        ]
     return _tension(robot, np.concatenate(found))
 
 
@@ -145,7 +163,9 @@ def _tension(robot: Robot, values: Array) -> Use:
     room = high - low if np.isfinite(high) else max(most - low, 1.0)
     outside = max(low - least, most - high, 0.0) / room
     fraction = (
-        1 + outside if outside > _ROUNDING else min(1.0, max(most / high if high else 0.0, low / max(least, 1e-9)))
+        1 + outside
+        if outside > _ROUNDING
+        else min(1.0, max(most / high if high else 0.0, low / max(least, 1e-9)))
     )
     return Use("tension", "N", (least, most), (low, high), fraction)
 
@@ -162,7 +182,9 @@ def _uses(
     acceleration: Array,
     state: State,
 ) -> Iterator[Use]:
-    yield from extremes_of(robot.limits, pose, velocity, acceleration, state.omega, state.alpha).uses
+    yield from extremes_of(
+        robot.limits, pose, velocity, acceleration, state.omega, state.alpha
+    ).uses
     for name, instrument in instruments.items():
         if isinstance(instrument, Position):
             point = state.position + state.rotation @ np.array(instrument.target)
@@ -170,16 +192,24 @@ def _uses(
             limits = instrument.limits
             yield below(f"speed of the target of '{name}'", "m/s", moved, limits.speed)
             bent = np.gradient(moved, times, axis=0, edge_order=2)
-            yield below(f"acceleration of the target of '{name}'", "m/s^2", bent, limits.acceleration)
+            yield below(
+                f"acceleration of the target of '{name}'", "m/s^2", bent, limits.acceleration
+            )
     if robot.m:
-        length = cables_at(robot.with_straight_cables(), state.position, state.rotation, np.ones(robot.m)).length
+        length = cables_at(
+            robot.with_straight_cables(), state.position, state.rotation, np.ones(robot.m)
+        ).length
         fed = np.abs(np.gradient(length, times, axis=0, edge_order=2)).max(axis=1, keepdims=True)
         yield below("cable speed", "m/s", fed, robot.limits.cable_speed)
         yield _tension(robot, state.tension)
 
 
 def _on_elastic_cables(
-    robot: Robot, instruments: Mapping[str, Instrument], trajectory: Trajectory, times: Array, level: float
+    robot: Robot,
+    instruments: Mapping[str, Instrument],
+    trajectory: Trajectory,
+    times: Array,
+    level: float,
 ) -> tuple[Use, ...]:
     """The same of what the platform really does on its cables, which swings about the command.
 

@@ -18,7 +18,8 @@ def stream_columns(
 
     Args:
         time: Column ``t`` [s], shape (n,); None: without it.
-        values: Quantity -> vectors, shape (n, k), or rotations, shape (n, 3, 3); NaN where there is no sample.
+        values: Quantity -> vectors, shape (n, k), or rotations, shape (n, 3, 3); NaN where there is
+            no sample.
         instrument: Whose stream it is.
         m: Number of cables.
     """
@@ -36,7 +37,8 @@ def stream_columns(
 
 
 def _as_columns(rotations: Array, form: tuple[str, ...]) -> Array:
-    """Quaternions (w, x, y, z) without jumps of sign, the first with w >= 0, or roll, pitch, yaw [rad].
+    """Quaternions (w, x, y, z) without jumps of sign, the first with w >= 0, or roll, pitch, yaw
+    [rad].
 
     Args:
         rotations: Matrices, NaN where there is no sample, shape (n, 3, 3).

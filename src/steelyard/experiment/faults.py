@@ -1,8 +1,10 @@
-"""What is wrong with a stream itself: gaps, dropped, late and repeated samples, channels that are stuck or at their end.
+"""What is wrong with a stream itself: gaps, dropped, late and repeated samples, channels that are
+stuck or at their end.
 
-Nothing here knows what the numbers mean. A channel counts as stuck where it repeats a value although it hardly ever does, and noise or
-the jump at the end says that it should have changed; coarse converters, platforms at rest and recordings without noise repeat
-themselves too, and are no fault.
+Nothing here knows what the numbers mean. A channel counts as stuck where it repeats a value
+although it hardly ever does, and noise or the jump at the end says that it should have changed;
+coarse converters, platforms at rest and recordings without noise repeat themselves too, and are no
+fault.
 """
 
 from __future__ import annotations
@@ -26,11 +28,13 @@ _AROUND = 20
 _RARE = 0.1
 """Share of repeats beside a stretch, up to which the channel is one that changes."""
 _ROUGH = 1.3
-"""Third over second differences of noise; those of white noise have 1.8, those of a smooth motion far less than one."""
+"""Third over second differences of noise; those of white noise have 1.8, those of a smooth motion
+far less than one."""
 _JUMP = 6.0
 """Steps of the channel by which it is off when it is released."""
 _MOST_STUCK = 0.5
-"""Share of a channel beyond which it has not stopped but never worked; that is not ours to leave out."""
+"""Share of a channel beyond which it has not stopped but never worked; that is not ours to leave
+out."""
 _GAP = 0.2
 """Pause that is called a gap rather than dropped samples [s], and at least:"""
 _GAP_STEPS = 6.0
@@ -97,13 +101,20 @@ def timing(time: Array) -> Timing:
 
 
 def channels(stream: Stream) -> Iterator[tuple[str, str, int | None, Array]]:
-    """Channels of a stream that may fail alone: name, quantity, component (None: all of a rotation), and values, shape (n, k)."""
+    """Channels of a stream that may fail alone: name, quantity, component (None: all of a
+    rotation), and values, shape (n, k).
+    """
     for quantity, values in stream.values.items():
         if values.ndim == 3:
             yield quantity, quantity, None, values.reshape(len(values), -1)
             continue
         for i in range(values.shape[1]):
-            yield f"{quantity} {i + 1}" if values.shape[1] > 1 else quantity, quantity, i, values[:, i : i + 1]
+            yield (
+                f"{quantity} {i + 1}" if values.shape[1] > 1 else quantity,
+                quantity,
+                i,
+                values[:, i : i + 1],
+            )
 
 
 def stuck(values: Array, fellows: Array | None = None) -> NDArray[np.bool_]:
@@ -111,7 +122,8 @@ def stuck(values: Array, fellows: Array | None = None) -> NDArray[np.bool_]:
 
     Args:
         values: Of one channel, shape (n, k); NaN where there is none.
-        fellows: Share of the other channels of its instrument that move as they usually do, shape (n,); None: there are none.
+        fellows: Share of the other channels of its instrument that move as they usually do, shape
+            (n,); None: there are none.
 
     Returns:
         Shape (n,).
@@ -142,7 +154,9 @@ def stuck(values: Array, fellows: Array | None = None) -> NDArray[np.bool_]:
 def _should_have_changed(
     values: Array, step: Array, same: NDArray[np.bool_], first: int, last: int, typical: float
 ) -> bool:
-    """Whether noise, or where the channel goes on from, says that a stretch of repeats is none of the motion."""
+    """Whether noise, or where the channel goes on from, says that a stretch of repeats is none of
+    the motion.
+    """
     before, after = slice(max(1, first - _AROUND), first), slice(last + 1, last + 1 + _AROUND)
     beside = np.concatenate([same[before], same[after]])
     if len(beside) < _FEWEST_REPEATS:
@@ -152,16 +166,24 @@ def _should_have_changed(
         return True
     if last >= len(step):
         # Never released: a motion that ends slows down before it does.
-        return bool(np.median(step[before]) > _JUMP * _SLOW * typical and step[first - 1] > typical > 0)
+        return bool(
+            np.median(step[before]) > _JUMP * _SLOW * typical and step[first - 1] > typical > 0
+        )
     near = np.concatenate([step[before], step[after]])
     near = near[near > 0]
     return len(near) > 0 and bool(step[last] > _JUMP * max(float(np.median(near)), typical))
 
 
-def _alone(step: Array, same: NDArray[np.bool_], fellows: Array, first: int, last: int, typical: float) -> bool:
-    """Whether a channel stops and goes on in full motion, while the others of its instrument never did."""
+def _alone(
+    step: Array, same: NDArray[np.bool_], fellows: Array, first: int, last: int, typical: float
+) -> bool:
+    """Whether a channel stops and goes on in full motion, while the others of its instrument never
+    did.
+    """
     edges = np.concatenate([step[max(1, first - _EDGE) : first], step[last : last + _EDGE]])
-    beside = np.concatenate([same[max(1, first - _AROUND) : first], same[last + 1 : last + 1 + _AROUND]])
+    beside = np.concatenate(
+        [same[max(1, first - _AROUND) : first], same[last + 1 : last + 1 + _AROUND]]
+    )
     return bool(
         len(edges) == 2 * _EDGE
         and float(np.median(edges)) > _SLOW * typical
@@ -178,7 +200,9 @@ def moving_share(values: Array) -> Array:
     """
     step = np.zeros(values.shape)
     step[1:] = np.abs(np.diff(values, axis=0))
-    typical = np.array([np.median(s[s > 0]) if np.any(s > 0) else np.inf for s in np.nan_to_num(step).T])
+    typical = np.array(
+        [np.median(s[s > 0]) if np.any(s > 0) else np.inf for s in np.nan_to_num(step).T]
+    )
     moves = step > _SLOW * typical
     return np.asarray((moves.sum(axis=1, keepdims=True) - moves) / (values.shape[1] - 1))
 
@@ -191,7 +215,8 @@ def _rough(values: Array) -> bool:
 
 
 def clipped(values: Array) -> NDArray[np.bool_]:
-    """Readings that pile up at the largest or the smallest value of a channel, as at the end of a range.
+    """Readings that pile up at the largest or the smallest value of a channel, as at the end of a
+    range.
 
     Args:
         values: Of one channel, shape (n,); NaN where there is none.
@@ -210,7 +235,8 @@ def clipped(values: Array) -> NDArray[np.bool_]:
         count = int(at.sum())
         if count < max(_PILED, _PILED_SHARE * len(values)) or count > 0.9 * len(values):
             continue
-        # Of a coarse converter the next value is about as frequent; a motion that comes to rest arrives slowly.
+        # Of a coarse converter the next value is about as frequent; a motion that comes to rest
+        # arrives slowly.
         others = np.abs(values[~at] - extreme)
         near = float(np.nanmin(others))
         if np.sum(others <= 1.5 * near) > count / 3 and near > 0.5 * typical:
@@ -222,7 +248,8 @@ def clipped(values: Array) -> NDArray[np.bool_]:
 
 
 def held(values: Array) -> float:
-    """How many samples in a row a reading stands on average, where a slow sensor is written more often than it reads; 1 where it is not.
+    """How many samples in a row a reading stands on average, where a slow sensor is written more
+    often than it reads; 1 where it is not.
 
     Args:
         values: Of one channel, shape (n, k).
@@ -255,7 +282,11 @@ def without_stuck(
         values = dict(stream.values)
         shares = {q: moving_share(v) for q, v in values.items() if v.ndim == 2 and v.shape[1] > 1}
         for label, quantity, component, each in channels(stream):
-            fellows = shares[quantity][:, component] if component is not None and quantity in shares else None
+            fellows = (
+                shares[quantity][:, component]
+                if component is not None and quantity in shares
+                else None
+            )
             mask = stuck(each, fellows)
             if component is not None and mask.any():
                 # Readings at the end of a range stand still too, and have a name of their own.
@@ -263,7 +294,14 @@ def without_stuck(
             if not mask.any() or np.all(mask | ~np.isfinite(each).all(axis=1)):
                 continue
             faults += [
-                Fault("stuck", name, label, float(stream.time[first]), float(stream.time[last - 1]), last - first)
+                Fault(
+                    "stuck",
+                    name,
+                    label,
+                    float(stream.time[first]),
+                    float(stream.time[last - 1]),
+                    last - first,
+                )
                 for first, last in stretches(mask)
             ]
             values[quantity] = _without(values[quantity], mask, component)
@@ -282,7 +320,8 @@ def _without(values: Array, mask: NDArray[np.bool_], component: int | None) -> A
 
 
 def faults_of(name: str, stream: Stream) -> Iterator[Fault]:
-    """Everything that is wrong with a stream in motion, but for what was taken out when it was read.
+    """Everything that is wrong with a stream in motion, but for what was taken out when it was
+    read.
 
     Args:
         name: Instrument.
@@ -294,7 +333,11 @@ def faults_of(name: str, stream: Stream) -> Iterator[Fault]:
     seen = timing(time)
     for start, end in seen.gaps:
         yield Fault("gap", name, "", start, end, max(1, round((end - start) * seen.rate) - 1))
-    for kind, count in (("dropped", seen.dropped), ("late", seen.late), ("repeated", seen.repeated)):
+    for kind, count in (
+        ("dropped", seen.dropped),
+        ("late", seen.late),
+        ("repeated", seen.repeated),
+    ):
         if count:
             yield Fault(kind, name, "", float(time[0]), float(time[-1]), count)  # type: ignore[arg-type]
     for label, _, component, values in channels(stream):
@@ -306,4 +349,11 @@ def faults_of(name: str, stream: Stream) -> Iterator[Fault]:
             at = time[mask]
             yield Fault("clipped", name, label, float(at[0]), float(at[-1]), int(mask.sum()))
         if (often := held(values)) >= 1.5:
-            yield Fault("held", name, label, float(time[0]), float(time[-1]), round(len(time) * (1 - 1 / often)))
+            yield Fault(
+                "held",
+                name,
+                label,
+                float(time[0]),
+                float(time[-1]),
+                round(len(time) * (1 - 1 / often)),
+            )

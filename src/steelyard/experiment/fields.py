@@ -12,18 +12,30 @@ _FIELDS: dict[str, tuple[str, ...]] = {
     **{f"f{axis}": (f"wrench.force.{axis}", f"force.{axis}") for axis in "xyz"},
     **{f"t{axis}": (f"wrench.torque.{axis}", f"torque.{axis}") for axis in "xyz"},
     **{
-        axis: (f"point.{axis}", f"pose.position.{axis}", f"transform.translation.{axis}", f"position.{axis}")
+        axis: (
+            f"point.{axis}",
+            f"pose.position.{axis}",
+            f"transform.translation.{axis}",
+            f"position.{axis}",
+        )
         for axis in "xyz"
     },
     **{
-        f"q{axis}": (f"orientation.{axis}", f"pose.orientation.{axis}", f"transform.rotation.{axis}", f"quaternion.{axis}")
+        f"q{axis}": (
+            f"orientation.{axis}",
+            f"pose.orientation.{axis}",
+            f"transform.rotation.{axis}",
+            f"quaternion.{axis}",
+        )
         for axis in "wxyz"
     },
-}  # fmt: skip
-"""Column of the contract -> fields of messages (sensor_msgs/Imu, geometry_msgs/…Stamped) that hold it."""
+}
+"""Column of the contract -> fields of messages (sensor_msgs/Imu, geometry_msgs/…Stamped) that hold
+it."""
 
 _PER_CABLE = {"f": ("effort", "data"), "l": ("position", "data")}
-"""Columns of one cable each -> arrays of messages (sensor_msgs/JointState, std_msgs/Float64MultiArray) that hold them."""
+"""Columns of one cable each -> arrays of messages (sensor_msgs/JointState,
+std_msgs/Float64MultiArray) that hold them."""
 
 
 def column_in(log: Collection[str], column: str, named: str | None) -> str | None:
@@ -39,7 +51,9 @@ def column_in(log: Collection[str], column: str, named: str | None) -> str | Non
     """
     if named is not None:
         # Paths may be written as of folders.
-        return next((name for name in (named, named.strip("/").replace("/", ".")) if name in log), None)
+        return next(
+            (name for name in (named, named.strip("/").replace("/", ".")) if name in log), None
+        )
     if column in log:
         return column
     fields = _FIELDS.get(column, ())

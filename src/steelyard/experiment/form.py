@@ -77,7 +77,8 @@ class StreamForm(FileModel):
     columns: dict[str, str] = Field(default_factory=dict)
     """Column of the contract -> name in the log, where they differ."""
     units: dict[str, str] = Field(default_factory=dict)
-    """Column -> unit, where it is neither SI nor what the log itself states: g, deg, deg/s, mm, kN, us, …"""
+    """Column -> unit, where it is neither SI nor what the log itself states: g, deg, deg/s, mm, kN,
+    us, …"""
 
     @model_validator(mode="before")
     @classmethod
@@ -94,9 +95,11 @@ class RunForm(FileModel):
 
     name: str
     static: bool = False
-    """Whether the rows are poses at rest, row by row across the streams; no time column is needed then."""
+    """Whether the rows are poses at rest, row by row across the streams; no time column is needed
+    then."""
     sync: dict[str, float] | Literal["auto"] | None = None
-    """Instrument -> time of one common event on its clock [s]; 'auto' finds them from the data; without it the clocks agree."""
+    """Instrument -> time of one common event on its clock [s]; 'auto' finds them from the data;
+    without it the clocks agree."""
     window: tuple[float, float] | None = None
     """Part to use [s], after that event, or after the first force sample."""
     streams: dict[str, StreamForm]

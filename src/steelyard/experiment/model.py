@@ -34,7 +34,8 @@ class Fault:
     kind: Literal["gap", "dropped", "late", "repeated", "stuck", "clipped", "held", "missing"]
     instrument: str
     channel: str
-    """Quantity, with the number of the component where it has several that fail alone; empty: the whole stream."""
+    """Quantity, with the number of the component where it has several that fail alone; empty: the
+    whole stream."""
     start: float
     """On the clock of the stream [s]."""
     end: float
@@ -48,13 +49,16 @@ class Stream:
     """What one instrument recorded in one run."""
 
     time: Array
-    """On the instrument's own clock, never decreasing [s], shape (n,); of a static run, the number of the pose."""
+    """On the instrument's own clock, never decreasing [s], shape (n,); of a static run, the number
+    of the pose."""
     values: Mapping[str, Array]
-    """Quantity -> vectors, shape (n, k), or rotations, shape (n, 3, 3); NaN where there is no sample."""
+    """Quantity -> vectors, shape (n, k), or rotations, shape (n, 3, 3); NaN where there is no
+    sample."""
     source: str
     """Where it came from, for messages."""
     angles: Mapping[str, Array] = field(default_factory=dict)
-    """Quantity -> roll, pitch, yaw as they stand in the log, where a rotation was read from angles [rad], shape (n, 3)."""
+    """Quantity -> roll, pitch, yaw as they stand in the log, where a rotation was read from angles
+    [rad], shape (n, 3)."""
 
     def __len__(self) -> int:
         return len(self.time)
@@ -86,15 +90,20 @@ class Run:
     static: bool = False
     """Whether the rows are poses at rest."""
     unsynchronised: bool = False
-    """Whether the clocks have nothing in common yet: how far they are apart is to be found from the data."""
+    """Whether the clocks have nothing in common yet: how far they are apart is to be found from the
+    data."""
     found: bool = False
-    """Whether the times under ``sync`` were found from the data: they are no better known than any clock."""
+    """Whether the times under ``sync`` were found from the data: they are no better known than any
+    clock."""
     excluded: tuple[Fault, ...] = ()
-    """Readings that were taken out of the streams when they were read, since their sensors had stopped."""
+    """Readings that were taken out of the streams when they were read, since their sensors had
+    stopped."""
 
     def __repr__(self) -> str:
         kind = "poses at rest" if self.static else "in motion"
-        counts = ", ".join(f"{printable(name)} {len(stream)}" for name, stream in self.streams.items())
+        counts = ", ".join(
+            f"{printable(name)} {len(stream)}" for name, stream in self.streams.items()
+        )
         return f"Run '{printable(self.name)}', {kind}: samples of {counts or 'nothing'}"
 
 
@@ -107,18 +116,24 @@ class Experiment:
     instruments: Mapping[str, Instrument]
     runs: tuple[Run, ...]
     known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Body parameter (:data:`steelyard.inertia.BODY_PARAMETERS`) -> value and 1-sigma, where known beforehand."""
+    """Body parameter (:data:`steelyard.inertia.BODY_PARAMETERS`) -> value and 1-sigma, where known
+    beforehand."""
     uncertainty: Mapping[str, float] = field(default_factory=dict)
-    """1-sigma of the robot file's ``anchor`` and ``attachment`` [m] and ``gravity`` [m/s^2], per coordinate."""
+    """1-sigma of the robot file's ``anchor`` and ``attachment`` [m] and ``gravity`` [m/s^2], per
+    coordinate."""
     source: str = ""
     """File that it was read from."""
 
     def __repr__(self) -> str:
-        instruments = ", ".join(f"{printable(name)} ({each.kind})" for name, each in self.instruments.items())
+        instruments = ", ".join(
+            f"{printable(name)} ({each.kind})" for name, each in self.instruments.items()
+        )
         runs = [f"  {run!r}" for run in self.runs[:_MOST_SHOWN]]
         if len(self.runs) > _MOST_SHOWN:
             runs.append(f"  and {len(self.runs) - _MOST_SHOWN} more runs")
-        return "\n".join([f"Experiment '{printable(self.name)}' on {self.robot!r}", f"  {instruments}", *runs])
+        return "\n".join(
+            [f"Experiment '{printable(self.name)}' on {self.robot!r}", f"  {instruments}", *runs]
+        )
 
     def run(self, name: str) -> Run:
         """A run by its name.
@@ -133,12 +148,14 @@ class Experiment:
         raise InputError(f"run: expected one of {names}, found '{name}'; choose one of these")
 
     def columns(self, run: str, instrument: str, *, clock: Clock = "own") -> dict[str, Array]:
-        """What an instrument recorded in a run, as the columns of the contract in SI; shape (n,) each.
+        """What an instrument recorded in a run, as the columns of the contract in SI; shape (n,)
+        each.
 
         Args:
             run: Its name.
             instrument: Its name.
-            clock: Of ``t``: the instrument's ``own``, or ``common`` for all of a run, see :meth:`common_time`.
+            clock: Of ``t``: the instrument's ``own``, or ``common`` for all of a run, see
+                :meth:`common_time`.
 
         Raises:
             InputError: There is none of that name.
@@ -146,11 +163,16 @@ class Experiment:
         recorded = self.run(run)
         if instrument not in recorded.streams:
             names = ", ".join(recorded.streams)
-            raise InputError(f"run '{run}': expected one of {names}, found '{instrument}'; choose one of these")
+            raise InputError(
+                f"run '{run}': expected one of {names}, found '{instrument}'; choose one of these"
+            )
         stream = recorded.streams[instrument]
         time = self.common_time(recorded, instrument) if clock == "common" else stream.time
         columns = stream_columns(
-            None if recorded.static else time, stream.values, self.instruments[instrument], self.robot.m
+            None if recorded.static else time,
+            stream.values,
+            self.instruments[instrument],
+            self.robot.m,
         )
         return {name: values for name, (values, _) in columns.items()}
 
@@ -171,7 +193,9 @@ class Experiment:
         return {name: i for name, i in self.instruments.items() if isinstance(i, kind)}
 
     def force_instrument(self, run: Run) -> str | None:
-        """The instrument whose clock defines the time of a run: its first tension or wrench stream."""
+        """The instrument whose clock defines the time of a run: its first tension or wrench
+        stream.
+        """
         return next((n for n in self.instruments if n in run.streams and self.is_force(n)), None)
 
     def is_force(self, name: str) -> bool:
@@ -179,7 +203,9 @@ class Experiment:
         return is_force(self.instruments[name])
 
     def delay(self, run: Run, name: str) -> Prior:
-        """Prior of the clock error of an instrument in a run [s]: as stated, else 0 for the clock that defines the time."""
+        """Prior of the clock error of an instrument in a run [s]: as stated, else 0 for the clock
+        that defines the time.
+        """
         instrument = self.instruments[name]
         reference = self.force_instrument(run)
         stated = instrument.calibration.delay
@@ -196,7 +222,8 @@ class Experiment:
         return exact() if same_clock else sigma(DEFAULT_DELAY)
 
     def common_time(self, run: Run, name: str, delay: float | None = None) -> Array:
-        """Times of a stream on the common clock [s], shape (n,): 0 is the common event, or the first force sample.
+        """Times of a stream on the common clock [s], shape (n,): 0 is the common event, or the
+        first force sample.
 
         Args:
             run: One of the runs.

@@ -22,7 +22,8 @@ from steelyard.yaml_file import Document, read_yaml, validate
 
 _FEWEST_SAMPLES = 10
 _BESIDE = 5.0
-"""Of a stream beside the window of its run that is read along [s]: clocks may differ by their delays, filters have edges."""
+"""Of a stream beside the window of its run that is read along [s]: clocks may differ by their
+delays, filters have edges."""
 _NAME = re.compile(r"\w[\w \-]*")
 """Names of instruments: they name files and columns of tables."""
 
@@ -74,7 +75,9 @@ def _described(form: ExperimentForm, document: Document) -> Robot:
     return robot
 
 
-def _experiment(form: ExperimentForm, robot: Robot, runs: tuple[Run, ...], path: Path) -> Experiment:
+def _experiment(
+    form: ExperimentForm, robot: Robot, runs: tuple[Run, ...], path: Path
+) -> Experiment:
     return Experiment(
         # The name of a folder may be bytes that are no text.
         name=form.name or os.fsencode(path.parent.resolve().name).decode(errors="replace"),
@@ -91,9 +94,13 @@ def _known(form: KnownBodyForm) -> dict[str, tuple[float, float]]:
     entries = {
         "mass": form.mass,
         **{f"c{axis}": getattr(form.center_of_gravity, axis) for axis in "xyz"},
-        **{f"J{axes}": getattr(form.inertia, axes) for axes in ("xx", "yy", "zz", "yz", "xz", "xy")},
+        **{
+            f"J{axes}": getattr(form.inertia, axes) for axes in ("xx", "yy", "zz", "yz", "xz", "xy")
+        },
     }
-    return {name: (entry.value, entry.sigma) for name, entry in entries.items() if entry is not None}
+    return {
+        name: (entry.value, entry.sigma) for name, entry in entries.items() if entry is not None
+    }
 
 
 def _check_names(form: ExperimentForm, document: Document) -> None:
@@ -101,31 +108,35 @@ def _check_names(form: ExperimentForm, document: Document) -> None:
     for i, name in enumerate(names):
         if name in names[:i]:
             raise document.error(
-                ("runs", i, "name"), f"expected names that differ, found '{name}' again; rename one run"
+                ("runs", i, "name"),
+                f"expected names that differ, found '{name}' again; rename one run",
             )
     for i, run in enumerate(form.runs):
         for name in run.streams:
             if name not in form.instruments:
                 raise document.error(
                     ("runs", i, name),
-                    f"expected the name of an instrument, found '{name}'; known here: {', '.join(form.instruments)}",
+                    f"expected the name of an instrument, found '{name}'; known here:"
+                    f" {', '.join(form.instruments)}",
                 )
 
 
-def check_instruments(instruments: Mapping[str, Instrument], robot: Robot, document: Document) -> None:
+def check_instruments(
+    instruments: Mapping[str, Instrument], robot: Robot, document: Document
+) -> None:
     """What the form of an instrument cannot say, because it depends on its name or on the robot."""
     for name, instrument in instruments.items():
         if not _NAME.fullmatch(name) or name in RUN_KEYS:
             raise document.error(
                 ("instruments", name),
-                f"expected a name of letters, digits, '_', '-' and blanks that is no key of a run ({', '.join(sorted(RUN_KEYS))}), found '{name}'; "
-                "rename it",
+                "expected a name of letters, digits, '_', '-' and blanks that is no key of a run"
+                f" ({', '.join(sorted(RUN_KEYS))}), found '{name}'; rename it",
             )
         if instrument.kind in {"tension", "length"} and not robot.m:
             raise document.error(
                 ("instruments", name, "kind"),
-                f"expected a robot with cables for an instrument of kind '{instrument.kind}', found none in robot '{robot.name}'; "
-                "use kind 'wrench' or another robot",
+                f"expected a robot with cables for an instrument of kind '{instrument.kind}', found"
+                f" none in robot '{robot.name}'; use kind 'wrench' or another robot",
             )
         delay = instrument.calibration.delay
         priors = [(term.key, term.prior, term.size) for term in instrument.terms(robot.m)]
@@ -135,15 +146,20 @@ def check_instruments(instruments: Mapping[str, Instrument], robot: Robot, docum
                 if isinstance(given, tuple) and len(given) != size:
                     raise document.error(
                         ("instruments", name, "calibration", *key.split(".")),
-                        f"expected one {part}{f' or {size} of them' if size > 1 else ''}, found {len(given)}; correct it",
+                        f"expected one {part}{f' or {size} of them' if size > 1 else ''}, found"
+                        f" {len(given)}; correct it",
                     )
 
 
-def _read_run(i: int, form: RunForm, whole: ExperimentForm, robot: Robot, document: Document) -> Run:
+def _read_run(
+    i: int, form: RunForm, whole: ExperimentForm, robot: Robot, document: Document
+) -> Run:
     key = ("runs", i)
     if not form.streams:
         raise document.error(
-            key, f"expected streams of the instruments {', '.join(whole.instruments)}, found none; name their files"
+            key,
+            f"expected streams of the instruments {', '.join(whole.instruments)}, found none; name"
+            " their files",
         )
     places = {
         name: Place(document.path.parent / stream.file, stream.topic, stream.columns, stream.units)
@@ -155,7 +171,11 @@ def _read_run(i: int, form: RunForm, whole: ExperimentForm, robot: Robot, docume
         sync, spans = _spans(form, whole, places, sync)
     streams = {}
     for name, place in places.items():
-        others = [n for n, its in places.items() if n != name and (its.path, its.topic) == (place.path, place.topic)]
+        others = [
+            n
+            for n, its in places.items()
+            if n != name and (its.path, its.topic) == (place.path, place.topic)
+        ]
         needed = (needed_columns(whole.instruments[n], robot.m, places[n].columns) for n in others)
         try:
             streams[name] = read_stream(
@@ -169,8 +189,8 @@ def _read_run(i: int, form: RunForm, whole: ExperimentForm, robot: Robot, docume
         except NoRowsError as error:
             raise document.error(
                 key,
-                f"run '{form.name}': expected streams that overlap in time within the window, found none of '{name}' left ({error}); "
-                "correct 'sync' or 'window'",
+                f"run '{form.name}': expected streams that overlap in time within the window, found"
+                f" none of '{name}' left ({error}); correct 'sync' or 'window'",
             ) from None
     excluded: tuple[Fault, ...] = ()
     if not form.static:
@@ -189,20 +209,29 @@ def _read_run(i: int, form: RunForm, whole: ExperimentForm, robot: Robot, docume
 def _spans(
     form: RunForm, whole: ExperimentForm, places: Mapping[str, Place], sync: dict[str, float]
 ) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
-    """What to read of each stream for a window, on its own clock [s], and the event that the window counts from."""
+    """What to read of each stream for a window, on its own clock [s], and the event that the window
+    counts from.
+    """
     assert form.window is not None
-    force = next((n for n in whole.instruments if n in places and is_force(whole.instruments[n])), None)
+    force = next(
+        (n for n in whole.instruments if n in places and is_force(whole.instruments[n])), None
+    )
     if not sync:
         if force is None:
             return sync, {}
         event = first_time(places[force])
-        # Clocks that agree have their event at the same time; of others only the forces' is known yet.
+        # Clocks that agree have their event at the same time; of others only the forces' is known
+        # yet.
         sync = dict.fromkeys(places if form.sync != "auto" else [force], event)
     start, end = form.window
-    return sync, {name: (event + start - _BESIDE, event + end + _BESIDE) for name, event in sync.items()}
+    return sync, {
+        name: (event + start - _BESIDE, event + end + _BESIDE) for name, event in sync.items()
+    }
 
 
-def _sync(form: RunForm, whole: ExperimentForm, document: Document, key: tuple[str | int, ...]) -> dict[str, float]:
+def _sync(
+    form: RunForm, whole: ExperimentForm, document: Document, key: tuple[str | int, ...]
+) -> dict[str, float]:
     """Event time of every stream; instruments of one file or one clock may share one entry."""
     if not form.sync or form.static or isinstance(form.sync, str):
         return {}
@@ -211,7 +240,8 @@ def _sync(form: RunForm, whole: ExperimentForm, document: Document, key: tuple[s
         if name not in whole.instruments:
             raise document.error(
                 (*key, "sync", name),
-                f"expected the name of an instrument, found '{name}'; known here: {', '.join(whole.instruments)}",
+                f"expected the name of an instrument, found '{name}'; known here:"
+                f" {', '.join(whole.instruments)}",
             )
     for name, stream in form.streams.items():
         if name in given:
@@ -228,26 +258,34 @@ def _sync(form: RunForm, whole: ExperimentForm, document: Document, key: tuple[s
         )
         if partner is None:
             raise document.error(
-                (*key, "sync"), f"expected a time for every instrument, found none for '{name}'; add it"
+                (*key, "sync"),
+                f"expected a time for every instrument, found none for '{name}'; add it",
             )
         given[name] = given[partner]
     return given
 
 
-def _check_run(experiment: Experiment, run: Run, document: Document, key: tuple[str | int, ...]) -> None:
+def _check_run(
+    experiment: Experiment, run: Run, document: Document, key: tuple[str | int, ...]
+) -> None:
     """What one run needs before anything can be estimated from it."""
     force = experiment.force_instrument(run)
     if force is None:
         raise document.error(
-            key, f"run '{run.name}': expected a stream of kind 'tension' or 'wrench', found none; add the forces"
+            key,
+            f"run '{run.name}': expected a stream of kind 'tension' or 'wrench', found none; add"
+            " the forces",
         )
     if not any(is_motion(experiment.instruments[name]) for name in run.streams):
         raise document.error(
             key,
-            f"run '{run.name}': expected a stream that tells the motion (imu, attitude, position, pose), found none; add one",
+            f"run '{run.name}': expected a stream that tells the motion (imu, attitude, position,"
+            " pose), found none; add one",
         )
     if run.window and run.window[0] >= run.window[1]:
-        raise document.error((*key, "window"), f"expected start below end, found {list(run.window)}; exchange them")
+        raise document.error(
+            (*key, "window"), f"expected start below end, found {list(run.window)}; exchange them"
+        )
     if run.unsynchronised:
         # Where the clocks stand to each other is still to be found.
         return
@@ -256,7 +294,8 @@ def _check_run(experiment: Experiment, run: Run, document: Document, key: tuple[
         if len(set(lengths.values())) > 1:
             raise document.error(
                 key,
-                f"run '{run.name}': expected the same poses row by row in all streams, found {lengths} rows; align the files",
+                f"run '{run.name}': expected the same poses row by row in all streams, found"
+                f" {lengths} rows; align the files",
             )
         return
     span = {name: experiment.common_time(run, name) for name in run.streams}
@@ -267,12 +306,14 @@ def _check_run(experiment: Experiment, run: Run, document: Document, key: tuple[
             others = ", ".join(f"{n} {t[0]:.3f} to {t[-1]:.3f} s" for n, t in span.items())
             raise document.error(
                 key,
-                f"run '{run.name}': expected streams that overlap in time, found none of '{name}' left ({others}, after sync"
-                f"{' and within the window' if run.window else ''}); correct 'sync' or 'window'",
+                f"run '{run.name}': expected streams that overlap in time, found none of '{name}'"
+                f" left ({others}, after sync{' and within the window' if run.window else ''});"
+                " correct 'sync' or 'window'",
             )
     samples = int(np.sum((span[force] >= start) & (span[force] <= end)))
     if samples < _FEWEST_SAMPLES:
         raise document.error(
             key,
-            f"run '{run.name}': expected at least {_FEWEST_SAMPLES} force samples in the common part, found {samples}; widen it",
+            f"run '{run.name}': expected at least {_FEWEST_SAMPLES} force samples in the common"
+            f" part, found {samples}; widen it",
         )

@@ -1,4 +1,6 @@
-"""JSON schemas of the experiment file and the robot file, for editors: drawn from the forms that the readers check."""
+"""JSON schemas of the experiment file and the robot file, for editors: drawn from the forms that
+the readers check.
+"""
 
 from __future__ import annotations
 
@@ -29,14 +31,15 @@ _SHORT_FORMS: Mapping[type[BaseModel], Any] = {
     KnownForm: [{"type": "number", "description": "exact"}],
     StreamForm: [{"type": "string", "description": "Path of the log, relative to this file."}],
 }
-"""What may stand for a mapping: forms that take it so say it in a validator, which no schema can be drawn from."""
+"""What may stand for a mapping: forms that take it so say it in a validator, which no schema can be
+drawn from."""
 
 
 def schema(which: Which) -> dict[str, Any]:
     """JSON Schema (2020-12) of a file.
 
-    It says what the form of a file says: keys, kinds of values, bounds, choices. What depends on several of them, or on the
-    logs, only the reader sees.
+    It says what the form of a file says: keys, kinds of values, bounds, choices. What depends on
+    several of them, or on the logs, only the reader sees.
     """
     root = _ROOTS[which]
     drawn = root.model_json_schema(schema_generator=_Drawn)
@@ -52,18 +55,26 @@ def schema(which: Which) -> dict[str, Any]:
         parts[Prior.__name__]["required"] = ["sigma"]
         # By name, an unknown 1-sigma is refused: it may only be left out.
         parts[Prior.__name__]["properties"]["sigma"]["anyOf"] = [
-            branch for branch in parts[Prior.__name__]["properties"]["sigma"]["anyOf"] if branch.get("type") != "null"
+            branch
+            for branch in parts[Prior.__name__]["properties"]["sigma"]["anyOf"]
+            if branch.get("type") != "null"
         ]
     for model, short in _SHORT_FORMS.items():
         if model.__name__ in parts:
             whole = parts[model.__name__]
             about = {"description": whole["description"]} if "description" in whole else {}
             parts[model.__name__] = {**about, "anyOf": [*short, whole]}
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **drawn, "title": _TITLES[which]}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **drawn,
+        "title": _TITLES[which],
+    }
 
 
 class _Drawn(GenerateJsonSchema):
-    """As pydantic draws it, without names of Python in view and without defaults, which stand in the descriptions of the contract."""
+    """As pydantic draws it, without names of Python in view and without defaults, which stand in
+    the descriptions of the contract.
+    """
 
     def default_schema(self, schema: Any) -> Any:
         """The schema of a field without its default, where that is more than a plain value."""

@@ -1,4 +1,6 @@
-"""From a table of numbers to the stream of an instrument: columns by name, SI units, axes as the contract has them."""
+"""From a table of numbers to the stream of an instrument: columns by name, SI units, axes as the
+contract has them.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,8 @@ _BLOCK = 1 << 14
 _SHORTEST_STEP, _LONGEST_STEP = 1e-5, 10.0
 """Median time between samples of any instrument [s]."""
 _LARGEST_SHEAR = 0.05
-"""How far nine numbers may be from a rotation matrix; a log with few digits is well below, a wrong matrix far above."""
+"""How far nine numbers may be from a rotation matrix; a log with few digits is well below, a wrong
+matrix far above."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,8 @@ class Place:
     columns: Mapping[str, str] = field(default_factory=dict)
     """Names of the contract -> names in the log, where they differ."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """Names in the log (or of the contract) -> unit, where neither SI nor what the log itself states."""
+    """Names in the log (or of the contract) -> unit, where neither SI nor what the log itself
+    states."""
 
 
 def read_stream(
@@ -58,23 +62,28 @@ def read_stream(
         instrument: What recorded it.
         m: Number of cables of the robot.
         static: Whether its rows are poses at rest, which need no time.
-        claimed: Columns of this log that another instrument needs; an optional quantity that stands there is not this one's.
+        claimed: Columns of this log that another instrument needs; an optional quantity that stands
+            there is not this one's.
         span: Part to read [s], on the clock of the log; None: all.
 
     Raises:
-        InputError: A column is missing, a unit is unknown, a cell is no number, or time runs backwards.
+        InputError: A column is missing, a unit is unknown, a cell is no number, or time runs
+            backwards.
     """
     path = place.path
     with open_log(path, place.topic) as log:
         place = _as_named(log, place)
         claimed = {log.spellings.get(name, name) for name in claimed}
         needed = needed_columns(instrument, m, place.columns)
-        names = _Names(log, place, [name for name in log.names if name in needed or name not in claimed])
+        names = _Names(
+            log, place, [name for name in log.names if name in needed or name not in claimed]
+        )
         quantities = _present_quantities(names, instrument, m)
         timed = names.of("t")
         if not static and timed is None:
             raise InputError(
-                f"{path}: expected a column '{place.columns.get('t', 't')}' with the time, found {_listed(log.names)}; name it under 'columns'"
+                f"{path}: expected a column '{place.columns.get('t', 't')}' with the time, found"
+                f" {_listed(log.names)}; name it under 'columns'"
             )
         contract = [name for _, form in quantities for name in form]
         names.check(contract, instrument.kind)
@@ -119,7 +128,8 @@ def first_time(place: Place) -> float:
         timed = names.of("t")
         if timed is None:
             raise InputError(
-                f"{place.path}: expected a column '{place.columns.get('t', 't')}' with the time, found {_listed(log.names)}; name it under 'columns'"
+                f"{place.path}: expected a column '{place.columns.get('t', 't')}' with the time,"
+                f" found {_listed(log.names)}; name it under 'columns'"
             )
         return float(log.read([timed], rows=1)[timed][0] * names.factor("t", "s"))
 
@@ -140,7 +150,9 @@ class _Names:
 
     def of(self, column: str) -> str | None:
         """Name in the log of a column of the contract; None where it is not there."""
-        return column_in(self.log.names if column == "t" else self.free, column, self.place.columns.get(column))
+        return column_in(
+            self.log.names if column == "t" else self.free, column, self.place.columns.get(column)
+        )
 
     def asked(self, column: str) -> str:
         """What the experiment file calls it."""
@@ -152,13 +164,20 @@ class _Names:
         for name in self.place.columns:
             if name not in contract and name != "t":
                 raise InputError(
-                    f"{path}: 'columns': expected names of the kind '{kind}', found '{name}'; known here: {', '.join(contract)}"
+                    f"{path}: 'columns': expected names of the kind '{kind}', found '{name}'; known"
+                    f" here: {', '.join(contract)}"
                 )
-        named = {name for c in (*contract, "t") for name in (c, self.asked(c), self.of(c)) if name is not None}
+        named = {
+            name
+            for c in (*contract, "t")
+            for name in (c, self.asked(c), self.of(c))
+            if name is not None
+        }
         for name in self.place.units:
             if name not in named:
                 raise InputError(
-                    f"{path}: 'units': expected a column that is read, found '{name}'; known here: {', '.join(sorted(named))}"
+                    f"{path}: 'units': expected a column that is read, found '{name}'; known here:"
+                    f" {', '.join(sorted(named))}"
                 )
 
     def factor(self, column: str, unit: str) -> float:
@@ -166,14 +185,21 @@ class _Names:
         units, in_log = self.place.units, str(self.of(column))
         # Where axes are exchanged, a name of the contract may be another column of the log.
         taken = column in {self.of(c) for c in self.place.columns} and self.of(column) != column
-        stated = units.get(in_log, units.get(self.asked(column), None if taken else units.get(column)))
+        stated = units.get(
+            in_log, units.get(self.asked(column), None if taken else units.get(column))
+        )
         given = stated if stated is not None else self.log.units.get(in_log, unit)
         known = canonical_unit(given)
         factors = FACTORS[unit]
         if known not in factors:
-            cure = "correct it" if stated is not None else "the log says so itself; state the right one under 'units'"
+            cure = (
+                "correct it"
+                if stated is not None
+                else "the log says so itself; state the right one under 'units'"
+            )
             raise InputError(
-                f"{self.log.path}: unit of column '{in_log}': expected one of {', '.join(factors)}, found '{given}'; {cure}"
+                f"{self.log.path}: unit of column '{in_log}': expected one of {', '.join(factors)},"
+                f" found '{given}'; {cure}"
             )
         return factors[known]
 
@@ -184,7 +210,9 @@ def _column_unit(column: str, quantity: Quantity) -> str:
     return quantity.unit if has_one else _UNIT_OF_ANGLE_FREE
 
 
-def _present_quantities(names: _Names, instrument: Instrument, m: int) -> list[tuple[Quantity, tuple[str, ...]]]:
+def _present_quantities(
+    names: _Names, instrument: Instrument, m: int
+) -> list[tuple[Quantity, tuple[str, ...]]]:
     """Which quantities a log has, and in which form."""
     found = []
     path, present = names.log.path, list(names.free)
@@ -197,17 +225,26 @@ def _present_quantities(names: _Names, instrument: Instrument, m: int) -> list[t
         partial = max(quantity.forms, key=lambda form: len(have[form]))
         if quantity.required or have[partial] or any(c in names.place.columns for c in partial):
             missing = [names.asked(c) for c in partial if c not in have[partial]]
-            per_cable = f" for the {m} cables of the robot" if instrument.kind in {"tension", "length"} else ""
-            other = " (or another form of the orientation)" if quantity.rotation and not have[partial] else ""
+            per_cable = (
+                f" for the {m} cables of the robot"
+                if instrument.kind in {"tension", "length"}
+                else ""
+            )
+            other = (
+                " (or another form of the orientation)"
+                if quantity.rotation and not have[partial]
+                else ""
+            )
             raise InputError(
-                f"{path}: expected columns {', '.join(names.asked(c) for c in partial)}{per_cable}{other}, found no "
-                f"{', '.join(missing)} among {_listed(present)}; name them under 'columns'"
+                f"{path}: expected columns"
+                f" {', '.join(names.asked(c) for c in partial)}{per_cable}{other}, found no"
+                f" {', '.join(missing)} among {_listed(present)}; name them under 'columns'"
             )
     if not found:
         wanted = ", or ".join(" ".join(form) for q in instrument.quantities(m) for form in q.forms)
         raise InputError(
-            f"{path}: expected at least one group of columns of kind '{instrument.kind}' ({wanted}), found {_listed(present)}; "
-            "name them under 'columns'"
+            f"{path}: expected at least one group of columns of kind '{instrument.kind}'"
+            f" ({wanted}), found {_listed(present)}; name them under 'columns'"
         )
     return found
 
@@ -215,13 +252,16 @@ def _present_quantities(names: _Names, instrument: Instrument, m: int) -> list[t
 def _check_time(where: Callable[[int], str], name: str, time: Array) -> None:
     gaps = np.flatnonzero(np.isnan(time))
     if len(gaps):
-        raise InputError(f"{where(int(gaps[0]))}: column '{name}': expected a time, found none; every row needs one")
+        raise InputError(
+            f"{where(int(gaps[0]))}: column '{name}': expected a time, found none; every row"
+            " needs one"
+        )
     back = np.flatnonzero(np.diff(time) < 0)
     if len(back):
         i = int(back[0]) + 1
         raise InputError(
-            f"{where(i)}: column '{name}': expected time that never decreases, found {time[i]:.9g} s after {time[i - 1]:.9g} s; "
-            "sort the rows or correct the clock"
+            f"{where(i)}: column '{name}': expected time that never decreases, found {time[i]:.9g}"
+            f" s after {time[i - 1]:.9g} s; sort the rows or correct the clock"
         )
 
 
@@ -231,13 +271,16 @@ def _check_rate(path: Path, name: str, time: Array) -> None:
     steps = steps[steps > 0]
     if len(steps) and not _SHORTEST_STEP <= float(np.median(steps)) <= _LONGEST_STEP:
         raise InputError(
-            f"{path}: column '{name}': expected a rate between {1 / _LONGEST_STEP:g} and {1 / _SHORTEST_STEP:g} Hz, found steps of "
-            f"{np.median(steps):.3g} s; state the unit of time under 'units', such as {{{name}: us}}"
+            f"{path}: column '{name}': expected a rate between {1 / _LONGEST_STEP:g} and"
+            f" {1 / _SHORTEST_STEP:g} Hz, found steps of {np.median(steps):.3g} s; state the unit"
+            f" of time under 'units', such as {{{name}: us}}"
         )
 
 
 def _rotations(where: Callable[[int], str], form: tuple[str, ...], raw: Array) -> Array:
-    """Rotation matrices, shape (n, 3, 3), from any form of columns, shape (n, k); NaN where a cell is empty."""
+    """Rotation matrices, shape (n, 3, 3), from any form of columns, shape (n, k); NaN where a cell
+    is empty.
+    """
     matrices = np.full((len(raw), 3, 3), np.nan)
     # A few rows at a time: what an hour of them needs in between is a multiple of what comes out.
     for first in range(0, len(raw), _BLOCK):
@@ -252,7 +295,9 @@ def _rotations(where: Callable[[int], str], form: tuple[str, ...], raw: Array) -
             turned = Rotation.from_quat(given, scalar_first=True)
         else:
             square = given.reshape(-1, 3, 3)
-            shear = np.abs(square @ square.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+            shear = np.abs(square @ square.transpose(0, 2, 1) - np.eye(3)).max(
+                axis=(1, 2), initial=0.0
+            )
             mirrored = np.where(np.linalg.det(square) > 0, 0.0, 1.0)
             _check_rotation(where, form, first + rows, shear + mirrored, "rotation matrices")
             # The nearest rotation: logs carry few digits.
@@ -262,13 +307,18 @@ def _rotations(where: Callable[[int], str], form: tuple[str, ...], raw: Array) -
 
 
 def _check_rotation(
-    where: Callable[[int], str], form: tuple[str, ...], rows: NDArray[np.intp], error: Array, what: str
+    where: Callable[[int], str],
+    form: tuple[str, ...],
+    rows: NDArray[np.intp],
+    error: Array,
+    what: str,
 ) -> None:
     wrong = np.flatnonzero(error > _LARGEST_SHEAR)
     if len(wrong):
         raise InputError(
-            f"{where(int(rows[wrong[0]]))}: columns {form[0]} to {form[-1]}: expected {what}, found one that is off by {error[wrong[0]]:.2g}; "
-            "check the order and the signs of the columns"
+            f"{where(int(rows[wrong[0]]))}: columns {form[0]} to {form[-1]}: expected {what}, found"
+            f" one that is off by {error[wrong[0]]:.2g}; check the order and the signs of the"
+            " columns"
         )
 
 
@@ -279,4 +329,10 @@ def _listed(names: Sequence[str]) -> str:
 
 def needed_columns(instrument: Instrument, m: int, columns: Mapping[str, str]) -> set[str]:
     """Columns of a log that an instrument cannot do without, in any of their forms."""
-    return {columns.get(c, c) for q in instrument.quantities(m) if q.required for form in q.forms for c in form}
+    return {
+        columns.get(c, c)
+        for q in instrument.quantities(m)
+        if q.required
+        for form in q.forms
+        for c in form
+    }

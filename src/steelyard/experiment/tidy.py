@@ -1,4 +1,6 @@
-"""An experiment on one clock: what is left of its recordings once nothing about their clocks has to be said any more."""
+"""An experiment on one clock: what is left of its recordings once nothing about their clocks has to
+be said any more.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +13,17 @@ from steelyard.experiment.model import Experiment, Run, Stream
 def tidied(experiment: Experiment) -> Experiment:
     """The same experiment with all streams on the common clock of their run.
 
-    Time 0 is the common event of a run, or its first force sample where the clocks agree. Delays are unknowns with a prior, which
-    stays as it is. Sources become names relative to the experiment file, or bare names of files that lie elsewhere.
+    Time 0 is the common event of a run, or its first force sample where the clocks agree. Delays
+    are unknowns with a prior, which stays as it is. Sources become names relative to the experiment
+    file, or bare names of files that lie elsewhere.
 
     Args:
         experiment: Its clocks are known.
     """
     folder = Path(experiment.source).parent
-    return replace(experiment, runs=tuple(_tidied(experiment, run, folder) for run in experiment.runs))
+    return replace(
+        experiment, runs=tuple(_tidied(experiment, run, folder) for run in experiment.runs)
+    )
 
 
 def _tidied(experiment: Experiment, run: Run, folder: Path) -> Run:
@@ -28,7 +33,9 @@ def _tidied(experiment: Experiment, run: Run, folder: Path) -> Run:
     for name, stream in run.streams.items():
         event = 0.0 if run.static else run.sync.get(name, first)
         streams[name] = Stream(stream.time - event, stream.values, _source(stream.source, folder))
-    return replace(run, streams=streams, sync=dict.fromkeys(run.sync, 0.0) if not run.static else {})
+    return replace(
+        run, streams=streams, sync=dict.fromkeys(run.sync, 0.0) if not run.static else {}
+    )
 
 
 def _source(source: str, folder: Path) -> str:

@@ -27,15 +27,21 @@ _OURS = frozenset({"experiment.yaml", "robot.yaml", "truth.json"})
 
 
 def write_experiment(
-    experiment: Experiment, folder: str | Path, *, tables: TableFormat = "csv", with_robot: bool = False
+    experiment: Experiment,
+    folder: str | Path,
+    *,
+    tables: TableFormat = "csv",
+    with_robot: bool = False,
 ) -> None:
-    """Write ``experiment.yaml``, a table per stream in a folder per run, and the robot file unless it is a bundled one.
+    """Write ``experiment.yaml``, a table per stream in a folder per run, and the robot file unless
+    it is a bundled one.
 
     Args:
         experiment: What to write; its clocks are known.
         folder: An empty folder that exists.
         tables: Format of the streams.
-        with_robot: Whether to write the robot file of a bundled robot too, so that the folder says all by itself.
+        with_robot: Whether to write the robot file of a bundled robot too, so that the folder says
+            all by itself.
     """
     folder = Path(folder)
     description = robot_file(experiment.robot)
@@ -47,7 +53,11 @@ def write_experiment(
     if not bundled:
         write_yaml(description, folder / "robot.yaml")
     places = _places([run.name for run in experiment.runs], "run")
-    names = dict(zip(experiment.instruments, _places(list(experiment.instruments), "instrument"), strict=True))
+    names = dict(
+        zip(
+            experiment.instruments, _places(list(experiment.instruments), "instrument"), strict=True
+        )
+    )
     runs = []
     for run, place in zip(experiment.runs, places, strict=True):
         (folder / place).mkdir()
@@ -57,7 +67,13 @@ def write_experiment(
         for name, stream in run.streams.items():
             file = f"{place}/{names[name]}.{tables}"
             write = write_stream if tables == "csv" else write_parquet_stream
-            write(stream, experiment.instruments[name], experiment.robot.m, folder / file, timed=not run.static)
+            write(
+                stream,
+                experiment.instruments[name],
+                experiment.robot.m,
+                folder / file,
+                timed=not run.static,
+            )
             entry[name] = file
         if run.sync:
             entry["sync"] = dict(run.sync)
@@ -80,7 +96,9 @@ def write_experiment(
 
 
 def _places(names: Sequence[str], what: str) -> list[str]:
-    """A file name for each of several names: itself wherever it can be one, no two of them the same on any disk."""
+    """A file name for each of several names: itself wherever it can be one, no two of them the same
+    on any disk.
+    """
     places: list[str] = []
     taken = {name.casefold() for name in _OURS}
     for i, name in enumerate(names):
@@ -111,17 +129,24 @@ def write_yaml(values: Mapping[str, Any], path: Path) -> None:
     path.write_text(to_yaml(values), encoding="utf-8", newline="\n")
 
 
-def write_stream(stream: Stream, instrument: Instrument, m: int, path: Path, *, timed: bool = True) -> None:
-    """Write a stream as CSV with the columns of its kind, full precision, empty cells where there is no sample."""
+def write_stream(
+    stream: Stream, instrument: Instrument, m: int, path: Path, *, timed: bool = True
+) -> None:
+    """Write a stream as CSV with the columns of its kind, full precision, empty cells where there
+    is no sample.
+    """
     columns = stream_columns(stream.time if timed else None, stream.values, instrument, m)
     with path.open("wb") as file:
         to_polars({name: values for name, (values, _) in columns.items()}).write_csv(file)
 
 
-def write_parquet_stream(stream: Stream, instrument: Instrument, m: int, path: Path, *, timed: bool = True) -> None:
+def write_parquet_stream(
+    stream: Stream, instrument: Instrument, m: int, path: Path, *, timed: bool = True
+) -> None:
     """Write a stream as Parquet with the columns of its kind, null where there is no sample.
 
-    Under the key ``steelyard`` the footer has JSON: version, kind, unit of every column, and where the stream came from.
+    Under the key ``steelyard`` the footer has JSON: version, kind, unit of every column, and where
+    the stream came from.
     """
     columns = stream_columns(stream.time if timed else None, stream.values, instrument, m)
     about = {

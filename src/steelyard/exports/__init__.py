@@ -1,1 +1,3 @@
-"""The platform for simulators and controllers: one file per format, each with its own frames, signs and order."""
+"""The platform for simulators and controllers: one file per format, each with its own frames, signs
+and order.
+"""

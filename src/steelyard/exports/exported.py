@@ -11,8 +11,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.identification.estimate import Estimate, judge
-from steelyard.identification.estimate_file import ALL, NamedEstimate, read_estimates
+from steelyard.estimates.estimate import Estimate, judge
+from steelyard.estimates.estimate_file import ALL, NamedEstimate, read_estimates
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
 
@@ -34,7 +34,9 @@ class Exported:
 
     @property
     def source(self) -> str:
-        """Name of the file, without the folder, which says nothing elsewhere; empty where there is none."""
+        """Name of the file, without the folder, which says nothing elsewhere; empty where there is
+        none.
+        """
         return self.path.name if self.path else ""
 
     @property
@@ -53,8 +55,8 @@ class Exported:
         body = self.estimate.body
         if body is None:
             raise InputError(
-                f"{self.where}: expected all ten parameters of a body, found none for {', '.join(self.untold)}; "
-                "choose another --method, or record more motion"
+                f"{self.where}: expected all ten parameters of a body, found none for"
+                f" {', '.join(self.untold)}; choose another --method, or record more motion"
             )
         return body
 
@@ -71,7 +73,9 @@ class Exported:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why the estimate is not to be relied on; empty: it is accepted, and a body that can exist."""
+        """Why the estimate is not to be relied on; empty: it is accepted, and a body that can
+        exist.
+        """
         verdict = self.estimate.verdict
         # A file may say that it is not accepted, and not why.
         reasons = () if verdict.accepted else verdict.reasons or ("its verdict gives no reason",)
@@ -79,7 +83,9 @@ class Exported:
 
     @property
     def linear_parameters(self) -> Array:
-        """The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, NaN where a number that they need is not known, shape (10,)."""
+        """The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, NaN where a number that they need
+        is not known, shape (10,).
+        """
         m, x, y, z, *inertia = self.estimate.value
         squares = (y * y + z * z, x * x + z * z, x * x + y * y)
         products = (-y * z, -x * z, -x * y)
@@ -91,7 +97,8 @@ def read_exported(place: str, method: str | None = None) -> Exported:
     """Read the estimate that is to be exported.
 
     Args:
-        place: An estimate file, or a folder with one, with ``:METHOD`` behind it where not its result is meant.
+        place: An estimate file, or a folder with one, with ``:METHOD`` behind it where not its
+            result is meant.
         method: The same for a place without.
 
     Raises:
@@ -100,7 +107,10 @@ def read_exported(place: str, method: str | None = None) -> Exported:
     found = read_estimates([place], method)
     if len(found) > 1 or method == ALL:
         names = ", ".join(each.estimate.method for each in found)
-        raise InputError(f"{place}: expected one estimate to export, found '{ALL}' ({names}); name one with --method")
+        raise InputError(
+            f"{place}: expected one estimate to export, found '{ALL}' ({names}); name one with"
+            " --method"
+        )
     return exported_of(found[0])
 
 
@@ -126,7 +136,8 @@ def check(exported: Exported, *, title: str, whole: bool, anyway: bool) -> None:
         anyway: Whether the user wants it all the same.
 
     Raises:
-        InputError: The estimate is not a body or not accepted, and ``anyway`` is not given or does not help.
+        InputError: The estimate is not a body or not accepted, and ``anyway`` is not given or does
+            not help.
     """
     untold = exported.untold
     if untold and (whole or not anyway):
@@ -136,11 +147,13 @@ def check(exported: Exported, *, title: str, whole: bool, anyway: bool) -> None:
             else "or null in their place with --anyway"
         )
         raise InputError(
-            f"{exported.where}: expected all ten parameters of a body, found that the data do not tell {', '.join(untold)}; "
-            f"choose another --method or record more motion ('steelyard design' finds it); {help_}"
+            f"{exported.where}: expected all ten parameters of a body, found that the data do not"
+            f" tell {', '.join(untold)}; choose another --method or record more motion ('steelyard"
+            f" design' finds it); {help_}"
         )
     if exported.doubts and not anyway:
         raise InputError(
-            f"{exported.where}: expected an accepted estimate of a body that can exist, found one that is not "
-            f"({'; '.join(exported.doubts)}); correct what is named there, choose another --method, or export it all the same with --anyway"
+            f"{exported.where}: expected an accepted estimate of a body that can exist, found one"
+            f" that is not ({'; '.join(exported.doubts)}); correct what is named there, choose"
+            " another --method, or export it all the same with --anyway"
         )

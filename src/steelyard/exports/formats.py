@@ -23,19 +23,43 @@ class Format:
     """Whether it has no place for numbers that are not known."""
 
 
-_MATRIX = "inertia about the centre of gravity in platform axes, products are elements of the matrix"
+_MATRIX = (
+    "inertia about the centre of gravity in platform axes, products are elements of the matrix"
+)
 
 FORMATS = {
     "urdf": Format(urdf.TITLE, f"link frame = platform frame, {_MATRIX}", urdf.write, whole=True),
     "sdf": Format(sdf.TITLE, f"link frame = platform frame, {_MATRIX}", sdf.write, whole=True),
-    "mjcf": Format(mjcf.TITLE, f"body frame = platform frame, {_MATRIX}, order xx yy zz xy xz yz", mjcf.write, whole=True),
-    "yaml": Format("YAML", f"as 'platform' of a robot file, {_MATRIX}, order xx yy zz yz xz xy", plain.write_yaml, whole=False),
-    "json": Format("JSON", f"as 'platform' of a robot file, {_MATRIX}, order xx yy zz yz xz xy", plain.write_json, whole=False),
-    "c": Format(c_header.TITLE, f"platform frame, {_MATRIX}, order xx yy zz yz xz xy", c_header.write, whole=True),
-}  # fmt: skip
+    "mjcf": Format(
+        mjcf.TITLE,
+        f"body frame = platform frame, {_MATRIX}, order xx yy zz xy xz yz",
+        mjcf.write,
+        whole=True,
+    ),
+    "yaml": Format(
+        "YAML",
+        f"as 'platform' of a robot file, {_MATRIX}, order xx yy zz yz xz xy",
+        plain.write_yaml,
+        whole=False,
+    ),
+    "json": Format(
+        "JSON",
+        f"as 'platform' of a robot file, {_MATRIX}, order xx yy zz yz xz xy",
+        plain.write_json,
+        whole=False,
+    ),
+    "c": Format(
+        c_header.TITLE,
+        f"platform frame, {_MATRIX}, order xx yy zz yz xz xy",
+        c_header.write,
+        whole=True,
+    ),
+}
 
 
-def export(exported: Exported, format_: str, *, anyway: bool = False, hanging: Hanging | None = None) -> str:
+def export(
+    exported: Exported, format_: str, *, anyway: bool = False, hanging: Hanging | None = None
+) -> str:
     """An estimate as the text of a file.
 
     Args:
@@ -48,11 +72,16 @@ def export(exported: Exported, format_: str, *, anyway: bool = False, hanging: H
         InputError: See :func:`steelyard.exports.exported.check`.
     """
     if format_ not in FORMATS:
-        raise InputError(f"format: expected one of {', '.join(FORMATS)}, found '{format_}'; choose one of these")
+        raise InputError(
+            f"format: expected one of {', '.join(FORMATS)}, found '{format_}'; choose one of these"
+        )
     form = FORMATS[format_]
     check(exported, title=form.title, whole=form.whole, anyway=anyway)
     if hanging is None:
         return form.write(exported)
     if format_ != "mjcf":
-        raise InputError(f"--robot: expected --format mjcf, the only one with cables, found {format_}; leave one out")
+        raise InputError(
+            f"--robot: expected --format mjcf, the only one with cables, found {format_}; leave"
+            " one out"
+        )
     return mjcf.write_robot(exported, hanging)

@@ -1,4 +1,6 @@
-"""The identified body at rest on the cables of a robot: where, with which tensions, and what each cable is as a spring."""
+"""The identified body at rest on the cables of a robot: where, with which tensions, and what each
+cable is as a spring.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ ASSUMED_STRAIN = 1e-3
 """Of the tightest cable at rest, where the robot file says no stiffness."""
 _TIME_STEPS = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)  # [s]
 _PHASE_A_STEP = 0.1
-"""Largest product of angular frequency and time step; Runge-Kutta of fourth order is stable up to 2.8 and keeps energy to 1e-6 a swing here."""
+"""Largest product of angular frequency and time step; Runge-Kutta of fourth order is stable up to
+2.8 and keeps energy to 1e-6 a swing here."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +47,13 @@ class Hanging:
     tension: Array
     """[N], shape (m,)"""
     leave: Array
-    """Where the cables leave their rollers, or the anchors without; world frame [m], shape (m, 3)."""
+    """Where the cables leave their rollers, or the anchors without; world frame [m], shape (m,
+    3)."""
     length: Array
     """Unstrained, from the anchor over the roller to the attachment [m], shape (m,)."""
     slack: Array
-    """Straight distance from the point where it leaves its roller at which each cable of this length is slack [m], shape (m,)."""
+    """Straight distance from the point where it leaves its roller at which each cable of this
+    length is slack [m], shape (m,)."""
     axial_stiffness: float
     """EA, that of the robot file or an assumed one [N]."""
     damping: Array
@@ -64,25 +69,38 @@ class Hanging:
     @property
     def quaternion(self) -> Array:
         """Of the platform in the world (w, x, y, z), shape (4,)."""
-        return np.asarray(Rotation.from_matrix(self.rotation).as_quat(scalar_first=True, canonical=True))
+        return np.asarray(
+            Rotation.from_matrix(self.rotation).as_quat(scalar_first=True, canonical=True)
+        )
 
     @property
     def sag(self) -> float:
-        """How far the cables would hang through in their middle by their weight, the largest; 0 without weight [m]."""
-        weight = (self.robot.cable.linear_density or 0.0) * float(np.linalg.norm(self.robot.gravity))
+        """How far the cables would hang through in their middle by their weight, the largest; 0
+        without weight [m].
+        """
+        weight = (self.robot.cable.linear_density or 0.0) * float(
+            np.linalg.norm(self.robot.gravity)
+        )
         line = self.leave - attachments_at(self.position, self.rotation, self.robot)
         chord = np.linalg.norm(line, axis=1)
         level = np.linalg.norm(line - np.outer(line @ self.robot.up, self.robot.up), axis=1)
-        return float(np.max(weight * level * chord / (8 * np.maximum(self.tension, weight * chord + 1e-9))))
+        return float(
+            np.max(weight * level * chord / (8 * np.maximum(self.tension, weight * chord + 1e-9)))
+        )
 
     @property
     def roll(self) -> float:
-        """How far the points where cables leave their rollers move within the workspace, the most; 0 without rollers [m]."""
+        """How far the points where cables leave their rollers move within the workspace, the most;
+        0 without rollers [m].
+        """
         if not self.robot.pulley_radius.any():
             return 0.0
         middle, reach = workspace_of(self.robot)
         signs = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
-        corners = [_shapes(self.robot, middle[:3] + s * reach[:3], self.rotation, self.tension)[0] for s in signs]
+        corners = [
+            _shapes(self.robot, middle[:3] + s * reach[:3], self.rotation, self.tension)[0]
+            for s in signs
+        ]
         return float(np.linalg.norm(np.array(corners) - self.leave, axis=2).max())
 
 
@@ -92,29 +110,39 @@ def hang(robot: Robot, body: Inertia, pose: ArrayLike | None = None) -> Hanging:
     Args:
         robot: Its cables are taken as straight and massless.
         body: That it carries, one that can exist.
-        pose: x, y, z [m], roll, pitch, yaw [rad], shape (6,); None: level, as near to the middle of the workspace as the cables can hold it.
+        pose: x, y, z [m], roll, pitch, yaw [rad], shape (6,); None: level, as near to the middle of
+            the workspace as the cables can hold it.
 
     Raises:
-        InputError: The robot has too few cables, the body cannot exist, or the cables cannot hold it there.
+        InputError: The robot has too few cables, the body cannot exist, or the cables cannot hold
+            it there.
     """
     if robot.m < LEAST_CABLES:
         raise InputError(
-            f"--robot: expected at least {LEAST_CABLES} cables, found {robot.m} on '{robot.name}'; export the platform alone, without --robot"
+            f"--robot: expected at least {LEAST_CABLES} cables, found {robot.m} on '{robot.name}';"
+            " export the platform alone, without --robot"
         )
     if not body.is_physical:
         raise InputError(
-            "--robot: expected a body that can exist, found one that cannot, which MuJoCo refuses; choose the method consistent or "
-            "maximum-likelihood, or export the platform alone"
+            "--robot: expected a body that can exist, found one that cannot, which MuJoCo refuses;"
+            " choose the method consistent or maximum-likelihood, or export the platform alone"
         )
     if pose is not None and not np.isfinite(pose).all():
-        raise InputError(f"--pose: expected six finite numbers, found {' '.join(map(str, np.ravel(pose)))}; correct it")
+        raise InputError(
+            f"--pose: expected six finite numbers, found {' '.join(map(str, np.ravel(pose)))};"
+            " correct it"
+        )
     poses = places(robot) if pose is None else readonly(np.atleast_2d(pose), (1, 6), "pose")
     rotations = Rotation.from_euler("ZYX", poses[:, :2:-1]).as_matrix()
-    structures = cables_at(robot.with_straight_cables(), poses[:, :3], rotations, np.ones(robot.m)).structure
+    structures = cables_at(
+        robot.with_straight_cables(), poses[:, :3], rotations, np.ones(robot.m)
+    ).structure
     carried = -np.einsum("nji,j->ni", rotations, robot.gravity)
     still = np.zeros_like(carried)
     wrenches = platform_wrench(body.parameters, carried, still, still)
-    for place, rotation, structure, wrench in zip(poses, rotations, structures, wrenches, strict=True):
+    for place, rotation, structure, wrench in zip(
+        poses, rotations, structures, wrenches, strict=True
+    ):
         try:
             tension = distribute(structure[None], wrench[None], robot.tension_limits)[0]
         except InfeasibleError:
@@ -123,11 +151,14 @@ def hang(robot: Robot, body: Inertia, pose: ArrayLike | None = None) -> Hanging:
         tension = tension + np.linalg.pinv(structure) @ (wrench - structure @ tension)
         return _hanging(robot, body, place[:3], rotation, structure, tension)
     low, high = robot.tension_limits
-    where = "a pose within its limits" if pose is None else f"that {_listed(poses[0, :3])} m is a pose"
+    where = (
+        "a pose within its limits" if pose is None else f"that {_listed(poses[0, :3])} m is a pose"
+    )
     raise InputError(
-        f"--robot: expected {where} in which the cables of '{robot.name}' can hold {body.mass:.4g} kg with {low:g} to {high:g} N, found "
-        f"{'none' if pose is None else 'that it is not'}; {'check the robot file' if pose is None else 'choose another --pose'}, or export the "
-        "platform alone, without --robot"
+        f"--robot: expected {where} in which the cables of '{robot.name}' can hold {body.mass:.4g}"
+        f" kg with {low:g} to {high:g} N, found {'none' if pose is None else 'that it is not'};"
+        f" {'check the robot file' if pose is None else 'choose another --pose'}, or export the"
+        " platform alone, without --robot"
     )
 
 
@@ -154,14 +185,20 @@ def _hanging(
     )
 
 
-def _shapes(robot: Robot, position: Array, rotation: Array, tension: Array) -> tuple[Array, Array, Array]:
-    """Leave points [m], shape (m, 3), unstrained lengths [m] and strained lengths on the rollers [m], shape (m,), of straight cables."""
+def _shapes(
+    robot: Robot, position: Array, rotation: Array, tension: Array
+) -> tuple[Array, Array, Array]:
+    """Leave points [m], shape (m, 3), unstrained lengths [m] and strained lengths on the rollers
+    [m], shape (m,), of straight cables.
+    """
     straight = robot.with_straight_cables()
     rows = []
     for i, point in enumerate(attachments_at(position, rotation, straight)):
         shape = cable.by_tension(cable.spec(straight, i), ca.DM(point), float(tension[i]))
         on_roller = float(robot.pulley_radius[i]) * shape.wrap
-        rows.append(np.array(ca.evalf(ca.vertcat(shape.leave_point, shape.length, on_roller))).ravel())
+        rows.append(
+            np.array(ca.evalf(ca.vertcat(shape.leave_point, shape.length, on_roller))).ravel()
+        )
     found = np.array(rows)
     return found[:, :3], found[:, 3], found[:, 4]
 

@@ -16,8 +16,11 @@ from steelyard.imports.sources import printable
 TITLE = "MJCF"
 CONVENTION = (
     "The frame of the body 'platform' is the platform frame P; SI units.",
-    "inertial: pos is the centre of gravity in P; fullinertia is xx, yy, zz, xy, xz, yz of the inertia matrix about the centre of gravity, in "
-    "the axes of P; products are its elements, minus the integral of x y dm. MuJoCo keeps its principal moments and axes.",
+    (
+        "inertial: pos is the centre of gravity in P; fullinertia is xx, yy, zz, xy, xz, yz of the"
+        " inertia matrix about the centre of gravity, in the axes of P; products are its elements,"
+        " minus the integral of x y dm. MuJoCo keeps its principal moments and axes."
+    ),
 )
 _WIDTH = "0.01"  # [m], of cables in pictures; a real one cannot be seen
 
@@ -40,7 +43,9 @@ def write_robot(exported: Exported, hanging: Hanging) -> str:
     root = Element("mujoco", model=printable(robot.name) or "robot")
     step, gravity = number(hanging.time_step), numbers(robot.gravity)
     SubElement(root, "option", timestep=step, gravity=gravity, integrator="RK4")
-    world, tendons, actuators = (SubElement(root, tag) for tag in ("worldbody", "tendon", "actuator"))
+    world, tendons, actuators = (
+        SubElement(root, tag) for tag in ("worldbody", "tendon", "actuator")
+    )
     for i in range(robot.m):
         SubElement(world, "site", name=f"anchor_{i + 1}", pos=numbers(robot.anchors[i]))
         if robot.pulley_radius[i]:
@@ -58,9 +63,13 @@ def write_robot(exported: Exported, hanging: Hanging) -> str:
             "width": _WIDTH,
         }
         spatial = SubElement(tendons, "spatial", {"name": f"cable_{i + 1}", **cable})
-        SubElement(spatial, "site", site=f"{'leave' if robot.pulley_radius[i] else 'anchor'}_{i + 1}")
+        SubElement(
+            spatial, "site", site=f"{'leave' if robot.pulley_radius[i] else 'anchor'}_{i + 1}"
+        )
         SubElement(spatial, "site", site=f"attachment_{i + 1}")
-        motor = SubElement(actuators, "motor", name=f"pull_{i + 1}", tendon=f"cable_{i + 1}", gear="-1")
+        motor = SubElement(
+            actuators, "motor", name=f"pull_{i + 1}", tendon=f"cable_{i + 1}", gear="-1"
+        )
         if np.isfinite(high):
             # Nothing added must be allowed, also where a tension is at its limit but for rounding.
             least, most = min(0.0, low - hanging.tension[i]), max(0.0, high - hanging.tension[i])
@@ -75,7 +84,11 @@ def _platform(world: Element, exported: Exported) -> Element:
     inertial = exported.body.to_mujoco()
     platform = SubElement(world, "body", name="platform")
     SubElement(platform, "freejoint", name="platform")
-    values = {"mass": number(inertial.mass), "pos": numbers(inertial.pos), "fullinertia": numbers(inertial.fullinertia)}
+    values = {
+        "mass": number(inertial.mass),
+        "pos": numbers(inertial.pos),
+        "fullinertia": numbers(inertial.fullinertia),
+    }
     SubElement(platform, "inertial", values)
     return platform
 
@@ -84,19 +97,23 @@ def _told(hanging: Hanging) -> Iterator[str]:
     """What a user should know about the robot."""
     robot = hanging.robot
     yield (
-        f"Robot '{printable(robot.name)}', {robot.m} cables: site anchor_i in the world frame, attachment_i on the platform, spatial tendon cable_i between "
-        "them, its spring slack up to springlength: tension = stiffness (length - springlength), never below 0."
+        f"Robot '{printable(robot.name)}', {robot.m} cables: site anchor_i in the world frame,"
+        " attachment_i on the platform, spatial tendon cable_i between them, its spring slack up"
+        " to springlength: tension = stiffness (length - springlength), never below 0."
     )
     assumed = (
         ""
         if robot.cable.axial_stiffness
         else (
-            f", which is assumed (the robot file has no axial_stiffness): it strains the tightest cable by {ASSUMED_STRAIN * 1e3:g} in a thousand at home"
+            ", which is assumed (the robot file has no axial_stiffness): it strains the tightest"
+            f" cable by {ASSUMED_STRAIN * 1e3:g} in a thousand at home"
         )
     )
     yield (
-        f"stiffness = EA / unstrained length, springlength = the part of it between the sites, EA = {number(hanging.axial_stiffness)} N{assumed}. "
-        "A winch that feeds: set model.tendon_lengthspring[i] = (0, springlength) and model.tendon_stiffness[i] to the new values at every step."
+        "stiffness = EA / unstrained length, springlength = the part of it between the sites, EA ="
+        f" {number(hanging.axial_stiffness)} N{assumed}. A winch that feeds: set"
+        " model.tendon_lengthspring[i] = (0, springlength) and model.tendon_stiffness[i] to the"
+        " new values at every step."
     )
     low, high = robot.tension_limits
     span = (
@@ -105,17 +122,22 @@ def _told(hanging: Hanging) -> Iterator[str]:
         else "the robot file has no limits"
     )
     yield (
-        f"Motors pull_i: ctrl is tension that is added to the spring's [N], 0 keeps it ({span}). To command tensions alone set "
-        "model.tendon_stiffness[:] = 0 and take the ranges off. A negative ctrl, and damping, pushes where a cable is slack; a real one does not."
+        f"Motors pull_i: ctrl is tension that is added to the spring's [N], 0 keeps it ({span}). To"
+        " command tensions alone set model.tendon_stiffness[:] = 0 and take the ranges off. A"
+        " negative ctrl, and damping, pushes where a cable is slack; a real one does not."
     )
     tensions = ", ".join(f"{value:.5g}" for value in hanging.tension)
     lengths = ", ".join(f"{value:.6g}" for value in hanging.length)
-    yield f"The model starts at rest; the keyframe 'home' is the same. Tensions there [N]: {tensions}."
+    yield (
+        "The model starts at rest; the keyframe 'home' is the same. Tensions there [N]:"
+        f" {tensions}."
+    )
     yield f"Unstrained lengths from anchor to attachment [m]: {lengths}."
     if robot.pulley_radius.any():
         yield (
-            "Left out: rollers turn and swivel. Cables begin where they leave their rollers at home (site leave_i), so that lengths, directions and tensions "
-            f"are right there; within the workspace these points would move by up to {hanging.roll * 1e3:.3g} mm."
+            "Left out: rollers turn and swivel. Cables begin where they leave their rollers at"
+            " home (site leave_i), so that lengths, directions and tensions are right there;"
+            f" within the workspace these points would move by up to {hanging.roll * 1e3:.3g} mm."
         )
     if robot.cable.linear_density:
         yield (

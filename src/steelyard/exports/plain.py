@@ -1,4 +1,6 @@
-"""YAML and JSON: the body as a robot file has it, with its covariance, its verdict and its linear parameters."""
+"""YAML and JSON: the body as a robot file has it, with its covariance, its verdict and its linear
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -7,19 +9,30 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from steelyard.arrays import Array
+from steelyard.estimates.estimate import plain
 from steelyard.exports.exported import Exported
 from steelyard.exports.remarks import number, remarks
-from steelyard.identification.estimate import plain
 from steelyard.inertia import BODY_PARAMETERS, LINEAR_PARAMETERS
 from steelyard.output import to_json
 
 FORMAT = "steelyard-body/1"
 CONVENTION = (
-    "platform: as in a robot file, to be pasted there: mass [kg], centre of gravity in the platform frame P [m], inertia about the centre of "
-    "gravity in the axes of P [kg m^2].",
-    "Products of inertia are elements of the matrix, minus the integral of x y dm, in the order yz, xz, xy.",
-    "standard_deviation has the same shape; covariance is of the ten in the order of its 'parameters'.",
-    "linear: the same body about the origin of P: first moment mass times centre of gravity [kg m], inertia about the origin [kg m^2].",
+    (
+        "platform: as in a robot file, to be pasted there: mass [kg], centre of gravity in the"
+        " platform frame P [m], inertia about the centre of gravity in the axes of P [kg m^2]."
+    ),
+    (
+        "Products of inertia are elements of the matrix, minus the integral of x y dm, in the order"
+        " yz, xz, xy."
+    ),
+    (
+        "standard_deviation has the same shape; covariance is of the ten in the order of its"
+        " 'parameters'."
+    ),
+    (
+        "linear: the same body about the origin of P: first moment mass times centre of gravity [kg"
+        " m], inertia about the origin [kg m^2]."
+    ),
     "null: the data do not tell it.",
 )
 
@@ -31,9 +44,15 @@ def write_yaml(exported: Exported) -> str:
 
 
 def write_json(exported: Exported) -> str:
-    """The text of a JSON file; what is a comment elsewhere stands under ``convention`` and ``warning``."""
+    """The text of a JSON file; what is a comment elsewhere stands under ``convention`` and
+    ``warning``.
+    """
     warning = list(exported.impossible)
-    values = {**_values(exported), **({"warning": warning} if warning else {}), "convention": list(CONVENTION)}
+    values = {
+        **_values(exported),
+        **({"warning": warning} if warning else {}),
+        "convention": list(CONVENTION),
+    }
     return to_json(values) + "\n"
 
 
@@ -63,7 +82,11 @@ def _values(exported: Exported) -> Mapping[str, Any]:
         },
         "method": estimate.method,
         "experiment": exported.experiment,
-        "source": {"file": exported.source, "sha256": exported.digest, "steelyard": exported.version},
+        "source": {
+            "file": exported.source,
+            "sha256": exported.digest,
+            "steelyard": exported.version,
+        },
     }
 
 
@@ -77,7 +100,9 @@ def _six(values: Array) -> dict[str, Any]:
 
 
 def _block(values: Mapping[str, Any], indent: str = "") -> Iterator[str]:
-    """Lines of YAML 1.2: what holds maps or lists in a block, what holds numbers and text in one line."""
+    """Lines of YAML 1.2: what holds maps or lists in a block, what holds numbers and text in one
+    line.
+    """
     for key, value in values.items():
         if isinstance(value, Mapping) and (not indent or _deep(value.values())):
             yield f"{indent}{key}:"
@@ -94,7 +119,9 @@ def _deep(values: Iterable[Any]) -> bool:
 
 
 def _flow(value: Any) -> str:
-    """A value in one line. Text always stands in quotes: what a file may hold would else mean something here and there."""
+    """A value in one line. Text always stands in quotes: what a file may hold would else mean
+    something here and there.
+    """
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key}: {_flow(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list):

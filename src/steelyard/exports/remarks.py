@@ -1,4 +1,6 @@
-"""What goes along with the numbers of every export: where they come from, whether to believe them, and the convention."""
+"""What goes along with the numbers of every export: where they come from, whether to believe them,
+and the convention.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ _LONGEST_REASON = 2000
 
 
 def number(value: float) -> str:
-    """A number that comes back to the last bit, and that every format takes: an exponent follows a decimal point.
+    """A number that comes back to the last bit, and that every format takes: an exponent follows a
+    decimal point.
 
     Raises:
         ValueError: It is not finite.
@@ -36,7 +39,8 @@ def numbers(values: Iterable[float]) -> str:
 
 
 def remarks(exported: Exported, convention: Sequence[str]) -> list[str]:
-    """Lines of text for the comment of an export, without what would steer a terminal; each format has its own marks to take out.
+    """Lines of text for the comment of an export, without what would steer a terminal; each format
+    has its own marks to take out.
 
     Args:
         exported: The estimate.
@@ -53,28 +57,53 @@ def remarks(exported: Exported, convention: Sequence[str]) -> list[str]:
 
 def _wrapped(text: str) -> list[str]:
     """A paragraph in lines, a table row as it is; what follows a dash is indented."""
-    return [text] if text.startswith(" ") else wrap(text, _WIDTH, subsequent_indent="  " if text[:2] == "- " else "")
+    return (
+        [text]
+        if text.startswith(" ")
+        else wrap(text, _WIDTH, subsequent_indent="  " if text[:2] == "- " else "")
+    )
 
 
 def _paragraphs(exported: Exported) -> Iterator[str]:
     estimate = exported.estimate
-    experiment = f", experiment '{printable(exported.experiment, _LONGEST_NAME)}'" if exported.experiment else ""
+    experiment = (
+        f", experiment '{printable(exported.experiment, _LONGEST_NAME)}'"
+        if exported.experiment
+        else ""
+    )
     yield f"Inertial parameters of a platform, identified by steelyard {exported.version}."
-    file = f", from {printable(exported.source, _LONGEST_NAME)} (sha256 {exported.digest})" if exported.path else ""
+    file = (
+        f", from {printable(exported.source, _LONGEST_NAME)} (sha256 {exported.digest})"
+        if exported.path
+        else ""
+    )
     yield f"Method {printable(estimate.method, _LONGEST_NAME)}{experiment}{file}."
-    yield "Verdict: accepted." if estimate.verdict.accepted else "Verdict: NOT ACCEPTED, exported all the same."
+    yield (
+        "Verdict: accepted."
+        if estimate.verdict.accepted
+        else "Verdict: NOT ACCEPTED, exported all the same."
+    )
     for reason in exported.doubts:
         yield f"- {printable(reason, _LONGEST_REASON)}"
     if exported.impossible:
         yield (
-            "NO BODY CAN HAVE THESE NUMBERS. MuJoCo refuses them, other simulators and controllers may become unstable with them. The methods "
-            "consistent and maximum-likelihood keep to bodies that can exist; steelyard.nearest_body finds the nearest one."
+            "NO BODY CAN HAVE THESE NUMBERS. MuJoCo refuses them, other simulators and controllers"
+            " may become unstable with them. The methods consistent and maximum-likelihood keep to"
+            " bodies that can exist; steelyard.nearest_body finds the nearest one."
         )
-    yield "Parameters (inertia about the centre of gravity), their 1-sigma, and what determined them:"
+    yield (
+        "Parameters (inertia about the centre of gravity), their 1-sigma, and what determined them:"
+    )
     sigma = estimate.standard_deviation
-    for name, value, deviation, unit in zip(BODY_PARAMETERS, estimate.value, sigma, UNITS, strict=True):
+    for name, value, deviation, unit in zip(
+        BODY_PARAMETERS, estimate.value, sigma, UNITS, strict=True
+    ):
         label = estimate.verdict.parameters.get(name, "not said")
-        known = f"{value:12.6g} +- {deviation:<9.3g} {unit}" if math.isfinite(value) else f"{'not known':>12}"
+        known = (
+            f"{value:12.6g} +- {deviation:<9.3g} {unit}"
+            if math.isfinite(value)
+            else f"{'not known':>12}"
+        )
         yield f"  {name:4} {known}, {label}"
     if not exported.correlated:
         yield "The file has no covariance: correlations are not known."

@@ -12,9 +12,18 @@ TITLE = "SDF"
 VERSION = "1.9"
 """Of the format: that of Gazebo Fortress; later releases read it as well."""
 CONVENTION = (
-    "The frame of the link 'platform' is the platform frame P, and so is that of the model; SI units.",
-    "pose: centre of gravity in P, then roll, pitch, yaw of the inertial frame, 0: it has the axes of P.",
-    "inertia: elements of the inertia matrix about the centre of gravity, in the axes of P; products are minus the integral of x y dm.",
+    (
+        "The frame of the link 'platform' is the platform frame P, and so is that of the model; SI"
+        " units."
+    ),
+    (
+        "pose: centre of gravity in P, then roll, pitch, yaw of the inertial frame, 0: it has the"
+        " axes of P."
+    ),
+    (
+        "inertia: elements of the inertia matrix about the centre of gravity, in the axes of P;"
+        " products are minus the integral of x y dm."
+    ),
 )
 
 

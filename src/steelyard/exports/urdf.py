@@ -12,7 +12,10 @@ TITLE = "URDF"
 CONVENTION = (
     "The frame of the link 'platform' is the platform frame P; SI units.",
     "origin: centre of gravity in P, with the axes of P (rpy 0 0 0).",
-    "inertia: elements of the inertia matrix about the centre of gravity, in the axes of P; products are minus the integral of x y dm.",
+    (
+        "inertia: elements of the inertia matrix about the centre of gravity, in the axes of P;"
+        " products are minus the integral of x y dm."
+    ),
 )
 
 

@@ -13,20 +13,20 @@ from steelyard.clocks.offsets import Offset
 from steelyard.digits import LABELS, ten_numbers
 from steelyard.display import Display
 from steelyard.errors import InputError
+from steelyard.estimates.estimate import BEST_FIRST, FORMAT, Estimate, named, nothing_told
 from steelyard.experiment.model import Experiment
-from steelyard.identification.bound import Bound, attainable
-from steelyard.identification.classical import NoBalanceError, study
-from steelyard.identification.consistent import Consistent
-from steelyard.identification.estimate import BEST_FIRST, FORMAT, Estimate, named, nothing_told
-from steelyard.identification.fitted_motion import FittedMotion
-from steelyard.identification.instrumental_variables import InstrumentalVariables
-from steelyard.identification.joint_study import Joint, joint_study
-from steelyard.identification.least_squares import LeastSquares
-from steelyard.identification.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.prediction import Prediction, predict_held_out
-from steelyard.identification.study import Study
+from steelyard.identification.methods.consistent import Consistent
+from steelyard.identification.methods.instrumental_variables import InstrumentalVariables
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.two_step import TwoStep
+from steelyard.identification.model.fitted_motion import FittedMotion
+from steelyard.identification.solve.bound import Bound, attainable
+from steelyard.identification.solve.classical import NoBalanceError, study
+from steelyard.identification.solve.joint_study import Joint, joint_study
+from steelyard.identification.solve.study import Study
 from steelyard.identification.synchronisation import synchronise
-from steelyard.identification.two_step import TwoStep
+from steelyard.identification.verdict.prediction import Prediction, predict_held_out
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.tables import Tabular
 
@@ -84,20 +84,35 @@ class Identification(Tabular):
             "nominal": self.nominal.to_dict() if self.nominal else None,
             "result": self.result,
             "estimates": {name: estimate.to_dict() for name, estimate in self.estimates.items()},
-            **({"attainable": {"standard_deviation": named(self.bound.standard_deviation)}} if self.bound else {}),
             **(
-                {"clocks": {run: [o.to_dict() for o in found] for run, found in self.clocks.items()}}
+                {"attainable": {"standard_deviation": named(self.bound.standard_deviation)}}
+                if self.bound
+                else {}
+            ),
+            **(
+                {
+                    "clocks": {
+                        run: [o.to_dict() for o in found] for run, found in self.clocks.items()
+                    }
+                }
                 if self.clocks
                 else {}
             ),
-            **({"holdout": {p.run: p.to_dict() for p in self.predictions}} if self.predictions else {}),
+            **(
+                {"holdout": {p.run: p.to_dict() for p in self.predictions}}
+                if self.predictions
+                else {}
+            ),
         }
 
     def columns(self) -> dict[str, Array | Sequence[str]]:
         """Ten rows for each method: ``method``, then those of :meth:`.Estimate.columns`."""
         each = [estimate.columns() for estimate in self.estimates.values()]
         methods = [name for name in self.estimates for _ in BODY_PARAMETERS]
-        return {"method": methods, **{key: np.concatenate([np.asarray(c[key]) for c in each]) for key in each[0]}}
+        return {
+            "method": methods,
+            **{key: np.concatenate([np.asarray(c[key]) for c in each]) for key in each[0]},
+        }
 
     def __repr__(self) -> str:
         return self._display().text()
@@ -106,10 +121,15 @@ class Identification(Tabular):
         return self._display().html()
 
     def _display(self) -> Display:
-        columns = [ten_numbers(each.value, each.standard_deviation) for each in self.estimates.values()]
+        columns = [
+            ten_numbers(each.value, each.standard_deviation) for each in self.estimates.values()
+        ]
         return Display(
             self.experiment,
-            tuple((name, unit, *cells) for (name, unit, _), *cells in zip(LABELS, *columns, strict=True)),
+            tuple(
+                (name, unit, *cells)
+                for (name, unit, _), *cells in zip(LABELS, *columns, strict=True)
+            ),
             head=("", "", *self.estimates),
             sentences=tuple(f"{name}: {each.verdict}" for name, each in self.estimates.items()),
         )
@@ -126,8 +146,9 @@ def identify(
 
     Args:
         experiment: With at least one run.
-        methods: Estimators or names of them (``two-step``, ``least-squares``, ``instrumental-variables``, ``consistent``,
-            ``maximum-likelihood``, ``all``); none: the best there is, with the two steps of the paper beside it.
+        methods: Estimators or names of them (``two-step``, ``least-squares``,
+            ``instrumental-variables``, ``consistent``, ``maximum-likelihood``, ``all``); none: the
+            best there is, with the two steps of the paper beside it.
         progress: Is told what is being done and the fraction that is done.
         holdout: Names of runs to leave out, whose forces are predicted.
 
@@ -138,11 +159,16 @@ def identify(
     names = [run.name for run in experiment.runs]
     for name in holdout:
         if name not in names:
-            raise InputError(f"--holdout: expected one of {', '.join(names)}, found '{name}'; choose one of these")
+            raise InputError(
+                f"--holdout: expected one of {', '.join(names)}, found '{name}'; choose one of"
+                " these"
+            )
     found = synchronise(experiment, progress)
     experiment = found.experiment
     predictions = predict_held_out(experiment, frozenset(holdout), progress) if holdout else ()
-    used = replace(experiment, runs=tuple(run for run in experiment.runs if run.name not in holdout))
+    used = replace(
+        experiment, runs=tuple(run for run in experiment.runs if run.name not in holdout)
+    )
     estimates: list[Estimate] = []
     shared: Study | None = None
     joint: Joint | None = None
@@ -170,7 +196,9 @@ def identify(
                 estimates.append(nothing_told(method.name, str(error)))
         else:
             estimates.append(method(used, progress))
-    if baseline is not None and not any(np.isfinite(estimate.value).any() for estimate in estimates):
+    if baseline is not None and not any(
+        np.isfinite(estimate.value).any() for estimate in estimates
+    ):
         raise baseline
     bound = joint.bound if joint else attainable(shared) if shared else None
     return Identification(
@@ -192,17 +220,20 @@ def _left_out(experiment: Experiment) -> Iterator[str]:
         for fault in run.excluded:
             channel = f" of {fault.channel}" if fault.channel else ""
             yield (
-                f"run '{run.name}': {fault.instrument}{channel} repeats its reading from {fault.start:.3f} to {fault.end:.3f} s on its clock while others move "
-                f"({fault.count} samples): left out"
+                f"run '{run.name}': {fault.instrument}{channel} repeats its reading from"
+                f" {fault.start:.3f} to {fault.end:.3f} s on its clock while others move"
+                f" ({fault.count} samples): left out"
             )
 
 
-def chosen_methods(methods: Sequence[Method | str], ready: Mapping[str, Method] | None = None) -> list[Method]:
+def chosen_methods(
+    methods: Sequence[Method | str], ready: Mapping[str, Method] | None = None
+) -> list[Method]:
     """Estimators, each once where it is named.
 
     Args:
-        methods: Estimators or their names; ``all`` stands for every one; none: the best there is, with the two steps of the
-            paper beside it.
+        methods: Estimators or their names; ``all`` stands for every one; none: the best there is,
+            with the two steps of the paper beside it.
         ready: Name -> estimator to take in place of the one with default settings.
 
     Raises:
@@ -216,7 +247,8 @@ def chosen_methods(methods: Sequence[Method | str], ready: Mapping[str, Method] 
             continue
         if method != ALL and method not in AVAILABLE:
             raise InputError(
-                f"--method: expected one of {', '.join(AVAILABLE)}, or all, found '{method}'; choose one of these"
+                f"--method: expected one of {', '.join(AVAILABLE)}, or all, found '{method}';"
+                " choose one of these"
             )
         for name in AVAILABLE if method == ALL else (method,):
             chosen[name] = own[name] if name in own else AVAILABLE[name]()

@@ -1,7 +1,8 @@
 """``sync: auto``: how far the clocks of a run are apart, from the physics that their streams share.
 
-First the motion instruments among each other (:mod:`steelyard.clocks`), then the forces against the motion
-(:mod:`steelyard.identification.carrying`), in the end all of it at once: the joint fit knows the delay of every clock to a fraction of a sample.
+First the motion instruments among each other (:mod:`steelyard.clocks`), then the forces against the
+motion (:mod:`steelyard.identification.force_clock`), in the end all of it at once: the joint fit
+knows the delay of every clock to a fraction of a sample.
 """
 
 from __future__ import annotations
@@ -12,16 +13,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.clocks.clock_signals import (
+    POSITION,
+    RATE,
+    ROTATION,
+    SPECIFIC_FORCE,
+    Clock,
+    clocks_of,
+)
 from steelyard.clocks.offsets import Offset, drift_of, joined, liveliest
 from steelyard.clocks.search import candidates
 from steelyard.clocks.shift import Shift
-from steelyard.clocks.witness import POSITION, RATE, ROTATION, SPECIFIC_FORCE, Clock, clocks_of
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.carrying import carrying, likeliest, near, scanned
-from steelyard.identification.classical import NoBalanceError
-from steelyard.identification.joint_study import joint_study
-from steelyard.identification.unknowns import gather
+from steelyard.identification.force_clock import carrying, likeliest, near, scanned
+from steelyard.identification.model.calibration_parameters import gather
+from steelyard.identification.solve.classical import NoBalanceError
+from steelyard.identification.solve.joint_study import joint_study
 from steelyard.instruments import Instrument
 
 _LONG = 60.0
@@ -60,7 +68,8 @@ def synchronise(experiment: Experiment, progress: Progress = None) -> Synchronis
         progress: Is told what is being done and the fraction that is done.
 
     Raises:
-        InputError: The motion of a run does not tell; the sentence says between which clocks, and why.
+        InputError: The motion of a run does not tell; the sentence says between which clocks, and
+            why.
     """
     if not any(run.unsynchronised for run in experiment.runs):
         return Synchronised(experiment, {})
@@ -75,8 +84,9 @@ def synchronise(experiment: Experiment, progress: Progress = None) -> Synchronis
         lost = next((offset for offset in own if not offset.told), None)
         if lost is not None:
             raise InputError(
-                f"{experiment.source or experiment.name}: run '{run.name}': expected a motion that tells how far the clocks are apart, found "
-                f"{lost.reason}; write the time of one common event on each clock under 'sync'"
+                f"{experiment.source or experiment.name}: run '{run.name}': expected a motion that"
+                f" tells how far the clocks are apart, found {lost.reason}; write the time of one"
+                " common event on each clock under 'sync'"
             )
         offsets[run.name] = own
         runs.append(_with_offsets(experiment, run, own))
@@ -123,17 +133,25 @@ def offsets_of(experiment: Experiment, run: Run) -> tuple[Offset, ...]:
 _MOTION = (POSITION, ROTATION, RATE, SPECIFIC_FORCE)
 
 
-def _against_motion(experiment: Experiment, run: Run, clocks: tuple[Clock, ...], motion: list[Offset]) -> Offset:
+def _against_motion(
+    experiment: Experiment, run: Run, clocks: tuple[Clock, ...], motion: list[Offset]
+) -> Offset:
     """Time of the first motion clock less that of the forces."""
     first, reference = clocks[0], clocks[1]
     start, end = reference.span
     # Common time is that of the first motion clock, and that of the forces for the forces.
     zero = {name: offset.value for offset in motion for name in offset.instruments}
-    placed = replace(run, sync={**zero, **dict.fromkeys(first.instruments, 0.0)}, unsynchronised=False)
+    placed = replace(
+        run, sync={**zero, **dict.fromkeys(first.instruments, 0.0)}, unsynchronised=False
+    )
     part = liveliest(reference, start, end) if end - start > _LONG else None
     names = f"{' and '.join(first.instruments)} against {' and '.join(reference.instruments)}"
     nothing = Offset(
-        first.instruments, 0.0, np.inf, False, f"{names}: the motion tells too little of where the cables pull"
+        first.instruments,
+        0.0,
+        np.inf,
+        False,
+        f"{names}: the motion tells too little of where the cables pull",
     )
     task = carrying(experiment, placed, part)
     if task is None:
@@ -146,10 +164,17 @@ def _against_motion(experiment: Experiment, run: Run, clocks: tuple[Clock, ...],
         return nothing
     if rival is not None:
         both = " and ".join(f"{value:.3f} s" for value in sorted((best.value, rival.value)))
-        return replace(nothing, reason=f"{names}: the motion repeats itself, so that shifts of {both} explain it alike")
+        return replace(
+            nothing,
+            reason=f"{names}: the motion repeats itself, so that shifts of {both} explain it alike",
+        )
     if not best.sigma < _LARGEST_SIGMA:
         return replace(
-            nothing, reason=f"{names}: the motion is too slow to tell it better than to {best.sigma * 1e3:.0f} ms"
+            nothing,
+            reason=(
+                f"{names}: the motion is too slow to tell it better than to"
+                f" {best.sigma * 1e3:.0f} ms"
+            ),
         )
 
     def at(middle: float, reach: float) -> Shift | None:
@@ -189,8 +214,9 @@ def _with_offsets(experiment: Experiment, run: Run, offsets: tuple[Offset, ...])
     span = [experiment.common_time(placed, name) for name in streams]
     if max(t[0] for t in span) >= min(t[-1] for t in span):
         raise InputError(
-            f"{experiment.source or experiment.name}: run '{run.name}': expected streams that overlap in time, found none once their clocks agree; "
-            "check that the files are of the same recording"
+            f"{experiment.source or experiment.name}: run '{run.name}': expected streams that"
+            " overlap in time, found none once their clocks agree; check that the files are of the"
+            " same recording"
         )
     return placed
 
@@ -200,16 +226,22 @@ def _slowed(stream: Stream, event: float, drift: float) -> Stream:
     return replace(stream, time=event + (stream.time - event) / (1 + drift))
 
 
-def _own_clocks(experiment: Experiment, offsets: Mapping[str, tuple[Offset, ...]]) -> dict[str, Instrument]:
-    """Instruments whose errors of time are those of what was found: shared within a file, and nowhere else."""
+def _own_clocks(
+    experiment: Experiment, offsets: Mapping[str, tuple[Offset, ...]]
+) -> dict[str, Instrument]:
+    """Instruments whose errors of time are those of what was found: shared within a file, and
+    nowhere else.
+    """
     groups = {
-        name: (found.instruments[0] if len(found.instruments) > 1 else None)
+        name: found.instruments[0] if len(found.instruments) > 1 else None
         for run in offsets.values()
         for found in run
         for name in found.instruments
     }
     return {
-        name: instrument.model_copy(update={"clock": groups[name]}) if name in groups else instrument
+        name: (
+            instrument.model_copy(update={"clock": groups[name]}) if name in groups else instrument
+        )
         for name, instrument in experiment.instruments.items()
     }
 
@@ -222,13 +254,17 @@ def _by_all_at_once(
     for _ in range(2):
         try:
             joint = joint_study(
-                experiment, lambda what, fraction: tell(f"finding the clocks: {what}", 0.5 + 0.5 * fraction)
+                experiment,
+                lambda what, fraction: tell(f"finding the clocks: {what}", 0.5 + 0.5 * fraction),
             )
         except (InputError, NoBalanceError):
             # What cannot be fitted as a whole still has the clocks that pairs of streams have told.
             return Synchronised(experiment, found)
         moved = 0.0
-        unknowns, deviation = gather(experiment), np.sqrt(np.diag(joint.study.solution.covariance))[10:]
+        calibration_parameters, deviation = (
+            gather(experiment),
+            np.sqrt(np.diag(joint.study.solution.covariance))[10:],
+        )
         runs = []
         for run in experiment.runs:
             if run.name not in offsets:
@@ -237,10 +273,12 @@ def _by_all_at_once(
             sync, own = dict(run.sync), []
             for offset in found[run.name]:
                 clock = experiment.instruments[offset.instruments[0]].clock or offset.instruments[0]
-                place = unknowns.place(clock, "delay", run.name)
-                delay = float(joint.study.systematic.values[place][0] - unknowns.mean[place][0])
+                place = calibration_parameters.place(clock, "delay", run.name)
+                delay = float(
+                    joint.study.calibration.values[place][0] - calibration_parameters.mean[place][0]
+                )
                 sigma = float(deviation[place][0])
-                if not 0 < sigma < 0.5 * unknowns.deviation[place][0]:
+                if not 0 < sigma < 0.5 * calibration_parameters.deviation[place][0]:
                     own.append(offset)
                     continue
                 moved = max(moved, abs(delay))

@@ -1,4 +1,6 @@
-"""From what files of another program say of a robot to a robot file; what is taken, left out and assumed is told."""
+"""From what files of another program say of a robot to a robot file; what is taken, left out and
+assumed is told.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ _CLOSEST_ANCHORS = 1e-6  # [m], as in robot files
 _LONGEST_NAME = 100
 
 
-def assemble(description: Description, *, products: Convention | None, about: Point | None) -> Imported:
+def assemble(
+    description: Description, *, products: Convention | None, about: Point | None
+) -> Imported:
     """Make a robot file.
 
     Args:
@@ -37,7 +41,11 @@ def assemble(description: Description, *, products: Convention | None, about: Po
     _check_anchors(description)
     tension, tension_notes = _tension(cables)
     properties, property_notes = _properties(cables)
-    body = None if description.body is None else nominal_body(description.body, products=products, about=about)
+    body = (
+        None
+        if description.body is None
+        else nominal_body(description.body, products=products, about=about)
+    )
     x, y, z = description.gravity or (0.0, 0.0, -_GRAVITY)
     values: dict[str, Any] = {
         "name": printable(description.name, _LONGEST_NAME) or printable(description.files[0].stem),
@@ -50,7 +58,11 @@ def assemble(description: Description, *, products: Convention | None, about: Po
     }
     values = {key: value for key, value in values.items() if value}
     robot = robot_of(Document(description.files[0], values, {}))
-    assumed = () if description.gravity else (f"gravity {_GRAVITY} m/s^2 along -z is assumed: the files do not say",)
+    assumed = (
+        ()
+        if description.gravity
+        else (f"gravity {_GRAVITY} m/s^2 along -z is assumed: the files do not say",)
+    )
     return Imported(
         format=description.format,
         files=description.files,
@@ -71,13 +83,16 @@ def assemble(description: Description, *, products: Convention | None, about: Po
 def _check_anchors(description: Description) -> None:
     cables = description.cables
     if not cables:
-        raise InputError(f"{description.files[0]}: expected cables, found none; check that this is the whole robot")
+        raise InputError(
+            f"{description.files[0]}: expected cables, found none; check that this is the whole"
+            " robot"
+        )
     for i, one in enumerate(cables):
         for j, other in enumerate(cables[:i]):
             if np.linalg.norm(np.subtract(one.anchor, other.anchor)) < _CLOSEST_ANCHORS:
                 raise InputError(
-                    f"{one.where}: expected anchors that differ, found cable {i + 1} at the anchor of cable {j + 1}; move one of them a little, as it "
-                    "is in reality"
+                    f"{one.where}: expected anchors that differ, found cable {i + 1} at the anchor"
+                    f" of cable {j + 1}; move one of them a little, as it is in reality"
                 )
 
 
@@ -103,7 +118,12 @@ def _tension(cables: Sequence[Cable]) -> tuple[dict[str, float] | None, tuple[st
     if lowest and min(lowest) < 0:
         notes.append(f"lowest tension {min(lowest):g} N is read as 0: a cable cannot push")
     if low >= high:
-        return None, (f"tension left out: no tension is allowed in all cables (at least {low:g}, at most {high:g} N)",)
+        return None, (
+            (
+                f"tension left out: no tension is allowed in all cables (at least {low:g}, at most"
+                f" {high:g} N)"
+            ),
+        )
     return {"min": low, "max": high}, tuple(notes)
 
 
@@ -114,7 +134,9 @@ def _properties(cables: Sequence[Cable]) -> tuple[dict[str, float], tuple[str, .
         found = {getattr(each, key) for each in cables}
         told = sorted(value for value in found if value is not None)
         if len(found) > 1:
-            notes.append(f"{key} left out: it differs between the cables ({told[0]:g} to {told[-1]:g})")
+            notes.append(
+                f"{key} left out: it differs between the cables ({told[0]:g} to {told[-1]:g})"
+            )
         elif told:
             properties[key] = told[0]
     return properties, tuple(notes)
@@ -133,7 +155,10 @@ def _missing(robot: Robot) -> tuple[str, ...]:
     """What a robot file may have and these files do not tell."""
     lacking: list[tuple[str, Callable[[Robot], bool]]] = [
         ("tension", lambda r: not np.isfinite(r.tension_limits[1])),
-        ("cable.axial_stiffness (cables do not stretch)", lambda r: r.cable.axial_stiffness is None),
+        (
+            "cable.axial_stiffness (cables do not stretch)",
+            lambda r: r.cable.axial_stiffness is None,
+        ),
         ("cable.linear_density (cables are straight)", lambda r: r.cable.linear_density is None),
         ("pulley (cables leave from points)", lambda r: not r.pulley_radius.any()),
         ("limits.position", lambda r: r.limits.position is None),

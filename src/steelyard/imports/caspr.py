@@ -1,8 +1,9 @@
 """CASPR (github.com/darwinlau/CASPR): one XML file of bodies and one of cables, lengths in metres.
 
-What its classes do with the numbers: ``BodyModelRigid`` (inertia), ``CableAttachmentPoint`` (what platform points are measured
-from), ``BaseRotatingPulleyAttachment`` (roller: centre beside the entry point, square to the entry vector, towards the platform; the
-cable leaves on the side that the vector points to), ``CableModelLinearSpring`` (stiffness K over length), ``SystemModel`` (gravity).
+What its classes do with the numbers: ``BodyModelRigid`` (inertia), ``CableAttachmentPoint`` (what
+platform points are measured from), ``BaseRotatingPulleyAttachment`` (roller: centre beside the
+entry point, square to the entry vector, towards the platform; the cable leaves on the side that the
+vector points to), ``CableModelLinearSpring`` (stiffness K over length), ``SystemModel`` (gravity).
 """
 
 from __future__ import annotations
@@ -21,13 +22,17 @@ _GRAVITY = (0.0, 0.0, -9.81)
 _FREE_JOINTS = {"SPATIAL_EULER_XYZ": 6, "SPATIAL_QUATERNION": 7}
 """Joints that carry nothing, with their number of coordinates; the first three are the position."""
 _HALF_TURN = 3.14  # [rad]
-_VARIABLE_STIFFNESS = {"cable_vsd_flexure_linear", "cable_vsd_polynomial", "cable_vsd_torsion_spring"}
+_VARIABLE_STIFFNESS = {
+    "cable_vsd_flexure_linear",
+    "cable_vsd_polynomial",
+    "cable_vsd_torsion_spring",
+}
 _CABLES = {"cable_ideal", "cable_linear_spring", *_VARIABLE_STIFFNESS}
 _READ = {"force_min", "force_max", "diameter", "K"}
 
 _PRODUCTS = (
-    "as in CASPR's model of CoGiRo, which has them from the data sheet of the robot; CASPR's own equations put them into the "
-    "inertia matrix as they stand, which --products matrix does too"
+    "as in CASPR's model of CoGiRo, which has them from the data sheet of the robot; CASPR's own"
+    " equations put them into the inertia matrix as they stand, which --products matrix does too"
 )
 
 
@@ -78,13 +83,15 @@ def _pair(sources: Sequence[Source]) -> tuple[Element, Element]:
         if isinstance(source, Element):
             if source.tag in found:
                 raise source.error(
-                    f"expected one file with this root, found {found[source.tag].path} too; leave one out"
+                    f"expected one file with this root, found {found[source.tag].path} too; leave"
+                    " one out"
                 )
             found[source.tag] = source
     for tag, ending in (("bodies_system", "_bodies.xml"), ("cables", "_cables.xml")):
         if tag not in found:
             raise InputError(
-                f"{sources[0].path}: expected a second file, *{ending} of CASPR with the root '{tag}', found none; name both"
+                f"{sources[0].path}: expected a second file, *{ending} of CASPR with the root"
+                f" '{tag}', found none; name both"
             )
     return found["bodies_system"], found["cables"]
 
@@ -93,17 +100,21 @@ def _link(bodies: Element) -> Element:
     links = bodies.child("links").children
     if len(links) != 1 or links[0].tag != "link_rigid":
         raise bodies.error(
-            f"expected one 'link_rigid', found {len(links)} links; a robot file describes one platform, so this model cannot become one"
+            f"expected one 'link_rigid', found {len(links)} links; a robot file describes one"
+            " platform, so this model cannot become one"
         )
     link = links[0]
     joint = link.child("joint")
     if joint.attribute("type") not in _FREE_JOINTS:
         raise joint.error(
-            f"expected a joint that carries nothing ({', '.join(_FREE_JOINTS)}), found '{joint.attribute('type')[:60]}'; a robot file "
-            "describes a platform that cables alone hold"
+            f"expected a joint that carries nothing ({', '.join(_FREE_JOINTS)}), found"
+            f" '{joint.attribute('type')[:60]}'; a robot file describes a platform that cables"
+            " alone hold"
         )
     if joint.attributes.get("actuated") == "true":
-        raise joint.error("expected a joint without actuator, found one; a robot file has cables only")
+        raise joint.error(
+            "expected a joint without actuator, found one; a robot file has cables only"
+        )
     return link
 
 
@@ -144,12 +155,20 @@ def _limits(joint: Element, origin: Vector) -> tuple[dict[str, object], tuple[st
     count = _FREE_JOINTS[joint.attribute("type")]
     low, high = (joint.numbers_of(key, count, infinite=True) for key in ("q_min", "q_max"))
     notes = []
-    if count == 6 and any(a > -_HALF_TURN or b < _HALF_TURN for a, b in zip(low[3:], high[3:], strict=True)):
+    if count == 6 and any(
+        a > -_HALF_TURN or b < _HALF_TURN for a, b in zip(low[3:], high[3:], strict=True)
+    ):
         notes.append(
-            "limits of rotation left out: CASPR's angles are R = Rx Ry Rz, those of a robot file R = Rz Ry Rx; write limits.rpy_deg yourself"
+            "limits of rotation left out: CASPR's angles are R = Rx Ry Rz, those of a robot file R"
+            " = Rz Ry Rx; write limits.rpy_deg yourself"
         )
-    box = [[round(o + q, 12) for o, q in zip(origin, corner[:3], strict=True)] for corner in (low, high)]
-    if any(not math.isfinite(a) or not math.isfinite(b) or a >= b for a, b in zip(*box, strict=True)):
+    box = [
+        [round(o + q, 12) for o, q in zip(origin, corner[:3], strict=True)]
+        for corner in (low, high)
+    ]
+    if any(
+        not math.isfinite(a) or not math.isfinite(b) or a >= b for a, b in zip(*box, strict=True)
+    ):
         return {}, (*notes, "limits of position left out: q_min and q_max are no box")
     return {"position": box}, tuple(notes)
 
@@ -162,10 +181,14 @@ def _chosen(cables: Element, name: str | None) -> tuple[Element, tuple[str, ...]
         raise cables.error("expected a 'cable_set', found none; add it")
     known = ", ".join(printable(each) for each in names)
     if len(set(names)) < len(names):
-        raise cables.error(f"expected each 'cable_set' with an id of its own, found {known}; rename one")
+        raise cables.error(
+            f"expected each 'cable_set' with an id of its own, found {known}; rename one"
+        )
     if name is not None:
         if name not in names:
-            raise InputError(f"--cables: expected one of {known}, found '{printable(name)}'; choose one of these")
+            raise InputError(
+                f"--cables: expected one of {known}, found '{printable(name)}'; choose one of these"
+            )
         wanted = name
     elif len(sets) == 1:
         wanted = names[0]
@@ -173,22 +196,31 @@ def _chosen(cables: Element, name: str | None) -> tuple[Element, tuple[str, ...]
         wanted = cables.attributes.get("default_cable_set", "")
         if wanted not in names:
             raise cables.error(
-                f"expected 'default_cable_set' to be one of {known}, found '{printable(wanted)}'; choose a set with --cables"
+                f"expected 'default_cable_set' to be one of {known}, found '{printable(wanted)}';"
+                " choose a set with --cables"
             )
     others = ", ".join(printable(each) for each in names if each != wanted)
-    note = (f"cable set '{printable(wanted)}'; there are also {others} (--cables)",) if others else ()
+    note = (
+        (f"cable set '{printable(wanted)}'; there are also {others} (--cables)",) if others else ()
+    )
     return sets[names.index(wanted)], note
 
 
 def _cable(cable: Element, cog: Vector, link: Element) -> Cable:
     if cable.tag not in _CABLES:
-        raise cable.error(f"expected one of {', '.join(sorted(_CABLES))}, found '{cable.tag[:60]}'; leave it out")
+        raise cable.error(
+            f"expected one of {', '.join(sorted(_CABLES))}, found '{cable.tag[:60]}'; leave it out"
+        )
     base, platform = _routing(cable, link.attribute("num"))
     reference = cable.attribute("attachment_reference")
     if reference not in {"joint", "com"}:
-        raise cable.error(f"expected attachment_reference 'joint' or 'com', found '{reference[:60]}'; correct it")
+        raise cable.error(
+            f"expected attachment_reference 'joint' or 'com', found '{reference[:60]}'; correct it"
+        )
     point = platform[0].child("location").vector()
-    x, y, z = (round(p + c, 12) for p, c in zip(point, cog, strict=True)) if reference == "com" else point
+    x, y, z = (
+        (round(p + c, 12) for p, c in zip(point, cog, strict=True)) if reference == "com" else point
+    )
     properties = cable.child("properties")
 
     def number(tag: str, *, infinite: bool = False) -> float | None:
@@ -218,16 +250,22 @@ def _routing(cable: Element, platform: str) -> tuple[Sequence[Element], Sequence
     for point in points:
         if point.tag not in {"attachment", "base_rotating_pulley"}:
             raise point.error(
-                f"expected 'attachment' or 'base_rotating_pulley', found '{point.tag[:60]}'; a robot file has no such anchor"
+                f"expected 'attachment' or 'base_rotating_pulley', found '{point.tag[:60]}'; a"
+                " robot file has no such anchor"
             )
-    links = ["0" if point.tag == "base_rotating_pulley" else point.child("link").text for point in points]
+    links = [
+        "0" if point.tag == "base_rotating_pulley" else point.child("link").text for point in points
+    ]
     if links and links[0] != "0":
         points, links = points[::-1], links[::-1]
     on_base = links.count("0")
-    if links != ["0"] * on_base + [platform] * (len(links) - on_base) or not 0 < on_base < len(links):
+    if links != ["0"] * on_base + [platform] * (len(links) - on_base) or not 0 < on_base < len(
+        links
+    ):
         raise cable.error(
-            f"expected points on link 0 and then on link {platform[:10]}, found links {', '.join(each[:10] for each in links[:10])}; "
-            "a cable of a robot file goes from the base to the platform once"
+            f"expected points on link 0 and then on link {platform[:10]}, found links"
+            f" {', '.join(each[:10] for each in links[:10])}; a cable of a robot file goes from the"
+            " base to the platform once"
         )
     return points[:on_base], points[on_base:]
 
@@ -246,11 +284,16 @@ def _leaving(point: Element) -> tuple[Vector, float, Vector]:
 
 
 def _reference_note(chosen: Element, cog: Vector) -> tuple[str, ...]:
-    count = sum(1 for each in chosen.children if each.attributes.get("attachment_reference") == "com")
+    count = sum(
+        1 for each in chosen.children if each.attributes.get("attachment_reference") == "com"
+    )
     if not count or not any(cog):
         return ()
     return (
-        f"attachments of {count} cables are measured from the centre of gravity: ({', '.join(f'{v:g}' for v in cog)}) m was added",
+        (
+            f"attachments of {count} cables are measured from the centre of gravity:"
+            f" ({', '.join(f'{v:g}' for v in cog)}) m was added"
+        ),
     )
 
 
@@ -259,9 +302,14 @@ def _stiffness_notes(chosen: Element) -> tuple[str, ...]:
     variable = [each for each in chosen.children if each.tag in _VARIABLE_STIFFNESS]
     notes = []
     if springs:
-        notes.append("axial_stiffness is K of 'cable_linear_spring', which CASPR divides by the length")
+        notes.append(
+            "axial_stiffness is K of 'cable_linear_spring', which CASPR divides by the length"
+        )
     if variable:
-        notes.append(f"stiffness of {len(variable)} cables left out: it depends on the tension ('{variable[0].tag}')")
+        notes.append(
+            f"stiffness of {len(variable)} cables left out: it depends on the tension"
+            f" ('{variable[0].tag}')"
+        )
     return tuple(notes)
 
 
@@ -270,7 +318,10 @@ def _routing_note(chosen: Element) -> tuple[str, ...]:
     if not longer:
         return ()
     return (
-        f"of {len(longer)} cables, points before the last on the base and after the first on the platform are left out: the lengths between them do not change",
+        (
+            f"of {len(longer)} cables, points before the last on the base and after the first on"
+            " the platform are left out: the lengths between them do not change"
+        ),
     )
 
 

@@ -1,8 +1,11 @@
-"""cdpyr (github.com/cable-robots/cdpyr): JSON or YAML of its ``Robot``, by the names of its schema, SI units.
+"""cdpyr (github.com/cable-robots/cdpyr): JSON or YAML of its ``Robot``, by the names of its schema,
+SI units.
 
-``analysis/kinematics/pulley.py``: the roller swivels about the z axis of the frame ``anchor.dcm pulley.dcm`` through the position of the
-anchor; its centre lies ``radius`` from there, square to that axis, towards the platform. The cable leaves, after the wrap angle b, at
-``r (-cos b, sin b)`` from the centre in the direction ``(sin b, cos b)``, components outward and along z: as in a robot file.
+``analysis/kinematics/pulley.py``: the roller swivels about the z axis of the frame ``anchor.dcm
+pulley.dcm`` through the position of the anchor; its centre lies ``radius`` from there, square to
+that axis, towards the platform. The cable leaves, after the wrap angle b, at ``r (-cos b, sin b)``
+from the centre in the direction ``(sin b, cos b)``, components outward and along z: as in a robot
+file.
 """
 
 from __future__ import annotations
@@ -24,7 +27,8 @@ NAME = "cdpyr"
 _ORTHONORMAL = 1e-6
 _SYMMETRIC = 1e-6
 _SIGN_UNKNOWN = (
-    "cdpyr makes no use of them, and its own model of CoGiRo has the signs of the data sheet, +integral(x y dm)"
+    "cdpyr makes no use of them, and its own model of CoGiRo has the signs of the data sheet,"
+    " +integral(x y dm)"
 )
 
 
@@ -36,7 +40,9 @@ def _number(value: Any) -> Any:
 
 Extended = Annotated[float, Field(allow_inf_nan=True), BeforeValidator(_number)]
 ExtendedMatrix = tuple[
-    tuple[Extended, Extended, Extended], tuple[Extended, Extended, Extended], tuple[Extended, Extended, Extended]
+    tuple[Extended, Extended, Extended],
+    tuple[Extended, Extended, Extended],
+    tuple[Extended, Extended, Extended],
 ]
 _IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -141,7 +147,8 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
     if len(form.platforms) != 1:
         raise document.error(
             ("platforms",),
-            f"expected one platform, found {len(form.platforms)}; a robot file describes one, so this robot cannot become one",
+            f"expected one platform, found {len(form.platforms)}; a robot file describes one, so"
+            " this robot cannot become one",
         )
     pattern = form.platforms[0].motion_pattern
     turning = (
@@ -152,7 +159,8 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
     if pattern.translation != 3:
         raise document.error(
             ("platforms", 0, "motion_pattern", "translation"),
-            f"expected a platform that cables alone hold, which moves in 3 directions, found {pattern.translation}; a robot file knows no guides",
+            "expected a platform that cables alone hold, which moves in 3 directions, found"
+            f" {pattern.translation}; a robot file knows no guides",
         )
     body, body_notes = _body(form.platforms[0], document)
     return Description(
@@ -177,7 +185,8 @@ def _cable(form: RobotForm, i: int, document: Document) -> Cable:
         if index >= among:
             raise document.error(
                 ("kinematic_chains", i, name),
-                f"expected one of the {among} that there are, counted from 0, found {index}; correct it",
+                f"expected one of the {among} that there are, counted from 0, found {index};"
+                " correct it",
             )
     anchor = form.frame.anchors[chain.frame_anchor]
     radius, axis = 0.0, (0.0, 0.0, 1.0)
@@ -200,7 +209,11 @@ def _cable(form: RobotForm, i: int, document: Document) -> Cable:
 
 def _rotation(dcm: Matrix | None, document: Document, key: tuple[str | int, ...]) -> Array:
     R = np.array(dcm or _IDENTITY)
-    if np.abs(R).max() > 1 + _ORTHONORMAL or np.abs(R.T @ R - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(R) < 0:
+    if (
+        np.abs(R).max() > 1 + _ORTHONORMAL
+        or np.abs(R.T @ R - np.eye(3)).max() > _ORTHONORMAL
+        or np.linalg.det(R) < 0
+    ):
         raise document.error(key, "expected a rotation matrix, found another; correct it")
     return R
 
@@ -213,14 +226,19 @@ def _body(platform: PlatformForm, document: Document) -> tuple[Body | None, tupl
         return None, ("no platform: the file has no inertia of it",)
     M, J = np.array(inertia.linear), np.array(inertia.angular)
     if not (np.isfinite(M).all() and np.isfinite(J).all()):
-        return None, ("no platform: its inertia is infinite, which is how cdpyr says that it was not given",)
+        return None, (
+            "no platform: its inertia is infinite, which is how cdpyr says that it was not given",
+        )
     mass = float(M[0, 0])
     if mass <= 0 or np.abs(M - mass * np.eye(3)).max() > _SYMMETRIC * mass:
         raise document.error(
-            (*where, "linear"), f"expected one mass above 0 on the diagonal, found {M.tolist()}; correct it"
+            (*where, "linear"),
+            f"expected one mass above 0 on the diagonal, found {M.tolist()}; correct it",
         )
     if np.abs(J - J.T).max() > _SYMMETRIC * np.abs(J).max():
-        raise document.error((*where, "angular"), f"expected a symmetric matrix, found {J.tolist()}; correct it")
+        raise document.error(
+            (*where, "angular"), f"expected a symmetric matrix, found {J.tolist()}; correct it"
+        )
     body = Body(
         where=document.where(where),
         mass=mass,

@@ -10,7 +10,8 @@ from typing import Literal
 Vector = tuple[float, float, float]
 
 Convention = Literal["matrix", "integral"]
-"""Products of inertia as elements of the inertia matrix, or as +integral(x y dm), which is minus them."""
+"""Products of inertia as elements of the inertia matrix, or as +integral(x y dm), which is minus
+them."""
 
 Point = Literal["cog", "origin"]
 """About which point an inertia is: the centre of gravity or the origin of the platform frame."""
@@ -29,7 +30,8 @@ class Cable:
     radius: float = 0.0
     """Of the roller [m]; 0: the cable leaves from a point."""
     axis: Vector = (0.0, 0.0, 1.0)
-    """Direction of travel of the cable where it enters the roller; the roller swivels about this line. World frame."""
+    """Direction of travel of the cable where it enters the roller; the roller swivels about this
+    line. World frame."""
     lowest_tension: float | None = None
     """[N]"""
     highest_tension: float | None = None

@@ -32,9 +32,13 @@ class Format:
 
 
 FORMATS = {
-    caspr.NAME: Format(caspr.recognises, caspr.describe, "roots 'bodies_system' and 'cables'", has_sets=True),
+    caspr.NAME: Format(
+        caspr.recognises, caspr.describe, "roots 'bodies_system' and 'cables'", has_sets=True
+    ),
     irma.NAME: Format(irma.recognises, irma.describe, "'actuator' with 'pos_OD_glob'"),
-    cdpyr.NAME: Format(cdpyr.recognises, cdpyr.describe, "'frame', 'platforms' and 'kinematic_chains'"),
+    cdpyr.NAME: Format(
+        cdpyr.recognises, cdpyr.describe, "'frame', 'platforms' and 'kinematic_chains'"
+    ),
     ros.NAME: Format(ros.recognises, ros.describe, "'points' with 'frame' and 'platform'"),
 }
 
@@ -55,19 +59,22 @@ def import_robot(
         cable_set: Which cables, where the files have several sets of them.
 
     Raises:
-        InputError: A file is wrong or of no known format, this can be no robot file, or something must be said that the files do not say.
+        InputError: A file is wrong or of no known format, this can be no robot file, or something
+            must be said that the files do not say.
     """
     sources = [read_source(Path(path)) for path in paths]
     names = [_format_of(source) for source in sources]
     for source, name in zip(sources, names, strict=True):
         if name != names[0]:
             raise InputError(
-                f"{source.path}: expected files of one robot, found {name} beside {names[0]}; import one robot at a time"
+                f"{source.path}: expected files of one robot, found {name} beside {names[0]};"
+                " import one robot at a time"
             )
     chosen = FORMATS[names[0]]
     if cable_set is not None and not chosen.has_sets:
         raise InputError(
-            f"--cables: expected none, as {names[0]} has one set of cables, found '{printable(cable_set)}'; leave it out"
+            f"--cables: expected none, as {names[0]} has one set of cables, found"
+            f" '{printable(cable_set)}'; leave it out"
         )
     return assemble(chosen.describe(sources, cable_set), products=products, about=about)
 
@@ -77,7 +84,9 @@ def _format_of(source: Source) -> str:
         if each.recognises(source):
             return name
     known = ", ".join(f"{name} ({each.signs})" for name, each in FORMATS.items())
-    raise InputError(f"{source.path}: expected one of {known}, found {_content(source)}; check the file")
+    raise InputError(
+        f"{source.path}: expected one of {known}, found {_content(source)}; check the file"
+    )
 
 
 def _content(source: Source) -> str:

@@ -29,12 +29,15 @@ class Imported:
     robot: Robot
     """What it describes."""
     convention: Convention | None
-    """What the products of inertia of the files were taken for; None: they are zero, or there is no platform."""
+    """What the products of inertia of the files were taken for; None: they are zero, or there is no
+    platform."""
     notes: tuple[str, ...]
     """What was taken for what, left out and assumed."""
 
     def __repr__(self) -> str:
-        return "\n".join([repr(self.robot), f"  from {self.format}", *(f"  - {note}" for note in self.notes)])
+        return "\n".join(
+            [repr(self.robot), f"  from {self.format}", *(f"  - {note}" for note in self.notes)]
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, without those of the robot file."""
@@ -52,7 +55,8 @@ class Imported:
     def to_text(self) -> str:
         """The robot file, with where it comes from at its top."""
         sources = [
-            f"{printable(path.name)} (sha256 {sha256(path.read_bytes()).hexdigest()[:16]})" for path in self.files
+            f"{printable(path.name)} (sha256 {sha256(path.read_bytes()).hexdigest()[:16]})"
+            for path in self.files
         ]
         lines = wrap(f"From {' and '.join(sources)}, {self.format}, by steelyard import.", _WIDTH)
         for note in self.notes:

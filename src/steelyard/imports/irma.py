@@ -1,9 +1,13 @@
-"""IRMA Lab of the University of Bologna (github.com/IRMA-LAB: grab_common/libcdpr, cdpr_matlab): one JSON file, SI units.
+"""IRMA Lab of the University of Bologna (github.com/IRMA-LAB: grab_common/libcdpr, cdpr_matlab):
+one JSON file, SI units.
 
-With D the swivel point and k the swivel axis of a roller, both fixed in the world, u the unit vector from k towards the cable's point
-A on the platform and psi the tangent angle, the cable leaves at ``D + r (u + u cos psi + k sin psi)`` in the direction ``u sin psi
-- k cos psi``; at psi = pi, where the cable has not wrapped yet, that is D and k (``calcCableVectors``). D is hence the anchor and k the axis
-of a robot file. Where the names are ``pos_PD_loc`` and ``pos_OA_glob``, winches and rollers are on the platform.
+With D the swivel point and k the swivel axis of a roller, both fixed in the world, u the unit
+vector from k towards the cable's point A on the platform and psi the tangent angle, the cable
+leaves at ``D + r (u + u cos psi + k sin psi)`` in the direction ``u sin psi
+- k cos psi``; at psi = pi, where the cable has not wrapped yet, that is D and k
+  (``calcCableVectors``). D is hence the anchor and k the axis
+of a robot file. Where the names are ``pos_PD_loc`` and ``pos_OA_glob``, winches and rollers are on
+the platform.
 """
 
 from __future__ import annotations
@@ -109,8 +113,8 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
     if form.motion_pattern not in _HELD_BY_CABLES:
         raise document.error(
             ("motion_pattern",),
-            f"expected a platform that cables alone hold ({', '.join(sorted(_HELD_BY_CABLES))}), found '{form.motion_pattern[:60]}'; "
-            "a robot file knows no guides",
+            f"expected a platform that cables alone hold ({', '.join(sorted(_HELD_BY_CABLES))}),"
+            f" found '{form.motion_pattern[:60]}'; a robot file knows no guides",
         )
     gravity, gravity_note = _gravity(form.platform, document)
     return Description(
@@ -136,7 +140,13 @@ def _cables(form: RobotForm, document: Document) -> list[Cable]:
         if not each.active:
             continue
         pulley, winch = each.pulley, each.winch
-        fixed, moving = (pulley.swivel_point, winch.platform_point), (pulley.frame_point, winch.platform_swivel_point)
+        fixed, moving = (
+            (pulley.swivel_point, winch.platform_point),
+            (
+                pulley.frame_point,
+                winch.platform_swivel_point,
+            ),
+        )
         where = document.where(("actuator", i))
         if None not in fixed:
             radius, axis = (
@@ -149,7 +159,8 @@ def _cables(form: RobotForm, document: Document) -> list[Cable]:
         else:
             raise document.error(
                 ("actuator", i),
-                "expected pulley.pos_OD_glob and winch.pos_PA_loc, or pulley.pos_OA_glob and winch.pos_PD_loc, found only one of them; add the other",
+                "expected pulley.pos_OD_glob and winch.pos_PA_loc, or pulley.pos_OA_glob and"
+                " winch.pos_PD_loc, found only one of them; add the other",
             )
     return cables
 
@@ -167,12 +178,16 @@ def _old_cables(form: RobotForm, document: Document) -> list[Cable]:
     ]
 
 
-def _axis(radius: float, axis: Vector | None, document: Document, key: tuple[str | int, ...]) -> Vector:
+def _axis(
+    radius: float, axis: Vector | None, document: Document, key: tuple[str | int, ...]
+) -> Vector:
     """Swivel axis; without a roller any will do."""
     if not radius:
         return 0.0, 0.0, 1.0
     if axis is None:
-        raise document.error(key, "expected the swivel axis of the roller, found it missing; add 'vers_k'")
+        raise document.error(
+            key, "expected the swivel axis of the roller, found it missing; add 'vers_k'"
+        )
     if math.hypot(*axis) < 1e-9:
         raise document.error(key, "expected a direction, found a vector of length 0; correct it")
     return axis
@@ -185,7 +200,8 @@ def _body(platform: PlatformForm, document: Document) -> Body:
         if abs(J[i][j] - J[j][i]) > _SYMMETRIC * largest:
             raise document.error(
                 ("platform", "inertia_mat_G_loc"),
-                f"expected a symmetric matrix, found {J[i][j]:g} and {J[j][i]:g} in two places that belong together; correct one",
+                f"expected a symmetric matrix, found {J[i][j]:g} and {J[j][i]:g} in two places that"
+                " belong together; correct one",
             )
     return Body(
         where=document.where(("platform",)),
@@ -202,11 +218,17 @@ def _gravity(platform: PlatformForm, document: Document) -> tuple[Vector, str]:
     """Gravity [m/s^2]: along minus the axis of the file."""
     axis = platform.gravity_axis or platform.grav_ax
     if axis is None:
-        return (0.0, 0.0, -_GRAVITY), f"gravity {_GRAVITY} m/s^2 along -z: the file has no 'gravity_axis'"
+        return (
+            0.0,
+            0.0,
+            -_GRAVITY,
+        ), f"gravity {_GRAVITY} m/s^2 along -z: the file has no 'gravity_axis'"
     length = math.hypot(*axis)
     if length < 1e-9:
         key = "gravity_axis" if platform.gravity_axis else "grav_ax"
-        raise document.error(("platform", key), "expected a direction, found a vector of length 0; correct it")
+        raise document.error(
+            ("platform", key), "expected a direction, found a vector of length 0; correct it"
+        )
     x, y, z = (0.0 - _GRAVITY * v / length for v in axis)
     return (x, y, z), f"gravity {_GRAVITY} m/s^2, IRMA's constant, against the axis of the file"
 
@@ -214,21 +236,34 @@ def _gravity(platform: PlatformForm, document: Document) -> tuple[Vector, str]:
 def _turning_note(form: RobotForm) -> tuple[str, ...]:
     if form.motion_pattern == "THREE_R_THREE_T":
         return ()
-    return (f"IRMA's programs keep the platform from turning ({form.motion_pattern}), a robot file does not",)
+    return (
+        (
+            f"IRMA's programs keep the platform from turning ({form.motion_pattern}), a robot file"
+            " does not"
+        ),
+    )
 
 
 def _inactive_note(form: RobotForm) -> tuple[str, ...]:
     idle = [str(i) for i, each in enumerate(form.actuator) if not each.active]
-    return (f"actuators {', '.join(idle)} (counted from 0) are not active and left out",) if idle else ()
+    return (
+        (f"actuators {', '.join(idle)} (counted from 0) are not active and left out",)
+        if idle
+        else ()
+    )
 
 
 def _roller_notes(form: RobotForm) -> tuple[str, ...]:
     notes = []
-    moving = [each.pulley.radius for each in form.actuator if each.active and each.pulley.swivel_point is None]
+    moving = [
+        each.pulley.radius
+        for each in form.actuator
+        if each.active and each.pulley.swivel_point is None
+    ]
     if moving:
         rollers = (
-            f"; their rollers of radius up to {max(moving):g} m are left out: a robot file has rollers at the anchors only, so that lengths and "
-            "directions are off by as much"
+            f"; their rollers of radius up to {max(moving):g} m are left out: a robot file has"
+            " rollers at the anchors only, so that lengths and directions are off by as much"
             if max(moving) > 0
             else ""
         )
@@ -239,7 +274,10 @@ def _roller_notes(form: RobotForm) -> tuple[str, ...]:
 def _load_note(platform: PlatformForm) -> tuple[str, ...]:
     loads = [
         f"{key} ({', '.join(f'{v:g}' for v in value)})"
-        for key, value in (("ext_force_loc", platform.ext_force_loc), ("ext_torque_loc", platform.ext_torque_loc))
+        for key, value in (
+            ("ext_force_loc", platform.ext_force_loc),
+            ("ext_torque_loc", platform.ext_torque_loc),
+        )
         if any(value)
     ]
     return (f"constant load on the platform left out: {', '.join(loads)}",) if loads else ()

@@ -1,4 +1,6 @@
-"""The nominal body of a robot file: which sign products of inertia have, about which point an inertia is, and what physics says of it."""
+"""The nominal body of a robot file: which sign products of inertia have, about which point an
+inertia is, and what physics says of it.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,10 @@ _MEANING: dict[Convention, str] = {
     "matrix": "elements of the inertia matrix, as in a robot file",
     "integral": "+integral(x y dm), whose signs are turned in the robot file",
 }
-_POINTS: dict[Point, str] = {"cog": "the centre of gravity", "origin": "the origin of the platform frame"}
+_POINTS: dict[Point, str] = {
+    "cog": "the centre of gravity",
+    "origin": "the origin of the platform frame",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,27 +47,37 @@ def nominal_body(body: Body, *, products: Convention | None, about: Point | None
     """
     if about is not None and body.about is not None:
         raise InputError(
-            f"--inertia-about: expected none, as the files say about which point the inertia is, found '{about}'; leave it out"
+            "--inertia-about: expected none, as the files say about which point the inertia is,"
+            f" found '{about}'; leave it out"
         )
     point = about or body.about or "cog"
     notes = []
     if body.about is None and any(body.center_of_gravity):
-        reason = "as --inertia-about says" if about else "which is assumed: the file does not say (--inertia-about)"
+        reason = (
+            "as --inertia-about says"
+            if about
+            else "which is assumed: the file does not say (--inertia-about)"
+        )
         notes.append(f"inertia is about {_POINTS[point]}, {reason}")
     if not any(body.products):
         inertia = _inertia(body, "matrix", point)
         return NominalBody(inertia, None, (*notes, *_impossible(inertia)))
     convention = products or body.convention
-    named = ", ".join(f"{name} {value:g}" for name, value in zip(("yz", "xz", "xy"), body.products, strict=True))
+    named = ", ".join(
+        f"{name} {value:g}" for name, value in zip(("yz", "xz", "xy"), body.products, strict=True)
+    )
     if convention is None:
         raise InputError(
-            f"{body.where}: expected products of inertia whose sign is known, found {named}, and {body.reason}; say with --products "
-            "matrix that they are elements of the inertia matrix, or with --products integral that they are +integral(x y dm)"
+            f"{body.where}: expected products of inertia whose sign is known, found {named}, and"
+            f" {body.reason}; say with --products matrix that they are elements of the inertia"
+            " matrix, or with --products integral that they are +integral(x y dm)"
         )
     reason = "as --products says" if products else body.reason
     notes.append(f"products of inertia {named} are read as {_MEANING[convention]}: {reason}")
     inertia, turned = (_inertia(body, each, point) for each in (convention, _OTHER[convention]))
-    return NominalBody(inertia, convention, (*notes, *_impossible(inertia), _sign(inertia, turned, convention)))
+    return NominalBody(
+        inertia, convention, (*notes, *_impossible(inertia), _sign(inertia, turned, convention))
+    )
 
 
 def _inertia(body: Body, convention: Convention, point: Point) -> Inertia:
@@ -78,7 +93,10 @@ def _impossible(body: Inertia) -> tuple[str, ...]:
         return ()
     moments = ", ".join(f"{v:g}" for v in body.principal_moments)
     return (
-        f"no solid body has this inertia: its principal moments are {moments} kg m^2, each must be above 0 and below the sum of the others",
+        (
+            f"no solid body has this inertia: its principal moments are {moments} kg m^2, each must"
+            " be above 0 and below the sum of the others"
+        ),
     )
 
 
@@ -89,5 +107,8 @@ def _sign(body: Inertia, turned: Inertia, convention: Convention) -> str:
     if body.is_physical:
         return "the sign of the products is that of a body: with the other sign none can exist"
     if turned.is_physical:
-        return f"with products of the other sign (--products {_OTHER[convention]}) a body can exist: that is likely what is meant"
+        return (
+            f"with products of the other sign (--products {_OTHER[convention]}) a body can exist:"
+            " that is likely what is meant"
+        )
     return "nor can one with products of the other sign"

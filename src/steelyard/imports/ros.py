@@ -1,8 +1,10 @@
-"""ROS packages that simulate cable robots in Gazebo (github.com/oKermorgant/cdpr and its descendants): one YAML file, SI units.
+"""ROS packages that simulate cable robots in Gazebo (github.com/oKermorgant/cdpr and its
+descendants): one YAML file, SI units.
 
-``gen_cdpr.py`` makes the simulated robot of it: points of the frame in the world, points of the platform in the frame of its link, whose
-inertia has no pose of its own, so that the centre of gravity is the origin. The controllers read the six numbers of
-``platform.inertia`` as xx, yy, zz, xy, xz, yz of the inertia matrix, ``joints.actuated.min`` and ``effort`` as limits of the tension.
+``gen_cdpr.py`` makes the simulated robot of it: points of the frame in the world, points of the
+platform in the frame of its link, whose inertia has no pose of its own, so that the centre of
+gravity is the origin. The controllers read the six numbers of ``platform.inertia`` as xx, yy, zz,
+xy, xz, yz of the inertia matrix, ``joints.actuated.min`` and ``effort`` as limits of the tension.
 """
 
 from __future__ import annotations
@@ -90,7 +92,9 @@ def _place(data: Any) -> tuple[str, ...] | None:
     for key in ((), (_INNER,)):
         inner = data.get(_INNER) if key and isinstance(data, dict) else data
         points = inner.get("points") if isinstance(inner, dict) else None
-        if isinstance(points, list) and any(isinstance(p, dict) and {"frame", "platform"} <= p.keys() for p in points):
+        if isinstance(points, list) and any(
+            isinstance(p, dict) and {"frame", "platform"} <= p.keys() for p in points
+        ):
             return key
     return None
 

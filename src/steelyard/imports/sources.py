@@ -1,4 +1,6 @@
-"""Files of other programs as data, whatever they are called: XML, or JSON and YAML, of which one reader is enough."""
+"""Files of other programs as data, whatever they are called: XML, or JSON and YAML, of which one
+reader is enough.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ class ForeignModel(FileModel):
 
 def _flat(value: Any) -> Any:
     """A column ((x,), (y,), (z,)) as (x, y, z)."""
-    if isinstance(value, tuple) and all(isinstance(entry, tuple) and len(entry) == 1 for entry in value):
+    if isinstance(value, tuple) and all(
+        isinstance(entry, tuple) and len(entry) == 1 for entry in value
+    ):
         return tuple(entry[0] for entry in value)
     return value
 
@@ -44,7 +48,8 @@ def read_source(path: Path) -> Source:
     """Read a file of another program.
 
     Raises:
-        InputError: It is not there, not a regular file, too large, or neither XML nor JSON nor YAML.
+        InputError: It is not there, not a regular file, too large, or neither XML nor JSON nor
+            YAML.
     """
     require_file(path)
     with path.open("rb") as file:
@@ -62,10 +67,15 @@ def only_document(sources: Sequence[Source], name: str) -> Document:
         InputError: There are several, or it is XML.
     """
     if len(sources) > 1:
-        raise InputError(f"{sources[1].path}: expected one file of {name}, found {len(sources)}; import one at a time")
+        raise InputError(
+            f"{sources[1].path}: expected one file of {name}, found {len(sources)}; import one at a"
+            " time"
+        )
     source = sources[0]
     if not isinstance(source, Document):
-        raise InputError(f"{source.path}: expected JSON or YAML of {name}, found XML; check the path")
+        raise InputError(
+            f"{source.path}: expected JSON or YAML of {name}, found XML; check the path"
+        )
     return source
 
 
@@ -92,5 +102,7 @@ def _unread(value: Any, key: str) -> list[str]:
     inside = f"{key}." if key else ""
     extra = [f"{inside}{name}" for name in value.model_extra or {}]
     return extra + [
-        inner for name in type(value).model_fields for inner in _unread(getattr(value, name), inside + name)
+        inner
+        for name in type(value).model_fields
+        for inner in _unread(getattr(value, name), inside + name)
     ]

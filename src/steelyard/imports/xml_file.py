@@ -1,4 +1,6 @@
-"""XML files from anyone: read as data with line numbers; entities, the means of every attack by XML, are refused."""
+"""XML files from anyone: read as data with line numbers; entities, the means of every attack by
+XML, are refused.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,9 @@ class Element:
         """
         found = self.all(tag)
         if len(found) > 1:
-            raise found[1].error(f"expected one '{tag}' in '{self.tag}', found {len(found)}; remove the others")
+            raise found[1].error(
+                f"expected one '{tag}' in '{self.tag}', found {len(found)}; remove the others"
+            )
         return found[0] if found else None
 
     def child(self, tag: str) -> Element:
@@ -122,7 +126,9 @@ class Element:
             value = float(word) if word.isascii() and "_" not in word else math.nan
         except ValueError:
             value = math.nan
-        if math.isnan(value) or (abs(value) > _LARGEST_NUMBER and not (infinite and math.isinf(value))):
+        if math.isnan(value) or (
+            abs(value) > _LARGEST_NUMBER and not (infinite and math.isinf(value))
+        ):
             raise self.error(f"expected {expected}, found '{word[:60]}'; correct it")
         return value
 
@@ -131,12 +137,14 @@ def read_xml(path: Path) -> Element:
     """Read an XML file.
 
     Raises:
-        InputError: It is not there, not a regular file, too large, not XML, or has entities of its own.
+        InputError: It is not there, not a regular file, too large, not XML, or has entities of its
+            own.
     """
     require_file(path)
     if path.stat().st_size > _LARGEST_FILE:
         raise InputError(
-            f"{path}: expected at most {_LARGEST_FILE >> 20} MiB of XML, found {path.stat().st_size >> 20} MiB"
+            f"{path}: expected at most {_LARGEST_FILE >> 20} MiB of XML, found"
+            f" {path.stat().st_size >> 20} MiB"
         )
     return _Builder(path).build(path.read_bytes())
 
@@ -147,13 +155,16 @@ class _Builder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.count = 0
-        self.open: list[tuple[int, str, dict[str, str], list[str], list[Element]]] = [(0, "", {}, [], [])]
+        self.open: list[tuple[int, str, dict[str, str], list[str], list[Element]]] = [
+            (0, "", {}, [], [])
+        ]
         self.parser = expat.ParserCreate()
         self.parser.buffer_text = True
         self.parser.StartElementHandler = self.start
         self.parser.EndElementHandler = self.end
         self.parser.CharacterDataHandler = self.characters
-        # Text may name itself a billion times, and name other files, only by entities; no robot needs them.
+        # Text may name itself a billion times, and name other files, only by entities; no robot
+        # needs them.
         self.parser.EntityDeclHandler = self.entity
         self.parser.SkippedEntityHandler = self.entity
 
@@ -162,11 +173,13 @@ class _Builder:
             self.parser.Parse(content, True)
         except expat.ExpatError as error:
             raise InputError(
-                f"{self.path}:{error.lineno}: expected XML, found a mistake in it ({expat.ErrorString(error.code)}); correct this line"
+                f"{self.path}:{error.lineno}: expected XML, found a mistake in it"
+                f" ({expat.ErrorString(error.code)}); correct this line"
             ) from None
         except (LookupError, ValueError):
             raise InputError(
-                f"{self.path}: expected XML in UTF-8, found an encoding that is not known; save it as UTF-8"
+                f"{self.path}: expected XML in UTF-8, found an encoding that is not known; save it"
+                " as UTF-8"
             ) from None
         return self.open[0][4][0]
 
@@ -189,5 +202,6 @@ class _Builder:
 
     def refuse(self, expected: str, found: str) -> NoReturn:
         raise InputError(
-            f"{self.path}:{self.parser.CurrentLineNumber}: expected {expected}, found {found}; remove what is not needed"
+            f"{self.path}:{self.parser.CurrentLineNumber}: expected {expected}, found {found};"
+            " remove what is not needed"
         )

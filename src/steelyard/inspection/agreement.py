@@ -1,8 +1,9 @@
 """What two instruments say of the same thing, and how far apart they are.
 
-Each agreement allows for what the description allows for (a bias, a small misalignment, a clock that is a little off), within its prior,
-and holds what is then left against what noise and imperfect models would leave. All that is judged is the ratio of the two: near one in
-a sound recording, ten or a hundred where a sign, an axis or a unit is wrong.
+Each agreement allows for what the description allows for (a bias, a small misalignment, a clock
+that is a little off), within its prior, and holds what is then left against what noise and
+imperfect models would leave. All that is judged is the ratio of the two: near one in a sound
+recording, ten or a hundred where a sign, an axis or a unit is wrong.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.identification.sources import Source
+from steelyard.identification.model.sources import Source
 from steelyard.inspection.frames import (
     Place,
     Turning,
@@ -29,7 +30,8 @@ from steelyard.inspection.picture import Picture
 BAD = 1.8
 """Ratio beyond which an agreement is none."""
 _MEASURED, _COMMANDED = 0.05, 0.1
-"""What may be left of a motion that two instruments see, and of one that was commanded, as a part of it."""
+"""What may be left of a motion that two instruments see, and of one that was commanded, as a part
+of it."""
 _CROSS = 0.3
 """Part of that, of the other axes: what misalignment takes from them."""
 _EFFECTIVE = 10.0
@@ -137,7 +139,9 @@ def compare(
         between,
         (*axes, *(f.names[0] for f in freedoms)),
         np.concatenate([np.sqrt(np.mean(left**2, axis=0)), far]),
-        np.concatenate([allowed, [_LATE if f.names[0] == "delay" else _FAR_FROM_PRIOR for f in freedoms]]),
+        np.concatenate(
+            [allowed, [_LATE if f.names[0] == "delay" else _FAR_FROM_PRIOR for f in freedoms]]
+        ),
         unit,
         measured,
         predicted + taken,
@@ -145,8 +149,12 @@ def compare(
     )
 
 
-def settled(residual: Array, allowed: Array, freedoms: Sequence[Freedom]) -> tuple[Array, Array, Array]:
-    """What is left once constants are chosen, what they took, and how many 1-sigmas each group of them is off, (n, k), (n, k), (groups,)."""
+def settled(
+    residual: Array, allowed: Array, freedoms: Sequence[Freedom]
+) -> tuple[Array, Array, Array]:
+    """What is left once constants are chosen, what they took, and how many 1-sigmas each group of
+    them is off, (n, k), (n, k), (groups,).
+    """
     if not freedoms:
         return residual, np.zeros_like(residual), np.zeros(0)
     columns = np.concatenate([f.columns for f in freedoms], axis=2)
@@ -252,7 +260,10 @@ def attitude_and_attitude(picture: Picture, first: Source, second: Source) -> Ag
     n = len(apart)
     # About the first instant, so that a picture of both shows the motion.
     begin = vector_of_rotations(other.rotation[0].T @ other.rotation)
-    small = np.hypot(_sigma(picture, first[0], "misalignment", 0.02), _sigma(picture, first[0], "reference", 0.03))
+    small = np.hypot(
+        _sigma(picture, first[0], "misalignment", 0.02),
+        _sigma(picture, first[0], "reference", 0.03),
+    )
     return compare(
         title(first, second),
         (first, second),
@@ -276,7 +287,9 @@ def vector_of_rotations(matrices: Array) -> Array:
     return np.asarray(Rotation.from_matrix(matrices).as_rotvec())
 
 
-def position_and_position(picture: Picture, first: Source, second: Source, of_attitude: Source) -> Agreement:
+def position_and_position(
+    picture: Picture, first: Source, second: Source, of_attitude: Source
+) -> Agreement:
     """Two places, both turned into that of the platform origin."""
     turned = turning(picture, of_attitude)
     one, other = (place(picture, source, turned) for source in (first, second))
@@ -299,9 +312,13 @@ def position_and_position(picture: Picture, first: Source, second: Source, of_at
 
 
 def specific_force(picture: Picture, turned: Turning, where: Place | None) -> Array:
-    """Specific force of the platform origin that a motion makes, platform frame [m/s^2], shape (n, 3)."""
+    """Specific force of the platform origin that a motion makes, platform frame [m/s^2], shape (n,
+    3).
+    """
     acceleration = np.zeros_like(turned.omega) if where is None else where.acceleration
-    return np.asarray(np.einsum("nji,nj->ni", turned.rotation, acceleration - picture.robot.gravity))
+    return np.asarray(
+        np.einsum("nji,nj->ni", turned.rotation, acceleration - picture.robot.gravity)
+    )
 
 
 def accelerometer_and_motion(
@@ -310,7 +327,7 @@ def accelerometer_and_motion(
     """Specific force where an accelerometer sits against what gravity and the motion make of it."""
     turned = turning(picture, of_attitude)
     where = None if of_position is None else place(picture, of_position, turned)
-    felt = accelerometer(picture, of_force, turned.rotation)
+    force_samples = accelerometer(picture, of_force, turned.rotation)
     lever = lever_of(picture, of_force[0])
     predicted = moved(specific_force(picture, turned, where), turned.omega, turned.alpha, lever)
     n = len(predicted)
@@ -318,25 +335,25 @@ def accelerometer_and_motion(
     between = tuple(dict.fromkeys(s for s in (of_force, of_attitude, of_position) if s))
     follows = 9.81 * turned.noise[0]
     noise = np.sqrt(
-        felt.noise[0] ** 2
+        force_samples.noise[0] ** 2
         + follows**2
         + (_VIBRATION**2 if where is None else where.noise[2] ** 2)
         + (float(np.linalg.norm(lever)) * turned.noise[2]) ** 2
     )
     if where is None:
         # What accelerates it is not known: whatever moves it back and forth.
-        noise = float(np.hypot(noise, 0.5 * felt.value.std(axis=0).mean()))
+        noise = float(np.hypot(noise, 0.5 * force_samples.value.std(axis=0).mean()))
     return compare(
         title(*between),
         between,
         "m/s^2",
-        felt.value,
+        force_samples.value,
         predicted,
         [
             _constant(n, _sigma(picture, of_force[0], "accelerometer_bias", 0.1), "bias"),
             _tilt(predicted, np.hypot(_sigma(picture, of_force[0], "misalignment", 0.02), 0.02)),
             Freedom(by_lever, _sigma(picture, of_force[0], "position", 0.03), ("position",)),
-            _late(felt.rate, _clock_sigma(picture, *(s[0] for s in between))),
+            _late(force_samples.rate, _clock_sigma(picture, *(s[0] for s in between))),
         ],
         noise=float(noise),
         tolerance=tolerance(picture, *between),
@@ -345,9 +362,11 @@ def accelerometer_and_motion(
 
 
 def gravity_and_accelerometer_alone(picture: Picture, of_force: Source) -> Agreement:
-    """Length of what an accelerometer feels on average against gravity, where nothing tells the attitude."""
-    felt = picture.seen[of_force]
-    length = np.linalg.norm(felt.value, axis=1, keepdims=True)
+    """Length of what an accelerometer feels on average against gravity, where nothing tells the
+    attitude.
+    """
+    force_samples = picture.seen[of_force]
+    length = np.linalg.norm(force_samples.value, axis=1, keepdims=True)
     gravity = np.full_like(length, np.linalg.norm(picture.robot.gravity))
     left = float(np.mean(length) / gravity[0, 0])
     off = abs(np.log(max(left, 1e-6)))
@@ -365,7 +384,9 @@ def gravity_and_accelerometer_alone(picture: Picture, of_force: Source) -> Agree
 
 
 def scatter_of_attitude(picture: Picture, of_attitude: Source) -> Agreement:
-    """How far an orientation is from a motion at all: what turns to and fro from sample to sample is none."""
+    """How far an orientation is from a motion at all: what turns to and fro from sample to sample
+    is none.
+    """
     seen = picture.seen[of_attitude]
     flat = seen.value.reshape(len(seen.value), -1)
     # The determinant of what is smooth is that of a rotation.
@@ -382,12 +403,16 @@ def scatter_of_attitude(picture: Picture, of_attitude: Source) -> Agreement:
     )
 
 
-def length_and_geometry(picture: Picture, of_length: Source, of_attitude: Source, of_position: Source) -> Agreement:
+def length_and_geometry(
+    picture: Picture, of_length: Source, of_attitude: Source, of_position: Source
+) -> Agreement:
     """Cable lengths against anchors, attachments and pose, up to a constant of each cable."""
     robot = picture.robot
     turned = turning(picture, of_attitude)
     where = place(picture, of_position, turned)
-    corners = where.position[:, None, :] + np.einsum("nij,mj->nmi", turned.rotation, robot.attachments)
+    corners = where.position[:, None, :] + np.einsum(
+        "nij,mj->nmi", turned.rotation, robot.attachments
+    )
     lengths = np.linalg.norm(robot.anchors - corners, axis=2)
     read = picture.seen[of_length]
     measured, predicted = (each - each.mean(axis=0) for each in (read.value, lengths))
@@ -422,14 +447,14 @@ def motion_relations(picture: Picture) -> Iterator[Relation]:
     for i, first in enumerate(placed):
         if turned:
             yield from (("places", (first, second, turned[0])) for second in placed[i + 1 :])
-    for felt in picture.quantity("specific_force"):
+    for force_samples in picture.quantity("specific_force"):
         for a in measured or turned:
             if picture.static or not placed:
-                yield ("accelerometer", (felt, a))
+                yield ("accelerometer", (force_samples, a))
             else:
-                yield from (("accelerometer", (felt, a, p)) for p in placed)
+                yield from (("accelerometer", (force_samples, a, p)) for p in placed)
         if not turned:
-            yield ("gravity", (felt,))
+            yield ("gravity", (force_samples,))
     for of_length in picture.quantity("length"):
         yield from (("lengths", (of_length, a, p)) for a in turned[:1] for p in placed)
 

@@ -10,7 +10,7 @@ from itertools import permutations, product
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.identification.sources import Source
+from steelyard.identification.model.sources import Source
 from steelyard.inspection.picture import Picture
 
 ROBOT = "robot"
@@ -86,7 +86,9 @@ def columns_of(prefix: str, turn: Turn) -> tuple[str, str]:
         words.append(f"{', '.join(sorted(exchanged))} are exchanged (sign or order of axes)")
         keys.append("columns: {" + ", ".join(f"{a}: {b}" for a, b in exchanged.items()) + "}")
     if flipped:
-        words.append(f"{', '.join(flipped)} {'has' if len(flipped) == 1 else 'have'} the wrong sign")
+        words.append(
+            f"{', '.join(flipped)} {'has' if len(flipped) == 1 else 'have'} the wrong sign"
+        )
         keys.append(f"turn the sign of {', '.join(flipped)} in the log")
     return " and ".join(words), ", and ".join(keys)
 
@@ -102,7 +104,9 @@ def units_key(columns: Iterator[str] | list[str], unit: str) -> str:
 
 
 def other_units(table: Mapping[str, float]) -> Iterator[tuple[str, str, float]]:
-    """Units that a log may have been taken for, and in: the unit, how to say it, and the factor on what was read."""
+    """Units that a log may have been taken for, and in: the unit, how to say it, and the factor on
+    what was read.
+    """
     seen: list[float] = [1.0]
     for unit, factor in table.items():
         if any(abs(factor / other - 1) < 1e-3 for other in seen):

@@ -1,4 +1,6 @@
-"""Forces against the weight and the motion of a body that nobody has seen: its ten parameters are chosen as they fit best."""
+"""Forces against the weight and the motion of a body that nobody has seen: its ten parameters are
+chosen as they fit best.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.errors import InfeasibleError
-from steelyard.identification.sources import Source
+from steelyard.identification.model.sources import Source
 from steelyard.inspection.agreement import (
     Agreement,
     Relation,
@@ -47,7 +49,8 @@ _OFFSET = 0.02
 _MASS = 0.45
 """How far a platform may be from its nominal mass, as a logarithm."""
 _CENTRE = 0.35
-"""How far its centre of gravity may be from the nominal one, in radii of the platform; without cables in metres."""
+"""How far its centre of gravity may be from the nominal one, in radii of the platform; without
+cables in metres."""
 _NEGATIVE = 7.0
 """Logarithm that stands for a mass below zero."""
 _RANGE = 1.0
@@ -94,7 +97,8 @@ class Weighed:
     """Of the sensors, in 1-sigmas."""
     carried: Carried
     white: Array
-    """What was solved: columns over all that was chosen, in their 1-sigmas, shape (n, 6, 10 + c)."""
+    """What was solved: columns over all that was chosen, in their 1-sigmas, shape (n, 6, 10 +
+    c)."""
     target: Array
     """Of these, shape (n, 6)."""
     scale: Array
@@ -104,8 +108,9 @@ class Weighed:
 def carrying_relations(picture: Picture) -> Iterator[Relation]:
     """Which motions the forces can be held against: each account of it by itself."""
     turned, placed = attitudes(picture), positions(picture)
-    # What an accelerometer feels goes with the gyro beside it, which tells angular acceleration best.
-    felt = [(f, *_beside(picture, f)) for f in picture.quantity("specific_force")]
+    # What an accelerometer feels goes with the gyro beside it, which tells angular acceleration
+    # best.
+    force_samples = [(f, *_beside(picture, f)) for f in picture.quantity("specific_force")]
     for force in picture.quantity("tension"):
         yield ("tensions", (force,))
         measured = [s for s in turned if not is_command(picture, s[0])]
@@ -113,7 +118,9 @@ def carrying_relations(picture: Picture) -> Iterator[Relation]:
         for a in measured or turned[:1]:
             for p in at or placed[:1]:
                 yield ("cables", (force, a, p))
-                yield from (("cables", (force, a, p, *f)) for f in felt if not picture.static)
+                yield from (
+                    ("cables", (force, a, p, *f)) for f in force_samples if not picture.static
+                )
         if (
             turned
             and placed
@@ -128,17 +135,21 @@ def carrying_relations(picture: Picture) -> Iterator[Relation]:
         at = [s for s in placed if not is_command(picture, s[0])] or placed[:1]
         for a in turned:
             yield from (("wrench", (force, torque, a, p)) for p in at)
-            yield from (("wrench", (force, torque, a, *f)) for f in felt)
-            if not at and (picture.static or not felt):
+            yield from (("wrench", (force, torque, a, *f)) for f in force_samples)
+            if not at and (picture.static or not force_samples):
                 yield ("wrench", (force, torque, a))
         if not turned:
-            yield from (("wrench", (force, torque, *f)) for f in felt)
+            yield from (("wrench", (force, torque, *f)) for f in force_samples)
 
 
-def _beside(picture: Picture, felt: Source) -> tuple[Source, ...]:
+def _beside(picture: Picture, force_samples: Source) -> tuple[Source, ...]:
     """The gyro that goes with an accelerometer: its own, or any."""
     gyros = picture.quantity("angular_velocity")
-    return tuple(sorted(gyros, key=lambda s: s[0] != felt[0])[:1]) if not picture.static else ()
+    return (
+        tuple(sorted(gyros, key=lambda s: s[0] != force_samples[0])[:1])
+        if not picture.static
+        else ()
+    )
 
 
 def carrying_agreement(picture: Picture, relation: Relation) -> Agreement | None:
@@ -190,7 +201,7 @@ def _motion(picture: Picture, sources: tuple[Source, ...]) -> Motion | None:
     """What some sources say of the motion; None where they do not say enough."""
     turned = next((turning(picture, s) for s in sources if s[1] == "orientation"), None)
     at = next((s for s in sources if s[1] == "position"), None)
-    felt = next((s for s in sources if s[1] == "specific_force"), None)
+    force_samples = next((s for s in sources if s[1] == "specific_force"), None)
     where = None if at is None or turned is None else place(picture, at, turned)
     turns = next((gyro(picture, s) for s in sources if s[1] == "angular_velocity"), None)
     if turns is not None:
@@ -198,21 +209,34 @@ def _motion(picture: Picture, sources: tuple[Source, ...]) -> Motion | None:
     elif turned is not None:
         omega, alpha, jitter = turned.omega, turned.alpha, turned.noise[2]
     elif picture.static:
-        omega, alpha, jitter = np.zeros((len(picture.time), 3)), np.zeros((len(picture.time), 3)), 0.0
+        omega, alpha, jitter = (
+            np.zeros((len(picture.time), 3)),
+            np.zeros((len(picture.time), 3)),
+            0.0,
+        )
     else:
         return None
-    if felt is not None:
-        rotation = turned.rotation if turned is not None else np.broadcast_to(np.eye(3), (len(omega), 3, 3))
-        seen = accelerometer(picture, felt, rotation)
-        lever = lever_of(picture, felt[0])
+    if force_samples is not None:
+        rotation = (
+            turned.rotation
+            if turned is not None
+            else np.broadcast_to(np.eye(3), (len(omega), 3, 3))
+        )
+        seen = accelerometer(picture, force_samples, rotation)
+        lever = lever_of(picture, force_samples[0])
         force = moved(seen.value, omega, alpha, -lever)
-        # A bias and a small misalignment are the accelerometer's own, and are allowed for elsewhere.
-        noise = float(np.sqrt(seen.noise[0] ** 2 + (np.linalg.norm(lever) * jitter) ** 2 + _ACCELEROMETER**2))
+        # A bias and a small misalignment are the accelerometer's own, and are allowed for
+        # elsewhere.
+        noise = float(
+            np.sqrt(seen.noise[0] ** 2 + (np.linalg.norm(lever) * jitter) ** 2 + _ACCELEROMETER**2)
+        )
         return Motion(turned, where, force, omega, alpha, (noise, jitter))
     if turned is None:
         return None
     noise = float(np.hypot(9.81 * turned.noise[0], 0.0 if where is None else where.noise[2]))
-    return Motion(turned, where, specific_force(picture, turned, where), omega, alpha, (noise, jitter))
+    return Motion(
+        turned, where, specific_force(picture, turned, where), omega, alpha, (noise, jitter)
+    )
 
 
 def weighed(picture: Picture, relation: Relation) -> Weighed | None:
@@ -262,7 +286,10 @@ def _of_sensor(picture: Picture, of_force: Source, of_torque: Source) -> Carried
     assert isinstance(instrument, Wrench)
     R, lever = mounting(picture, of_force[0]), np.array(instrument.position)
     sign = 1.0 if instrument.acts_on == "body" else -1.0
-    force, torque = picture.seen[of_force].mapped(sign * R), picture.seen[of_torque].mapped(sign * R)
+    force, torque = (
+        picture.seen[of_force].mapped(sign * R),
+        picture.seen[of_torque].mapped(sign * R),
+    )
     wrench = np.hstack([force.value, torque.value + np.cross(lever, force.value)])
     n = len(wrench)
     terms = {term.key: term for term in instrument.terms(0)}
@@ -271,11 +298,16 @@ def _of_sensor(picture: Picture, of_force: Source, of_torque: Source) -> Carried
         stated = terms[key].deviation
         sigma.append(np.full(3, float(np.abs(seen.value).max())) if stated is None else stated)
     columns = np.broadcast_to(np.eye(6), (n, 6, 6))
-    noise = (force.noise[0], float(np.hypot(torque.noise[0], np.linalg.norm(lever) * force.noise[0])))
+    noise = (
+        force.noise[0],
+        float(np.hypot(torque.noise[0], np.linalg.norm(lever) * force.noise[0])),
+    )
     return Carried(wrench, columns, np.maximum(np.concatenate(sigma), 1e-9), noise, None)
 
 
-def _weigh(picture: Picture, carried: Carried, Y: Array, noise: tuple[float, float], *, commanded: bool) -> Weighed:
+def _weigh(
+    picture: Picture, carried: Carried, Y: Array, noise: tuple[float, float], *, commanded: bool
+) -> Weighed:
     w = carried.wrench
     n = len(w)
     part = _TOLERANCE_COMMANDED if commanded else _TOLERANCE
@@ -289,9 +321,14 @@ def _weigh(picture: Picture, carried: Carried, Y: Array, noise: tuple[float, flo
     mass = force / 9.81 if carried.structure is not None else max(force / 5.0, 1e-6)
     common = np.repeat([float(np.mean(spread[:3] ** 2)), float(np.mean(spread[3:] ** 2))], 3)
     whole = np.repeat([_OF_WEIGHT * force, _OF_WEIGHT * force * size], 3)
-    by_motion = mass * noise[0], mass * float(np.hypot(_OFF_CENTRE * size * noise[0], size**2 * noise[1]))
+    by_motion = (
+        mass * noise[0],
+        mass * float(np.hypot(_OFF_CENTRE * size * noise[0], size**2 * noise[1])),
+    )
     noisy = np.repeat(np.hypot(carried.noise, by_motion), 3)
-    allowed = np.sqrt(noisy**2 + (part * spread) ** 2 + (0.5 * part) ** 2 * common + whole**2 + 1e-24)
+    allowed = np.sqrt(
+        noisy**2 + (part * spread) ** 2 + (0.5 * part) ** 2 * common + whole**2 + 1e-24
+    )
     reach = picture.robot.size if picture.robot.m else max(size, 0.3)
     body = mass * np.concatenate([[10.0], np.full(3, 2 * reach), np.full(6, 2 * reach**2)])
     columns = np.concatenate([Y, -carried.columns], axis=2)
@@ -373,7 +410,9 @@ def _agreement(picture: Picture, relation: Relation, found: Weighed) -> Agreemen
 
 
 def _impossible(p: Array, sigma: Array) -> float:
-    """By how many 1-sigmas the moments about the origin are below what the first moment alone asks for."""
+    """By how many 1-sigmas the moments about the origin are below what the first moment alone asks
+    for.
+    """
     m, h = p[0], p[1:4]
     square = float(h @ h) / m
     least = square - h**2 / m

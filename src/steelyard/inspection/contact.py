@@ -1,4 +1,6 @@
-"""Stretches in which something else than the body pulled or pushed: forces that no body explains, while one explains the rest."""
+"""Stretches in which something else than the body pulled or pushed: forces that no body explains,
+while one explains the rest.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +18,15 @@ from steelyard.inspection.picture import Picture
 
 _ROUNDS = 40
 _FAR = 4.0
-"""Ratio of what is left to what is allowed, of one instant, that something has touched the platform."""
+"""Ratio of what is left to what is allowed, of one instant, that something has touched the
+platform."""
 _PAUSE = 0.3
 """Longest pause within one contact [s]."""
 _SHORTEST = 0.15
 """[s]"""
 _LEAST_CLEAN = 0.15
-"""Part of the run that one body must explain: else the forces are wrong, and nothing has touched."""
+"""Part of the run that one body must explain: else the forces are wrong, and nothing has
+touched."""
 _KNOWN = 5.0
 """By how much less a body of other runs is trusted than these say."""
 _SHARE = 0.4
@@ -56,13 +60,16 @@ class Residual:
     time: Array
     """Common time [s], shape (n,)."""
     left: Array
-    """Force [N] over torque [N m] in the axes of the sensor, of cables in those of the platform, shape (n, 6)."""
+    """Force [N] over torque [N m] in the axes of the sensor, of cables in those of the platform,
+    shape (n, 6)."""
     size: Array
     """As a part of what is allowed, shape (n,)."""
     names: tuple[str, ...]
 
 
-def unexplained(pictures: Sequence[Picture], worst: Mapping[str, float]) -> tuple[list[Residual], list[Contact]]:
+def unexplained(
+    pictures: Sequence[Picture], worst: Mapping[str, float]
+) -> tuple[list[Residual], list[Contact]]:
     """Forces that a body leaves over which explains most of all runs.
 
     Args:
@@ -72,7 +79,11 @@ def unexplained(pictures: Sequence[Picture], worst: Mapping[str, float]) -> tupl
     fits = {}
     for picture in pictures:
         relation = _relation(picture)
-        if relation is not None and not picture.static and (found := weighed(picture, relation)) is not None:
+        if (
+            relation is not None
+            and not picture.static
+            and (found := weighed(picture, relation)) is not None
+        ):
             fits[picture.run.name] = (picture, relation, found)
     sound = [found for run, (_, _, found) in fits.items() if worst.get(run, 0.0) < BAD]
     residuals, contacts = [], []
@@ -87,14 +98,20 @@ def unexplained(pictures: Sequence[Picture], worst: Mapping[str, float]) -> tupl
 
 
 def _relation(picture: Picture) -> Relation | None:
-    """The account of the motion to go by: an accelerometer feels what the platform does, others only where it is."""
+    """The account of the motion to go by: an accelerometer feels what the platform does, others
+    only where it is.
+    """
     relations = [r for r in carrying_relations(picture) if r[0] in {"cables", "wrench"}]
-    felt = [r for r in relations if any(q == "specific_force" for _, q in r[1])]
-    return next(iter(felt or relations), None)
+    force_samples = [r for r in relations if any(q == "specific_force" for _, q in r[1])]
+    return next(iter(force_samples or relations), None)
 
 
-def _residual(picture: Picture, relation: Relation, found: Weighed, others: Sequence[Weighed]) -> Residual:
-    """What a body leaves that is chosen so as to explain as many instants as possible, near that of sound runs."""
+def _residual(
+    picture: Picture, relation: Relation, found: Weighed, others: Sequence[Weighed]
+) -> Residual:
+    """What a body leaves that is chosen so as to explain as many instants as possible, near that of
+    sound runs.
+    """
     A, b = found.white, found.target
     k = A.shape[2]
     precision, pull = np.eye(k), np.zeros(k)
@@ -106,7 +123,9 @@ def _residual(picture: Picture, relation: Relation, found: Weighed, others: Sequ
     weight = np.ones(len(b))
     for _ in range(_ROUNDS):
         W = weight[:, None, None] * A
-        value = np.linalg.solve(np.einsum("nki,nkj->ij", W, A) + precision, np.einsum("nki,nk->i", W, b) + pull)
+        value = np.linalg.solve(
+            np.einsum("nki,nkj->ij", W, A) + precision, np.einsum("nki,nk->i", W, b) + pull
+        )
         left = b - np.einsum("nki,i->nk", A, value)
         # What is far counts less and less: a contact is no noise.
         weight = 1 / (1 + np.mean(left**2, axis=1)) ** 2
@@ -120,7 +139,9 @@ def _residual(picture: Picture, relation: Relation, found: Weighed, others: Sequ
         whole = sign * np.hstack([whole[:, :3] @ R, whole[:, 3:] @ R])
         names: tuple[str, ...] = ("fx", "fy", "fz", "tx", "ty", "tz")
     else:
-        names = tuple(f"{what} {axis} of the platform" for what in ("force", "torque") for axis in "xyz")
+        names = tuple(
+            f"{what} {axis} of the platform" for what in ("force", "torque") for axis in "xyz"
+        )
     return Residual(picture.run.name, name, picture.time, whole, size, names)
 
 
@@ -134,7 +155,9 @@ def _contacts(residual: Residual, far: NDArray[np.bool_]) -> list[Contact]:
             found.append((first, last))
     step = float(np.median(np.diff(time)))
     return [
-        _contact(residual, first, last) for first, last in found if time[last - 1] - time[first] + step >= _SHORTEST
+        _contact(residual, first, last)
+        for first, last in found
+        if time[last - 1] - time[first] + step >= _SHORTEST
     ]
 
 

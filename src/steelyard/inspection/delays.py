@@ -1,4 +1,6 @@
-"""How late each clock is against that of the forces, by what moves the platform and what it feels."""
+"""How late each clock is against that of the forces, by what moves the platform and what it
+feels.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.joint_study import Joint
-from steelyard.identification.unknowns import clock_of
+from steelyard.identification.model.calibration_parameters import clock_of
+from steelyard.identification.solve.joint_study import Joint
 from steelyard.inspection.agreement import Relation, motion_agreement, motion_relations
 from steelyard.inspection.carrying import carrying_relations, weighed
 from steelyard.inspection.picture import Picture, picture
@@ -58,7 +60,9 @@ class Delay:
         """Whether it is off by more than is stated of it."""
         value, sigma = self.prior
         return (
-            self.told and self.how in _TRUSTED and abs(self.value - value) > _CLEAR * float(np.hypot(sigma, self.sigma))
+            self.told
+            and self.how in _TRUSTED
+            and abs(self.value - value) > _CLEAR * float(np.hypot(sigma, self.sigma))
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -98,21 +102,26 @@ def of_joint(joint: Joint, run: Run) -> list[Delay]:
         run: One of its runs.
     """
     experiment = joint.study.experiment
-    systematic = joint.study.systematic
+    calibration = joint.study.calibration
     sigma = np.sqrt(np.maximum(np.diag(joint.study.solution.covariance)[10:], 0.0))
     found = []
     for names in groups_of(experiment, run):
-        place = systematic.unknowns.place(clock_of(experiment, names[0]), "delay", run.name)
+        place = calibration.calibration_parameters.place(
+            clock_of(experiment, names[0]), "delay", run.name
+        )
         prior = prior_of(experiment, run, names)
         own = float(sigma[place][0])
         told = prior[1] > 0 and own < min(_LARGEST_SIGMA, 0.5 * prior[1])
         how = _JOINT if told else "stated" if not prior[1] else "the readings do not tell it"
-        found.append(Delay(run.name, names, float(systematic.values[place][0]), own, prior, told, how))
+        found.append(
+            Delay(run.name, names, float(calibration.values[place][0]), own, prior, told, how)
+        )
     return found
 
 
 def of_pictures(experiment: Experiment, run: Run) -> list[Delay]:
-    """Delays by moving each clock until what it shows agrees best with the forces, or with what agrees with them.
+    """Delays by moving each clock until what it shows agrees best with the forces, or with what
+    agrees with them.
 
     Args:
         experiment: With its instruments.
@@ -128,29 +137,47 @@ def _best(view: Picture, names: tuple[str, ...]) -> Delay:
     shaken = _by_vibration(view, names)
     if shaken is not None:
         value, sigma = shaken
-        return Delay(view.run.name, names, prior[0] + value, sigma, prior, sigma < _LARGEST_SIGMA, _SHAKEN_BY)
-    found = [each for each in (_least(view, names, r) for r in _relations(view, names)) if each is not None]
+        return Delay(
+            view.run.name, names, prior[0] + value, sigma, prior, sigma < _LARGEST_SIGMA, _SHAKEN_BY
+        )
+    found = [
+        each
+        for each in (_least(view, names, r) for r in _relations(view, names))
+        if each is not None
+    ]
     if not found:
-        return Delay(view.run.name, names, prior[0], np.inf, prior, False, "nothing to hold it against")
+        return Delay(
+            view.run.name, names, prior[0], np.inf, prior, False, "nothing to hold it against"
+        )
     value, sigma, how = min(found, key=lambda each: each[1])
     # Times are told from the delay that is known beforehand.
     return Delay(view.run.name, names, prior[0] + value, sigma, prior, sigma < _LARGEST_SIGMA, how)
 
 
 def _relations(view: Picture, names: tuple[str, ...]) -> list[Relation]:
-    """What a clock can be held against: the forces where what it reads is enough to know the motion by, else its fellows."""
+    """What a clock can be held against: the forces where what it reads is enough to know the motion
+    by, else its fellows.
+    """
     own = [
-        r for r in carrying_relations(view)
-        if r[0] in {"cables", "wrench"} and any(n in names for n, _ in r[1])
+        r
+        for r in carrying_relations(view)
+        if r[0] in {"cables", "wrench"}
+        and any(n in names for n, _ in r[1])
         and not any(view.instruments[n].kind == "command" for n, _ in r[1] if n not in names)
-    ]  # fmt: skip
+    ]
     if own:
-        felt = [r for r in own if any(n in names and q in {"specific_force", "position"} for n, q in r[1])]
-        return felt or own
+        force_samples = [
+            r
+            for r in own
+            if any(n in names and q in {"specific_force", "position"} for n, q in r[1])
+        ]
+        return force_samples or own
     return [r for r in motion_relations(view) if any(n in names for n, _ in r[1])]
 
 
-def _least(view: Picture, names: tuple[str, ...], relation: Relation) -> tuple[float, float, str] | None:
+def _least(
+    view: Picture, names: tuple[str, ...], relation: Relation
+) -> tuple[float, float, str] | None:
     """Delay of least residual, its 1-sigma, and by what."""
     grid = np.arange(-_REACH, _REACH + _STEP / 2, _STEP)
     left = np.array([_left(_moved(view, names, float(d)), relation) for d in grid])
@@ -175,17 +202,19 @@ def _least(view: Picture, names: tuple[str, ...], relation: Relation) -> tuple[f
 
 
 def _by_vibration(view: Picture, names: tuple[str, ...]) -> tuple[float, float] | None:
-    """Delay of an accelerometer against a six-axis sensor: whatever shakes the body shakes both, as fast as they are read.
+    """Delay of an accelerometer against a six-axis sensor: whatever shakes the body shakes both, as
+    fast as they are read.
 
-    Changes of the force are a constant matrix times changes of the specific force, for a body that vibrates in its own ways; the constant parts,
-    of which attitude and offsets are not known well enough, do not matter.
+    Changes of the force are a constant matrix times changes of the specific force, for a body that
+    vibrates in its own ways; the constant parts, of which attitude and offsets are not known well
+    enough, do not matter.
     """
     experiment, run = view.experiment, view.run
-    felt = next((n for n in names if "specific_force" in run.streams[n].values), None)
+    force_samples = next((n for n in names if "specific_force" in run.streams[n].values), None)
     force = experiment.force_instrument(run)
-    if felt is None or force is None or "force" not in run.streams[force].values:
+    if force_samples is None or force is None or "force" not in run.streams[force].values:
         return None
-    pair = ((felt, "specific_force"), (force, "force"))
+    pair = ((force_samples, "specific_force"), (force, "force"))
     times = [experiment.common_time(run, name) for name, _ in pair]
     start, end = max(t[0] for t in times) + _REACH, min(t[-1] for t in times) - _REACH
     spacing = _PER_KNOT * max(float(np.median(np.diff(t))) for t in times)
@@ -221,7 +250,9 @@ def _by_vibration(view: Picture, names: tuple[str, ...]) -> tuple[float, float] 
 
 
 def _moved(view: Picture, names: tuple[str, ...], delay: float) -> Picture:
-    return view.with_seen({s: seen.later(view.time, delay) for s, seen in view.seen.items() if s[0] in names})
+    return view.with_seen(
+        {s: seen.later(view.time, delay) for s, seen in view.seen.items() if s[0] in names}
+    )
 
 
 def _left(view: Picture, relation: Relation) -> float:

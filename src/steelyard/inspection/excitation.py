@@ -1,4 +1,6 @@
-"""What the recording can tell, from the information of all of its readings: the ten of the body, and every systematic error."""
+"""What the recording can tell, from the information of all of its readings: the ten of the body,
+and every systematic error.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +9,16 @@ from typing import Literal
 
 import numpy as np
 
-from steelyard.identification.estimate import plausible_radius, plausible_sizes
-from steelyard.identification.joint_study import Joint
-from steelyard.identification.unknowns import ROBOT, Unknown
+from steelyard.estimates.estimate import plausible_radius, plausible_sizes
+from steelyard.identification.model.calibration_parameters import ROBOT, CalibrationParameter
+from steelyard.identification.solve.joint_study import Joint
 from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS, Inertia
 
 Told = Literal["data", "data and prior", "prior", "not at all"]
 
 _HALF = 0.5
-"""Of its plausible size, or of its prior 1-sigma: what is known better than that is told by the data."""
+"""Of its plausible size, or of its prior 1-sigma: what is known better than that is told by the
+data."""
 _MOSTLY = 0.9
 """Of its prior 1-sigma: what is known no better than that is told by the prior."""
 
@@ -54,29 +57,40 @@ def excitation(joint: Joint) -> Excitation:
         joint: Of it.
     """
     study = joint.study
-    experiment, unknowns = study.experiment, study.systematic.unknowns
+    experiment, calibration_parameters = study.experiment, study.calibration.calibration_parameters
     sizes = plausible_sizes(abs(float(study.parameters[0])), plausible_radius(experiment.robot))
     values = Inertia.from_parameters(study.parameters).body_parameters
     findings = []
     for i, name in enumerate(BODY_PARAMETERS):
         sigma, prior = float(joint.bound.standard_deviation[i]), experiment.known.get(name)
         known = prior[1] if prior else None
-        told = _told(sigma, known) if known is not None else "data" if sigma < _HALF * sizes[i] else "not at all"
+        told = (
+            _told(sigma, known)
+            if known is not None
+            else "data"
+            if sigma < _HALF * sizes[i]
+            else "not at all"
+        )
         findings.append(Finding(name, BODY_UNITS[i], float(values[i]), sigma, known, told))
-    left = np.sqrt(np.maximum(np.diag(joint.bound.systematic), 0.0))
-    names = unknowns.names
+    left = np.sqrt(np.maximum(np.diag(joint.bound.calibration), 0.0))
+    names = calibration_parameters.names
     calibration = [
         Finding(
-            names[place], unknown.unit, float(study.systematic.values[place]), float(left[place]),
-            float(unknown.deviation[component]), _told(float(left[place]), float(unknown.deviation[component])), _group(unknown),
+            names[place],
+            unknown.unit,
+            float(study.calibration.values[place]),
+            float(left[place]),
+            float(unknown.deviation[component]),
+            _told(float(left[place]), float(unknown.deviation[component])),
+            _group(unknown),
         )
-        for place, unknown, component in unknowns.components()
+        for place, unknown, component in calibration_parameters.components()
         if unknown.deviation[component] > 0
-    ]  # fmt: skip
+    ]
     return Excitation(tuple(findings), tuple(calibration))
 
 
-def _group(unknown: Unknown) -> str:
+def _group(unknown: CalibrationParameter) -> str:
     owner = "" if unknown.owner == ROBOT else f"{unknown.owner}."
     return f"{owner}{unknown.key}" + (f" of run '{unknown.run}'" if unknown.run else "")
 

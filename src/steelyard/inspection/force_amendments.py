@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.identification.sources import Source
+from steelyard.identification.model.sources import Source
 from steelyard.inspection.amendment import (
     SIMPLE,
     USUAL,
@@ -43,24 +43,38 @@ def of_cables(picture: Picture, source: Source, letter: str) -> Iterator[Amendme
     names = [f"{letter}{i + 1}" for i in range(m)]
 
     def ordered(order: Sequence[int], kind: str, what: str, cost: float) -> Amendment:
-        key = "columns: {" + ", ".join(f"{names[i]}: {names[k]}" for i, k in enumerate(order) if i != k) + "}"
-        return Amendment(kind, name, quantity, what, key, mapped(source, np.eye(m)[list(order)]), cost, touches)
+        key = (
+            "columns: {"
+            + ", ".join(f"{names[i]}: {names[k]}" for i, k in enumerate(order) if i != k)
+            + "}"
+        )
+        return Amendment(
+            kind, name, quantity, what, key, mapped(source, np.eye(m)[list(order)]), cost, touches
+        )
 
     for i, k in combinations(range(m), 2):
         order = list(range(m))
         order[i], order[k] = k, i
         yield ordered(order, "swapped cables", f"cables {i + 1} and {k + 1} are exchanged", SIMPLE)
     if m > 2:
-        yield ordered(range(m)[::-1], "order of the cables", "cables are numbered in reverse", SIMPLE)
+        yield ordered(
+            range(m)[::-1], "order of the cables", "cables are numbered in reverse", SIMPLE
+        )
         for shift in range(1, m):
             forward = [(i + shift) % m for i in range(m)]
             yield ordered(
-                forward, "order of the cables", f"cables are numbered from another one (by {shift})", SIMPLE + 0.1
+                forward,
+                "order of the cables",
+                f"cables are numbered from another one (by {shift})",
+                SIMPLE + 0.1,
             )
             if shift < m - 1:
                 backward = [(shift - i) % m for i in range(m)]
                 yield ordered(
-                    backward, "order of the cables", "cables are numbered the other way round, from another one", USUAL
+                    backward,
+                    "order of the cables",
+                    "cables are numbered the other way round, from another one",
+                    USUAL,
                 )
     known = FACTORS["N" if letter == "f" else "m"]
     table = {u: known[u] for u in (_FORCES if letter == "f" else _LENGTHS)}
@@ -77,7 +91,14 @@ def of_cables(picture: Picture, source: Source, letter: str) -> Iterator[Amendme
     )
     for unit, what, factor in units:
         yield Amendment(
-            "unit", name, quantity, what, units_key(names, unit), mapped(source, factor * np.eye(m)), SIMPLE, touches
+            "unit",
+            name,
+            quantity,
+            what,
+            units_key(names, unit),
+            mapped(source, factor * np.eye(m)),
+            SIMPLE,
+            touches,
         )
     for i in range(m):
         yield Amendment(
@@ -106,7 +127,8 @@ def of_cables(picture: Picture, source: Source, letter: str) -> Iterator[Amendme
                 "dead sensor",
                 name,
                 quantity,
-                f"{names[i]} does not read what cable {i + 1} pulls: a dead, wrong or badly scaled sensor",
+                f"{names[i]} does not read what cable {i + 1} pulls: a dead, wrong or badly scaled"
+                " sensor",
                 f"look at the sensor of cable {i + 1}; leave its cells empty until it is right",
                 _without(i),
                 2.5,
@@ -149,11 +171,22 @@ def of_wrench(picture: Picture, name: str) -> Iterator[Amendment]:
             return p.with_seen({force: p.seen[force].mapped(M), torque: p.seen[torque].mapped(M)})
 
         kind = "order of axes" if turn.order != (0, 1, 2) else "sign of an axis"
-        yield Amendment(kind, name, "force", words, key, mapped(force, turn.matrix), turn.cost, touches)
-        yield Amendment(kind, name, "torque", both, keys, mapped(torque, turn.matrix), turn.cost, touches)
+        yield Amendment(
+            kind, name, "force", words, key, mapped(force, turn.matrix), turn.cost, touches
+        )
+        yield Amendment(
+            kind, name, "torque", both, keys, mapped(torque, turn.matrix), turn.cost, touches
+        )
         if not turn.proper:
             yield Amendment(
-                kind, name, "force, torque", f"{words}; {both}", f"{key}; {keys}", change, turn.cost + 0.2, touches
+                kind,
+                name,
+                "force, torque",
+                f"{words}; {both}",
+                f"{key}; {keys}",
+                change,
+                turn.cost + 0.2,
+                touches,
             )
     for source, units in ((force, _FORCES), (torque, _TORQUES)):
         names = [source[1][0] + axis for axis in "xyz"]

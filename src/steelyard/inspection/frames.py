@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.identification.sources import Source
+from steelyard.identification.model.sources import Source
 from steelyard.inspection.picture import Picture, Seen
 
 _REMEMBERED = 32
@@ -80,7 +80,12 @@ def _angles(R: Array) -> tuple[float, float, float]:
 def vector_of(matrices: Array) -> Array:
     """Axis of the antisymmetric part of matrices, shape (n, 3)."""
     m = matrices
-    return np.stack([m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=1) / 2
+    return (
+        np.stack(
+            [m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=1
+        )
+        / 2
+    )
 
 
 def tracker_frame(picture: Picture, name: str) -> tuple[Array, Array]:
@@ -105,7 +110,9 @@ def _turning(read: Seen, frame: bytes, mounted: bytes) -> Turning:
     back = R.swapaxes(1, 2)
     # Nine numbers share what three angles scatter by.
     angle, speed, acceleration = (each * np.sqrt(1.5) for each in seen.noise)
-    return Turning(R, rate, bend, vector_of(back @ rate), vector_of(back @ bend), (angle, speed, acceleration))
+    return Turning(
+        R, rate, bend, vector_of(back @ rate), vector_of(back @ bend), (angle, speed, acceleration)
+    )
 
 
 def _matrix(content: bytes) -> Array:
@@ -124,7 +131,8 @@ def lever_of(picture: Picture, name: str) -> Array:
     """Where on the platform an instrument looks [m], shape (3,)."""
     instrument = picture.instruments[name]
     return np.array(
-        getattr(instrument, "target", None) or getattr(instrument, "position", (0.0, 0.0, 0.0)), dtype=np.float64
+        getattr(instrument, "target", None) or getattr(instrument, "position", (0.0, 0.0, 0.0)),
+        dtype=np.float64,
     )
 
 
@@ -151,8 +159,12 @@ def _place(read: Seen, turned: Turning, frame: bytes, origin: bytes, where: byte
 
 
 def moved(force: Array, turned_omega: Array, alpha: Array, lever: Array) -> Array:
-    """Specific force at a lever away from a point whose specific force is given [m/s^2], shape (n, 3)."""
-    return np.asarray(force + np.cross(alpha, lever) + np.cross(turned_omega, np.cross(turned_omega, lever)))
+    """Specific force at a lever away from a point whose specific force is given [m/s^2], shape (n,
+    3).
+    """
+    return np.asarray(
+        force + np.cross(alpha, lever) + np.cross(turned_omega, np.cross(turned_omega, lever))
+    )
 
 
 def gyro(picture: Picture, source: Source) -> Seen:

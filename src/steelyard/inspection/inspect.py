@@ -11,9 +11,9 @@ import numpy as np
 from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.classical import NoBalanceError
-from steelyard.identification.joint_study import Joint, joint_study
-from steelyard.identification.preparation import prepare
+from steelyard.identification.model.preparation import prepare
+from steelyard.identification.solve.classical import NoBalanceError
+from steelyard.identification.solve.joint_study import Joint, joint_study
 from steelyard.identification.synchronisation import synchronise
 from steelyard.inspection.agreement import BAD, Agreement
 from steelyard.inspection.contact import Contact, Residual, unexplained
@@ -57,9 +57,19 @@ class Inspection:
 
     def __repr__(self) -> str:
         amendments = [mistake.amendment for mistake in self.mistakes]
-        told = [f"mistake: {each.subject}: {each.what}. Change: {each.proposal}" for each in amendments]
-        counts = f"{len(told) or 'no'} mistake{'' if len(told) == 1 else 's'}, {len(self.contacts) or 'no'} contact{'' if len(self.contacts) == 1 else 's'}"
-        return "\n".join(map(printable, [f"Inspection of '{self.experiment.name}': {counts}", *told, *self.remarks]))
+        told = [
+            f"mistake: {each.subject}: {each.what}. Change: {each.proposal}" for each in amendments
+        ]
+        counts = (
+            f"{len(told) or 'no'} mistake{'' if len(told) == 1 else 's'},"
+            f" {len(self.contacts) or 'no'} contact{'' if len(self.contacts) == 1 else 's'}"
+        )
+        return "\n".join(
+            map(
+                printable,
+                [f"Inspection of '{self.experiment.name}': {counts}", *told, *self.remarks],
+            )
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
@@ -69,7 +79,10 @@ class Inspection:
             "streams": [as_dict(each) for each in self.streams],
             "delays": [each.to_dict() for each in self.delays],
             "agreements": [_agreement_dict(run, each) for run, each in self.agreements],
-            "mistakes": [_mistake_dict(each, runs) for each, runs in zip(self.mistakes, self.runs_of, strict=True)],
+            "mistakes": [
+                _mistake_dict(each, runs)
+                for each, runs in zip(self.mistakes, self.runs_of, strict=True)
+            ],
             "contacts": [{**vars(each), "channels": list(each.channels)} for each in self.contacts],
             "excitation": None if self.excitation is None else _excitation_dict(self.excitation),
             "remarks": list(self.remarks),
@@ -83,7 +96,9 @@ def _agreement_dict(run: str, agreement: Agreement) -> dict[str, Any]:
         "agrees": agreement.worst <= BAD,
         "channels": {
             channel: {"left": float(left), "allowed": float(allowed)}
-            for channel, left, allowed in zip(agreement.channels, agreement.left, agreement.allowed, strict=True)
+            for channel, left, allowed in zip(
+                agreement.channels, agreement.left, agreement.allowed, strict=True
+            )
         },
     }
 
@@ -105,7 +120,10 @@ def _mistake_dict(mistake: Mistake, runs: Sequence[str]) -> dict[str, Any]:
 def _excitation_dict(found: Excitation) -> dict[str, Any]:
     def numbers(each: Any) -> dict[str, Any]:
         values = {key: value for key, value in vars(each).items() if key != "name"}
-        return {key: None if isinstance(v, float) and not np.isfinite(v) else v for key, v in values.items()}
+        return {
+            key: None if isinstance(v, float) and not np.isfinite(v) else v
+            for key, v in values.items()
+        }
 
     return {
         "body": {each.name: numbers(each) for each in found.body},
@@ -113,7 +131,9 @@ def _excitation_dict(found: Excitation) -> dict[str, Any]:
     }
 
 
-def inspect(experiment: Experiment, progress: Callable[[str, float], None] | None = None) -> Inspection:
+def inspect(
+    experiment: Experiment, progress: Callable[[str, float], None] | None = None
+) -> Inspection:
     """Look at the recordings of an experiment.
 
     Args:
@@ -141,7 +161,8 @@ def inspect(experiment: Experiment, progress: Callable[[str, float], None] | Non
         named, runs_of = _merged(found)
         worst = {
             j.picture.run.name: max(
-                (a.worst for r, a in j.agreements.items() if r[0] in {"cables", "wrench"}), default=0.0
+                (a.worst for r, a in j.agreements.items() if r[0] in {"cables", "wrench"}),
+                default=0.0,
             )
             for j in judged
         }
@@ -175,7 +196,10 @@ def _enter(experiment: Experiment, shown: Sequence[Picture]) -> None:
         window = run.window
         if picture is not None:
             first, last = run.window or (-np.inf, np.inf)
-            start, end = float(picture.time[0]) - picture.spacing, float(picture.time[-1]) + picture.spacing
+            start, end = (
+                float(picture.time[0]) - picture.spacing,
+                float(picture.time[-1]) + picture.spacing,
+            )
             window = (max(start, first), min(end, last))
         prepare(experiment, replace(run, window=window), thin=True, commanded=True)
 
@@ -184,20 +208,27 @@ def _judge(shown: Sequence[Picture], tell: Tell) -> tuple[list[Judged], list[lis
     """Agreements of every run as described, and the mistakes that each gives away."""
     judged, found = [], []
     for i, picture in enumerate(shown):
-        tell(f"holding the instruments of {picture.run.name} against each other", 0.15 + 0.35 * i / len(shown))
+        tell(
+            f"holding the instruments of {picture.run.name} against each other",
+            0.15 + 0.35 * i / len(shown),
+        )
         judged.append(judge(picture))
         found.append(mistakes(picture)[0])
     return judged, found
 
 
-def _merged(found: Sequence[Sequence[Mistake]]) -> tuple[tuple[Mistake, ...], tuple[tuple[str, ...], ...]]:
+def _merged(
+    found: Sequence[Sequence[Mistake]],
+) -> tuple[tuple[Mistake, ...], tuple[tuple[str, ...], ...]]:
     """Each mistake once, with all runs that show it; first those that explain most."""
     groups: dict[tuple[str, str, str], list[Mistake]] = {}
     for own in found:
         for mistake in own:
             a = mistake.amendment
             groups.setdefault((a.subject, a.kind, a.proposal), []).append(mistake)
-    best = [(max(group, key=lambda m: m.gain), tuple(m.run for m in group)) for group in groups.values()]
+    best = [
+        (max(group, key=lambda m: m.gain), tuple(m.run for m in group)) for group in groups.values()
+    ]
     best.sort(key=lambda pair: -pair[0].gain)
     return tuple(m for m, _ in best), tuple(runs for _, runs in best)
 
@@ -213,18 +244,31 @@ def _corrected(shown: Sequence[Picture], found: Sequence[Sequence[Mistake]]) -> 
 
 
 def _fitted(
-    experiment: Experiment, shown: Sequence[Picture], wrong: bool, contacts: Sequence[Contact], tell: Tell
+    experiment: Experiment,
+    shown: Sequence[Picture],
+    wrong: bool,
+    contacts: Sequence[Contact],
+    tell: Tell,
 ) -> tuple[list[Delay], Joint | None, list[str]]:
     """Delays, a fit of everything, and what to say of it."""
     delays: list[Delay] = []
     moving = [run for run in experiment.runs if not run.static]
     if wrong:
-        return delays, None, ["delays and what the recording can tell are looked at once the mistakes are corrected"]
+        return (
+            delays,
+            None,
+            [
+                "delays and what the recording can tell are looked at once the mistakes are"
+                " corrected"
+            ],
+        )
     touched = {contact.run for contact in contacts}
     clean = [p for p in shown if p.run.name not in touched] or list(shown)
     few = [p for p in clean if not p.static][:_MOST_FITTED] + [p for p in clean if p.static]
     tell("fitting everything at once", 0.55)
-    joint, remarks = _joint(part_of(experiment, few), lambda what, part: tell(what, 0.55 + 0.35 * part))
+    joint, remarks = _joint(
+        part_of(experiment, few), lambda what, part: tell(what, 0.55 + 0.35 * part)
+    )
     trusted = joint is not None and joint.fit.converged and experiment.robot.m > 0
     fitted = {p.run.name for p in few} if trusted else set[str]()
     tell("delays", 0.92)
@@ -238,8 +282,10 @@ def _fitted(
         if each.surprising:
             late = "late" if each.value > 0 else "early"
             remarks.append(
-                f"run '{each.run}': the clock of {' and '.join(each.instruments)} is {late} by {abs(each.value) * 1e3:.0f} ms, more than its prior of "
-                f"{each.prior[1] * 1e3:.0f} ms allows; correct 'sync', or state calibration: {{delay: {{value: {each.value:.4f}, sigma: {max(each.sigma, 1e-3):.4f}}}}}"
+                f"run '{each.run}': the clock of {' and '.join(each.instruments)} is {late} by"
+                f" {abs(each.value) * 1e3:.0f} ms, more than its prior of {each.prior[1] * 1e3:.0f}"
+                " ms allows; correct 'sync', or state calibration: {delay: {value:"
+                f" {each.value:.4f}, sigma: {max(each.sigma, 1e-3):.4f}}}}}"
             )
     return delays, joint, remarks
 
@@ -253,34 +299,54 @@ def _joint(part: Experiment, tell: Tell) -> tuple[Joint | None, list[str]]:
         joint = joint_study(part, tell)
     except (NoBalanceError, InputError) as error:
         return None, [f"what the recording can tell was not looked at: {error}"]
-    converged = [] if joint.fit.converged else ["the fit of everything at once did not settle: its figures are rough"]
+    converged = (
+        []
+        if joint.fit.converged
+        else ["the fit of everything at once did not settle: its figures are rough"]
+    )
     return joint, [*joint.study.notes, *converged]
 
 
-def _joint_contacts(joint: Joint | None, residuals: Sequence[Residual], known: Sequence[Contact]) -> list[Contact]:
+def _joint_contacts(
+    joint: Joint | None, residuals: Sequence[Residual], known: Sequence[Contact]
+) -> list[Contact]:
     """Contacts that only the fit of everything has seen."""
     found = []
     for run, stretches in (joint.contacts if joint else {}).items():
         residual = next((r for r in residuals if r.run == run), None)
         for start, end in stretches:
-            if any(c.run == run and c.start < end and c.end > start for c in known) or residual is None:
+            if (
+                any(c.run == run and c.start < end and c.end > start for c in known)
+                or residual is None
+            ):
                 continue
             inside = (residual.time >= start) & (residual.time <= end)
             left = residual.left[inside] if inside.any() else np.zeros((1, 6))
             size = np.sqrt(np.mean(left**2, axis=0))
-            names = (residual.names[int(np.argmax(size[:3]))], residual.names[3 + int(np.argmax(size[3:]))])
-            force, torque = (float(np.linalg.norm(left[:, part], axis=1).max()) for part in (slice(0, 3), slice(3, 6)))
-            found.append(Contact(run, float(start), float(end), residual.instrument, names, force, torque))
+            names = (
+                residual.names[int(np.argmax(size[:3]))],
+                residual.names[3 + int(np.argmax(size[3:]))],
+            )
+            force, torque = (
+                float(np.linalg.norm(left[:, part], axis=1).max())
+                for part in (slice(0, 3), slice(3, 6))
+            )
+            found.append(
+                Contact(run, float(start), float(end), residual.instrument, names, force, torque)
+            )
     return found
 
 
 def _unexplained(judged: Sequence[Judged]) -> str:
     """Where instruments contradict each other and no simple mistake explains it."""
-    run, worst = max(((j.picture.run.name, a) for j in judged for a in j.bad), key=lambda pair: pair[1].worst)
+    run, worst = max(
+        ((j.picture.run.name, a) for j in judged for a in j.bad), key=lambda pair: pair[1].worst
+    )
     i = int(np.argmax(worst.ratio))
     return (
-        f"run '{run}': {worst.name}: {worst.channels[i]} is off by {worst.ratio[i]:.2g} times what is allowed, and no simple mistake explains it; "
-        "look at these instruments and the geometry of the robot"
+        f"run '{run}': {worst.name}: {worst.channels[i]} is off by {worst.ratio[i]:.2g} times what"
+        " is allowed, and no simple mistake explains it; look at these instruments and the"
+        " geometry of the robot"
     )
 
 

@@ -1,7 +1,9 @@
-"""Which simple mistakes a recording gives away: descriptions amended by one of them, held against the present one.
+"""Which simple mistakes a recording gives away: descriptions amended by one of them, held against
+the present one.
 
-A mistake is named where the present description fits badly and the amended one much better, in all agreements together: who is wrong
-shows in how many others then agree. Then the next one is looked for, until nothing is bad or nothing helps.
+A mistake is named where the present description fits badly and the amended one much better, in all
+agreements together: who is wrong shows in how many others then agree. Then the next one is looked
+for, until nothing is bad or nothing helps.
 """
 
 from __future__ import annotations
@@ -12,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.identification.sources import Source
-from steelyard.identification.unknowns import clock_of
+from steelyard.identification.model.calibration_parameters import clock_of
+from steelyard.identification.model.sources import Source
 from steelyard.inspection.agreement import (
     BAD,
     Agreement,
@@ -49,7 +51,8 @@ from steelyard.inspection.picture import Picture
 _MOST = 6
 """Mistakes that are looked for in one run."""
 _LEAST_GAIN = 2.5
-"""By how much the whole must get better: of one channel, that it is left with less than a third of what was too much."""
+"""By how much the whole must get better: of one channel, that it is left with less than a third of
+what was too much."""
 _SHARE = 0.25
 """Of what is bad altogether, that a mistake must explain."""
 _MUCH_BETTER = 0.4
@@ -90,11 +93,16 @@ class Mistake:
     def evidence(self) -> str:
         """Where it shows most, in words."""
         pairs = [(b, a) for b, a in zip(self.before, self.after, strict=True) if b.worst > BAD]
-        b, a = max(pairs or [(self.before[0], self.after[0])], key=lambda pair: pair[0].cost - pair[1].cost)
+        b, a = max(
+            pairs or [(self.before[0], self.after[0])], key=lambda pair: pair[0].cost - pair[1].cost
+        )
         i = int(np.argmax(b.ratio))
         channel = b.channels[i]
         left = a.ratio[a.channels.index(channel)] if channel in a.channels else a.worst
-        return f"{b.name}: {channel} is off by {b.ratio[i]:.2g} times what is allowed, by {left:.2g} times then"
+        return (
+            f"{b.name}: {channel} is off by {b.ratio[i]:.2g} times what is allowed, by {left:.2g}"
+            " times then"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,20 +126,27 @@ def judged(picture: Picture) -> Judged:
     return Judged(picture, tuple(found), found)
 
 
-_MOTION = frozenset({"gyro", "scatter", "attitudes", "places", "accelerometer", "gravity", "lengths"})
+_MOTION = frozenset(
+    {"gyro", "scatter", "attitudes", "places", "accelerometer", "gravity", "lengths"}
+)
 
 
 def evaluated(picture: Picture, relation: Relation) -> Agreement | None:
     """One agreement; None where it cannot be had."""
     try:
-        found = motion_agreement(picture, relation) if relation[0] in _MOTION else carrying_agreement(picture, relation)
+        found = (
+            motion_agreement(picture, relation)
+            if relation[0] in _MOTION
+            else carrying_agreement(picture, relation)
+        )
     except np.linalg.LinAlgError:
         return None
     return found if found is not None and np.isfinite(found.ratio).all() else None
 
 
 def held_against(after: Agreement, before: Agreement) -> Agreement:
-    """An agreement that may not be better for allowing more: noise that a change makes larger explains nothing.
+    """An agreement that may not be better for allowing more: noise that a change makes larger
+    explains nothing.
 
     Args:
         after: With an amended description.
@@ -142,7 +157,8 @@ def held_against(after: Agreement, before: Agreement) -> Agreement:
         # Of one account alone, which has limits of its own.
         return after
     now, then = (
-        np.append(np.var(each.measured, axis=0), np.mean(np.var(each.measured, axis=0))) for each in (before, after)
+        np.append(np.var(each.measured, axis=0), np.mean(np.var(each.measured, axis=0)))
+        for each in (before, after)
     )
     grown = np.sqrt(then / (now + 1e-300))
     # What is compared may have another unit: an axis of it, or all.
@@ -165,7 +181,9 @@ def _touched(relation: Relation, agreement: Agreement, touches: frozenset[str]) 
     return any(name in touches for name, _ in relation[1]) or (ROBOT in touches and agreement.robot)
 
 
-def mistakes(picture: Picture, tell: Callable[[str], None] | None = None) -> tuple[list[Mistake], Judged]:
+def mistakes(
+    picture: Picture, tell: Callable[[str], None] | None = None
+) -> tuple[list[Mistake], Judged]:
     """Find the mistakes of one run, and how everything agrees once they are taken back.
 
     Args:
@@ -216,7 +234,9 @@ def _best(now: Judged, suspected: float) -> tuple[Mistake, Judged] | None:
     tried.sort(key=lambda each: -each[0])
     for gain, amendment, amended, after in tried[:5]:
         spoilt = [r for r in after if now.agreements[r].worst > BAD]
-        if not any(after[r].worst < max(_GOOD, _MUCH_BETTER * now.agreements[r].worst) for r in spoilt):
+        if not any(
+            after[r].worst < max(_GOOD, _MUCH_BETTER * now.agreements[r].worst) for r in spoilt
+        ):
             continue
         others = [
             f"{a.subject}: {a.what}"
@@ -272,7 +292,9 @@ def _amendments(now: Judged, suspected: float) -> Iterator[Amendment]:
 
 
 def _suspects(now: Judged, suspected: float) -> list[Source]:
-    """Sources of which most agreements are none, the worst first: who is wrong agrees with nobody."""
+    """Sources of which most agreements are none, the worst first: who is wrong agrees with
+    nobody.
+    """
     bad: dict[Source, int] = {}
     all_of: dict[Source, int] = {}
     for relation, agreement in now.agreements.items():
@@ -281,7 +303,9 @@ def _suspects(now: Judged, suspected: float) -> list[Source]:
             bad[source] = bad.get(source, 0) + (agreement.worst > BAD)
     share = {source: bad[source] / count for source, count in all_of.items()}
     most = max(share.values())
-    return sorted((s for s in share if bad[s] and share[s] >= suspected * most), key=lambda s: -share[s])
+    return sorted(
+        (s for s in share if bad[s] and share[s] >= suspected * most), key=lambda s: -share[s]
+    )
 
 
 def _wanted_places(picture: Picture, name: str) -> Iterator[Array]:
@@ -299,11 +323,18 @@ def _wanted_places(picture: Picture, name: str) -> Iterator[Array]:
         for other in positions(picture):
             if other != source:
                 apart = seen.value + origin - place(picture, other, turned).position
-                columns = np.concatenate([turned.rotation, np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2)
+                columns = np.concatenate(
+                    [turned.rotation, np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2
+                )
                 yield _solved(columns, apart)[:3]
-        for felt in picture.quantity("specific_force"):
-            own = accelerometer(picture, felt, turned.rotation).value
-            own = moved(own, turned.omega, turned.alpha, -np.array(picture.instruments[felt[0]].position))  # type: ignore[attr-defined]
+        for force_samples in picture.quantity("specific_force"):
+            own = accelerometer(picture, force_samples, turned.rotation).value
+            own = moved(
+                own,
+                turned.omega,
+                turned.alpha,
+                -np.array(picture.instruments[force_samples[0]].position),  # type: ignore[attr-defined]
+            )
             tracked = np.einsum("nji,nj->ni", turned.rotation, seen.bend - picture.robot.gravity)
             columns = np.concatenate([by_lever, np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2)
             yield _solved(columns, tracked - own)[:3]
@@ -320,7 +351,9 @@ def _solved(columns: Array, target: Array) -> Array:
     A = columns.reshape(-1, columns.shape[2])
     scale = np.linalg.norm(A, axis=0).max()
     held = _FREE * scale * np.eye(A.shape[1])
-    value, *_ = np.linalg.lstsq(np.vstack([A, held]), np.concatenate([target.ravel(), np.zeros(len(held))]), rcond=None)
+    value, *_ = np.linalg.lstsq(
+        np.vstack([A, held]), np.concatenate([target.ravel(), np.zeros(len(held))]), rcond=None
+    )
     return np.asarray(value)
 
 
@@ -350,8 +383,13 @@ def _clocks(now: Judged, suspects: set[str]) -> Iterator[Amendment]:
 
 def _best_delay(now: Judged, names: tuple[str, ...]) -> float | None:
     """By how much a clock would have to be late, roughly, if at all [s]."""
-    relations = [r for r in now.relations if any(n in names for n, _ in r[1]) and not all(n in names for n, _ in r[1])]
-    # Against other motion instruments where there are some: it is quicker, and no body needs to be known.
+    relations = [
+        r
+        for r in now.relations
+        if any(n in names for n, _ in r[1]) and not all(n in names for n, _ in r[1])
+    ]
+    # Against other motion instruments where there are some: it is quicker, and no body needs to be
+    # known.
     relations.sort(key=lambda r: (r[0] not in _MOTION, -now.agreements[r].worst))
     relations = relations[:2]
     if not relations:
@@ -362,7 +400,11 @@ def _best_delay(now: Judged, names: tuple[str, ...]) -> float | None:
     def cost(delay: float) -> float:
         amended = of_clock(now.picture, names, delay).change(now.picture)
         each = [evaluated(amended, r) for r in relations]
-        return sum(a.cost for a in each if a is not None) if all(a is not None for a in each) else np.inf
+        return (
+            sum(a.cost for a in each if a is not None)
+            if all(a is not None for a in each)
+            else np.inf
+        )
 
     grid = np.arange(-most, most + _COARSE / 2, _COARSE)
     best = float(grid[int(np.argmin([cost(float(d)) for d in grid]))])
@@ -383,7 +425,11 @@ def _exchanged(picture: Picture, groups: Sequence[Sequence[str]]) -> Iterator[Am
 
             def change(p: Picture, delays: Mapping[str, float] = delays) -> Picture:
                 return p.with_seen(
-                    {s: seen.later(p.time, delays[s[0]]) for s, seen in p.seen.items() if s[0] in delays}
+                    {
+                        s: seen.later(p.time, delays[s[0]])
+                        for s, seen in p.seen.items()
+                        if s[0] in delays
+                    }
                 )
 
             key = "sync: {" + ", ".join(f"{n}: {sync[n] + d:.6g}" for n, d in delays.items()) + "}"

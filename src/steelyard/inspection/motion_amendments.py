@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.identification.sources import Source
+from steelyard.identification.model.sources import Source
 from steelyard.inspection.amendment import (
     AXES,
     RARE,
@@ -25,7 +25,14 @@ from steelyard.inspection.amendment import (
     turns,
     units_key,
 )
-from steelyard.inspection.frames import attitude_source, lever_of, mounting, rpy_deg_of, tracker_frame, turning
+from steelyard.inspection.frames import (
+    attitude_source,
+    lever_of,
+    mounting,
+    rpy_deg_of,
+    tracker_frame,
+    turning,
+)
 from steelyard.inspection.picture import Picture, Seen
 from steelyard.units import FACTORS
 
@@ -52,11 +59,15 @@ def of_vectors(picture: Picture, source: Source) -> Iterator[Amendment]:
     for turn in turns():
         words, key = columns_of(prefix, turn)
         kind = "order of axes" if turn.order != (0, 1, 2) else "sign of an axis"
-        yield Amendment(kind, name, quantity, words, key, mapped(source, turn.matrix), turn.cost, touches)
+        yield Amendment(
+            kind, name, quantity, words, key, mapped(source, turn.matrix), turn.cost, touches
+        )
     si = _UNIT[quantity]
     for unit, words, factor in other_units({u: FACTORS[si][u] for u in (si, *_LIKELY[quantity])}):
         key = units_key(names, unit)
-        yield Amendment("unit", name, quantity, words, key, mapped(source, factor * np.eye(3)), SIMPLE, touches)
+        yield Amendment(
+            "unit", name, quantity, words, key, mapped(source, factor * np.eye(3)), SIMPLE, touches
+        )
 
 
 def of_imu(picture: Picture, name: str) -> Iterator[Amendment]:
@@ -84,7 +95,8 @@ def of_imu(picture: Picture, name: str) -> Iterator[Amendment]:
                 name,
                 "specific_force",
                 "feels gravity upside down (a + g instead of a - g)",
-                "turn the sign of the gravity in the log, or state gravity: removed once it is taken out",
+                "turn the sign of the gravity in the log, or state gravity: removed once it is"
+                " taken out",
                 _gravity_turned(source, orientation),
                 USUAL,
                 touches | {orientation[0]},
@@ -146,7 +158,9 @@ def _with(name: str, **keys: object) -> Callable[[Picture], Picture]:
 def _gravity_turned(source: Source, orientation: Source) -> Callable[[Picture], Picture]:
     def change(picture: Picture) -> Picture:
         R = turning(picture, orientation).rotation @ mounting(picture, source[0])
-        return picture.with_seen({source: picture.seen[source].plus(-2 * R.swapaxes(1, 2) @ picture.robot.gravity)})
+        return picture.with_seen(
+            {source: picture.seen[source].plus(-2 * R.swapaxes(1, 2) @ picture.robot.gravity)}
+        )
 
     return change
 
@@ -166,7 +180,9 @@ def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
     name = source[0]
     touches = frozenset({name})
 
-    def amendment(kind: str, what: str, proposal: str, change: Callable[[Seen], Seen], cost: float) -> Amendment:
+    def amendment(
+        kind: str, what: str, proposal: str, change: Callable[[Seen], Seen], cost: float
+    ) -> Amendment:
         return Amendment(
             kind,
             name,
@@ -178,10 +194,16 @@ def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
             touches,
         )
 
-    def resampled(kind: str, what: str, proposal: str, change: Callable[[Array], Array], cost: float) -> Amendment:
+    def resampled(
+        kind: str, what: str, proposal: str, change: Callable[[Array], Array], cost: float
+    ) -> Amendment:
         def changed(p: Picture) -> Picture:
             return p.with_seen(
-                {source: p.refitted(source, _sound(change, picture.run.streams[name].values["orientation"]))}
+                {
+                    source: p.refitted(
+                        source, _sound(change, picture.run.streams[name].values["orientation"])
+                    )
+                }
             )
 
         return Amendment(kind, name, "orientation", what, proposal, changed, cost, touches)
@@ -189,7 +211,8 @@ def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
     yield amendment(
         "orientation the other way round",
         "is that of the world in the instrument: transposed, or the conjugate quaternion",
-        "turn it around in the log: the transposed matrix (r12: r21, …), or qx, qy, qz with the other sign",
+        "turn it around in the log: the transposed matrix (r12: r21, …), or qx, qy, qz with the"
+        " other sign",
         Seen.transposed,
         SIMPLE,
     )
@@ -202,14 +225,20 @@ def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
             if order == (0, 1, 2, 3):
                 continue
             # Columns are w, x, y, z as the description has them; what they hold is another.
-            columns = {f"q{a}": f"q{'wxyz'[k]}" for a, k in zip("wxyz", order, strict=True) if a != "wxyz"[k]}
+            columns = {
+                f"q{a}": f"q{'wxyz'[k]}"
+                for a, k in zip("wxyz", order, strict=True)
+                if a != "wxyz"[k]
+            }
             cyclic = order in {(1, 2, 3, 0), (3, 0, 1, 2)}
             key = "columns: {" + ", ".join(f"{a}: {b}" for a, b in columns.items()) + "}"
             yield resampled(
                 "order of the quaternion",
-                "has its quaternion in another order (x y z w against w x y z)"
-                if cyclic
-                else "has parts of its quaternion exchanged",
+                (
+                    "has its quaternion in another order (x y z w against w x y z)"
+                    if cyclic
+                    else "has parts of its quaternion exchanged"
+                ),
                 key,
                 _reordered(order),
                 SIMPLE if cyclic else USUAL + 0.2,
@@ -227,7 +256,8 @@ def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
             yield amendment(
                 "frame",
                 f"stands in a world turned by right angles ({turn_words(turn)})",
-                f"turn the world of the orientation: multiply it on the left by the rotation rpy {rpy_deg_of(turn.matrix)}",
+                "turn the world of the orientation: multiply it on the left by the rotation rpy"
+                f" {rpy_deg_of(turn.matrix)}",
                 _left(turn.matrix),
                 USUAL,
             )
@@ -236,7 +266,8 @@ def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
             yield amendment(
                 "mounting",
                 f"is that of a frame turned against the rest of the IMU ({turn_words(turn)})",
-                f"give the orientation an instrument of its own of kind attitude with rpy_deg: {rpy_deg_of(mounting(picture, name) @ turn.matrix)}",
+                "give the orientation an instrument of its own of kind attitude with rpy_deg:"
+                f" {rpy_deg_of(mounting(picture, name) @ turn.matrix)}",
                 _right(turn.matrix.T),
                 USUAL + 0.2,
             )
@@ -263,11 +294,14 @@ def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
             )
     for heading in _HEADINGS:
         if heading % 90:
-            turned = np.asarray(Rotation.from_rotvec(np.radians(heading) * picture.robot.up).as_matrix())
+            turned = np.asarray(
+                Rotation.from_rotvec(np.radians(heading) * picture.robot.up).as_matrix()
+            )
             yield amendment(
                 "heading",
                 f"has another heading than the world, by about {heading} degrees",
-                f"turn it about the vertical by {heading} degrees, or widen calibration: {{reference: …}}",
+                f"turn it about the vertical by {heading} degrees, or widen calibration:"
+                " {reference: …}",
                 _left(turned),
                 RARE,
             )
@@ -275,7 +309,9 @@ def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
 
 def turn_words(turn: Turn) -> str:
     """Where the axes go."""
-    return ", ".join(f"{AXES[i]} = {'-' if turn.signs[i] < 0 else ''}{AXES[k]}" for i, k in enumerate(turn.order))
+    return ", ".join(
+        f"{AXES[i]} = {'-' if turn.signs[i] < 0 else ''}{AXES[k]}" for i, k in enumerate(turn.order)
+    )
 
 
 def _left(matrix: Array) -> Callable[[Seen], Seen]:
@@ -331,7 +367,9 @@ def _of_angles(picture: Picture, source: Source, angles: Array) -> Iterator[Amen
     name = source[0]
     columns = ["roll", "pitch", "yaw"]
 
-    def amendment(kind: str, what: str, proposal: str, rotations: Callable[[Array], Array], cost: float) -> Amendment:
+    def amendment(
+        kind: str, what: str, proposal: str, rotations: Callable[[Array], Array], cost: float
+    ) -> Amendment:
         def change(p: Picture) -> Picture:
             values = np.full((len(angles), 3, 3), np.nan)
             complete = np.isfinite(angles).all(axis=1)
@@ -345,10 +383,18 @@ def _of_angles(picture: Picture, source: Source, angles: Array) -> Iterator[Amen
 
     degrees = np.pi / 180
     yield amendment(
-        "unit", "is in degrees, not in radians", units_key(columns, "deg"), lambda a: plain(a * degrees), SIMPLE
+        "unit",
+        "is in degrees, not in radians",
+        units_key(columns, "deg"),
+        lambda a: plain(a * degrees),
+        SIMPLE,
     )
     yield amendment(
-        "unit", "is in radians, not in degrees", units_key(columns, "rad"), lambda a: plain(a / degrees), SIMPLE
+        "unit",
+        "is in radians, not in degrees",
+        units_key(columns, "rad"),
+        lambda a: plain(a / degrees),
+        SIMPLE,
     )
 
     def flipped(i: int) -> Callable[[Array], Array]:
@@ -358,16 +404,26 @@ def _of_angles(picture: Picture, source: Source, angles: Array) -> Iterator[Amen
         return lambda a: plain(a[:, list(order)])
 
     def ordered(axes: str) -> Callable[[Array], Array]:
-        return lambda a: np.asarray(Rotation.from_euler(axes, a[:, ["XYZ".index(c) for c in axes]]).as_matrix())
+        return lambda a: np.asarray(
+            Rotation.from_euler(axes, a[:, ["XYZ".index(c) for c in axes]]).as_matrix()
+        )
 
     for i, column in enumerate(columns):
         key = f"turn the sign of {column} in the log"
-        yield amendment("sign of an angle", f"has {column} with the wrong sign", key, flipped(i), SIMPLE)
+        yield amendment(
+            "sign of an angle", f"has {column} with the wrong sign", key, flipped(i), SIMPLE
+        )
     for order in permutations(range(3)):
         if order != (0, 1, 2):
             changed = {columns[i]: columns[k] for i, k in enumerate(order) if i != k}
             key = "columns: {" + ", ".join(f"{a}: {b}" for a, b in changed.items()) + "}"
-            yield amendment("order of the angles", "has its angles exchanged", key, exchanged(order), SIMPLE + 0.1)
+            yield amendment(
+                "order of the angles",
+                "has its angles exchanged",
+                key,
+                exchanged(order),
+                SIMPLE + 0.1,
+            )
     for axes, words in _ORDERS.items():
         what = f"has its angles in another order of rotations: {words}"
         key = "write the orientation as quaternion or matrix, or as R = Rz(yaw) Ry(pitch) Rx(roll)"
@@ -383,7 +439,8 @@ def of_frame(picture: Picture, name: str) -> Iterator[Amendment]:
             name,
             "position",
             "has its frame stated the wrong way round (world in the tracker)",
-            f"frame: {{position: {[round(float(v), 6) for v in -R.T @ origin]}, rpy_deg: {rpy_deg_of(R.T)}}}",
+            f"frame: {{position: {[round(float(v), 6) for v in -R.T @ origin]}, rpy_deg:"
+            f" {rpy_deg_of(R.T)}}}",
             lambda p: p.with_instrument(name, frame=_frame(p, name, -R.T @ origin, R.T)),
             SIMPLE,
             frozenset({name}),
@@ -392,7 +449,9 @@ def of_frame(picture: Picture, name: str) -> Iterator[Amendment]:
 
 def _frame(picture: Picture, name: str, origin: Array, R: Array) -> object:
     form = picture.instruments[name].frame  # type: ignore[attr-defined]
-    return form.model_copy(update={"position": tuple(map(float, origin)), "rpy_deg": tuple(rpy_deg_of(R))})
+    return form.model_copy(
+        update={"position": tuple(map(float, origin)), "rpy_deg": tuple(rpy_deg_of(R))}
+    )
 
 
 def of_target(picture: Picture, name: str, wanted: Array) -> Iterator[Amendment]:
@@ -406,7 +465,11 @@ def of_target(picture: Picture, name: str, wanted: Array) -> Iterator[Amendment]
     instrument = picture.instruments[name]
     key = "target" if hasattr(instrument, "target") else "position"
     lever = lever_of(picture, name)
-    if not _LEAST_TARGET < float(np.linalg.norm(wanted - lever)) < _FARTHEST * max(picture.robot.size, 0.5):
+    if (
+        not _LEAST_TARGET
+        < float(np.linalg.norm(wanted - lever))
+        < _FARTHEST * max(picture.robot.size, 0.5)
+    ):
         return
     place = tuple(round(float(v), 3) for v in wanted)
     yield Amendment(
@@ -420,9 +483,9 @@ def of_target(picture: Picture, name: str, wanted: Array) -> Iterator[Amendment]
         frozenset({name}),
     )
     for turn in turns():
-        if turn.order == (0, 1, 2) and np.linalg.norm(turn.matrix @ lever - wanted) < 0.4 * np.linalg.norm(
-            lever - wanted
-        ):
+        if turn.order == (0, 1, 2) and np.linalg.norm(
+            turn.matrix @ lever - wanted
+        ) < 0.4 * np.linalg.norm(lever - wanted):
             place = tuple(float(v) + 0.0 for v in turn.matrix @ lever)
             yield Amendment(
                 "place on the platform",
@@ -440,7 +503,9 @@ def of_clock(picture: Picture, names: tuple[str, ...], delay: float) -> Amendmen
     """A clock that is late."""
 
     def change(p: Picture) -> Picture:
-        return p.with_seen({s: seen.later(p.time, delay) for s, seen in p.seen.items() if s[0] in names})
+        return p.with_seen(
+            {s: seen.later(p.time, delay) for s, seen in p.seen.items() if s[0] in names}
+        )
 
     which = " and ".join(names)
     key = (
@@ -475,7 +540,8 @@ def of_gravity(picture: Picture) -> Iterator[Amendment]:
                 "gravity in the robot file",
                 ROBOT,
                 "gravity",
-                f"gravity points along {'+' if sign > 0 else '-'}{AXES[axis]} in the robot's world{down}",
+                f"gravity points along {'+' if sign > 0 else '-'}{AXES[axis]} in the robot's"
+                f" world{down}",
                 f"gravity: {[float(v) for v in other]} in the robot file",
                 _with_gravity(other),
                 SIMPLE + (0.0 if axis == 2 else 0.4),

@@ -31,11 +31,16 @@ def part_of(experiment: Experiment, pictures: list[Picture]) -> Experiment:
         for name, instrument in experiment.instruments.items()
         if not isinstance(instrument, Command)
     }
-    instruments = {name: _averaged_noise(each, often.get(name, 1)) for name, each in experiment.instruments.items()}
+    instruments = {
+        name: _averaged_noise(each, often.get(name, 1))
+        for name, each in experiment.instruments.items()
+    }
     return replace(
         experiment,
         instruments=instruments,
-        runs=tuple(run if run.static else _cut(experiment, run, shown[run.name], often) for run in runs),
+        runs=tuple(
+            run if run.static else _cut(experiment, run, shown[run.name], often) for run in runs
+        ),
     )
 
 

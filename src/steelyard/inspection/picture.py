@@ -1,6 +1,8 @@
-"""A part of one run as all instruments saw it: every quantity smooth, on one time base, as its log has it.
+"""A part of one run as all instruments saw it: every quantity smooth, on one time base, as its log
+has it.
 
-This is what descriptions are held against: it is quick to change a sign or an axis in it and look again.
+This is what descriptions are held against: it is quick to change a sign or an axis in it and look
+again.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from scipy.interpolate import BSpline
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.sources import Source
+from steelyard.identification.model.sources import Source
 from steelyard.instruments import Instrument
 from steelyard.robot.model import Robot
 from steelyard.smoothing import Samples1D, fit, segments
@@ -68,7 +70,10 @@ class Seen:
     def between(self, left: Array, right: Array) -> Seen:
         """Rotations: ``left`` times them times ``right``."""
         return replace(
-            self, value=left @ self.value @ right, rate=left @ self.rate @ right, bend=left @ self.bend @ right
+            self,
+            value=left @ self.value @ right,
+            rate=left @ self.rate @ right,
+            bend=left @ self.bend @ right,
         )
 
     def transposed(self) -> Seen:
@@ -77,13 +82,19 @@ class Seen:
         return replace(self, value=value, rate=rate, bend=bend)
 
     def later(self, times: Array, delay: float) -> Seen:
-        """At instants of common time, of a stream that is late; beyond its ends it stays as it was there."""
+        """At instants of common time, of a stream that is late; beyond its ends it stays as it was
+        there.
+        """
         if self.spline is None:
             return self
         at = np.clip(times + delay, *self.span)
-        value, rate, bend = (self.spline(at, nu=order)[:, : self.value[0].size] for order in range(3))
+        value, rate, bend = (
+            self.spline(at, nu=order)[:, : self.value[0].size] for order in range(3)
+        )
         shape = self.value.shape
-        return replace(self, value=value.reshape(shape), rate=rate.reshape(shape), bend=bend.reshape(shape))
+        return replace(
+            self, value=value.reshape(shape), rate=rate.reshape(shape), bend=bend.reshape(shape)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +129,11 @@ class Picture:
 
     def quantity(self, quantity: str, *kinds: str) -> list[Source]:
         """Who reads it, of some kinds of instruments."""
-        return [s for s in self.seen if s[1] == quantity and (not kinds or self.instruments[s[0]].kind in kinds)]
+        return [
+            s
+            for s in self.seen
+            if s[1] == quantity and (not kinds or self.instruments[s[0]].kind in kinds)
+        ]
 
     def refitted(self, source: Source, values: Array) -> Seen:
         """Other samples of a quantity, smoothed like those that are there.
@@ -134,7 +149,9 @@ class Picture:
         return self.seen[source] if found is None else found
 
 
-def picture(experiment: Experiment, run: Run, finest: float = _FINEST, most: int = _MOST) -> Picture | None:
+def picture(
+    experiment: Experiment, run: Run, finest: float = _FINEST, most: int = _MOST
+) -> Picture | None:
     """Look at the liveliest part of a run; None where its streams have too little in common.
 
     Args:
@@ -150,7 +167,9 @@ def picture(experiment: Experiment, run: Run, finest: float = _FINEST, most: int
     if part is None:
         return None
     start, end, spacing = part
-    inside = np.linspace(start + spacing / 2, end - spacing / 2, min(most, int(2 * (end - start) / spacing)))
+    inside = np.linspace(
+        start + spacing / 2, end - spacing / 2, min(most, int(2 * (end - start) / spacing))
+    )
     seen = {}
     for name, stream in run.streams.items():
         for quantity, values in stream.values.items():
@@ -163,7 +182,10 @@ def picture(experiment: Experiment, run: Run, finest: float = _FINEST, most: int
 def _part(run: Run, times: Mapping[str, Array], finest: float) -> tuple[float, float, float] | None:
     """Beginning, end and spacing of the knots of what is looked at [s]."""
     start, end = run.window or (-np.inf, np.inf)
-    start, end = max(start, *(float(t[0]) for t in times.values())), min(end, *(float(t[-1]) for t in times.values()))
+    start, end = (
+        max(start, *(float(t[0]) for t in times.values())),
+        min(end, *(float(t[-1]) for t in times.values())),
+    )
     if end - start < _SHORTEST:
         return None
     steps = [float(np.median(np.diff(t))) for t in times.values() if len(t) > 2]
@@ -194,7 +216,11 @@ def _liveliest(run: Run, times: Mapping[str, Array], start: float, end: float) -
                 happens[1:] += np.diff(mean) ** 2
     width = int(LONGEST / _BIN)
     total = np.concatenate([[0.0], np.cumsum(np.minimum(happens, 25 * np.median(happens) + 1e-12))])
-    return float(edges[int(np.argmax(total[width:] - total[:-width]))]) if len(total) > width else start
+    return (
+        float(edges[int(np.argmax(total[width:] - total[:-width]))])
+        if len(total) > width
+        else start
+    )
 
 
 def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Seen | None:
@@ -206,7 +232,9 @@ def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Seen
     time, flat = time[complete], flat[complete]
     for margin in (_MARGIN, spacing):
         start, end = max(time[0], inside[0] - margin), min(time[-1], inside[-1] + margin)
-        found = fit(Samples1D(time, flat), start, end, spacing, robust=True) if end > start else None
+        found = (
+            fit(Samples1D(time, flat), start, end, spacing, robust=True) if end > start else None
+        )
         if found is not None:
             break
     else:
@@ -219,7 +247,9 @@ def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Seen
 
 
 def _poses(experiment: Experiment, run: Run) -> Picture | None:
-    everything = [v.reshape(len(v), -1) for stream in run.streams.values() for v in stream.values.values()]
+    everything = [
+        v.reshape(len(v), -1) for stream in run.streams.values() for v in stream.values.values()
+    ]
     rows = np.all([np.isfinite(v).all(axis=1) for v in everything], axis=0)
     if rows.sum() < 3:
         return None
@@ -240,7 +270,10 @@ def _at_rest(values: Array) -> Seen:
 def pictures(experiment: Experiment, most: int) -> Sequence[Picture]:
     """Of a few runs: those in motion first, spread over the experiment."""
     moving = [run for run in experiment.runs if not run.static]
-    chosen = [moving[i] for i in sorted({round(k) for k in np.linspace(0, len(moving) - 1, min(most, len(moving)))})]
+    chosen = [
+        moving[i]
+        for i in sorted({round(k) for k in np.linspace(0, len(moving) - 1, min(most, len(moving)))})
+    ]
     chosen += [run for run in experiment.runs if run.static][:1]
     found = (picture(experiment, run) for run in chosen)
     return [each for each in found if each is not None]

@@ -1,4 +1,6 @@
-"""What a stream shows by itself: a unit of time that was forgotten, a dead channel, noise that is none of the stated one."""
+"""What a stream shows by itself: a unit of time that was forgotten, a dead channel, noise that is
+none of the stated one.
+"""
 
 from __future__ import annotations
 
@@ -32,9 +34,15 @@ def of_times(experiment: Experiment, run: Run) -> Iterator[str]:
         ratio = length / float(np.median(others))
         for unit, factor in _TIME_UNITS.items():
             if abs(np.log(ratio * factor)) < _LIKE:
-                yield f"run '{run.name}': the time of {name} seems to be in {unit}, not in s: state units: {{t: {unit}}}"
+                yield (
+                    f"run '{run.name}': the time of {name} seems to be in {unit}, not in s: state"
+                    f" units: {{t: {unit}}}"
+                )
             elif abs(np.log(ratio / factor)) < _LIKE:
-                yield f"run '{run.name}': the time of {name} seems to be in s, not in {unit}: correct 'units' of its column t"
+                yield (
+                    f"run '{run.name}': the time of {name} seems to be in s, not in {unit}: correct"
+                    " 'units' of its column t"
+                )
 
 
 def constant_channels(experiment: Experiment) -> Iterator[str]:
@@ -43,14 +51,24 @@ def constant_channels(experiment: Experiment) -> Iterator[str]:
         for name, stream in run.streams.items():
             if experiment.instruments[name].kind == "command":
                 continue
-            rows = [(label, quantity, values) for label, quantity, i, values in channels(stream) if i is not None]
+            rows = [
+                (label, quantity, values)
+                for label, quantity, i, values in channels(stream)
+                if i is not None
+            ]
             spread = {
-                label: float(np.nanmax(v) - np.nanmin(v)) if np.isfinite(v).any() else 0.0 for label, _, v in rows
+                label: float(np.nanmax(v) - np.nanmin(v)) if np.isfinite(v).any() else 0.0
+                for label, _, v in rows
             }
             for label, quantity, _ in rows:
-                fellows = [spread[other] for other, q, _ in rows if q == quantity and other != label]
+                fellows = [
+                    spread[other] for other, q, _ in rows if q == quantity and other != label
+                ]
                 if spread[label] == 0 and fellows and min(fellows) > 0:
-                    yield f"run '{run.name}': {label} of {name} never changes: a dead channel; look at its sensor and cable"
+                    yield (
+                        f"run '{run.name}': {label} of {name} never changes: a dead channel; look"
+                        " at its sensor and cable"
+                    )
 
 
 def of_noise(experiment: Experiment, reports: Sequence[StreamReport]) -> Iterator[str]:
@@ -61,9 +79,13 @@ def of_noise(experiment: Experiment, reports: Sequence[StreamReport]) -> Iterato
             if not q.stated or not found:
                 continue
             ratio = found / q.stated
-            # A platform in motion may shake faster than its instruments read; less than the stated noise it cannot do.
+            # A platform in motion may shake faster than its instruments read; less than the stated
+            # noise it cannot do.
             if ratio <= 1 / _FAR or (ratio >= _FAR and q.noise_at_rest is not None):
-                what = f"run '{report.run}': {q.name.replace('_', ' ')} of {report.instrument} scatters by {found:.2g} {q.unit}, {ratio:.2g} times the stated noise"
+                what = (
+                    f"run '{report.run}': {q.name.replace('_', ' ')} of {report.instrument}"
+                    f" scatters by {found:.2g} {q.unit}, {ratio:.2g} times the stated noise"
+                )
                 units = [
                     unit
                     for unit, factor in FACTORS.get(q.unit, {}).items()

@@ -1,4 +1,6 @@
-"""Each stream by itself: how often and how evenly it was sampled, what is missing, how much it scatters at rest and in motion."""
+"""Each stream by itself: how often and how evenly it was sampled, what is missing, how much it
+scatters at rest and in motion.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,8 @@ class QuantityReport:
     """Of every column; of rotations of the matrix, shape (k,)."""
     largest: Array
     noise_at_rest: float | None
-    """1-sigma of a sample about its neighbours, root mean square over the columns; None: the platform never rests."""
+    """1-sigma of a sample about its neighbours, root mean square over the columns; None: the
+    platform never rests."""
     noise_in_motion: float | None
     stated: float | None
     """1-sigma that the experiment file states."""
@@ -79,24 +82,40 @@ def stream_reports(experiment: Experiment, run: Run) -> list[StreamReport]:
 
 
 def _report(
-    instrument: Instrument, name: str, stream: Stream, run: Run, rest: NDArray[np.bool_] | None, m: int
+    instrument: Instrument,
+    name: str,
+    stream: Stream,
+    run: Run,
+    rest: NDArray[np.bool_] | None,
+    m: int,
 ) -> StreamReport:
     stuck = tuple(fault for fault in run.excluded if fault.instrument == name)
     faults: tuple[Fault, ...] = ()
     if not run.static:
         # What was taken out is missing on purpose.
         taken = {fault.channel for fault in stuck}
-        faults = tuple(f for f in faults_of(name, stream) if not (f.kind == "missing" and f.channel in taken))
+        faults = tuple(
+            f for f in faults_of(name, stream) if not (f.kind == "missing" and f.channel in taken)
+        )
         if instrument.kind == "command":
             faults = tuple(f for f in faults if f.kind not in {"held", "clipped"})
     quantities = tuple(
-        _quantity(q.name, q.unit, q.noise, stream.values[q.name], stream.time, rest, static=run.static)
+        _quantity(
+            q.name, q.unit, q.noise, stream.values[q.name], stream.time, rest, static=run.static
+        )
         for q in instrument.quantities(m)
         if q.name in stream.values
     )
     times = None if run.static or len(stream) < 2 else timing(stream.time)
     return StreamReport(
-        run.name, name, instrument.kind, stream.source, len(stream), times, (*stuck, *faults), quantities
+        run.name,
+        name,
+        instrument.kind,
+        stream.source,
+        len(stream),
+        times,
+        (*stuck, *faults),
+        quantities,
     )
 
 
@@ -133,7 +152,9 @@ def _extremes(flat: Array) -> tuple[Array, Array]:
 
 
 def _scatter(flat: Array, rows: NDArray[np.bool_]) -> float | None:
-    """1-sigma of samples about their neighbours, by third differences; None where there are too few."""
+    """1-sigma of samples about their neighbours, by third differences; None where there are too
+    few.
+    """
     third = np.diff(flat, 3, axis=0)
     use = rows[3:] & rows[:-3]
     chosen = third[use]
@@ -155,12 +176,15 @@ def _spectrum(time: Array, flat: Array) -> tuple[Array, Array]:
         return np.zeros(0), np.zeros(0)
     grid = time[0] + step * np.arange(min(len(time), _MOST))
     even = np.column_stack([np.interp(grid, time, column) for column in flat.T])
-    frequency, power = welch(even, 1 / step, nperseg=min(_SEGMENT, len(grid)), axis=0, detrend="linear")
+    frequency, power = welch(
+        even, 1 / step, nperseg=min(_SEGMENT, len(grid)), axis=0, detrend="linear"
+    )
     return frequency, np.sqrt(power.mean(axis=1))
 
 
 def resting(experiment: Experiment, run: Run) -> dict[str, NDArray[np.bool_]]:
-    """Samples of every stream at which the platform rests, as all motion instruments and commands see it.
+    """Samples of every stream at which the platform rests, as all motion instruments and commands
+    see it.
 
     Args:
         experiment: With its instruments.
@@ -183,7 +207,9 @@ def resting(experiment: Experiment, run: Run) -> dict[str, NDArray[np.bool_]]:
     found = {}
     for name, t in times.items():
         bins = np.searchsorted(edges, t, side="right") - 1
-        found[name] = np.where((bins >= 0) & (t <= end), still[np.clip(bins, 0, len(edges) - 1)], False)
+        found[name] = np.where(
+            (bins >= 0) & (t <= end), still[np.clip(bins, 0, len(edges) - 1)], False
+        )
     return found
 
 
@@ -202,7 +228,11 @@ def _still(time: Array, flat: Array, edges: Array) -> NDArray[np.bool_]:
         mean = np.bincount(bins[use], column[use], minlength=len(edges)) / count
         step = np.abs(np.diff(mean))
         spread = float(np.std(mean))
-        allowed = _STILL * sigma[i] * np.sqrt(2 / count[1:]) + 2e-3 * spread + 1e-9 * float(np.abs(mean).max())
+        allowed = (
+            _STILL * sigma[i] * np.sqrt(2 / count[1:])
+            + 2e-3 * spread
+            + 1e-9 * float(np.abs(mean).max())
+        )
         moving = step > allowed
         still[1:] &= ~moving
         still[:-1] &= ~moving

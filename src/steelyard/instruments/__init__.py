@@ -19,6 +19,7 @@ from steelyard.instruments.tension import Tension as Tension
 from steelyard.instruments.wrench import Wrench as Wrench
 
 AnyInstrument = Annotated[
-    Tension | Wrench | Imu | Attitude | Position | Pose | Length | Command, Field(discriminator="kind")
+    Tension | Wrench | Imu | Attitude | Position | Pose | Length | Command,
+    Field(discriminator="kind"),
 ]
 """Every kind, told apart by its key ``kind``."""

@@ -49,9 +49,13 @@ class Attitude(Instrument):
     def terms(self, m: int) -> tuple[Term, ...]:
         """See :class:`Instrument`."""
         c = self.calibration
-        return Term("misalignment", 3, "rad", c.misalignment), Term("reference", 3, "rad", c.reference)
+        return Term("misalignment", 3, "rad", c.misalignment), Term(
+            "reference", 3, "rad", c.reference
+        )
 
-    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
+    def predict(
+        self, state: State, calibration: Mapping[str, Symbol], robot: Robot
+    ) -> dict[str, Symbol]:
         """Orientation of the frame against the instrument's reference."""
         R = mounting_rotation(self.rpy_deg, calibration["misalignment"])
         return {"orientation": rotations.exp(calibration["reference"]).T @ state.rotation @ R}

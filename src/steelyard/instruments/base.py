@@ -1,7 +1,8 @@
 """What every instrument states about itself.
 
-A kind of instrument is one file beside this one. It says once which columns its log has, which systematic errors it may have and
-how its reading follows from the state of the platform. Simulation, estimation and inspection read that one statement.
+A kind of instrument is one file beside this one. It says once which columns its log has, which
+systematic errors it may have and how its reading follows from the state of the platform.
+Simulation, estimation and inspection read that one statement.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ class Prior(FileModel):
         if isinstance(value, dict):
             if value.get("sigma") is None:
                 raise ValueError(
-                    "expected the key 'sigma', found it missing; add it, or write the 1-sigma as a number alone"
+                    "expected the key 'sigma', found it missing; add it, or write the 1-sigma as a"
+                    " number alone"
                 )
             return value
         return {"sigma": value}
@@ -62,7 +64,11 @@ class Prior(FileModel):
         """As a person would write it: a number alone where that says it."""
         if self.value is None and self.per == "experiment":
             return self.sigma
-        entries = {"value": self.value, "sigma": self.sigma, "per": None if self.per == "experiment" else self.per}
+        entries = {
+            "value": self.value,
+            "sigma": self.sigma,
+            "per": None if self.per == "experiment" else self.per,
+        }
         return {key: entry for key, entry in entries.items() if entry is not None}
 
 
@@ -112,7 +118,8 @@ class Quantity:
     unit: str
     """SI unit of its columns (of angles, where a rotation is given by angles)."""
     noise: float | None
-    """1-sigma per sample and axis; None: not stated. Of a rotation: of the rotation vector on its right [rad]."""
+    """1-sigma per sample and axis; None: not stated. Of a rotation: of the rotation vector on its
+    right [rad]."""
     rotation: bool = False
     """Whether it is a rotation, shape (3, 3); else a vector."""
     required: bool = True
@@ -150,7 +157,9 @@ class Instrument(FileModel, ABC):
         """Its systematic errors, but for the delay of its clock."""
 
     @abstractmethod
-    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
+    def predict(
+        self, state: State, calibration: Mapping[str, Symbol], robot: Robot
+    ) -> dict[str, Symbol]:
         """Its measurement equation: noise-free readings of a platform state.
 
         Args:

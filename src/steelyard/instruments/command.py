@@ -22,7 +22,13 @@ class Command(Instrument):
         """See :class:`Instrument`."""
         return (
             Quantity("position", (("x", "y", "z"),), "m", self.noise.position),
-            Quantity("orientation", (("roll", "pitch", "yaw"),), "rad", self.noise.rotation, rotation=True),
+            Quantity(
+                "orientation",
+                (("roll", "pitch", "yaw"),),
+                "rad",
+                self.noise.rotation,
+                rotation=True,
+            ),
         )
 
     def terms(self, m: int) -> tuple[Term, ...]:
@@ -34,6 +40,8 @@ class Command(Instrument):
         """Whether it says how far the platform may be from the command."""
         return self.noise.position is not None or self.noise.rotation is not None
 
-    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
+    def predict(
+        self, state: State, calibration: Mapping[str, Symbol], robot: Robot
+    ) -> dict[str, Symbol]:
         """The platform's pose."""
         return {"position": state.position, "orientation": state.rotation}

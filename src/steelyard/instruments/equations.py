@@ -1,4 +1,6 @@
-"""Measurement equations over samples: forwards as they are stated, and backwards where they are linear in what is sought."""
+"""Measurement equations over samples: forwards as they are stated, and backwards where they are
+linear in what is sought.
+"""
 
 from __future__ import annotations
 
@@ -30,13 +32,16 @@ def terms_behind(instrument: Instrument, quantity: str, robot: Robot) -> list[Te
     return [term for term in instrument.terms(robot.m) if ca.depends_on(reading, values[term.key])]
 
 
-def predict(instrument: Instrument, robot: Robot, state: State, calibration: Mapping[str, Array]) -> dict[str, Array]:
+def predict(
+    instrument: Instrument, robot: Robot, state: State, calibration: Mapping[str, Array]
+) -> dict[str, Array]:
     """Noise-free readings of an instrument.
 
     Args:
         instrument: Any kind.
         robot: Its cables.
-        state: Arrays over n samples (constant ones without the leading axis); None where it is not known.
+        state: Arrays over n samples (constant ones without the leading axis); None where it is not
+            known.
         calibration: Systematic errors, one array for each of :meth:`Instrument.terms`.
 
     Returns:
@@ -44,7 +49,9 @@ def predict(instrument: Instrument, robot: Robot, state: State, calibration: Map
     """
     symbolic = symbols(robot.m)
     readings = instrument.predict(symbolic, {k: ca.DM(v) for k, v in calibration.items()}, robot)
-    known = {f.name: getattr(state, f.name) for f in fields(State) if getattr(state, f.name) is not None}
+    known = {
+        f.name: getattr(state, f.name) for f in fields(State) if getattr(state, f.name) is not None
+    }
     unknown = [getattr(symbolic, f.name) for f in fields(State) if f.name not in known]
     possible = {
         name: ca.SX(value)
@@ -62,7 +69,8 @@ def solve_for(
     given: Mapping[str, Array],
     calibration: Mapping[str, Array] | None = None,
 ) -> Array:
-    """The part of the platform's state that gives the readings of an instrument, which must be linear in it, or nearly equal to it.
+    """The part of the platform's state that gives the readings of an instrument, which must be
+    linear in it, or nearly equal to it.
 
     Args:
         unknown: Name of a field of :class:`State`.
@@ -70,7 +78,8 @@ def solve_for(
         robot: Its cables.
         readings: Quantities that determine the unknown, arrays over n samples.
         given: Other fields of the state; all that the equation needs, and it may be more.
-        calibration: Systematic errors, one array for each of :meth:`Instrument.terms`; None: as known beforehand.
+        calibration: Systematic errors, one array for each of :meth:`Instrument.terms`; None: as
+            known beforehand.
 
     Returns:
         The unknown over n samples.
@@ -82,12 +91,15 @@ def solve_for(
     missing = [name for name in form.given if name not in given]
     if missing:
         raise InputError(
-            f"instrument of kind '{instrument.kind}': expected the platform's {' and '.join(missing)} beside its "
-            f"{' and '.join(readings).replace('_', ' ')}, found none; add a stream that tells it"
+            f"instrument of kind '{instrument.kind}': expected the platform's"
+            f" {' and '.join(missing)} beside its {' and '.join(readings).replace('_', ' ')}, found"
+            " none; add a stream that tells it"
         )
     known = means(instrument, robot.m) if calibration is None else calibration
     values = {**{f"term_{key}": value for key, value in known.items()}, **given}
-    measured = np.hstack([_columns(np.asarray(value, dtype=np.float64)) for value in readings.values()])
+    measured = np.hstack(
+        [_columns(np.asarray(value, dtype=np.float64)) for value in readings.values()]
+    )
     if form.linear:
         solved = form.step(measured, values)
     else:
@@ -98,7 +110,9 @@ def solve_for(
             solved = solved + step
             if not np.abs(step).max(initial=0.0) > close:
                 break
-    return np.ascontiguousarray(solved.reshape(-1, 3, 3).transpose(0, 2, 1) if unknown == "rotation" else solved)
+    return np.ascontiguousarray(
+        solved.reshape(-1, 3, 3).transpose(0, 2, 1) if unknown == "rotation" else solved
+    )
 
 
 def _columns(values: Array) -> Array:
@@ -136,7 +150,9 @@ def _part(expression: Symbol, state: State, terms: Mapping[str, Symbol]) -> _Par
 
 @dataclass(frozen=True, eq=False)
 class _Form:
-    """Readings as a function of the unknown: about zero where they are linear in it, else about present values of it."""
+    """Readings as a function of the unknown: about zero where they are linear in it, else about
+    present values of it.
+    """
 
     inverse: _Part
     """Of the derivative by the unknown."""
@@ -155,20 +171,29 @@ class _Form:
         return tuple(name for name in inputs if name in _FIELDS and name != self.unknown)
 
     def step(self, measured: Array, values: Mapping[str, Array]) -> Array:
-        """What is to be added to zero, or to present values, so that the readings are as measured, shape (n, k)."""
+        """What is to be added to zero, or to present values, so that the readings are as measured,
+        shape (n, k).
+        """
         value = self.value.evaluate(values)
         difference = measured - value.reshape(len(value), -1)
         inverse = self.inverse.evaluate(values)
         inverse = inverse.reshape(len(inverse), -1, measured.shape[1])
-        # The matrix mostly depends on no sample; then it has been inverted once and not a million times.
-        step: Array = difference @ inverse[0].T if len(inverse) == 1 else np.einsum("nij,nj->ni", inverse, difference)
+        # The matrix mostly depends on no sample; then it has been inverted once and not a million
+        # times.
+        step: Array = (
+            difference @ inverse[0].T
+            if len(inverse) == 1
+            else np.einsum("nij,nj->ni", inverse, difference)
+        )
         return step
 
 
 def _predicted(
     instrument: Instrument, robot: Robot, quantities: tuple[str, ...], state: State
 ) -> tuple[Symbol, dict[str, Symbol]]:
-    """Readings of some quantities in one column, and the symbols of the systematic errors that they are stated with."""
+    """Readings of some quantities in one column, and the symbols of the systematic errors that they
+    are stated with.
+    """
     terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
     stated = instrument.predict(state, terms, robot)
     return ca.vertcat(*[ca.vec(stated[name]) for name in quantities]), terms
@@ -185,8 +210,12 @@ def _form(unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[
     return _Form(_part(ca.inv(slope), state, terms), _part(value, state, terms), unknown)
 
 
-def needed_for(unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]) -> tuple[str, ...]:
-    """Other parts of the state that :func:`solve_for` takes to find one from the readings of some quantities."""
+def needed_for(
+    unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Other parts of the state that :func:`solve_for` takes to find one from the readings of some
+    quantities.
+    """
     return _form(unknown, instrument, robot, quantities).given
 
 
@@ -195,8 +224,12 @@ def _symbol_like(name: str, expression: Symbol) -> Symbol:
 
 
 @lru_cache(maxsize=128)
-def difference_of(instrument: Instrument, quantity: str, robot: Robot) -> tuple[Batched, dict[str, tuple[int, int]]]:
-    """Expressions behind :func:`linearised`: residual and those derivatives that are not zero, and the shapes of those that are."""
+def difference_of(
+    instrument: Instrument, quantity: str, robot: Robot
+) -> tuple[Batched, dict[str, tuple[int, int]]]:
+    """Expressions behind :func:`linearised`: residual and those derivatives that are not zero, and
+    the shapes of those that are.
+    """
     pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
     gravity = ca.SX.sym("gravity", 3)
     terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
@@ -205,17 +238,28 @@ def difference_of(instrument: Instrument, quantity: str, robot: Robot) -> tuple[
     state = replace(state_of_pose(pose, rate, acceleration, gravity), tension=tension)
     predicted = ca.SX(instrument.predict(state, terms, robot)[quantity])
     measured = _symbol_like("measured", predicted)
-    residual = rotations.log(predicted.T @ measured) if predicted.shape == (3, 3) else measured - predicted
+    residual = (
+        rotations.log(predicted.T @ measured) if predicted.shape == (3, 3) else measured - predicted
+    )
     derivatives = {
         name: ca.jacobian(residual, symbol)
         for name, symbol in (
-            ("by_pose", pose), ("by_rate", rate), ("by_acceleration", acceleration), ("by_errors", errors), ("by_gravity", gravity),
+            ("by_pose", pose),
+            ("by_rate", rate),
+            ("by_acceleration", acceleration),
+            ("by_errors", errors),
+            ("by_gravity", gravity),
         )
-    }  # fmt: skip
+    }
     inputs = {
-        "pose": pose, "rate": rate, "acceleration": acceleration, "gravity": gravity, "errors": errors, "measured": measured,
+        "pose": pose,
+        "rate": rate,
+        "acceleration": acceleration,
+        "gravity": gravity,
+        "errors": errors,
+        "measured": measured,
         **({"tension": tension} if robot.m and ca.depends_on(predicted, tension) else {}),
-    }  # fmt: skip
+    }
     there = {name: ca.densify(each) for name, each in derivatives.items() if each.nnz()}
     return (
         Batched("linearised", inputs, {"residual": residual, **there}),
@@ -233,7 +277,8 @@ def linearised(
     gravity: Array,
     tension: Array | None = None,
 ) -> dict[str, Array]:
-    """Measurement equation of one quantity about a motion: what is measured beyond what is predicted, and its derivatives.
+    """Measurement equation of one quantity about a motion: what is measured beyond what is
+    predicted, and its derivatives.
 
     Of a rotation the difference is the rotation vector on the right of the predicted one.
 
@@ -242,28 +287,40 @@ def linearised(
         quantity: One of its quantities, of k numbers.
         robot: Its cables.
         measured: Readings, shape (n, k) or (n, 3, 3).
-        motion: Position [m] over quaternion, its first and second time derivative, shape (n, 7) each.
+        motion: Position [m] over quaternion, its first and second time derivative, shape (n, 7)
+            each.
         errors: Systematic errors in the order of :meth:`Instrument.terms`, shape (e,).
         gravity: World frame [m/s^2], shape (3,).
-        tension: Of the cables at the platform [N], shape (n, m), for instruments that look at them too; taken as known.
+        tension: Of the cables at the platform [N], shape (n, m), for instruments that look at them
+            too; taken as known.
 
     Returns:
-        ``residual``, shape (n, k), and its derivatives ``by_pose``, ``by_rate``, ``by_acceleration``, shape (n, k, 7),
-        ``by_errors``, shape (n, k, e), ``by_gravity``, shape (n, k, 3).
+        ``residual``, shape (n, k), and its derivatives ``by_pose``, ``by_rate``,
+        ``by_acceleration``, shape (n, k, 7), ``by_errors``, shape (n, k, e), ``by_gravity``, shape
+        (n, k, 3).
     """
     pose, rate, acceleration = motion
     batched, zero = difference_of(instrument, quantity, robot)
     found = batched(
-        pose=pose, rate=rate, acceleration=acceleration, errors=errors, gravity=gravity, measured=measured,
+        pose=pose,
+        rate=rate,
+        acceleration=acceleration,
+        errors=errors,
+        gravity=gravity,
+        measured=measured,
         **({} if tension is None else {"tension": tension}),
-    )  # fmt: skip
+    )
     n = len(found["residual"])
     return {**found, **{name: np.broadcast_to(0.0, (n, *shape)) for name, shape in zero.items()}}
 
 
 @lru_cache(maxsize=64)
-def following_of(unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]) -> Batched | None:
-    """Expressions behind :func:`following`; None where readings say the same whatever the motion."""
+def following_of(
+    unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
+) -> Batched | None:
+    """Expressions behind :func:`following`; None where readings say the same whatever the
+    motion.
+    """
     pose, rate = ca.SX.sym("pose", 7), ca.SX.sym("rate", 7)
     sought = getattr(symbols(robot.m), unknown)
     state = replace(state_of_pose(pose, rate, ca.SX.zeros(7), ca.SX.zeros(3)), **{unknown: sought})
@@ -273,7 +330,12 @@ def following_of(unknown: str, instrument: Instrument, robot: Robot, quantities:
         return None
     inverse = ca.inv(ca.jacobian(predicted, ca.vec(sought)))
     outputs = [ca.densify(-inverse @ each) for each in moved.values()]
-    inputs = {"pose": pose, "rate": rate, unknown: sought, **{f"term_{key}": each for key, each in terms.items()}}
+    inputs = {
+        "pose": pose,
+        "rate": rate,
+        unknown: sought,
+        **{f"term_{key}": each for key, each in terms.items()},
+    }
     return Batched("following", inputs, dict(zip(moved, ca.cse(outputs), strict=True)))
 
 
@@ -286,7 +348,8 @@ def following(
     found: Array,
     calibration: Mapping[str, Array],
 ) -> tuple[Array, Array] | None:
-    """How what :func:`solve_for` gives follows the motion for the same readings, by the implicit function theorem.
+    """How what :func:`solve_for` gives follows the motion for the same readings, by the implicit
+    function theorem.
 
     Args:
         unknown: Name of a field of :class:`State`, of k numbers.
@@ -337,7 +400,8 @@ def sensitivity(
     state: Mapping[str, Array],
     calibration: Mapping[str, Array],
 ) -> tuple[Array, Array]:
-    """How what :func:`solve_for` gives follows the readings and the systematic errors, by the implicit function theorem.
+    """How what :func:`solve_for` gives follows the readings and the systematic errors, by the
+    implicit function theorem.
 
     Args:
         unknown: Name of a field of :class:`State`, of k numbers.
@@ -345,13 +409,16 @@ def sensitivity(
         robot: Its cables.
         quantities: That determine the unknown.
         state: Fields of the state over n samples, the unknown among them.
-        calibration: Systematic errors, one array for each of :meth:`Instrument.terms`, e numbers in all.
+        calibration: Systematic errors, one array for each of :meth:`Instrument.terms`, e numbers in
+            all.
 
     Returns:
         Derivative by the readings, shape (n, k, k), and by the systematic errors, shape (n, k, e).
     """
     batched, inputs = sensitivity_of(unknown, instrument, robot, quantities)
-    errors = {name: calibration[name.removeprefix("term_")] for name in inputs if name.startswith("term_")}
+    errors = {
+        name: calibration[name.removeprefix("term_")] for name in inputs if name.startswith("term_")
+    }
     values = batched(**errors, **{name: state[name] for name in inputs if name in _FIELDS})
     return values["by_reading"], values["by_terms"]
 
@@ -365,7 +432,9 @@ def _sensitivity_to(
     by_given = ca.jacobian(predicted, getattr(state, given))
     if not by_given.nnz():
         return None
-    return _part(-ca.inv(ca.jacobian(predicted, ca.vec(getattr(state, unknown)))) @ by_given, state, terms)
+    return _part(
+        -ca.inv(ca.jacobian(predicted, ca.vec(getattr(state, unknown)))) @ by_given, state, terms
+    )
 
 
 def sensitivity_to(
@@ -377,10 +446,15 @@ def sensitivity_to(
     state: Mapping[str, Array],
     calibration: Mapping[str, Array],
 ) -> Array | None:
-    """How what :func:`solve_for` gives follows a vector of the state that is given; arguments as of :func:`sensitivity`.
+    """How what :func:`solve_for` gives follows a vector of the state that is given; arguments as of
+    :func:`sensitivity`.
 
     Returns:
         Derivative by the l numbers of that field, shape (n, k, l); None where it does not follow.
     """
     part = _sensitivity_to(given, unknown, instrument, robot, quantities)
-    return None if part is None else part.evaluate({**{f"term_{k}": v for k, v in calibration.items()}, **state})
+    return (
+        None
+        if part is None
+        else part.evaluate({**{f"term_{k}": v for k, v in calibration.items()}, **state})
+    )

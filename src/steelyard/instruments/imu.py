@@ -54,7 +54,9 @@ class ImuCalibration(Calibration):
 
 
 class Imu(Instrument):
-    """Angular velocity, specific force and orientation of the IMU; any of the three may be absent."""
+    """Angular velocity, specific force and orientation of the IMU; any of the three may be
+    absent.
+    """
 
     kind: Literal["imu"]
     position: Vector = (0.0, 0.0, 0.0)
@@ -70,9 +72,24 @@ class Imu(Instrument):
         """See :class:`Instrument`."""
         n = self.noise
         return (
-            Quantity("angular_velocity", (("wx", "wy", "wz"),), "rad/s", n.angular_velocity, required=False),
-            Quantity("specific_force", (("ax", "ay", "az"),), "m/s^2", n.specific_force, required=False),
-            Quantity("orientation", ORIENTATION_FORMS, "rad", n.orientation, rotation=True, required=False),
+            Quantity(
+                "angular_velocity",
+                (("wx", "wy", "wz"),),
+                "rad/s",
+                n.angular_velocity,
+                required=False,
+            ),
+            Quantity(
+                "specific_force", (("ax", "ay", "az"),), "m/s^2", n.specific_force, required=False
+            ),
+            Quantity(
+                "orientation",
+                ORIENTATION_FORMS,
+                "rad",
+                n.orientation,
+                rotation=True,
+                required=False,
+            ),
         )
 
     def terms(self, m: int) -> tuple[Term, ...]:
@@ -86,8 +103,12 @@ class Imu(Instrument):
             Term("reference", 3, "rad", c.reference),
         )
 
-    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
-        """Rates and specific force where the IMU sits, in its own axes, and its orientation against its own reference."""
+    def predict(
+        self, state: State, calibration: Mapping[str, Symbol], robot: Robot
+    ) -> dict[str, Symbol]:
+        """Rates and specific force where the IMU sits, in its own axes, and its orientation against
+        its own reference.
+        """
         c = calibration
         R = mounting_rotation(self.rpy_deg, c["misalignment"])
         place = ca.DM(self.position) + c["position"]

@@ -22,7 +22,9 @@ class LengthCalibration(Calibration):
 
 
 class Length(Instrument):
-    """Unstrained length of every cable from anchor over the roller to attachment, up to a constant."""
+    """Unstrained length of every cable from anchor over the roller to attachment, up to a
+    constant.
+    """
 
     kind: Literal["length"]
     noise: Sigma | None = None
@@ -37,7 +39,9 @@ class Length(Instrument):
         """See :class:`Instrument`."""
         return (Term("offset", m, "m", self.calibration.offset),)
 
-    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
+    def predict(
+        self, state: State, calibration: Mapping[str, Symbol], robot: Robot
+    ) -> dict[str, Symbol]:
         """Unstrained lengths at the state's pose and tensions."""
         cables = shapes(robot, state.position, state.rotation, state.tension)
         return {"length": ca.vertcat(*[c.length for c in cables]) + calibration["offset"]}

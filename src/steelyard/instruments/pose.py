@@ -73,7 +73,9 @@ class Pose(Instrument):
             *frame_terms(c.frame),
         )
 
-    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
+    def predict(
+        self, state: State, calibration: Mapping[str, Symbol], robot: Robot
+    ) -> dict[str, Symbol]:
         """The tracked frame in the tracker frame."""
         c = calibration
         origin, R_world_tracker = tracker_frame(self.frame, c)

@@ -11,7 +11,16 @@ from pydantic import Field
 
 from steelyard import rotations
 from steelyard.batch import Symbol
-from steelyard.instruments.base import Calibration, Instrument, Prior, Quantity, Sigma, Term, Vector, sigma
+from steelyard.instruments.base import (
+    Calibration,
+    Instrument,
+    Prior,
+    Quantity,
+    Sigma,
+    Term,
+    Vector,
+    sigma,
+)
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 from steelyard.yaml_file import FileModel
@@ -70,9 +79,14 @@ class Position(Instrument):
 
     def terms(self, m: int) -> tuple[Term, ...]:
         """See :class:`Instrument`."""
-        return (Term("target", 3, "m", self.calibration.target), *frame_terms(self.calibration.frame))
+        return (
+            Term("target", 3, "m", self.calibration.target),
+            *frame_terms(self.calibration.frame),
+        )
 
-    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
+    def predict(
+        self, state: State, calibration: Mapping[str, Symbol], robot: Robot
+    ) -> dict[str, Symbol]:
         """The target in the tracker frame."""
         origin, R = tracker_frame(self.frame, calibration)
         target = state.position + state.rotation @ (ca.DM(self.target) + calibration["target"])
@@ -81,10 +95,14 @@ class Position(Instrument):
 
 def frame_terms(frame: FrameCalibration) -> tuple[Term, Term]:
     """Systematic errors of a tracker frame."""
-    return Term("frame.position", 3, "m", frame.position), Term("frame.rotation", 3, "rad", frame.rotation)
+    return Term("frame.position", 3, "m", frame.position), Term(
+        "frame.rotation", 3, "rad", frame.rotation
+    )
 
 
 def tracker_frame(frame: FrameForm, calibration: Mapping[str, Symbol]) -> tuple[Symbol, Symbol]:
     """Origin of the tracker in the world [m] and R_world_tracker = R(rpy) Exp(error)."""
-    R = rotations.from_rpy(ca.DM(np.radians(frame.rpy_deg))) @ rotations.exp(calibration["frame.rotation"])
+    R = rotations.from_rpy(ca.DM(np.radians(frame.rpy_deg))) @ rotations.exp(
+        calibration["frame.rotation"]
+    )
     return ca.DM(frame.position) + calibration["frame.position"], R

@@ -16,11 +16,13 @@ from steelyard.robot.kinematics import paid_out, shapes
 from steelyard.robot.model import Robot
 
 TURNAROUND = 0.01
-"""Rate of a cable at which the friction of its roller has three quarters of its size, the hyperbolic tangent of one [m/s]."""
+"""Rate of a cable at which the friction of its roller has three quarters of its size, the
+hyperbolic tangent of one [m/s]."""
 _FRICTION = 0.02
 """Default 1-sigma of the friction of a roller."""
 _STEPS = 0
-"""Towards the shape of a hanging cable: of a shallow one the height is right to micrometres already, and with it the weight."""
+"""Towards the shape of a hanging cable: of a shallow one the height is right to micrometres
+already, and with it the weight."""
 
 
 class TensionCalibration(Calibration):
@@ -33,7 +35,8 @@ class TensionCalibration(Calibration):
     common_gain: Prior = sigma(0.005)
     """Factor common to all cables."""
     friction: Prior | None = None
-    """Part of the tension that the roller between sensor and platform takes; None: .02 at the winch, where there is one."""
+    """Part of the tension that the roller between sensor and platform takes; None: .02 at the
+    winch, where there is one."""
 
 
 class Tension(Instrument):
@@ -44,14 +47,15 @@ class Tension(Instrument):
     """1-sigma per sample [N]."""
     calibration: TensionCalibration = TensionCalibration()
     end: Literal["platform", "winch"] = "platform"
-    """At which end of the cable the sensors sit; at the winch its weight and its roller are between them and the platform."""
+    """At which end of the cable the sensors sit; at the winch its weight and its roller are between
+    them and the platform."""
 
     @model_validator(mode="after")
     def _only_rollers_rub(self) -> Tension:
         if self.end == "platform" and self.calibration.friction is not None:
             raise ValueError(
-                "expected no key 'friction' under 'calibration' of sensors at the platform end, where no roller is in between, "
-                "found one; remove it, or add 'end: winch'"
+                "expected no key 'friction' under 'calibration' of sensors at the platform end,"
+                " where no roller is in between, found one; remove it, or add 'end: winch'"
             )
         return self
 
@@ -67,34 +71,53 @@ class Tension(Instrument):
             Term("gain", m, "1", c.gain, nominal=1.0),
             Term("common_gain", 1, "1", c.common_gain, nominal=1.0),
         )
-        return always if self.end == "platform" else (*always, Term("friction", m, "1", c.friction or sigma(_FRICTION)))
+        return (
+            always
+            if self.end == "platform"
+            else (*always, Term("friction", m, "1", c.friction or sigma(_FRICTION)))
+        )
 
-    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
-        """Gain times tension plus offset; at the winch with the weight that hangs between and less what the roller takes."""
+    def predict(
+        self, state: State, calibration: Mapping[str, Symbol], robot: Robot
+    ) -> dict[str, Symbol]:
+        """Gain times tension plus offset; at the winch with the weight that hangs between and less
+        what the roller takes.
+        """
         c = calibration
-        tension = state.tension if self.end == "platform" else _behind_rollers(state, c["friction"], robot)
+        tension = (
+            state.tension
+            if self.end == "platform"
+            else _behind_rollers(state, c["friction"], robot)
+        )
         return {"tension": c["common_gain"] * c["gain"] * tension + c["offset"]}
 
 
 def _behind_rollers(state: State, friction: Symbol, robot: Robot) -> Symbol:
     r"""Tensions at the winches' side of the rollers [N], shape (m,).
 
-    :math:`T_w = T (1 - \mu \tanh(\dot l / v))` with T the tension where the cable reaches the roller and :math:`\dot l` the rate at which
-    it is paid out: a roller resists, so that paying out the winch pulls less than the cable does, and hauling in more. How
-    a roller turns around is not known; within v it does so smoothly. At rest it takes nothing, the mean of all that it might hold.
+    :math:`T_w = T (1 - \mu \tanh(\dot l / v))` with T the tension where the cable reaches the
+    roller and :math:`\dot l` the rate at which it is paid out: a roller resists, so that paying out
+    the winch pulls less than the cable does, and hauling in more. How a roller turns around is not
+    known; within v it does so smoothly. At rest it takes nothing, the mean of all that it might
+    hold.
     """
     rate = paid_out(robot, state.position, state.rotation, state.velocity, state.omega)
     return (state.tension + _hanging(state, robot)) * (1 - friction * ca.tanh(rate / TURNAROUND))
 
 
 def _hanging(state: State, robot: Robot) -> Symbol:
-    """By how much the weight of the cables makes them pull harder at the rollers than at the platform [N], shape (m,)."""
+    """By how much the weight of the cables makes them pull harder at the rollers than at the
+    platform [N], shape (m,).
+    """
     if not robot.cable.linear_density:
         return ca.SX.zeros(robot.m)
-    # What does not even bear its own weight across has no shape to speak of, and adds what a cable does that just bears it.
+    # What does not even bear its own weight across has no shape to speak of, and adds what a cable
+    # does that just bears it.
     weight = robot.cable.linear_density * float(np.linalg.norm(robot.gravity))
     corners = [state.position + state.rotation @ ca.DM(b) for b in robot.attachments]
-    reach = ca.vertcat(*[ca.norm_2(ca.DM(a) - b) for a, b in zip(robot.anchors, corners, strict=True)])
+    reach = ca.vertcat(
+        *[ca.norm_2(ca.DM(a) - b) for a, b in zip(robot.anchors, corners, strict=True)]
+    )
     below = ca.fmax(state.tension, weight * reach)
     cables = shapes(robot, state.position, state.rotation, below, steps=_STEPS)
     return ca.vertcat(*[c.winch_tension for c in cables]) - below

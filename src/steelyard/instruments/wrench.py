@@ -85,7 +85,9 @@ class Wrench(Instrument):
             Term("misalignment", 3, "rad", c.misalignment),
         )
 
-    def predict(self, state: State, calibration: Mapping[str, Symbol], robot: Robot) -> dict[str, Symbol]:
+    def predict(
+        self, state: State, calibration: Mapping[str, Symbol], robot: Robot
+    ) -> dict[str, Symbol]:
         """The carrying wrench, moved to the sensor's origin and turned into its frame."""
         c = calibration
         R = mounting_rotation(self.rpy_deg, c["misalignment"])

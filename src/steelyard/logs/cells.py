@@ -16,9 +16,30 @@ Decimal = Literal[".", ","]
 """What stands between the whole and its parts."""
 
 MISSING = [
-    "", "-", "--", "---", "NaN", "nan", "NAN", "-nan", "NaN()", "nan(ind)", "-nan(ind)", "1.#QNAN", "-1.#IND", "null", "NULL", "None", "none",
-    "N/A", "n/a", "NA", "<NA>", "#N/A", "#NV",
-]  # fmt: skip
+    "",
+    "-",
+    "--",
+    "---",
+    "NaN",
+    "nan",
+    "NAN",
+    "-nan",
+    "NaN()",
+    "nan(ind)",
+    "-nan(ind)",
+    "1.#QNAN",
+    "-1.#IND",
+    "null",
+    "NULL",
+    "None",
+    "none",
+    "N/A",
+    "n/a",
+    "NA",
+    "<NA>",
+    "#N/A",
+    "#NV",
+]
 """Texts of a cell that stand for no sample."""
 _MISSING = frozenset(MISSING)
 
@@ -44,7 +65,11 @@ def is_number(cell: str, decimal: Decimal) -> bool:
 
 def is_instant(cell: str) -> bool:
     """Whether a cell holds a time of day, with a date or without, or a duration of MATLAB."""
-    return len(cell) <= _LONGEST and (":" in cell or _SECONDS in cell) and _INSTANT.fullmatch(cell) is not None
+    return (
+        len(cell) <= _LONGEST
+        and (":" in cell or _SECONDS in cell)
+        and _INSTANT.fullmatch(cell) is not None
+    )
 
 
 def is_missing(cell: str) -> bool:
@@ -57,7 +82,11 @@ def stripped(cells: pl.Series) -> pl.Series:
     import polars as pl
 
     bare = cells.str.strip_chars().str.strip_chars('"').str.strip_chars()
-    return bare.to_frame("cell").select(pl.when(~pl.col("cell").is_in(MISSING)).then("cell")).to_series()
+    return (
+        bare.to_frame("cell")
+        .select(pl.when(~pl.col("cell").is_in(MISSING)).then("cell"))
+        .to_series()
+    )
 
 
 def as_numbers(cells: pl.Series, decimal: Decimal) -> pl.Series:
@@ -73,7 +102,9 @@ def as_numbers(cells: pl.Series, decimal: Decimal) -> pl.Series:
 
 
 def as_instants(cells: pl.Series) -> pl.Series:
-    """Stripped cells as seconds since 1970, or since midnight where they have no date; null where they are no instants."""
+    """Stripped cells as seconds since 1970, or since midnight where they have no date; null where
+    they are no instants.
+    """
     import polars as pl
 
     text = (
@@ -86,8 +117,14 @@ def as_instants(cells: pl.Series) -> pl.Series:
     ahead = ahead * pl.select(pl.when(zone["1"] == "-").then(-1.0).otherwise(1.0)).to_series()
     text = text.str.replace(_ZONE, "")
     found = [
-        *(as_array(text.str.to_datetime(f"{date} %H:%M:%S%.f", time_unit="ns", strict=False)) for date in _DATES),
+        *(
+            as_array(text.str.to_datetime(f"{date} %H:%M:%S%.f", time_unit="ns", strict=False))
+            for date in _DATES
+        ),
         as_array(text.str.to_time("%H:%M:%S%.f", strict=False)),
         as_array(text.str.strip_suffix(_SECONDS).cast(pl.Float64, strict=False)),
     ]
-    return pl.Series(min(found, key=lambda seconds: int(np.isnan(seconds).sum())), nan_to_null=True) - ahead
+    return (
+        pl.Series(min(found, key=lambda seconds: int(np.isnan(seconds).sum())), nan_to_null=True)
+        - ahead
+    )

@@ -1,6 +1,7 @@
 """How a text file writes its table: what separates cells, the decimal sign, where the rows begin.
 
-Nothing is declared in such files. What is numbers tells where the table begins; :mod:`steelyard.logs.header` reads what stands above it.
+Nothing is declared in such files. What is numbers tells where the table begins;
+:mod:`steelyard.logs.header` reads what stands above it.
 """
 
 from __future__ import annotations
@@ -52,7 +53,9 @@ class Dialect:
 
     def is_dated(self, column: int) -> bool:
         """Whether a column holds instants."""
-        cells = [row[column] for row in self.rows if column < len(row) and not is_missing(row[column])]
+        cells = [
+            row[column] for row in self.rows if column < len(row) and not is_missing(row[column])
+        ]
         return bool(cells) and all(map(is_instant, cells))
 
 
@@ -60,7 +63,8 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
     """Tell the dialect from the beginning of a text.
 
     Args:
-        lines: As many as there are; the first hundreds are looked at, more only if there are no rows among them.
+        lines: As many as there are; the first hundreds are looked at, more only if there are no
+            rows among them.
     """
     declared = _DECLARED.fullmatch(lines[0]) if lines else None
     separators = (declared[1],) if declared else SEPARATORS
@@ -88,7 +92,9 @@ def split(line: str, separator: str) -> list[str]:
     try:
         cells = next(
             csv.reader(
-                [" ".join(line.split()) if separator == " " else line], delimiter=separator, skipinitialspace=True
+                [" ".join(line.split()) if separator == " " else line],
+                delimiter=separator,
+                skipinitialspace=True,
             ),
             [],
         )
@@ -112,7 +118,8 @@ def _reading(lines: Sequence[str], separator: str) -> Dialect:
 def _rows_of(rows: Sequence[Sequence[str]], separator: str, decimal: Decimal) -> Dialect:
     value = [[_is_value(cell, decimal) for cell in row] for row in rows]
     text = [
-        [not v and not is_missing(cell) for v, cell in zip(value[i], row, strict=True)] for i, row in enumerate(rows)
+        [not v and not is_missing(cell) for v, cell in zip(value[i], row, strict=True)]
+        for i, row in enumerate(rows)
     ]
     likely = [i for i in range(len(rows)) if sum(value[i]) and sum(value[i]) >= sum(text[i])]
     if not likely:
@@ -124,13 +131,25 @@ def _rows_of(rows: Sequence[Sequence[str]], separator: str, decimal: Decimal) ->
     body = _last_run(likely, lambda _: False)
     # Where the last rows have numbers or nothing, the first row that is sound has no text.
     worded = [2 * sum(text[i][j] for i in body) > len(body) for j in range(width)]
-    first = next((i for i in likely if not any(t and not worded[j] for j, t in enumerate(text[i]))), body[0])
+    first = next(
+        (i for i in likely if not any(t and not worded[j] for j, t in enumerate(text[i]))), body[0]
+    )
     score = sum(sum(value[i]) - sum(text[i]) for i in likely if i >= first)
-    return Dialect(separator, decimal, 0, first, width, tuple(tuple(rows[i]) for i in body[:_SHOWN]), max(score, 0))
+    return Dialect(
+        separator,
+        decimal,
+        0,
+        first,
+        width,
+        tuple(tuple(rows[i]) for i in body[:_SHOWN]),
+        max(score, 0),
+    )
 
 
 def _last_run(lines: Sequence[int], between: Callable[[int], bool]) -> list[int]:
-    """The last of some lines that follow each other, with no others than some kind of lines between them."""
+    """The last of some lines that follow each other, with no others than some kind of lines between
+    them.
+    """
     start = len(lines) - 1
     while start and all(between(i) for i in range(lines[start - 1] + 1, lines[start])):
         start -= 1

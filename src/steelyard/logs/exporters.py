@@ -14,16 +14,19 @@ _FILETIME = 16
 def scope_columns(
     above: Sequence[Sequence[str]], dialect: Dialect
 ) -> tuple[tuple[str, ...], dict[str, str], dict[str, str]] | None:
-    """Columns of a CSV export of TwinCAT Scope: groups of channels, each behind a column with their times.
+    """Columns of a CSV export of TwinCAT Scope: groups of channels, each behind a column with their
+    times.
 
-    Each line of such a header begins with its key, and has it again in the column of the times of every other group.
+    Each line of such a header begins with its key, and has it again in the column of the times of
+    every other group.
 
     Args:
         above: Cells of the lines above the first row.
         dialect: Of the file.
 
     Returns:
-        Names of the columns (``t``, ``t[1]``, … the times), their units, and column -> column with its times;
+        Names of the columns (``t``, ``t[1]``, … the times), their units, and column -> column with
+        its times;
         None: another program wrote it.
     """
     keyed = {cells[0]: cells for cells in reversed(above) if len(cells) == dialect.width}
@@ -32,7 +35,9 @@ def scope_columns(
     unique = [cells for cells in found if len(set(cells)) == len(cells) - cells.count(cells[0]) + 1]
     named = (unique or found or [[]])[0]
     times = [j for j, cell in enumerate(named) if cell == named[0]]
-    if not times or not all(dialect.is_value(row[j]) or is_missing(row[j]) for row in dialect.rows for j in times):
+    if not times or not all(
+        dialect.is_value(row[j]) or is_missing(row[j]) for row in dialect.rows for j in times
+    ):
         return None
     stated = [cell.strip("[]() ") for cell in keyed.get("Unit", [""] * len(named))]
     names, units, clocks = [], {}, {}
@@ -41,7 +46,9 @@ def scope_columns(
             clock = f"t[{times.index(j)}]" if j else "t"
             names.append(clock)
             units[clock] = (
-                "100ns" if any(len(row[j]) >= _FILETIME and row[j].isdecimal() for row in dialect.rows) else "ms"
+                "100ns"
+                if any(len(row[j]) >= _FILETIME and row[j].isdecimal() for row in dialect.rows)
+                else "ms"
             )
         else:
             names.append(cell or f"[{j}]")
@@ -51,8 +58,11 @@ def scope_columns(
     return tuple(names), units, clocks if len(times) > 1 else {}
 
 
-def motive_units(above: Sequence[Sequence[str]], levels: Sequence[Sequence[str]], width: int) -> list[str]:
-    """Units of the columns of a CSV export of OptiTrack Motive, which states one of all lengths in its first line.
+def motive_units(
+    above: Sequence[Sequence[str]], levels: Sequence[Sequence[str]], width: int
+) -> list[str]:
+    """Units of the columns of a CSV export of OptiTrack Motive, which states one of all lengths in
+    its first line.
 
     Args:
         above: Cells of the lines above the first row.
@@ -62,7 +72,14 @@ def motive_units(above: Sequence[Sequence[str]], levels: Sequence[Sequence[str]]
     Returns:
         One for each column, empty where nothing is stated.
     """
-    take = next((dict(zip(cells[::2], cells[1::2], strict=False)) for cells in above if "Length Units" in cells), None)
+    take = next(
+        (
+            dict(zip(cells[::2], cells[1::2], strict=False))
+            for cells in above
+            if "Length Units" in cells
+        ),
+        None,
+    )
     units = [""] * width
     if take is None:
         return units

@@ -59,7 +59,8 @@ def open_log(path: Path, topic: str | None = None) -> Iterator[Log]:
 
     Args:
         path: Of a file, or of the folder of a ROS 2 bag; its ending tells the format.
-        topic: Which of the topics (MCAP, ROS bags) or groups (HDF5, MATLAB structures, TDMS) it holds; None: it has but one.
+        topic: Which of the topics (MCAP, ROS bags) or groups (HDF5, MATLAB structures, TDMS) it
+            holds; None: it has but one.
 
     Yields:
         The log, readable within the block.
@@ -70,7 +71,8 @@ def open_log(path: Path, topic: str | None = None) -> Iterator[Log]:
     with _reader(path)(path, topic) as log:
         if len(log.names) > MOST_COLUMNS:
             raise InputError(
-                f"{path}: expected at most {MOST_COLUMNS} columns, found {len(log.names)}; check that rows are instants"
+                f"{path}: expected at most {MOST_COLUMNS} columns, found {len(log.names)}; check"
+                " that rows are instants"
             )
         yield log
 
@@ -85,14 +87,16 @@ def _reader(path: Path) -> Reader:
     ending = ending_of(path)
     if ending is None:
         raise InputError(
-            f"{path}: expected a log in one of the formats {', '.join(FORMATS)}, found '{path.suffix}'; convert it to CSV"
+            f"{path}: expected a log in one of the formats {', '.join(FORMATS)}, found"
+            f" '{path.suffix}'; convert it to CSV"
         )
     with told(path), path.open("rb") as file:
         beginning = file.read(16)
     for magic, endings in _BEGINNINGS.items():
         if beginning.startswith(magic) and ending not in endings:
             raise InputError(
-                f"{path}: expected a {ending} file, found one that begins as {' or '.join(endings)} do; correct its ending"
+                f"{path}: expected a {ending} file, found one that begins as {' or '.join(endings)}"
+                " do; correct its ending"
             )
     return FORMATS[ending]
 

@@ -29,6 +29,7 @@ def as_array(column: pl.Series) -> Array:
     if column.dtype == pl.Date:
         return np.asarray(physical.cast(pl.Float64).to_numpy() * 86_400.0)
     ticks = _TICKS[getattr(column.dtype, "time_unit", "ns")]
-    # Exact up to the last step: as one number, nanoseconds since 1970 would be rounded before they are divided.
+    # Exact up to the last step: as one number, nanoseconds since 1970 would be rounded before they
+    # are divided.
     whole, rest = np.divmod(physical.fill_null(0).to_numpy(), ticks)
     return np.where(physical.is_null().to_numpy(), np.nan, whole + rest / ticks)

@@ -12,18 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.logs.apart import opened_apart, serve
 from steelyard.logs.log import Log
 from steelyard.logs.nested import Key, Source, is_number, is_row, log_of_arrays
 from steelyard.logs.packages import require_package
 from steelyard.logs.size import check_unpacked
+from steelyard.logs.subprocess_reader import opened_in_subprocess, serve
 from steelyard.units import is_unit
 
 _MOST_OBJECTS = 20_000
 _DEEPEST = 50
 _FILTERS = {1, 2, 3, 4, 5, 6, 32000}
-"""Deflate, shuffle, Fletcher's checksum, szip, n-bit, scale-offset, LZF: those that come with the library; others are looked for as
-plugins in folders of the system."""
+"""Deflate, shuffle, Fletcher's checksum, szip, n-bit, scale-offset, LZF: those that come with the
+library; others are looked for as plugins in folders of the system."""
 _LONGEST_UNIT = 64
 
 
@@ -34,7 +34,7 @@ def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:
         InputError: The file is damaged, or has no such group.
     """
     require_package(path, "h5py", "h5py", "HDF5")
-    return opened_apart(__name__, path, topic, "an HDF5 file")
+    return opened_in_subprocess(__name__, path, topic, "an HDF5 file")
 
 
 @contextmanager
@@ -76,11 +76,18 @@ def sources_of(
             base, inner = dtype.subdtype or (dtype, ())
             if is_number(base) and shape:
                 reader = _Reader(dataset, fields, rows_last, is_row(shape))
-                yield (*key, *fields), Source((*(shape[1:] if reader.row else shape), *inner), base, reader, unit)
+                yield (
+                    (*key, *fields),
+                    Source((*(shape[1:] if reader.row else shape), *inner), base, reader, unit),
+                )
 
 
-def _datasets(path: Path, file: Any, others: list[str], accepted: Callable[[Any], bool]) -> Iterator[tuple[Key, Any]]:
-    """All datasets with their places. No link is followed but to objects of their own: others may lead out of the file, or in circles."""
+def _datasets(
+    path: Path, file: Any, others: list[str], accepted: Callable[[Any], bool]
+) -> Iterator[tuple[Key, Any]]:
+    """All datasets with their places. No link is followed but to objects of their own: others may
+    lead out of the file, or in circles.
+    """
     import h5py
 
     found, seen = 0, {h5py.h5o.get_info(file.id).addr}
@@ -91,7 +98,10 @@ def _datasets(path: Path, file: Any, others: list[str], accepted: Callable[[Any]
         for name in group:
             found += 1
             if found > _MOST_OBJECTS:
-                raise InputError(f"{path}: expected at most {_MOST_OBJECTS} objects, found more; check the recording")
+                raise InputError(
+                    f"{path}: expected at most {_MOST_OBJECTS} objects, found more; check the"
+                    " recording"
+                )
             key = (*above, _text(name))
             if not isinstance(group.get(name, getlink=True), h5py.HardLink):
                 others.append(f"{'.'.join(key)}: a link")
@@ -119,14 +129,18 @@ def _text(name: str | bytes) -> str:
 
 
 def _elsewhere(dataset: Any) -> str | None:
-    """Why numbers cannot be had from this file alone; virtual datasets and external storage name other files, which may be any at all."""
+    """Why numbers cannot be had from this file alone; virtual datasets and external storage name
+    other files, which may be any at all.
+    """
     import h5py
 
     about = dataset.id.get_create_plist()
     if about.get_layout() == h5py.h5d.VIRTUAL or about.get_external_count():
         return "in another file"
     filters = (about.get_filter(i)[0] for i in range(about.get_nfilters()))
-    return next((f"packed by filter {number}" for number in filters if number not in _FILTERS), None)
+    return next(
+        (f"packed by filter {number}" for number in filters if number not in _FILTERS), None
+    )
 
 
 def _check_chunks(path: Path, dataset: Any) -> None:

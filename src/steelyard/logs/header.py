@@ -22,7 +22,8 @@ _UNITS = re.compile(r"(units?|einheit(en)?|y_unit_label)\b( *[:=])?", re.IGNOREC
 _BRACKETS = re.compile(r"(?P<name>.*\S)\s*(?:\[(?P<square>[^\[\]]+)\]|\((?P<round>[^()]+)\))")
 _QUOTIENT = re.compile(r"(?P<name>.*\S)\s+(?:/|in)\s+(?P<unit>\S+)")
 _ENDING = re.compile(r".+_(?P<unit>ms|us|ns|mm|kN|deg|dps|rpm)")
-"""Endings of names that are units; those that are as often something else ('x_m', 'x_cm', 't_s', 'a_g') are not here."""
+"""Endings of names that are units; those that are as often something else ('x_m', 'x_cm', 't_s',
+'a_g') are not here."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class Header:
     first: int
     """Lines above the first row."""
     names: tuple[str, ...]
-    """Of the columns, units in brackets apart; those without are ``[0]``, ``[1]``, … by their place."""
+    """Of the columns, units in brackets apart; those without are ``[0]``, ``[1]``, … by their
+    place."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Column -> unit as the file states it, known or not."""
     spellings: Mapping[str, str] = field(default_factory=dict)
@@ -57,11 +59,17 @@ def header_of(path: Path, lines: Sequence[str], dialect: Dialect) -> Header:
     scope = scope_columns(above, dialect)
     if scope is not None:
         names, units, clocks = scope
-        last = max(i for i, cells in enumerate(above) if cells and cells[0] and not dialect.is_value(cells[0]))
+        last = max(
+            i
+            for i, cells in enumerate(above)
+            if cells and cells[0] and not dialect.is_value(cells[0])
+        )
         return Header(dialect.blank + last + 1, names, units, clocks=clocks)
     first, rows = _names_and_above(path, lines, dialect)
     first += dialect.blank
-    below, rows = (rows[0], rows[1:]) if len(rows) > 1 and _are_units(rows[0], rows[1]) else ([], rows)
+    below, rows = (
+        (rows[0], rows[1:]) if len(rows) > 1 and _are_units(rows[0], rows[1]) else ([], rows)
+    )
     width = max([dialect.width, *map(len, rows[:1])])
     called, behind = _names(rows, width)
     stated = [_labelled(lines, dialect), below, behind, motive_units(above, rows[1:], width)]
@@ -70,11 +78,17 @@ def header_of(path: Path, lines: Sequence[str], dialect: Dialect) -> Header:
         unit = next((row[j].strip("[]() ") for row in stated if j < len(row) and row[j]), "")
         if unit not in ("", "SI") and not dialect.is_dated(j):
             units[name] = unit
-    return Header(first, tuple(called), units, dict(zip(rows[0], called, strict=False)) if rows else {})
+    return Header(
+        first, tuple(called), units, dict(zip(rows[0], called, strict=False)) if rows else {}
+    )
 
 
-def _names_and_above(path: Path, lines: Sequence[str], dialect: Dialect) -> tuple[int, list[list[str]]]:
-    """How many of some lines stand above the first row, and the cells of the line of names and of those directly above it, from below."""
+def _names_and_above(
+    path: Path, lines: Sequence[str], dialect: Dialect
+) -> tuple[int, list[list[str]]]:
+    """How many of some lines stand above the first row, and the cells of the line of names and of
+    those directly above it, from below.
+    """
     kinds = [_kind(line, dialect) for line in lines]
     written = [i for i, kind in enumerate(kinds) if kind in ("names", "other")]
     nearest = written[-1] if written else -1
@@ -92,8 +106,9 @@ def _names_and_above(path: Path, lines: Sequence[str], dialect: Dialect) -> tupl
             return _next(kinds, nearest), [["", *cells]]
         if not _is_title(lines[nearest], dialect):
             raise InputError(
-                f"{path}:{dialect.blank + nearest + 1}: expected {dialect.width} names, one for each cell of the rows below, found {len(cells)} "
-                f"('{lines[nearest].strip()[:60]}'); correct the header"
+                f"{path}:{dialect.blank + nearest + 1}: expected {dialect.width} names, one for"
+                f" each cell of the rows below, found {len(cells)}"
+                f" ('{lines[nearest].strip()[:60]}'); correct the header"
             )
     valued = [i for i, kind in enumerate(kinds) if kind == "values" and i > nearest]
     numbered = _fitting(lines[valued[-1]], dialect) if valued else None
@@ -106,7 +121,9 @@ def _names_and_above(path: Path, lines: Sequence[str], dialect: Dialect) -> tupl
 
 
 def _kind(line: str, dialect: Dialect) -> str:
-    """What a line above the first row is: ``names`` for the columns, ``values``, ``other`` text, or ``nothing``."""
+    """What a line above the first row is: ``names`` for the columns, ``values``, ``other`` text, or
+    ``nothing``.
+    """
     bare = _COMMENT.sub("", line, count=1)
     if _NOTHING.fullmatch(line) or _UNITS.match(bare):
         return "nothing"
@@ -134,14 +151,20 @@ def _fitting(line: str, dialect: Dialect) -> list[str] | None:
         while ends and not cells[ends - 1]:
             ends -= 1
         # LabVIEW announces a column of comments that most rows do not have.
-        if {len(cells), ends} & {filled, dialect.width} or (ends == dialect.width + 1 and cells[-1] == "Comment"):
+        if {len(cells), ends} & {filled, dialect.width} or (
+            ends == dialect.width + 1 and cells[-1] == "Comment"
+        ):
             return (cells + [""] * dialect.width)[: max(dialect.width, ends)]
     return None
 
 
 def _splits(line: str, separator: str) -> Iterator[list[str]]:
     """Ways to separate the cells of a line of the header."""
-    bare = _COMMENT.sub("", line, count=1).strip() if separator == " " else _COMMENT.sub("", line, count=1)
+    bare = (
+        _COMMENT.sub("", line, count=1).strip()
+        if separator == " "
+        else _COMMENT.sub("", line, count=1)
+    )
     yield split(bare, separator)
     if separator == " ":
         # Names with blanks in them, units behind a blank.
@@ -155,8 +178,12 @@ def _splits(line: str, separator: str) -> Iterator[list[str]]:
 
 def _is_title(line: str, dialect: Dialect) -> bool:
     """Whether a line is a title, or a key and its value, rather than names."""
-    misread = any(len(split(line, separator)) == dialect.width for separator in SEPARATORS if separator != " ")
-    return not misread and (dialect.separator == " " or len(list(filter(None, dialect.cells(line)))) <= 2)
+    misread = any(
+        len(split(line, separator)) == dialect.width for separator in SEPARATORS if separator != " "
+    )
+    return not misread and (
+        dialect.separator == " " or len(list(filter(None, dialect.cells(line)))) <= 2
+    )
 
 
 def _is_counted(dialect: Dialect) -> bool:
@@ -170,7 +197,9 @@ def _is_counted(dialect: Dialect) -> bool:
 def _are_units(cells: Sequence[str], names: Sequence[str]) -> bool:
     """Whether the cells of a line below that of the names are their units."""
     filled = [cell for cell in cells if cell]
-    known = sum(1 for cell in filled if is_unit(cell.strip("[]() ")) or cell[0] + cell[-1] in ("[]", "()"))
+    known = sum(
+        1 for cell in filled if is_unit(cell.strip("[]() ")) or cell[0] + cell[-1] in ("[]", "()")
+    )
     # No known one among them: what stands there again and again are no names.
     repeated = len(set(filled)) < len(filled) and len({*names}) == len(names) and all(names)
     return 2 * known >= len(filled) or repeated

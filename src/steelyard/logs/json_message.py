@@ -47,12 +47,16 @@ def _collect(parts: Iterable[tuple[str, Any]], values: Values, depth: int = 0) -
         if kind is dict:
             seconds = _seconds(value) if len(value) == 2 else None
             if seconds is None:
-                _collect([(f"{name}.{key}", part) for key, part in value.items()], values, depth + 1)
+                _collect(
+                    [(f"{name}.{key}", part) for key, part in value.items()], values, depth + 1
+                )
                 continue
             value = seconds
         elif kind is list:
             if len(value) <= MOST_ELEMENTS:
-                _collect([(f"{name}[{i}]", part) for i, part in enumerate(value)], values, depth + 1)
+                _collect(
+                    [(f"{name}[{i}]", part) for i, part in enumerate(value)], values, depth + 1
+                )
             continue
         elif kind is str or value is None:
             continue

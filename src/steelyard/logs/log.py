@@ -25,7 +25,9 @@ class NoRowsError(InputError):
 
 @dataclass(frozen=True)
 class Part:
-    """Rows of a log whose value in one column lies within bounds; the rest need not pass through memory."""
+    """Rows of a log whose value in one column lies within bounds; the rest need not pass through
+    memory.
+    """
 
     column: str
     """By which rows are chosen, in the log's own unit."""
@@ -39,9 +41,11 @@ class Log:
 
     path: Path
     names: tuple[str, ...]
-    """Of the columns; nested fields with dots, elements of arrays with brackets: ``linear_acceleration.x``, ``data[3]``."""
+    """Of the columns; nested fields with dots, elements of arrays with brackets:
+    ``linear_acceleration.x``, ``data[3]``."""
     load: Callable[[Sequence[str], Part | None, int | None], Mapping[str, Array]]
-    """Columns of these names, of a part of the rows, of at most so many: shape (n,) each, NaN where there is no sample."""
+    """Columns of these names, of a part of the rows, of at most so many: shape (n,) each, NaN where
+    there is no sample."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Column -> unit, where the log itself states one."""
     spellings: Mapping[str, str] = field(default_factory=dict)
@@ -55,7 +59,9 @@ class Log:
             return f"{self.path}:{self.line_of(row, part)}"
         return f"{self.path}" if part else f"{self.path}: row {row + 1}"
 
-    def read(self, names: Sequence[str], part: Part | None = None, rows: int | None = None) -> Table:
+    def read(
+        self, names: Sequence[str], part: Part | None = None, rows: int | None = None
+    ) -> Table:
         """Read columns of numbers.
 
         Args:
@@ -67,22 +73,26 @@ class Log:
             Column -> values, NaN where there is no sample, shape (n,).
 
         Raises:
-            InputError: There are no rows, a cell is no number that a sensor can read, or a column has not a single one.
+            InputError: There are no rows, a cell is no number that a sensor can read, or a column
+                has not a single one.
         """
         for name in names:
             if self.names.count(name) > 1:
                 raise InputError(
-                    f"{self.path}: expected columns of different names, found '{name}' twice; rename one, or name another column"
+                    f"{self.path}: expected columns of different names, found '{name}' twice;"
+                    " rename one, or name another column"
                 )
         loaded = self.load(names, part, rows)
         table = loaded if isinstance(loaded, Table) else table_of(loaded)
         if table.cells.size == 0:
             if part:
                 raise NoRowsError(
-                    f"{self.path}: expected rows with '{part.column}' between {part.start:.9g} and {part.end:.9g}, found none; correct the window"
+                    f"{self.path}: expected rows with '{part.column}' between {part.start:.9g} and"
+                    f" {part.end:.9g}, found none; correct the window"
                 )
             raise InputError(
-                f"{self.path}: expected rows of numbers, found none{' below the header' if self.line_of else ''}; check the recording"
+                f"{self.path}: expected rows of numbers, found"
+                f" none{' below the header' if self.line_of else ''}; check the recording"
             )
         self._check(table, part)
         return table
@@ -108,10 +118,12 @@ class Log:
                     else f"expected a number that a sensor can read, found {column[row]:g}"
                 )
                 raise InputError(
-                    f"{self.place(first + row, part)}: column '{name}': {sentence}; correct it, or leave the cell empty"
+                    f"{self.place(first + row, part)}: column '{name}': {sentence}; correct it, or"
+                    " leave the cell empty"
                 )
         for name, has_one in zip(table, filled, strict=True):
             if not has_one:
                 raise InputError(
-                    f"{self.path}: column '{name}': expected numbers, found not a single one; leave the instrument out or name another column"
+                    f"{self.path}: column '{name}': expected numbers, found not a single one; leave"
+                    " the instrument out or name another column"
                 )

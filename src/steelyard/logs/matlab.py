@@ -13,16 +13,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.logs.apart import opened_apart, serve
 from steelyard.logs.hdf5 import sources_of
 from steelyard.logs.log import Log
-from steelyard.logs.nested import MOST_ELEMENTS, Key, Source, is_number, log_of_arrays, with_rows_first
+from steelyard.logs.nested import (
+    MOST_ELEMENTS,
+    Key,
+    Source,
+    is_number,
+    log_of_arrays,
+    with_rows_first,
+)
 from steelyard.logs.packages import listed, require_package
 from steelyard.logs.size import check_unpacked
+from steelyard.logs.subprocess_reader import opened_in_subprocess, serve
 
 _NUMBERS = {
-    "double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "logical",
-}  # fmt: skip
+    "double",
+    "single",
+    "int8",
+    "uint8",
+    "int16",
+    "uint16",
+    "int32",
+    "uint32",
+    "int64",
+    "uint64",
+    "logical",
+}
 """Classes of MATLAB."""
 _HEADER = 128
 _COMPRESSED = 15
@@ -41,7 +58,7 @@ def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:
     """
     if _is_hdf5(path):
         require_package(path, "h5py", "h5py", "MATLAB 7.3")
-    return opened_apart(__name__, path, topic, "a MATLAB file")
+    return opened_in_subprocess(__name__, path, topic, "a MATLAB file")
 
 
 @contextmanager
@@ -67,13 +84,16 @@ def opened_here(path: Path, topic: str | None) -> Iterator[Log]:
         return False
 
     with h5py.File(path, "r") as file:
-        yield _log(path, dict(sources_of(path, file, others, accepted, rows_last=True)), others, topic)
+        yield _log(
+            path, dict(sources_of(path, file, others, accepted, rows_last=True)), others, topic
+        )
 
 
 def _log(path: Path, sources: dict[Key, Source], others: list[str], topic: str | None) -> Log:
     if not sources and others:
         raise InputError(
-            f"{path}: expected arrays of numbers or structures of them, found {listed(others)}; save numbers, such as [x.Time, x.Data]"
+            f"{path}: expected arrays of numbers or structures of them, found {listed(others)};"
+            " save numbers, such as [x.Time, x.Data]"
         )
     return log_of_arrays(path, sources, topic, what="structure", others=others)
 
@@ -85,7 +105,9 @@ def _is_hdf5(path: Path) -> bool:
 
 
 def _variables(path: Path, topic: str | None) -> tuple[dict[Key, Source], list[str]]:
-    """Arrays of numbers in the variables of a file up to version 7.2, and the other variables with their classes."""
+    """Arrays of numbers in the variables of a file up to version 7.2, and the other variables with
+    their classes.
+    """
     from scipy.io import loadmat, whosmat
 
     _check_size(path)
@@ -96,17 +118,24 @@ def _variables(path: Path, topic: str | None) -> tuple[dict[Key, Source], list[s
     wanted = {topic.strip("/").replace("/", ".").partition(".")[0]} if topic else set(names)
     for name, shape, kind in variables:
         if names.count(name) > 1:
-            raise InputError(f"{path}: expected variables of different names, found '{name}' twice; save it again")
+            raise InputError(
+                f"{path}: expected variables of different names, found '{name}' twice; save it"
+                " again"
+            )
         if kind not in _NUMBERS and kind != "struct":
             others.append(f"{name}: {kind}")
         elif name in wanted or wanted.isdisjoint(names):
             check_unpacked(path, int(np.prod(shape, dtype=object)), path.stat().st_size)
-            sources.update(_sources((name,), loadmat(path, appendmat=False, variable_names=[name])[name]))
+            sources.update(
+                _sources((name,), loadmat(path, appendmat=False, variable_names=[name])[name])
+            )
     return sources, others
 
 
 def _check_size(path: Path) -> None:
-    """Refuse a file whose packed variables make far more than a recording of its size, or are cut off."""
+    """Refuse a file whose packed variables make far more than a recording of its size, or are cut
+    off.
+    """
     size = path.stat().st_size
     with path.open("rb") as file:
         header = file.read(_HEADER)
@@ -120,9 +149,14 @@ def _check_size(path: Path) -> None:
             place += 8 + length
             if place > size:
                 raise InputError(
-                    f"{path}: expected a MATLAB file, found one whose last variable is cut off; copy it again"
+                    f"{path}: expected a MATLAB file, found one whose last variable is cut off;"
+                    " copy it again"
                 )
-            found += _unpacked_size(path, file.read(length), found, size) if kind == _COMPRESSED else length
+            found += (
+                _unpacked_size(path, file.read(length), found, size)
+                if kind == _COMPRESSED
+                else length
+            )
             check_unpacked(path, found, size)
 
 

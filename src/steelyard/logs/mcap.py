@@ -40,7 +40,8 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
     """Open a topic of an MCAP file.
 
     Raises:
-        InputError: The file is damaged or cut off, or has no such topic, or messages that cannot be read.
+        InputError: The file is damaged or cut off, or has no such topic, or messages that cannot be
+            read.
     """
     with path.open("rb") as file:
         yield log_of_topic(recording_of(path, file), topic)
@@ -120,7 +121,9 @@ class _Contents:
             if place > end:
                 raise ValueError(f"a record of {length} bytes that runs over the end")
             if opcode == Opcode.MESSAGE:
-                region.append((_MESSAGE.unpack(self.file.read(_MESSAGE.size))[2], begin - _HEAD.size, place))
+                region.append(
+                    (_MESSAGE.unpack(self.file.read(_MESSAGE.size))[2], begin - _HEAD.size, place)
+                )
             if region and (opcode != Opcode.MESSAGE or place - region[0][1] > _REGION):
                 self.pieces.append(_region(region))
                 region = []
@@ -129,11 +132,15 @@ class _Contents:
             elif opcode == Opcode.CHUNK:
                 self.pieces.append(self._chunk(begin, length))
             elif opcode == Opcode.MESSAGE_INDEX and self.pieces:
-                self.held.setdefault(self.pieces[-1].place, set()).add(struct.unpack("<H", self.file.read(2))[0])
+                self.held.setdefault(self.pieces[-1].place, set()).add(
+                    struct.unpack("<H", self.file.read(2))[0]
+                )
             ended = opcode == Opcode.FOOTER
         if not ended:
             raise ValueError("no footer at its end")
-        check_unpacked(self.path, sum(piece.size for piece in self.pieces), size, always=MOST_UNPACKED)
+        check_unpacked(
+            self.path, sum(piece.size for piece in self.pieces), size, always=MOST_UNPACKED
+        )
         known = set().union(*self.held.values()) <= self.channels.keys()
         if not known or not self.channels:
             # Channels need not be repeated outside of the chunks.
@@ -166,7 +173,9 @@ class _Contents:
         compression = self.file.read(text).decode()
         packed = struct.unpack("<Q", self.file.read(8))[0]
         if size > LARGEST_BLOCK or _CHUNK.size + text + 8 + packed != length:
-            raise ValueError(f"a chunk of {size} bytes, packed into {packed}, in a record of {length}")
+            raise ValueError(
+                f"a chunk of {size} bytes, packed into {packed}, in a record of {length}"
+            )
         return _Piece(start, begin + _CHUNK.size + text + 8, packed, compression, size, crc)
 
     def _read(self, piece: _Piece) -> bytes:
@@ -180,7 +189,9 @@ class _Contents:
         """Messages of a topic in the order in which they were received."""
         channels = {number for number, channel in self.channels.items() if channel.topic == topic}
         pieces = [piece for piece in self.pieces if self.held.get(piece.place, channels) & channels]
-        return in_time_order((piece.start, partial(self._messages, piece, channels)) for piece in pieces)
+        return in_time_order(
+            (piece.start, partial(self._messages, piece, channels)) for piece in pieces
+        )
 
     def _messages(self, piece: _Piece, channels: set[int]) -> list[Message]:
         found = []
@@ -201,17 +212,22 @@ class _Contents:
         make = _DECODERS.get(channel.message_encoding)
         if make is None or schema is None or schema.encoding not in _FORMS:
             raise InputError(
-                f"{self.path}: topic '{shown(channel.topic)}': expected messages in JSON or of ROS (cdr, ros1), found "
-                f"'{shown(channel.message_encoding)}' with a schema in '{shown(schema.encoding if schema else '')}'; convert them to JSON"
+                f"{self.path}: topic '{shown(channel.topic)}': expected messages in JSON or of ROS"
+                f" (cdr, ros1), found '{shown(channel.message_encoding)}' with a schema in"
+                f" '{shown(schema.encoding if schema else '')}'; convert them to JSON"
             )
         definition = schema.data.decode("utf-8", "replace")
         ros1 = channel.message_encoding == "ros1"
-        return make(types_of(self.path, schema.name, _FORMS[schema.encoding], definition, ros1=ros1), schema.name)
+        return make(
+            types_of(self.path, schema.name, _FORMS[schema.encoding], definition, ros1=ros1),
+            schema.name,
+        )
 
     def _cut_off(self) -> InputError:
         return InputError(
-            f"{self.path}: expected an MCAP file with its end, found one that is cut off; copy it again, or, where the recorder was "
-            f"stopped, repair it with: mcap recover {shown(self.path.name)} -o repaired.mcap"
+            f"{self.path}: expected an MCAP file with its end, found one that is cut off; copy it"
+            " again, or, where the recorder was stopped, repair it with: mcap recover"
+            f" {shown(self.path.name)} -o repaired.mcap"
         )
 
 
@@ -236,5 +252,6 @@ def _records(block: bytes) -> Iterator[tuple[int, memoryview]]:
 
 def _damaged(path: Path, error: Exception) -> InputError:
     return InputError(
-        f"{path}: expected an MCAP file, found one that is damaged ({shown(str(error), 120)}); copy it again"
+        f"{path}: expected an MCAP file, found one that is damaged ({shown(str(error), 120)}); copy"
+        " it again"
     )

@@ -29,12 +29,14 @@ _MAY_BE_ABSENT = {
     f"{quantity}_covariance[0]": (f"{quantity}.", f"{quantity}_covariance[")
     for quantity in ("orientation", "angular_velocity", "linear_acceleration")
 }
-"""Number of ``sensor_msgs/Imu`` that is -1 where there is no such quantity -> how names of its numbers begin."""
+"""Number of ``sensor_msgs/Imu`` that is -1 where there is no such quantity -> how names of its
+numbers begin."""
 
 Values = dict[str, float]
 """Numbers of a message by name; nested fields with dots, elements of lists with brackets."""
 Decoder = Callable[[bytes], Values]
-"""Reads the numbers of a message; raises ValueError or struct.error for what is no message of its type."""
+"""Reads the numbers of a message; raises ValueError or struct.error for what is no message of its
+type."""
 
 
 class Message(NamedTuple):
@@ -59,7 +61,8 @@ class Recording:
     messages: Callable[[str], Iterator[Message]]
     """Those of a topic, in the order in which they were received."""
     decoder: Callable[[int], Decoder]
-    """Of a channel; raises InputError if its messages cannot be read, and ValueError if their type cannot."""
+    """Of a channel; raises InputError if its messages cannot be read, and ValueError if their type
+    cannot."""
 
 
 def log_of_topic(recording: Recording, topic: str | None) -> Log:
@@ -70,7 +73,8 @@ def log_of_topic(recording: Recording, topic: str | None) -> Log:
         topic: Its name, with or without the slash it begins with; None: the only one with numbers.
 
     Raises:
-        InputError: There is no such topic, or several with numbers and none is named, or its messages cannot be read.
+        InputError: There is no such topic, or several with numbers and none is named, or its
+            messages cannot be read.
     """
     name, columns = _only_topic(recording) if topic is None else _named(recording, topic)
 
@@ -85,13 +89,18 @@ def log_of_topic(recording: Recording, topic: str | None) -> Log:
             found += 1
             for column, values in columns.items():
                 values.append(row.get(column, math.nan))
-        return {column: np.frombuffer(values, dtype=np.float64) for column, values in columns.items()}
+        return {
+            column: np.frombuffer(values, dtype=np.float64) for column, values in columns.items()
+        }
 
     return Log(recording.path, tuple(columns), load)
 
 
-def in_time_order(pieces: Iterable[tuple[int, Callable[[], Iterable[Message]]]]) -> Iterator[Message]:
-    """Messages of pieces of a file that may overlap in time, with no more pieces in memory than overlap.
+def in_time_order(
+    pieces: Iterable[tuple[int, Callable[[], Iterable[Message]]]],
+) -> Iterator[Message]:
+    """Messages of pieces of a file that may overlap in time, with no more pieces in memory than
+    overlap.
 
     Args:
         pieces: Time of the first message [ns], and what reads the messages, of each.
@@ -108,7 +117,11 @@ def in_time_order(pieces: Iterable[tuple[int, Callable[[], Iterable[Message]]]])
             _begin(begun, first, behind)
 
 
-def _begin(begun: list[tuple[int, int, Message, Iterator[Message]]], number: int, messages: Iterator[Message]) -> None:
+def _begin(
+    begun: list[tuple[int, int, Message, Iterator[Message]]],
+    number: int,
+    messages: Iterator[Message],
+) -> None:
     message = next(messages, None)
     if message is not None:
         heapq.heappush(begun, (message.received, number, message, messages))
@@ -119,12 +132,14 @@ def _named(recording: Recording, topic: str) -> tuple[str, list[str]]:
     name = topic if topic in recording.topics else by_bare_name.get(topic.strip("/"))
     if name is None:
         raise InputError(
-            f"{recording.path}: expected a topic '{shown(topic)}', found {_described(recording, recording.topics)}; correct 'topic'"
+            f"{recording.path}: expected a topic '{shown(topic)}', found"
+            f" {_described(recording, recording.topics)}; correct 'topic'"
         )
     columns = _columns(recording, name)
     if not columns:
         raise InputError(
-            f"{recording.path}: expected messages with numbers in topic '{shown(name)}', found none; name another one"
+            f"{recording.path}: expected messages with numbers in topic '{shown(name)}', found"
+            " none; name another one"
         )
     return name, columns
 
@@ -145,12 +160,14 @@ def _only_topic(recording: Recording) -> tuple[str, list[str]]:
         return next(iter(found.items()))
     if found:
         raise InputError(
-            f"{recording.path}: expected 'topic' to say which of its topics to read, found {_described(recording, found)}; name one"
+            f"{recording.path}: expected 'topic' to say which of its topics to read, found"
+            f" {_described(recording, found)}; name one"
         )
     if problems:
         raise problems[0]
     raise InputError(
-        f"{recording.path}: expected messages with numbers, found topics {_described(recording, recording.topics)}; check the recording"
+        f"{recording.path}: expected messages with numbers, found topics"
+        f" {_described(recording, recording.topics)}; check the recording"
     )
 
 
@@ -180,8 +197,8 @@ def _rows(recording: Recording, topic: str) -> Iterator[Values]:
         except (ValueError, struct.error, RecursionError) as error:
             kind = shown(recording.topics[topic])
             raise InputError(
-                f"{recording.path}: message {i + 1} of topic '{shown(topic)}': expected one of type {kind}, found "
-                f"something else ({shown(str(error), 120)}); copy the file again"
+                f"{recording.path}: message {i + 1} of topic '{shown(topic)}': expected one of type"
+                f" {kind}, found something else ({shown(str(error), 120)}); copy the file again"
             ) from None
         for mark, own in _MAY_BE_ABSENT.items():
             if row.get(mark) == -1.0:

@@ -19,7 +19,8 @@ from steelyard.logs.packages import listed, shown
 from steelyard.logs.size import check_unpacked
 
 MOST_ELEMENTS = 1000
-"""Numbers of one instant that one array may hold; what holds more is an image or a cloud of points."""
+"""Numbers of one instant that one array may hold; what holds more is an image or a cloud of
+points."""
 _PIECE = 1 << 20
 """Numbers that are read at once."""
 
@@ -58,10 +59,14 @@ class Source:
 
 def is_number(dtype: np.dtype[Any]) -> bool:
     """Whether values are real numbers, truth values, instants or durations."""
-    return dtype.kind in "biuf" or (dtype.kind in "mM" and np.datetime_data(dtype)[0] not in {"generic", "Y", "M"})
+    return dtype.kind in "biuf" or (
+        dtype.kind in "mM" and np.datetime_data(dtype)[0] not in {"generic", "Y", "M"}
+    )
 
 
-def with_rows_first(shape: tuple[int, ...], dtype: np.dtype[Any], read: Callable[[], NDArray[Any]]) -> Source:
+def with_rows_first(
+    shape: tuple[int, ...], dtype: np.dtype[Any], read: Callable[[], NDArray[Any]]
+) -> Source:
     """An array in memory; a row vector, shape (1, n), is meant as a column."""
     if is_row(shape):
         return Source(shape[1:], dtype, lambda: read()[0])
@@ -90,7 +95,8 @@ def log_of_arrays(
         topic: Group that the table is made of; None: the only one that holds arrays.
         what: Groups, as the format calls them.
         whole: Whether, without a topic, several groups make one table.
-        others: What else there is and why it is left out, for the message where there is nothing to read.
+        others: What else there is and why it is left out, for the message where there is nothing to
+            read.
 
     Raises:
         InputError: There is no such group, or several and none is named, or nothing to read.
@@ -98,13 +104,22 @@ def log_of_arrays(
     wide = [".".join(key) for key, source in sources.items() if source.elements > MOST_ELEMENTS]
     sources = {key: source for key, source in sources.items() if source.elements <= MOST_ELEMENTS}
     if not sources:
-        others = [*(f"{name}: more than {MOST_ELEMENTS} numbers at an instant" for name in wide), *others]
+        others = [
+            *(f"{name}: more than {MOST_ELEMENTS} numbers at an instant" for name in wide),
+            *others,
+        ]
         raise InputError(
-            f"{path}: expected arrays of numbers with an instant per row, found none{f' (left out: {listed(others)})' if others else ''}; "
-            "check the recording"
+            f"{path}: expected arrays of numbers with an instant per row, found"
+            f" none{f' (left out: {listed(others)})' if others else ''}; check the recording"
         )
-    group = _only_group(path, sources, what, whole) if topic is None else _group(path, sources, topic, what)
-    columns = {key[len(group) :]: source for key, source in sources.items() if key[: len(group)] == group}
+    group = (
+        _only_group(path, sources, what, whole)
+        if topic is None
+        else _group(path, sources, topic, what)
+    )
+    columns = {
+        key[len(group) :]: source for key, source in sources.items() if key[: len(group)] == group
+    }
     table = _Table(path, dict(_elements(columns)))
     units = {name: source.unit for name, (source, _) in table.columns.items() if source.unit}
     names = tuple(name for name, _ in _elements(columns))
@@ -125,7 +140,8 @@ def _only_group(path: Path, sources: Mapping[Key, Source], what: str, whole: boo
             if whole:
                 break
             raise InputError(
-                f"{path}: expected 'topic' to say which of its {what}s to read, found {listed('.'.join(g) for g in inner)}; name one"
+                f"{path}: expected 'topic' to say which of its {what}s to read, found"
+                f" {listed('.'.join(g) for g in inner)}; name one"
             )
         group = inner[0]
     return group
@@ -141,7 +157,9 @@ def _group(path: Path, sources: Mapping[Key, Source], topic: str, what: str) -> 
     raise InputError(f"{path}: expected a {what} '{shown(topic)}', found {there}; correct 'topic'")
 
 
-def _elements(sources: Mapping[Key, Source]) -> Iterator[tuple[str, tuple[Source, tuple[int, ...]]]]:
+def _elements(
+    sources: Mapping[Key, Source],
+) -> Iterator[tuple[str, tuple[Source, tuple[int, ...]]]]:
     """Names of columns, the arrays they are in and where in a row they stand."""
     for key, source in sources.items():
         name = ".".join(key)
@@ -159,12 +177,16 @@ class _Table:
     path: Path
     columns: Mapping[str, tuple[Source, tuple[int, ...]]]
 
-    def load(self, names: Sequence[str], part: Part | None, rows: int | None) -> Mapping[str, Array]:
+    def load(
+        self, names: Sequence[str], part: Part | None, rows: int | None
+    ) -> Mapping[str, Array]:
         wanted = list(dict.fromkeys([*names, *([part.column] if part else [])]))
         n = self._rows(wanted)
         packed = self.path.stat().st_size
         sources = {id(self.columns[name][0]): self.columns[name][0] for name in wanted}
-        check_unpacked(self.path, sum(source.size for source in sources.values()) + 8 * n * len(wanted), packed)
+        check_unpacked(
+            self.path, sum(source.size for source in sources.values()) + 8 * n * len(wanted), packed
+        )
         if part is None:
             return self._read(names, 0, n if rows is None else min(n, rows))
         by = self._read([part.column], 0, n)[part.column]
@@ -172,14 +194,17 @@ class _Table:
         if not len(inside):
             return {name: np.empty(0) for name in names}
         first, last = int(inside[0]), int(inside[-1]) + 1
-        return {name: values[inside - first] for name, values in self._read(names, first, last).items()}
+        return {
+            name: values[inside - first] for name, values in self._read(names, first, last).items()
+        }
 
     def _rows(self, names: Sequence[str]) -> int:
         lengths = {name: self.columns[name][0].shape[0] for name in names}
         if len(set(lengths.values())) > 1:
             found = ", ".join(f"'{shown(name)}' with {n}" for name, n in list(lengths.items())[:10])
             raise InputError(
-                f"{self.path}: expected columns of one length, found {found} rows; name columns that belong together"
+                f"{self.path}: expected columns of one length, found {found} rows; name columns"
+                " that belong together"
             )
         return next(iter(lengths.values()), 0)
 
@@ -195,12 +220,16 @@ class _Table:
                 for name, values in result.items():
                     if id(self.columns[name][0]) == key:
                         _, index = self.columns[name]
-                        values[place - start : place - start + len(piece)] = _numbers(piece[(slice(None), *index)])
+                        values[place - start : place - start + len(piece)] = _numbers(
+                            piece[(slice(None), *index)]
+                        )
         return result
 
 
 def _numbers(values: NDArray[Any]) -> Array:
-    """Values as float64: instants in seconds since 1970, durations in seconds, NaN where they are none, shape (n,)."""
+    """Values as float64: instants in seconds since 1970, durations in seconds, NaN where they are
+    none, shape (n,).
+    """
     if values.dtype.kind == "M":
         values = values - np.zeros((), values.dtype)
     if values.dtype.kind == "m":

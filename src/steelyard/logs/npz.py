@@ -32,16 +32,25 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
         InputError: It is damaged, or a topic is asked for.
     """
     if topic is not None:
-        raise InputError(f"{path}: expected no 'topic' for a NumPy file, found '{topic}'; leave it out")
+        raise InputError(
+            f"{path}: expected no 'topic' for a NumPy file, found '{topic}'; leave it out"
+        )
     try:
         archive = zipfile.ZipFile(path)
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError, UnicodeDecodeError) as error:
+    except (
+        zipfile.BadZipFile,
+        OSError,
+        ValueError,
+        NotImplementedError,
+        UnicodeDecodeError,
+    ) as error:
         raise _damaged(path, error) from None
     with archive:
         members = [member for member in archive.infolist() if member.filename.endswith(".npy")]
         if len(members) > MOST_COLUMNS:
             raise InputError(
-                f"{path}: expected at most {MOST_COLUMNS} arrays, found {len(members)}; check the recording"
+                f"{path}: expected at most {MOST_COLUMNS} arrays, found {len(members)}; check the"
+                " recording"
             )
         check_unpacked(path, sum(member.file_size for member in members), path.stat().st_size)
         sources: dict[Key, Source] = {}
@@ -57,13 +66,16 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
                 sources.update(_sources((name,), shape, dtype, read))
         if objects and not sources:
             raise InputError(
-                f"{path}: expected arrays of numbers, found arrays of Python objects ({shown(', '.join(objects))}), which are never "
-                "read; save them with a number type, such as np.asarray(x, dtype=float)"
+                f"{path}: expected arrays of numbers, found arrays of Python objects"
+                f" ({shown(', '.join(objects))}), which are never read; save them with a number"
+                " type, such as np.asarray(x, dtype=float)"
             )
         yield log_of_arrays(path, sources, None, what="group", whole=True)
 
 
-def _header(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[tuple[int, ...], np.dtype[Any]]:
+def _header(
+    path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo
+) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """Shape and type of an array, without its numbers.
 
     Raises:
@@ -75,7 +87,9 @@ def _header(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tu
             warnings.simplefilter("ignore")
             shape, _, dtype = _read_header(file)
             size = math.prod(shape) * dtype.itemsize
-            if min(shape, default=0) < 0 or (not dtype.hasobject and file.tell() + size != member.file_size):
+            if min(shape, default=0) < 0 or (
+                not dtype.hasobject and file.tell() + size != member.file_size
+            ):
                 raise ValueError(f"an array of shape {shape} in {member.file_size} bytes")
     except _ERRORS as error:
         raise _damaged(path, error) from None
@@ -146,5 +160,6 @@ def _array(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDA
 def _damaged(path: Path, error: Exception) -> InputError:
     reason = shown((str(error).splitlines() or [type(error).__name__])[0], 120).rstrip(".")
     return InputError(
-        f"{path}: expected an archive of NumPy arrays, found one that is damaged or cut off ({reason}); copy it again"
+        f"{path}: expected an archive of NumPy arrays, found one that is damaged or cut off"
+        f" ({reason}); copy it again"
     )

@@ -24,13 +24,18 @@ def require_package(path: Path, package: str, module: str, what: str) -> None:
     """
     if find_spec(module) is None:
         raise InputError(
-            f'{path}: reading {what} files needs the package {package}; install it with: pip install "steelyard[all]"'
+            f"{path}: reading {what} files needs the package {package}; install it with: pip"
+            ' install "steelyard[all]"'
         )
 
 
 def shown(text: str, longest: int = _LONGEST) -> str:
-    """Text from a file on one line of a message: it may hold anything, such as codes that steer a terminal."""
-    printable = "".join(letter if letter.isprintable() else "\ufffd" for letter in text[: longest + 1])
+    """Text from a file on one line of a message: it may hold anything, such as codes that steer a
+    terminal.
+    """
+    printable = "".join(
+        letter if letter.isprintable() else "\ufffd" for letter in text[: longest + 1]
+    )
     return printable if len(printable) <= longest else printable[: longest - 1] + "…"
 
 

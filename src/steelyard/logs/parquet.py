@@ -31,7 +31,9 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
     import polars as pl
 
     if topic is not None:
-        raise InputError(f"{path}: expected no 'topic' for a Parquet file, found '{topic}'; leave it out")
+        raise InputError(
+            f"{path}: expected no 'topic' for a Parquet file, found '{topic}'; leave it out"
+        )
     with _damage_told(path):
         table = pl.scan_parquet(_source(path), glob=False)
         schema = table.collect_schema()
@@ -44,17 +46,25 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
         for name in names:
             kind = column[name][1]
             if not (kind.is_numeric() or kind.is_temporal()):
-                raise InputError(f"{path}: column '{name}': expected numbers, found {kind}; name another column")
+                raise InputError(
+                    f"{path}: column '{name}': expected numbers, found {kind}; name another column"
+                )
         # Of what is nested, all is unpacked for any of it.
-        roots = {expression.meta.root_names()[0] for expression, _ in (column[name] for name in names)}
+        roots = {
+            expression.meta.root_names()[0] for expression, _ in (column[name] for name in names)
+        }
         unpacked = sum(expression.meta.root_names()[0] in roots for _, expression, _ in leaves)
         check_unpacked(path, 8 * rows_there * unpacked, path.stat().st_size)
         chosen = table
         if part is not None:
-            chosen = table.filter(_in_seconds(*column[part.column]).is_between(part.start, part.end))
+            chosen = table.filter(
+                _in_seconds(*column[part.column]).is_between(part.start, part.end)
+            )
         chosen = chosen.select(column[name][0].alias(name) for name in dict.fromkeys(names))
         with _damage_told(path):
-            frame = (chosen if rows is None else chosen.head(rows)).collect(engine="streaming" if part else "auto")
+            frame = (chosen if rows is None else chosen.head(rows)).collect(
+                engine="streaming" if part else "auto"
+            )
         # One at a time: a column may be copied.
         return {name: as_array(frame.drop_in_place(name)) for name in frame.columns}
 
@@ -62,7 +72,9 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
 
 
 def _leaves(name: str, column: pl.Expr, kind: _Kind) -> Iterator[tuple[str, pl.Expr, _Kind]]:
-    """What is nested in a column: names with dots and brackets, how to get there, and what it is."""
+    """What is nested in a column: names with dots and brackets, how to get there, and what it
+    is.
+    """
     import polars as pl
 
     if isinstance(kind, pl.Struct):
@@ -94,7 +106,9 @@ def _damage_told(path: Path) -> Iterator[None]:
         yield
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
         reason = (str(error).splitlines() or [""])[0][:120].rstrip(".")
-        raise InputError(f"{path}: expected a Parquet file, found something else ({reason}); copy it again") from None
+        raise InputError(
+            f"{path}: expected a Parquet file, found something else ({reason}); copy it again"
+        ) from None
 
 
 def _source(path: Path) -> Path | bytes:

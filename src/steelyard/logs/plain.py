@@ -1,4 +1,6 @@
-"""Text files as pieces of whole lines in UTF-8: unpacked and transcoded on the way, never in memory as a whole."""
+"""Text files as pieces of whole lines in UTF-8: unpacked and transcoded on the way, never in memory
+as a whole.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +32,12 @@ def pieces(path: Path) -> Iterator[tuple[bytes, float]]:
     """Read a text file, plain or packed by gzip, from its beginning.
 
     Yields:
-        Lines that follow each other, a newline at the end of each, and the part of the file that has been read with them.
+        Lines that follow each other, a newline at the end of each, and the part of the file that
+        has been read with them.
 
     Raises:
-        InputError: It cannot be read, is damaged or no text, has a line without end, or unpacks to far more than a log of its size.
+        InputError: It cannot be read, is damaged or no text, has a line without end, or unpacks to
+            far more than a log of its size.
     """
     with told(path), path.open("rb") as file:
         size = max(os.fstat(file.fileno()).st_size, 1)
@@ -44,7 +48,8 @@ def pieces(path: Path) -> Iterator[tuple[bytes, float]]:
             held = block[end:] if end else held + block
             if max(len(held), text.find(b"\n")) > _LONGEST_LINE:
                 raise InputError(
-                    f"{path}: expected lines of at most {_LONGEST_LINE >> 20} MiB, found one that is longer; check that it is a table"
+                    f"{path}: expected lines of at most {_LONGEST_LINE >> 20} MiB, found one that"
+                    " is longer; check that it is a table"
                 )
             if end:
                 yield text, min(file.tell() / size, 1.0)
@@ -62,7 +67,9 @@ def told(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(f"{path}: expected a file that can be read, found '{error.strerror}'; check it") from None
+        raise InputError(
+            f"{path}: expected a file that can be read, found '{error.strerror}'; check it"
+        ) from None
 
 
 def _texts(path: Path, file: IO[bytes], size: int) -> Iterator[bytes]:
@@ -110,7 +117,9 @@ def _unpacked(path: Path, file: IO[bytes], size: int) -> Iterator[bytes]:
 
 
 def _damaged(path: Path, reason: str) -> InputError:
-    return InputError(f"{path}: expected a gzip file, found one that is damaged ({reason}); copy it again")
+    return InputError(
+        f"{path}: expected a gzip file, found one that is damaged ({reason}); copy it again"
+    )
 
 
 def _decoder(path: Path, beginning: bytes) -> Callable[[bytes, bool], bytes]:
@@ -118,7 +127,8 @@ def _decoder(path: Path, beginning: bytes) -> Callable[[bytes, bool], bytes]:
     if encoding is None:
         if b"\0" in beginning[:4096]:
             raise InputError(
-                f"{path}: expected text, found bytes that are none; correct its ending or convert it to CSV"
+                f"{path}: expected text, found bytes that are none; correct its ending or convert"
+                " it to CSV"
             )
         return lambda block, _: block
     decoder = codecs.getincrementaldecoder(encoding)()
@@ -128,7 +138,8 @@ def _decoder(path: Path, beginning: bytes) -> Callable[[bytes, bool], bytes]:
             return decoder.decode(block, last).encode()
         except UnicodeDecodeError as error:
             raise InputError(
-                f"{path}: expected text in {encoding.upper()}, found characters that are none ({error.reason}); save it as UTF-8"
+                f"{path}: expected text in {encoding.upper()}, found characters that are none"
+                f" ({error.reason}); save it as UTF-8"
             ) from None
 
     return decode

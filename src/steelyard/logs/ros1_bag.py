@@ -92,7 +92,9 @@ class _Bag:
         index = struct.unpack("<Q", header[b"index_pos"])[0]
         if not 0 < index <= self.size:
             raise self._cut_off()
-        connections, chunks = (_LENGTH.unpack(header[key])[0] for key in (b"conn_count", b"chunk_count"))
+        connections, chunks = (
+            _LENGTH.unpack(header[key])[0] for key in (b"conn_count", b"chunk_count")
+        )
         self.file.seek(index)
         try:
             for _ in range(connections):
@@ -110,18 +112,24 @@ class _Bag:
             end = chunk.place + chunk.length
         if end > index or len(places) != chunks:
             raise ValueError("chunks that overlap the index")
-        check_unpacked(self.path, sum(chunk.size for chunk in self.chunks), self.size, always=MOST_UNPACKED)
+        check_unpacked(
+            self.path, sum(chunk.size for chunk in self.chunks), self.size, always=MOST_UNPACKED
+        )
 
     def messages(self, topic: str) -> Iterator[Message]:
         """Messages of a topic in the order in which they were received."""
         wanted = {number for number, each in self.connections.items() if each.topic == topic}
         chunks = [chunk for chunk in self.chunks if chunk.connections & wanted]
-        return in_time_order((chunk.start, partial(self._messages, chunk, wanted)) for chunk in chunks)
+        return in_time_order(
+            (chunk.start, partial(self._messages, chunk, wanted)) for chunk in chunks
+        )
 
     def decoder(self, number: int) -> Decoder:
         """Decoder of the messages of a connection."""
         each = self.connections[number]
-        return ros1_decoder(types_of(self.path, each.type, "msg", each.definition, ros1=True), each.type)
+        return ros1_decoder(
+            types_of(self.path, each.type, "msg", each.definition, ros1=True), each.type
+        )
 
     def _messages(self, chunk: _Chunk, wanted: set[int]) -> list[Message]:
         self.file.seek(chunk.place)
@@ -135,8 +143,18 @@ class _Bag:
                 place += 4 + length
                 if place > len(block):
                     raise ValueError("a record that runs over the end of its chunk")
-                if fields[b"op"][0] == _MESSAGE and (number := _LENGTH.unpack(fields[b"conn"])[0]) in wanted:
-                    found.append(Message(_nanoseconds(fields[b"time"]), None, number, block[place - length : place]))
+                if (
+                    fields[b"op"][0] == _MESSAGE
+                    and (number := _LENGTH.unpack(fields[b"conn"])[0]) in wanted
+                ):
+                    found.append(
+                        Message(
+                            _nanoseconds(fields[b"time"]),
+                            None,
+                            number,
+                            block[place - length : place],
+                        )
+                    )
         except (ValueError, KeyError, IndexError, struct.error) as error:
             raise _damaged(self.path, error) from None
         return found
@@ -160,7 +178,9 @@ class _Bag:
     def _add_connection(self) -> None:
         head = self._fields(_CONNECTION)
         about = _split(self._data())
-        topic, kind, definition = (about.get(key, b"").decode() for key in (b"topic", b"type", b"message_definition"))
+        topic, kind, definition = (
+            about.get(key, b"").decode() for key in (b"topic", b"type", b"message_definition")
+        )
         self.connections[_LENGTH.unpack(head[b"conn"])[0]] = _Connection(
             head[b"topic"].decode() or topic, kind, definition
         )
@@ -169,7 +189,10 @@ class _Bag:
         fields = self._fields(_CHUNK_INFO)
         pairs = self._data()
         held = frozenset(number for number, _ in struct.iter_unpack("<II", pairs))
-        return struct.unpack("<Q", fields[b"chunk_pos"])[0], (_nanoseconds(fields[b"start_time"]), held)
+        return struct.unpack("<Q", fields[b"chunk_pos"])[0], (
+            _nanoseconds(fields[b"start_time"]),
+            held,
+        )
 
     def _chunk(self, place: int, start: int, held: frozenset[int]) -> _Chunk:
         self.file.seek(place)
@@ -182,8 +205,9 @@ class _Bag:
 
     def _cut_off(self) -> InputError:
         return InputError(
-            f"{self.path}: expected a bag with an index at its end, found one that is cut off; copy it again, or, where the recorder was "
-            f"stopped, repair it with: rosbag reindex {shown(self.path.name)}"
+            f"{self.path}: expected a bag with an index at its end, found one that is cut off; copy"
+            " it again, or, where the recorder was stopped, repair it with: rosbag reindex"
+            f" {shown(self.path.name)}"
         )
 
 
@@ -215,5 +239,6 @@ def _nanoseconds(time: bytes) -> int:
 def _damaged(path: Path, error: Exception) -> InputError:
     missing = f"no field {error}" if isinstance(error, KeyError) else str(error)
     return InputError(
-        f"{path}: expected a bag of ROS 1, found one that is damaged ({shown(missing, 120)}); copy it again"
+        f"{path}: expected a bag of ROS 1, found one that is damaged ({shown(missing, 120)}); copy"
+        " it again"
     )

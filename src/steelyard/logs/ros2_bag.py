@@ -24,7 +24,8 @@ _TABLES = {"topics", "messages"}
 _STEPS = 1_000_000
 """Of the database's machine, between looks at how many there were."""
 _MOST_STEPS, _STEPS_PER_BYTE = 50, 20
-"""Steps of a query, in units of the above, and beyond that per byte: pages of a damaged database may lead in circles."""
+"""Steps of a query, in units of the above, and beyond that per byte: pages of a damaged database
+may lead in circles."""
 _LEAST_MESSAGE = 32
 """Bytes that a message takes."""
 
@@ -55,22 +56,30 @@ def opened(path: Path) -> Iterator[Recording]:
 
 def _parts(folder: Path) -> tuple[list[Path], str]:
     document = read_yaml(folder / _METADATA)
-    about = document.data.get("rosbag2_bagfile_information") if isinstance(document.data, dict) else None
+    about = (
+        document.data.get("rosbag2_bagfile_information")
+        if isinstance(document.data, dict)
+        else None
+    )
     names = about.get("relative_file_paths") if isinstance(about, dict) else None
     if not isinstance(about, dict) or not isinstance(names, list) or not names:
         raise document.error(
-            (), "expected 'rosbag2_bagfile_information' with 'relative_file_paths', found none; copy the bag again"
+            (),
+            "expected 'rosbag2_bagfile_information' with 'relative_file_paths', found none; copy"
+            " the bag again",
         )
     storage = about.get("storage_identifier")
     if storage not in {"sqlite3", "mcap"}:
         raise document.error(
             ("rosbag2_bagfile_information", "storage_identifier"),
-            f"expected sqlite3 or mcap, found '{shown(str(storage))}'; convert it with: ros2 bag convert",
+            f"expected sqlite3 or mcap, found '{shown(str(storage))}'; convert it with: ros2 bag"
+            " convert",
         )
     if str(about.get("compression_mode") or "none").lower() != "none":
         raise document.error(
             ("rosbag2_bagfile_information", "compression_mode"),
-            "expected files that are not packed, found a bag packed as a whole or message by message; convert it with: ros2 bag convert",
+            "expected files that are not packed, found a bag packed as a whole or message by"
+            " message; convert it with: ros2 bag convert",
         )
     # Only files of the folder itself, whatever path is stated.
     parts = [folder / PurePath(str(name)).name for name in names]
@@ -120,22 +129,26 @@ def _database(path: Path) -> Iterator[Recording]:
 
 
 def _check_complete(path: Path) -> None:
-    """Raise InputError for a database that is cut off, or whose last messages are still in a file beside it."""
+    """Raise InputError for a database that is cut off, or whose last messages are still in a file
+    beside it.
+    """
     with path.open("rb") as file:
         header = file.read(100)
     page = int.from_bytes(header[16:18], "big")
     stated = (65536 if page == 1 else page) * int.from_bytes(header[28:32], "big")
     if len(header) < 100 or stated > path.stat().st_size:
         raise InputError(
-            f"{path}: expected a database of {stated >> 10} KiB, found one of {path.stat().st_size >> 10} KiB that is cut off; copy it "
-            f"again, or save what is left with: sqlite3 {shown(path.name)} .recover"
+            f"{path}: expected a database of {stated >> 10} KiB, found one of"
+            f" {path.stat().st_size >> 10} KiB that is cut off; copy it again, or save what is left"
+            f" with: sqlite3 {shown(path.name)} .recover"
         )
     for ending in ("-wal", "-journal"):
         beside = path.with_name(path.name + ending)
         if beside.is_file() and beside.stat().st_size:
             raise InputError(
-                f"{path}: expected a database that was closed, found messages left in {shown(beside.name)}, since the recorder was "
-                f"stopped; put them in place with: sqlite3 {shown(path.name)} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+                f"{path}: expected a database that was closed, found messages left in"
+                f" {shown(beside.name)}, since the recorder was stopped; put them in place with:"
+                f" sqlite3 {shown(path.name)} 'PRAGMA wal_checkpoint(TRUNCATE)'"
             )
 
 
@@ -170,14 +183,16 @@ class _Database:
         ):
             if form != "cdr":
                 raise InputError(
-                    f"{self.path}: expected messages in cdr, found '{shown(str(form))}'; convert it with: ros2 bag convert"
+                    f"{self.path}: expected messages in cdr, found '{shown(str(form))}'; convert it"
+                    " with: ros2 bag convert"
                 )
             self.topics[number] = _Topic(str(name), str(kind))
         if self._columns("message_definitions"):
             self.definitions = {
                 str(kind): (_FORMS.get(str(form), ""), str(text))
                 for kind, form, text in self.connection.execute(
-                    "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+                    "SELECT topic_type, encoding, encoded_message_definition FROM"
+                    " message_definitions"
                 )
             }
 
@@ -188,7 +203,8 @@ class _Database:
         self._steps = read = 0
         try:
             for number, received, data in self.connection.execute(
-                f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id",
+                f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER"
+                " BY timestamp, id",
                 numbers,
             ):
                 if not isinstance(received, int) or not isinstance(data, bytes):
@@ -206,17 +222,22 @@ class _Database:
         return cdr_decoder(types_of(self.path, kind, form, definition, ros1=False), kind)
 
     def _check_tables(self) -> None:
-        """Accept plain tables only: a view or a column that is computed is a program of the file."""
+        """Accept plain tables only: a view or a column that is computed is a program of the
+        file.
+        """
         kinds = dict(
             self.connection.execute(
-                "SELECT name, type FROM sqlite_master WHERE sql NOT LIKE 'CREATE VIRTUAL%' ORDER BY name"
+                "SELECT name, type FROM sqlite_master WHERE sql NOT LIKE 'CREATE VIRTUAL%' ORDER BY"
+                " name"
             )
         )
         for name in _TABLES:
             if kinds.get(name) != "table":
                 raise InputError(
-                    f"{self.path}: expected a bag of ROS 2 with the tables {' and '.join(sorted(_TABLES))}, found "
-                    f"{listed(name for name, kind in kinds.items() if kind == 'table')}; check the file"
+                    f"{self.path}: expected a bag of ROS 2 with the tables"
+                    f" {' and '.join(sorted(_TABLES))}, found"
+                    f" {listed(name for name, kind in kinds.items() if kind == 'table')}; check the"
+                    " file"
                 )
         if kinds.get("message_definitions", "table") != "table":
             raise _damaged(self.path, ValueError("definitions that are no table"))
@@ -233,5 +254,6 @@ class _Database:
 
 def _damaged(path: Path, error: Exception) -> InputError:
     return InputError(
-        f"{path}: expected a bag of ROS 2, found a database that is damaged ({shown(str(error), 120)}); copy it again"
+        f"{path}: expected a bag of ROS 2, found a database that is damaged"
+        f" ({shown(str(error), 120)}); copy it again"
     )

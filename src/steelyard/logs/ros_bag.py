@@ -16,7 +16,8 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
     """Open a topic of a bag.
 
     Raises:
-        InputError: The bag is damaged or cut off, or has no such topic, or messages that cannot be read.
+        InputError: The bag is damaged or cut off, or has no such topic, or messages that cannot be
+            read.
     """
     open_bag = ros1_bag.opened if path.suffix.lower() == ".bag" else ros2_bag.opened
     with open_bag(path) as recording:

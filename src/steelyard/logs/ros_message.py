@@ -1,7 +1,8 @@
 """Numbers of ROS messages, straight from their bytes.
 
-The layout of a type is worked out as steps that each read some bytes. Nothing is made of a definition but those steps: libraries that
-write Python code from it and execute that code are no choice for files from anyone.
+The layout of a type is worked out as steps that each read some bytes. Nothing is made of a
+definition but those steps: libraries that write Python code from it and execute that code are no
+choice for files from anyone.
 """
 
 from __future__ import annotations
@@ -15,9 +16,21 @@ from steelyard.logs.nested import MOST_ELEMENTS
 from steelyard.logs.ros_types import TIMES, Types, full_name
 
 _CODES = {
-    "bool": "?", "byte": "b", "char": "B", "octet": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
-    "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
-}  # fmt: skip
+    "bool": "?",
+    "byte": "b",
+    "char": "B",
+    "octet": "B",
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float32": "f",
+    "float64": "d",
+}
 _BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
 """Kinds of fields, in ``rosbags.interfaces.Nodetype``."""
 _PLACEHOLDER = "structure_needs_at_least_one_member"
@@ -42,7 +55,9 @@ def ros1_decoder(types: Types, name: str) -> Decoder:
 
 
 def cdr_decoder(types: Types, name: str) -> Decoder:
-    """Decoder of ROS 2 messages of a type, in plain CDR of version 1; their first bytes tell the byte order."""
+    """Decoder of ROS 2 messages of a type, in plain CDR of version 1; their first bytes tell the
+    byte order.
+    """
     layouts: dict[str, list[Step]] = {}
 
     def decode(data: bytes) -> Values:
@@ -97,7 +112,9 @@ class _Layout:
             raise ValueError("a type within itself")
         if name in TIMES and label:
             signed = not self.ros1 or name.endswith("Duration")
-            self._append(_Time("i" if signed else "I", "i" if self.ros1 and signed else "I", label, self))
+            self._append(
+                _Time("i" if signed else "I", "i" if self.ros1 and signed else "I", label, self)
+            )
             return
         if name not in self.types:
             raise ValueError(f"the type {name}, which is not defined")
@@ -161,7 +178,8 @@ class _Run:
         self._packed: dict[int, struct.Struct] = {}
 
     def __call__(self, data: bytes, place: int, values: Values) -> int:
-        # Where numbers lie depends on the place of the first only by what is left after division by the widest of them.
+        # Where numbers lie depends on the place of the first only by what is left after division by
+        # the widest of them.
         packed = self._packed.get(place % self._widest)
         if packed is None:
             packed = self._packed[place % self._widest] = self._from(place % self._widest)

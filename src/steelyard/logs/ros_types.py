@@ -12,7 +12,8 @@ from steelyard.errors import InputError
 from steelyard.logs.packages import require_package, shown
 
 Types = Mapping[str, Sequence[tuple[str, Any]]]
-"""Type -> its fields: names and descriptions as ``rosbags.interfaces.typing.FieldDesc`` has them."""
+"""Type -> its fields: names and descriptions as ``rosbags.interfaces.typing.FieldDesc`` has
+them."""
 
 TIMES = {"builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"}
 """Types of times and durations, in whole seconds and nanoseconds."""
@@ -35,25 +36,29 @@ def types_of(path: Path, name: str, form: str, definition: str, *, ros1: bool) -
         ros1: Whether common types are those of ROS 1.
 
     Raises:
-        InputError: The definition cannot be read, or there is none and the type is not a common one.
+        InputError: The definition cannot be read, or there is none and the type is not a common
+            one.
     """
     require_package(path, "rosbags", "rosbags", "ROS")
     stated: dict[str, Any] = {}
     if form:
         if len(definition) > _LONGEST[form]:
             raise _wrong(path, name, f"{len(definition)} characters")
-        # Parsers of text from anyone: they fail in ways of their own, with assertions and errors of keys and types among them.
+        # Parsers of text from anyone: they fail in ways of their own, with assertions and errors of
+        # keys and types among them.
         try:
             stated = _parsed_msg(definition, name) if form == "msg" else _parsed_idl(definition)
         except Exception as error:
-            raise _wrong(path, name, (str(error).splitlines() or [""])[0].rstrip(":") or type(error).__name__) from None
+            raise _wrong(
+                path, name, (str(error).splitlines() or [""])[0].rstrip(":") or type(error).__name__
+            ) from None
     types = {kind: fields for kind, (_, fields) in stated.items()}
     if full_name(name) not in types or not _is_complete(types, full_name(name)):
         types = {**_common(ros1), **types}
     if full_name(name) not in types:
         raise InputError(
-            f"{path}: expected a definition of the type {shown(name)} in the file, found none; convert it with: "
-            "ros2 bag convert (to MCAP, where the type is installed)"
+            f"{path}: expected a definition of the type {shown(name)} in the file, found none;"
+            " convert it with: ros2 bag convert (to MCAP, where the type is installed)"
         )
     return types
 
@@ -100,19 +105,28 @@ def _parsed_msg(definition: str, name: str) -> dict[str, Any]:
 def _parsed_idl(definition: str) -> dict[str, Any]:
     from rosbags.typesys import get_types_from_idl
 
-    # Its time grows sixtyfold with every bracket in an expression; shifts make numbers of any length.
-    bare = _IDL_ANNOTATION.sub("", _IDL_TEXT.sub(lambda text: '""' if text[0].startswith('"') else "", definition))
-    if "(" in bare or "<<" in bare or bare.count("=") - bare.count(_SEPARATOR) * 80 > _MOST_CONSTANTS:
+    # Its time grows sixtyfold with every bracket in an expression; shifts make numbers of any
+    # length.
+    bare = _IDL_ANNOTATION.sub(
+        "", _IDL_TEXT.sub(lambda text: '""' if text[0].startswith('"') else "", definition)
+    )
+    if (
+        "(" in bare
+        or "<<" in bare
+        or bare.count("=") - bare.count(_SEPARATOR) * 80 > _MOST_CONSTANTS
+    ):
         raise ValueError(f"expressions to evaluate, or more than {_MOST_CONSTANTS} constants")
     types: dict[str, Any] = {}
     for text in bare.split(_SEPARATOR):
         header, _, rest = text.partition("\n")
-        types.update(get_types_from_idl(rest if header.startswith("IDL: ") else text) if text.strip() else {})
+        types.update(
+            get_types_from_idl(rest if header.startswith("IDL: ") else text) if text.strip() else {}
+        )
     return types
 
 
 def _wrong(path: Path, name: str, found: str) -> InputError:
     return InputError(
-        f"{path}: expected a definition of the type {shown(name)}, found one that cannot be read ({shown(found, 120)}); "
-        "copy the file again"
+        f"{path}: expected a definition of the type {shown(name)}, found one that cannot be read"
+        f" ({shown(found, 120)}); copy the file again"
     )

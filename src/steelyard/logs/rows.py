@@ -50,7 +50,9 @@ def separated(text: bytes) -> bytes:
 
 
 def unquoted(text: bytes, separator: bytes) -> bytes:
-    """Lines without quotation marks, where these do nothing: around whole cells, without a separator in them; else as they are."""
+    """Lines without quotation marks, where these do nothing: around whole cells, without a
+    separator in them; else as they are.
+    """
     characters = np.frombuffer(text, dtype=np.uint8)
     marks = np.flatnonzero(characters == ord('"'))
     edge = (characters == ord(separator)) | (characters == ord("\n")) | (characters == ord("\r"))
@@ -69,8 +71,8 @@ def unquoted(text: bytes, separator: bytes) -> bytes:
 class ShortRows:
     """Keeps watch over rows with less cells than there are columns, from piece to piece.
 
-    Spreadsheets leave out empty cells at the end of many rows in a row, and so does TwinCAT where a channel has ended. One row
-    alone, or the two halves of one, have lost something.
+    Spreadsheets leave out empty cells at the end of many rows in a row, and so does TwinCAT where a
+    channel has ended. One row alone, or the two halves of one, have lost something.
     """
 
     def __init__(self, path: Path, width: int) -> None:
@@ -102,7 +104,8 @@ class ShortRows:
         """
         if self.cells < self.width and self.rows < _FEWEST_SHORT:
             raise InputError(
-                f"{self.path}:{self.line}: expected {self.width} cells as in other rows, found {self.cells}; complete the row or remove it"
+                f"{self.path}:{self.line}: expected {self.width} cells as in other rows, found"
+                f" {self.cells}; complete the row or remove it"
             )
 
 
@@ -128,14 +131,17 @@ def sound_rows(path: Path, text: bytes, line: int, form: RowForm) -> tuple[bytes
     starts = np.concatenate([[0], ends + 1])[:-1]
     marks = _count(characters == ord('"'), starts)
     for i in np.flatnonzero(marks % 2)[:1]:
-        raise InputError(f"{path}:{line + i}: expected quotation marks in pairs, found one alone; remove it")
+        raise InputError(
+            f"{path}:{line + i}: expected quotation marks in pairs, found one alone; remove it"
+        )
     cells = 1 + _count(characters == ord(form.separator), starts)
     for i in np.flatnonzero(marks):
         cells[i] = _cells_of(text[starts[i] : ends[i]].decode("latin-1"), form.separator.decode())
     kept = _are_written(characters, starts, ends, cells, form)
     for i in np.flatnonzero(kept & (cells > form.most))[:1]:
         raise InputError(
-            f"{path}:{line + i}: expected {form.most} cells as in the header, found {cells[i]}; correct the row (or a decimal comma)"
+            f"{path}:{line + i}: expected {form.most} cells as in the header, found {cells[i]};"
+            " correct the row (or a decimal comma)"
         )
     lines = np.flatnonzero(kept)
     return characters[np.repeat(kept, ends + 1 - starts)].tobytes(), line + lines, cells[lines]
@@ -154,7 +160,11 @@ def _are_written(
     separators = np.cumsum(characters == ord(form.separator), dtype=np.int32)
     outside = (cells != form.width) | (separators[first] == separators[last])
     signs = [np.append(characters, [0, 0])[first + k] for k in range(3)]
-    comment = (signs[0] == ord("#")) | (signs[0] == ord("%")) | ((signs[0] == ord("/")) & (signs[1] == ord("/")))
+    comment = (
+        (signs[0] == ord("#"))
+        | (signs[0] == ord("%"))
+        | ((signs[0] == ord("/")) & (signs[1] == ord("/")))
+    )
     end = (last - first == len(_END) - 1) & np.all([signs[k] == _END[k] for k in range(3)], axis=0)
     return np.asarray(filled & ~(outside & comment) & ~end)
 

@@ -9,10 +9,13 @@ from steelyard.errors import InputError
 _ALWAYS = 1 << 28
 """Bytes that any log may unpack to."""
 _RATIO = 60
-"""Bytes that a byte of a packed log may become beyond that: recordings of sensors shrink to a tenth at best."""
+"""Bytes that a byte of a packed log may become beyond that: recordings of sensors shrink to a tenth
+at best."""
 
 
-def check_unpacked(path: Path, size: int, packed: int, *, always: int = _ALWAYS, ratio: int = _RATIO) -> None:
+def check_unpacked(
+    path: Path, size: int, packed: int, *, always: int = _ALWAYS, ratio: int = _RATIO
+) -> None:
     """Refuse what unpacks to far more than a recording of its size.
 
     Args:
@@ -27,5 +30,6 @@ def check_unpacked(path: Path, size: int, packed: int, *, always: int = _ALWAYS,
     """
     if size > always and size > ratio * packed:
         raise InputError(
-            f"{path}: expected a recording, found {packed >> 10} KiB that unpack to more than {size >> 20} MiB; check where it comes from"
+            f"{path}: expected a recording, found {packed >> 10} KiB that unpack to more than"
+            f" {size >> 20} MiB; check where it comes from"
         )

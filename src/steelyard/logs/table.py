@@ -10,7 +10,9 @@ from steelyard.arrays import Array
 
 
 class Table(Mapping[str, Array]):
-    """Columns of numbers in one array, so that those of one quantity need no copy to stand side by side."""
+    """Columns of numbers in one array, so that those of one quantity need no copy to stand side by
+    side.
+    """
 
     def __init__(self, names: Sequence[str], cells: Array) -> None:
         self.cells = cells
@@ -30,7 +32,11 @@ class Table(Mapping[str, Array]):
         """Columns side by side, shape (n, k): a view where they are neighbours."""
         places = [self._places[name] for name in names]
         first, last = places[0], places[-1]
-        return self.cells[:, first : last + 1] if places == [*range(first, last + 1)] else self.cells[:, places]
+        return (
+            self.cells[:, first : last + 1]
+            if places == [*range(first, last + 1)]
+            else self.cells[:, places]
+        )
 
 
 def table_of(columns: Mapping[str, Array]) -> Table:

@@ -13,10 +13,10 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.logs.apart import opened_apart, serve
 from steelyard.logs.log import Log
 from steelyard.logs.nested import Key, Source, is_number, log_of_arrays
 from steelyard.logs.packages import require_package
+from steelyard.logs.subprocess_reader import opened_in_subprocess, serve
 from steelyard.units import is_unit
 
 _UNITS = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit")
@@ -36,7 +36,7 @@ def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:
         InputError: The file is damaged or cut off, or has no such group.
     """
     require_package(path, "npTDMS", "nptdms", "TDMS")
-    return opened_apart(__name__, path, topic, "a TDMS file")
+    return opened_in_subprocess(__name__, path, topic, "a TDMS file")
 
 
 @contextmanager
@@ -44,7 +44,8 @@ def opened_here(path: Path, topic: str | None) -> Iterator[Log]:
     """Open a TDMS file in this process; damaged ones may raise anything, or take forever."""
     from nptdms import TdmsFile
 
-    # As a file that is open: by its name, an index beside it would be read instead, which may be of another recording.
+    # As a file that is open: by its name, an index beside it would be read instead, which may be of
+    # another recording.
     with path.open("rb") as file:
         _check_segments(path, file)
         file.seek(0)
@@ -56,7 +57,9 @@ def _log(path: Path, contents: Any, topic: str | None) -> Log:
     sources: dict[Key, Source] = {}
     clock = _Clock([channel for group in contents.groups() for channel in group.channels()])
     for group in contents.groups():
-        channels = {channel.name: channel for channel in group.channels() if is_number(channel.dtype)}
+        channels = {
+            channel.name: channel for channel in group.channels() if is_number(channel.dtype)
+        }
         for name, channel in channels.items():
             sources[group.name, name] = _source(path, channel)
         sources.update(clock.times(group.name, channels))
@@ -74,14 +77,15 @@ def _check_segments(path: Path, file: IO[bytes]) -> None:
         following, _, number = struct.unpack(order + "QQI", head[12:32])
         if place + _LEAD.size + following > size:
             raise InputError(
-                f"{path}: expected a TDMS file with its end, found one that is cut off; copy it again, or, where the recorder was "
-                "stopped, open it in LabVIEW and save it again"
+                f"{path}: expected a TDMS file with its end, found one that is cut off; copy it"
+                " again, or, where the recorder was stopped, open it in LabVIEW and save it again"
             )
         listed = (0 if flags & _NEW_LIST else listed) + (number if flags & _METADATA else 0)
         objects += listed
         if objects > _MOST_OBJECTS:
             raise InputError(
-                f"{path}: expected at most {_MOST_OBJECTS} channels in all of its segments, found more; defragment it in LabVIEW"
+                f"{path}: expected at most {_MOST_OBJECTS} channels in all of its segments, found"
+                " more; defragment it in LabVIEW"
             )
         place += _LEAD.size + following
 
@@ -90,7 +94,8 @@ def _source(path: Path, channel: Any) -> Source:
     # Nothing is packed in these files, whatever they state.
     if len(channel) > path.stat().st_size:
         raise InputError(
-            f"{path}: expected a TDMS file, found one that states {len(channel)} values of a channel; copy it again"
+            f"{path}: expected a TDMS file, found one that states {len(channel)} values of a"
+            " channel; copy it again"
         )
     unit = next((str(channel.properties[key]) for key in _UNITS if key in channel.properties), "")
     return Source((len(channel),), channel.dtype, lambda: channel, unit if is_unit(unit) else None)
@@ -118,8 +123,12 @@ class _Clock:
         self._begin = min((start for start in stated if start is not None), default=0.0)
 
     def times(self, group: str, channels: dict[str, Any]) -> Iterator[tuple[Key, Source]]:
-        """A column ``t`` of a group; where its channels differ in rate, length or start, one of each."""
-        waveforms = {name: found for name, channel in channels.items() if (found := self._waveform(channel))}
+        """A column ``t`` of a group; where its channels differ in rate, length or start, one of
+        each.
+        """
+        waveforms = {
+            name: found for name, channel in channels.items() if (found := self._waveform(channel))
+        }
         if len(set(waveforms.values())) == 1 and _TIME not in channels:
             yield (group, _TIME), _times(next(iter(waveforms.values())))
         elif len(set(waveforms.values())) > 1:
@@ -132,7 +141,11 @@ class _Clock:
             return None
         offset = channel.properties.get("wf_start_offset", 0.0)
         began = _started(channel)
-        return _Waveform(float(offset) + (began - self._begin if began is not None else 0.0), increment, len(channel))
+        return _Waveform(
+            float(offset) + (began - self._begin if began is not None else 0.0),
+            increment,
+            len(channel),
+        )
 
 
 def _times(waveform: _Waveform) -> Source:
@@ -142,7 +155,11 @@ def _times(waveform: _Waveform) -> Source:
 def _started(channel: Any) -> float | None:
     """Time of the first value, since 1970 [s]."""
     start = channel.properties.get("wf_start_time")
-    return (start - np.datetime64(0, "s")) / np.timedelta64(1, "s") if isinstance(start, np.datetime64) else None
+    return (
+        (start - np.datetime64(0, "s")) / np.timedelta64(1, "s")
+        if isinstance(start, np.datetime64)
+        else None
+    )
 
 
 if __name__ == "__main__":

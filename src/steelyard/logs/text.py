@@ -29,7 +29,8 @@ _Way = Literal["numbers", "missing", "text"]
 """How to parse cells: as numbers, as those or one of :data:`MISSING`, or not yet."""
 _Item = TypeVar("_Item")
 _RATIO = 25
-"""Bytes of numbers that a byte of a packed file may become: a short one is four of text, and text packs to a tenth."""
+"""Bytes of numbers that a byte of a packed file may become: a short one is four of text, and text
+packs to a tenth."""
 
 
 @contextmanager
@@ -40,9 +41,13 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
         InputError: A topic is asked for, or it is no text with a table.
     """
     if topic is not None:
-        raise InputError(f"{path}: expected no 'topic' for a text file, found '{topic}'; leave it out")
+        raise InputError(
+            f"{path}: expected no 'topic' for a text file, found '{topic}'; leave it out"
+        )
     table = _Table(path)
-    yield Log(path, table.names, table.load, table.header.units, table.header.spellings, table.line_of)
+    yield Log(
+        path, table.names, table.load, table.header.units, table.header.spellings, table.line_of
+    )
 
 
 class _Table:
@@ -56,7 +61,8 @@ class _Table:
         self.dialect = dialect_of(lines)
         if self.dialect.width > MOST_COLUMNS:
             raise InputError(
-                f"{path}: expected at most {MOST_COLUMNS} columns, found {self.dialect.width}; check that rows are instants"
+                f"{path}: expected at most {MOST_COLUMNS} columns, found {self.dialect.width};"
+                " check that rows are instants"
             )
         self.header = header_of(path, lines, self.dialect)
         self.names = self.header.names
@@ -69,14 +75,18 @@ class _Table:
     def load(self, names: Sequence[str], part: Part | None, rows: int | None) -> Table:
         """See :attr:`Log.load`."""
         names = list(dict.fromkeys(names))
-        wanted = list(dict.fromkeys([*names, *(self.header.clocks.get(name, name) for name in names)]))
+        wanted = list(
+            dict.fromkeys([*names, *(self.header.clocks.get(name, name) for name in names)])
+        )
         cells, n = np.empty((0, len(names))), 0
         for found, lines, share in _ahead(self._tables(wanted, part)):
             self._check_clocks(names, Table(wanted, found), lines)
             end = n + len(lines)
             check_unpacked(self.path, 8 * end * len(names), self.size, ratio=_RATIO)
             if end > len(cells):
-                room = np.empty((self._room(end, share if part is None else 1.0, len(names)), len(names)))
+                room = np.empty(
+                    (self._room(end, share if part is None else 1.0, len(names)), len(names))
+                )
                 room[:n] = cells[:n]
                 cells = room
             cells[n:end] = found[:, : len(names)]
@@ -87,7 +97,9 @@ class _Table:
         return Table(names, cells[:n])
 
     def _room(self, rows: int, share: float, columns: int) -> int:
-        """Rows to make room for when some part of the file has so many; what is never written to takes no memory."""
+        """Rows to make room for when some part of the file has so many; what is never written to
+        takes no memory.
+        """
         most = _RATIO * self.size // (8 * columns)
         return max(min(int(1.05 * rows / share), most), 3 * rows // 2)
 
@@ -99,8 +111,12 @@ class _Table:
             row -= len(lines)
         raise InputError(f"{self.path}: expected the file as it was, found it changed; start again")
 
-    def _tables(self, names: Sequence[str], part: Part | None) -> Iterator[tuple[Array, Lines, float]]:
-        """Columns of the rows of a part, shape (n, k), piece by piece, with their lines and how much of the file has been read."""
+    def _tables(
+        self, names: Sequence[str], part: Part | None
+    ) -> Iterator[tuple[Array, Lines, float]]:
+        """Columns of the rows of a part, shape (n, k), piece by piece, with their lines and how
+        much of the file has been read.
+        """
         line, short = 1, ShortRows(self.path, self.form.width)
         for piece, share in pieces(self.path):
             start = 0
@@ -113,20 +129,30 @@ class _Table:
             if b'"' in text:
                 text = unquoted(text, self.form.separator)
             height = int(np.count_nonzero(np.frombuffer(text, dtype=np.uint8) == ord("\n")))
-            found, lines = self._columns(text, line, height, names if part is None else [part.column], short)
+            found, lines = self._columns(
+                text, line, height, names if part is None else [part.column], short
+            )
             if part is not None:
                 inside = (found[:, 0] >= part.start) & (found[:, 0] <= part.end)
                 lines = lines[inside]
-                found = self._columns(text, line, height, names)[0][inside] if len(lines) else found[:0]
+                found = (
+                    self._columns(text, line, height, names)[0][inside] if len(lines) else found[:0]
+                )
             line += height
             if len(lines):
                 yield found, lines, share
         short.end()
 
     def _columns(
-        self, text: bytes, line: int, height: int, names: Sequence[str], short: ShortRows | None = None
+        self,
+        text: bytes,
+        line: int,
+        height: int,
+        names: Sequence[str],
+        short: ShortRows | None = None,
     ) -> tuple[Array, Lines]:
-        """Columns as numbers, NaN where there is no sample, shape (n, k), and the lines of their rows.
+        """Columns as numbers, NaN where there is no sample, shape (n, k), and the lines of their
+        rows.
 
         Args:
             text: Lines below the header.
@@ -140,7 +166,8 @@ class _Table:
         """
         places = [self.names.index(name) for name in names]
         lines, frame = np.arange(line, line + height), None
-        # Rows have a character for each cell at least; lines that have less are empty, as millions of them may be.
+        # Rows have a character for each cell at least; lines that have less are empty, as millions
+        # of them may be.
         if places and height * self.form.width <= len(text) and b'"' not in text:
             frame = self._parsed(text, places, "numbers", "missing")
         if frame is None or not self._is_regular(text, frame) or _has_empty_row(frame):
@@ -154,16 +181,23 @@ class _Table:
             return np.empty((len(lines), 0)), lines
         if frame is None or frame.height != len(lines):
             raise InputError(
-                f"{self.path}: expected a table from line {line} on, found cells that cannot be told apart; check the quotation marks"
+                f"{self.path}: expected a table from line {line} on, found cells that cannot be"
+                " told apart; check the quotation marks"
             )
         if all(kind.is_numeric() for kind in frame.dtypes):
             return frame.to_numpy(order="c"), lines
         columns = zip(names, frame.iter_columns(), strict=True)
-        return np.column_stack([self._numbers(name, column, lines) for name, column in columns]), lines
+        return (
+            np.column_stack([self._numbers(name, column, lines) for name, column in columns]),
+            lines,
+        )
 
     def _is_regular(self, text: bytes, frame: pl.DataFrame) -> bool:
         """Whether every line has as many cells as there are columns, as in nearly all files."""
-        if frame.width == len(self.places) == self.form.width and not frame[self.places[-1]].null_count():
+        if (
+            frame.width == len(self.places) == self.form.width
+            and not frame[self.places[-1]].null_count()
+        ):
             # Polars sees cells that are too many, if only behind the last column that it reads.
             return True
         return self.form.are_regular(text)
@@ -176,13 +210,24 @@ class _Table:
         doubtful = self.dialect.decimal == "," and (self.form.separator == b"," or b"." in text)
         for way in ways:
             as_text = way == "text" or doubtful
-            kinds = {j: pl.String() if as_text or self.dialect.is_dated(j) else pl.Float64() for j in places}
+            kinds = {
+                j: pl.String() if as_text or self.dialect.is_dated(j) else pl.Float64()
+                for j in places
+            }
             body = text.replace(b",", b".") if self.dialect.decimal == "," and not as_text else text
             with suppress(pl.exceptions.PolarsError):
                 frame = pl.read_csv(
-                    b"".join((self.form.separator.join(place.encode() for place in self.places), b"\n", body)),
+                    b"".join(
+                        (
+                            self.form.separator.join(place.encode() for place in self.places),
+                            b"\n",
+                            body,
+                        )
+                    ),
                     columns=[self.places[j] for j in places],
-                    schema={place: kinds.get(j, pl.String()) for j, place in enumerate(self.places)},
+                    schema={
+                        place: kinds.get(j, pl.String()) for j, place in enumerate(self.places)
+                    },
                     separator=self.form.separator.decode(),
                     quote_char='"' if b'"' in text else None,
                     null_values=None if way == "numbers" else MISSING,
@@ -203,8 +248,8 @@ class _Table:
         if len(wrong):
             expected = "an instant such as 2024-01-31 12:00:00.5" if dated else "a number"
             raise InputError(
-                f"{self.path}:{lines[wrong[0]]}: column '{name}': expected {expected}, found '{column[wrong[0]][:40]}'; "
-                "correct the cell or leave it empty"
+                f"{self.path}:{lines[wrong[0]]}: column '{name}': expected {expected}, found"
+                f" '{column[wrong[0]][:40]}'; correct the cell or leave it empty"
             )
         return as_array(values)
 
@@ -224,8 +269,10 @@ class _Table:
             if len(apart):
                 i = int(apart[0])
                 raise InputError(
-                    f"{self.path}:{lines[i]}: column '{name}': expected a sample at the time {times[i]:.9g} of column '{time}', found one at {own[i]:.9g}; "
-                    f"read it as a stream of its own with the column '{clocks[name]}' as t, or export all at the same times"
+                    f"{self.path}:{lines[i]}: column '{name}': expected a sample at the time"
+                    f" {times[i]:.9g} of column '{time}', found one at {own[i]:.9g}; read it as a"
+                    f" stream of its own with the column '{clocks[name]}' as t, or export all at"
+                    " the same times"
                 )
 
 
@@ -251,4 +298,6 @@ def _ahead(items: Iterator[_Item]) -> Iterator[_Item]:
 def _has_empty_row(frame: pl.DataFrame) -> bool:
     import polars as pl
 
-    return min(frame.null_count().row(0)) > 0 and bool(frame.select(pl.all_horizontal(pl.all().is_null()).any()).item())
+    return min(frame.null_count().row(0)) > 0 and bool(
+        frame.select(pl.all_horizontal(pl.all().is_null()).any()).item()
+    )

@@ -39,7 +39,11 @@ class Use:
         axis, values, limit = "", self.extremes, self.limit
         if isinstance(values[0], tuple) and limit is not None:
             (low, high), (least, most) = np.array(values), np.array(limit)
-            worst = int((np.maximum(2 * high - most - least, most + least - 2 * low) / (most - least)).argmax())
+            worst = int(
+                (
+                    np.maximum(2 * high - most - least, most + least - 2 * low) / (most - least)
+                ).argmax()
+            )
             axis = f"[{worst}]" if len(low) > 1 else ""
             values, limit = (low[worst], high[worst]), (least[worst], most[worst])
         allowed = "" if limit is None else f" of {_shown(limit)}"
@@ -47,7 +51,9 @@ class Use:
 
 
 def _shown(values: tuple[Any, ...]) -> str:
-    return " to ".join(f"{value:g}" if isinstance(value, int) else f"{value:.3g}" for value in values)
+    return " to ".join(
+        f"{value:g}" if isinstance(value, int) else f"{value:.3g}" for value in values
+    )
 
 
 @dataclass(frozen=True)
@@ -85,7 +91,9 @@ def motion_extremes(robot: Robot, trajectory: Trajectory, times: Array | None = 
     t = check_times(trajectory) if times is None else times
     pose, rate, acceleration = (trajectory.derivative(t, order) for order in range(3))
     motion = motion_of_poses(pose, rate, acceleration, robot.gravity)
-    return extremes_of(robot.limits, pose, rate[:, :3], acceleration[:, :3], motion["omega"], motion["alpha"])
+    return extremes_of(
+        robot.limits, pose, rate[:, :3], acceleration[:, :3], motion["omega"], motion["alpha"]
+    )
 
 
 def extremes_of(
@@ -117,7 +125,13 @@ def extremes_of(
 def below(name: str, unit: str, vectors: Array, limit: float | None) -> Use:
     """Largest length of vectors, shape (n, k), against a limit."""
     largest = float(np.linalg.norm(vectors, axis=1).max())
-    return Use(name, unit, (largest,), None if limit is None else (limit,), largest / limit if limit else 0.0)
+    return Use(
+        name,
+        unit,
+        (largest,),
+        None if limit is None else (limit,),
+        largest / limit if limit else 0.0,
+    )
 
 
 def within(name: str, unit: str, values: Array, box: Any) -> Use:
@@ -132,9 +146,15 @@ def within(name: str, unit: str, values: Array, box: Any) -> Use:
 
 
 def commanded_tensions(
-    robot: Robot, trajectory: Trajectory, times: Array, *, still: bool = False, level: float | None = None
+    robot: Robot,
+    trajectory: Trajectory,
+    times: Array,
+    *,
+    still: bool = False,
+    level: float | None = None,
 ) -> Array:
-    """Tensions that would move the nominal platform exactly as commanded, within the robot's limits [N], shape (n, m).
+    """Tensions that would move the nominal platform exactly as commanded, within the robot's limits
+    [N], shape (n, m).
 
     Args:
         robot: With a nominal platform.
@@ -148,16 +168,23 @@ def commanded_tensions(
     """
     if robot.platform is None:
         raise InfeasibleError(
-            f"robot '{robot.name}': expected a nominal platform, found none; add 'platform' to its file"
+            f"robot '{robot.name}': expected a nominal platform, found none; add 'platform' to its"
+            " file"
         )
     pose, rate, acceleration = (trajectory.derivative(times, order) for order in range(3))
     if still:
         rate, acceleration = np.zeros_like(pose), np.zeros_like(pose)
     motion = motion_of_poses(pose, rate, acceleration, robot.gravity)
-    wrench = platform_wrench(robot.platform.parameters, motion["specific_force"], motion["omega"], motion["alpha"])
+    wrench = platform_wrench(
+        robot.platform.parameters, motion["specific_force"], motion["omega"], motion["alpha"]
+    )
     straight = robot.with_straight_cables()
-    structure = cables_at(straight, motion["position"], motion["rotation"], np.ones(robot.m)).structure
+    structure = cables_at(
+        straight, motion["position"], motion["rotation"], np.ones(robot.m)
+    ).structure
     try:
         return distribute(structure, wrench, robot.tension_limits, level)
     except InfeasibleError as error:
-        raise InfeasibleError(f"at {times[error.sample]:.2f} s of the trajectory: {error}", error.sample) from None
+        raise InfeasibleError(
+            f"at {times[error.sample]:.2f} s of the trajectory: {error}", error.sample
+        ) from None

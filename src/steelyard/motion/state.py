@@ -32,13 +32,15 @@ class State:
     omega: Any
     """Angular velocity of the platform in the world, platform frame [rad/s], shape (3,)."""
     specific_force: Any
-    """R^T (a_P - g): acceleration of the platform origin minus gravity, platform frame [m/s^2], shape (3,)."""
+    """R^T (a_P - g): acceleration of the platform origin minus gravity, platform frame [m/s^2],
+    shape (3,)."""
     alpha: Any
     """Derivative of omega [rad/s^2], shape (3,)."""
     tension: Any
     """Of the cables at the platform [N], shape (m,)."""
     wrench: Any
-    """Force over torque about the platform origin of all that carries the body, platform frame [N], [N m], shape (6,)."""
+    """Force over torque about the platform origin of all that carries the body, platform frame [N],
+    [N m], shape (6,)."""
     gravity: Any
     """World frame [m/s^2], shape (3,)."""
 
@@ -59,7 +61,8 @@ def symbols(m: int) -> State:
 
 
 def state_of_pose(pose: Any, rate: Any, acceleration: Any, gravity: Any) -> State:
-    """State of a platform whose pose is position [m] over quaternion (w, x, y, z), symbolically; without forces.
+    """State of a platform whose pose is position [m] over quaternion (w, x, y, z), symbolically;
+    without forces.
 
     The quaternion may have any length but zero and any rate of it: no state depends on that.
 
@@ -92,7 +95,8 @@ def _pose_motion() -> Batched:
     rpy = q[3:6]
     R = rotations.from_rpy(rpy)
     omega = R.T @ rotations.rate_matrix(rpy) @ dq[3:6]
-    # In body axes the derivative of omega's coordinates is the angular acceleration itself, Eq. (4b).
+    # In body axes the derivative of omega's coordinates is the angular acceleration itself, Eq.
+    # (4b).
     alpha = ca.jtimes(omega, ca.vertcat(q, dq), ca.vertcat(dq, ddq))
     return Batched(
         "pose_motion",
@@ -106,10 +110,14 @@ def _pose_motion() -> Batched:
     )
 
 
-def motion_of_poses(pose: Array, rate: Array, acceleration: Array, gravity: Array) -> Mapping[str, Array]:
-    """Motion in body axes of poses given as x, y, z [m], roll, pitch, yaw [rad] and their time derivatives.
+def motion_of_poses(
+    pose: Array, rate: Array, acceleration: Array, gravity: Array
+) -> Mapping[str, Array]:
+    """Motion in body axes of poses given as x, y, z [m], roll, pitch, yaw [rad] and their time
+    derivatives.
 
-    Eq. (3), (4a) and (4b) of [Tempel2017]_, the last as the exact derivative of the (corrected) one before it.
+    Eq. (3), (4a) and (4b) of [Tempel2017]_, the last as the exact derivative of the (corrected) one
+    before it.
 
     Args:
         pose: Shape (n, 6).
@@ -118,7 +126,8 @@ def motion_of_poses(pose: Array, rate: Array, acceleration: Array, gravity: Arra
         gravity: World frame [m/s^2], shape (3,).
 
     Returns:
-        ``position``, ``rotation``, ``velocity``, ``omega``, ``alpha``, ``specific_force`` as in :class:`State`.
+        ``position``, ``rotation``, ``velocity``, ``omega``, ``alpha``, ``specific_force`` as in
+        :class:`State`.
     """
     values = _pose_motion()(pose=pose, rate=rate, acceleration=acceleration, gravity=gravity)
     shape = (len(values["omega"]), 6)
@@ -140,8 +149,11 @@ def _quaternion_motion() -> Batched:
     )
 
 
-def motion_of_quaternions(quaternion: Array, rate: Array, acceleration: Array) -> Mapping[str, Array]:
-    """Angular velocity and acceleration in body axes of quaternions (w, x, y, z) and their time derivatives.
+def motion_of_quaternions(
+    quaternion: Array, rate: Array, acceleration: Array
+) -> Mapping[str, Array]:
+    """Angular velocity and acceleration in body axes of quaternions (w, x, y, z) and their time
+    derivatives.
 
     Args:
         quaternion: Of any length but zero, shape (n, 4).
@@ -156,10 +168,16 @@ def motion_of_quaternions(quaternion: Array, rate: Array, acceleration: Array) -
 
 @cache
 def _specific_force() -> Batched:
-    R, acceleration, gravity = ca.SX.sym("rotation", 3, 3), ca.SX.sym("acceleration", 3), ca.SX.sym("gravity", 3)
+    R, acceleration, gravity = (
+        ca.SX.sym("rotation", 3, 3),
+        ca.SX.sym("acceleration", 3),
+        ca.SX.sym("gravity", 3),
+    )
     value = specific_force_in_platform(R, acceleration, gravity)
     return Batched(
-        "specific_force", {"rotation": R, "acceleration": acceleration, "gravity": gravity}, {"value": value}
+        "specific_force",
+        {"rotation": R, "acceleration": acceleration, "gravity": gravity},
+        {"value": value},
     )
 
 

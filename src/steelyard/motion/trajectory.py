@@ -35,7 +35,8 @@ _MOST_SINES = 40
 _SOFTEST_START = 2.0
 """[s]"""
 
-# 35 u^4 - 84 u^5 + 70 u^6 - 20 u^7: velocity, acceleration and jerk vanish at both ends, so that elastic cables stay quiet.
+# 35 u^4 - 84 u^5 + 70 u^6 - 20 u^7: velocity, acceleration and jerk vanish at both ends, so that
+# elastic cables stay quiet.
 REST_TO_REST = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
 
 
@@ -92,13 +93,18 @@ class Repeated:
         t = np.asarray(t)
         number = np.clip(np.floor(t / self.move.duration), 0, self.times - 1).astype(int)
         since = t - number * self.move.duration
-        there, back = self.move.derivative(since, order), self.move.reversed().derivative(since, order)
+        there, back = (
+            self.move.derivative(since, order),
+            self.move.reversed().derivative(since, order),
+        )
         return np.where((number % 2 == 0)[:, None], there, back)
 
 
 @dataclass(frozen=True)
 class Sampled:
-    """A trajectory through given poses: a quintic spline, whose fourth derivative is still continuous."""
+    """A trajectory through given poses: a quintic spline, whose fourth derivative is still
+    continuous.
+    """
 
     spline: BSpline
     duration: float
@@ -111,11 +117,14 @@ class Sampled:
         Args:
             time: From 0 on [s], shape (n,).
             poses: Shape (n, 6).
-            at_rest: Whether velocity and acceleration vanish at both ends; needs six poses at least.
+            at_rest: Whether velocity and acceleration vanish at both ends; needs six poses at
+                least.
         """
         if at_rest:
             still = [(1, np.zeros(6)), (2, np.zeros(6))]
-            return cls(make_interp_spline(time, poses, k=5, bc_type=(still, still)), float(time[-1]))
+            return cls(
+                make_interp_spline(time, poses, k=5, bc_type=(still, still)), float(time[-1])
+            )
         degree = min(5, len(time) - 1)
         degree -= 1 - degree % 2
         return cls(make_interp_spline(time, poses, k=degree), float(time[-1]))
@@ -125,19 +134,27 @@ class Sampled:
         t = np.asarray(t)
         inside = np.clip(t, 0.0, self.duration)
         # Some releases of SciPy read beyond their memory for derivatives above the degree.
-        values = np.zeros((len(t), 6)) if order > self.spline.k else np.asarray(self.spline(inside, nu=order))
+        values = (
+            np.zeros((len(t), 6))
+            if order > self.spline.k
+            else np.asarray(self.spline(inside, nu=order))
+        )
         if order:
             values[inside != t] = 0.0
         return values
 
 
 def multisine(
-    center: Sequence[float], amplitude: Sequence[float], duration: float, harmonics: int, seed: int = 1
+    center: Sequence[float],
+    amplitude: Sequence[float],
+    duration: float,
+    harmonics: int,
+    seed: int = 1,
 ) -> Sampled:
     """A smooth motion of all six axes that begins and ends at rest at its centre.
 
-    Every axis is a sum of sines of random phase whose frequencies are multiples of 1 / duration, faded in and out over an
-    eighth of the duration, but no faster than in two seconds.
+    Every axis is a sum of sines of random phase whose frequencies are multiples of 1 / duration,
+    faded in and out over an eighth of the duration, but no faster than in two seconds.
 
     Args:
         center: Pose x, y, z [m], roll, pitch, yaw [rad].

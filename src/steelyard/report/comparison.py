@@ -10,9 +10,9 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from steelyard.digits import LABELS, ten_numbers
-from steelyard.identification.comparison import SIGNIFICANT, USUAL, Agreement, Comparison, Pair
-from steelyard.identification.estimate_file import NamedEstimate
-from steelyard.identification.payload import Payload
+from steelyard.estimates.comparison import SIGNIFICANT, USUAL, Agreement, Comparison, Pair
+from steelyard.estimates.estimate_file import NamedEstimate
+from steelyard.estimates.payload import Payload
 
 _PIPED_WIDTH = 160
 
@@ -32,7 +32,9 @@ def show_comparison(comparison: Comparison, *, fail_above: float | None = None) 
         console.print(Text(text, style=style))
 
 
-def comparison_statements(comparison: Comparison, fail_above: float | None = None) -> Iterator[tuple[str, str]]:
+def comparison_statements(
+    comparison: Comparison, fail_above: float | None = None
+) -> Iterator[tuple[str, str]]:
     """Sentences under the tables, each with the style it is printed in."""
     yield from _doubted(comparison.estimates)
     for pair in comparison.pairs:
@@ -73,7 +75,10 @@ def payload_statements(payload: Payload) -> Iterator[tuple[str, str]]:
     yield from _doubted((payload.before, payload.after))
     verdict, physical = payload.estimate.verdict, payload.estimate.physical
     if verdict.accepted:
-        can = {True: ", of a body that can exist", None: "; whether such a body can exist is not known"}
+        can = {
+            True: ", of a body that can exist",
+            None: "; whether such a body can exist is not known",
+        }
         within = f"; a body that can exist lies within {SIGNIFICANT:g} sigmas of it"
         yield f"payload: accepted{can.get(physical, within)}", "green"
     for reason in verdict.reasons:
@@ -89,7 +94,9 @@ def _console() -> Console:
 
 
 def _table(title: str) -> RichTable:
-    drawn = RichTable(title=Text(title), title_justify="left", title_style="bold", header_style="bold")
+    drawn = RichTable(
+        title=Text(title), title_justify="left", title_style="bold", header_style="bold"
+    )
     drawn.add_column("")
     drawn.add_column("unit")
     return drawn
@@ -99,7 +106,10 @@ def _drawn(first: NamedEstimate, second: NamedEstimate, pair: Pair) -> RichTable
     drawn = _table(f"{second.name}, compared with {first.name}")
     for heading in (first.name, second.name, "difference", "in sigmas"):
         drawn.add_column(Text(heading), justify="right")
-    values = [ten_numbers(each.estimate.value, each.estimate.standard_deviation) for each in (first, second)]
+    values = [
+        ten_numbers(each.estimate.value, each.estimate.standard_deviation)
+        for each in (first, second)
+    ]
     differences = ten_numbers(pair.difference, pair.standard_deviation, sign=True)
     for row, (label, unit, _) in enumerate(LABELS):
         z = pair.z[row]
@@ -115,7 +125,10 @@ def _doubted(estimates: Sequence[NamedEstimate]) -> Iterator[tuple[str, str]]:
         verdict = each.estimate.verdict
         if not verdict.accepted:
             yield (
-                f"{each.name}: was not accepted when it was made: {'; '.join(verdict.reasons) or 'no reason given'}",
+                (
+                    f"{each.name}: was not accepted when it was made:"
+                    f" {'; '.join(verdict.reasons) or 'no reason given'}"
+                ),
                 "red",
             )
 

@@ -1,4 +1,6 @@
-"""From the summary of an identification to the document that all forms of its report are drawn from."""
+"""From the summary of an identification to the document that all forms of its report are drawn
+from.
+"""
 
 from __future__ import annotations
 
@@ -18,4 +20,6 @@ SECTIONS = (result, platform, wrench, readings, calibration, correlation, made)
 def document_of(summary: Summary) -> Document:
     """The report as values."""
     found = (section(summary) for section in SECTIONS)
-    return Document(summary.table.title, lead(summary), tuple(each for each in found if each is not None))
+    return Document(
+        summary.table.title, lead(summary), tuple(each for each in found if each is not None)
+    )

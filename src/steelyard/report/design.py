@@ -1,4 +1,6 @@
-"""A planned experiment for people: what it will tell, what it takes of the robot, and when it tells what."""
+"""A planned experiment for people: what it will tell, what it takes of the robot, and when it tells
+what.
+"""
 
 from __future__ import annotations
 
@@ -28,13 +30,25 @@ _NEAR = 0.3
 
 def grids(appraisal: Appraisal) -> tuple[Grid, ...]:
     """What is shown, as tables."""
-    return (_precision(appraisal), *(_use(name, each, appraisal) for name, each in appraisal.verified.items()))
+    return (
+        _precision(appraisal),
+        *(_use(name, each, appraisal) for name, each in appraisal.verified.items()),
+    )
 
 
 def _precision(appraisal: Appraisal) -> Grid:
     runs = list(appraisal.trajectories)
-    several = len(runs) > 1 or not np.allclose(appraisal.each[runs[0]], appraisal.standard_deviation, equal_nan=True)
-    heading = ["", "unit", *(("one run", "in all") if several else ("1-sigma",)), "wanted", "share", "told over time"]
+    several = len(runs) > 1 or not np.allclose(
+        appraisal.each[runs[0]], appraisal.standard_deviation, equal_nan=True
+    )
+    heading = [
+        "",
+        "unit",
+        *(("one run", "in all") if several else ("1-sigma",)),
+        "wanted",
+        "share",
+        "told over time",
+    ]
     rows = []
     for i, (label, unit, factor) in enumerate(LABELS):
         alone, total = float(appraisal.each[runs[0]][i]), float(appraisal.standard_deviation[i])
@@ -44,7 +58,10 @@ def _precision(appraisal: Appraisal) -> Grid:
         drawn = "  ".join(drawn_over_time(appraisal.told[run], i) for run in runs)
         shown = ("not told" if np.isnan(v) else f"{v * factor:.3g}" for v in values)
         rows.append((label, unit, *shown, f"{wanted * factor:.3g}", share, drawn))
-    title = f"What {'a motion' if len(runs) == 1 else f'{len(runs)} motions'} of {_seconds(appraisal)} will tell"
+    title = (
+        f"What {'a motion' if len(runs) == 1 else f'{len(runs)} motions'} of {_seconds(appraisal)}"
+        " will tell"
+    )
     return Grid(title, tuple(heading), tuple(rows), frozenset(range(2, len(heading) - 1)))
 
 
@@ -60,28 +77,59 @@ def drawn_over_time(told: Told, parameter: int) -> str:
 
 def _use(name: str, verified: Verified, appraisal: Appraisal) -> Grid:
     elastic = {use.name: use for use in verified.elastic}
-    heading = ("", "unit", "commanded", *(("on elastic cables",) if elastic else ()), "allowed", "used")
+    heading = (
+        "",
+        "unit",
+        "commanded",
+        *(("on elastic cables",) if elastic else ()),
+        "allowed",
+        "used",
+    )
     rows: list[tuple[str, ...]] = []
     for use in verified.commanded:
         real = elastic.get(use.name)
         most = max(use.fraction, real.fraction if real else 0.0)
         used = "" if use.limit is None else f"{most:.0%}"
-        columns = [_shown(use.extremes), *([_shown(real.extremes)] if real else []), _shown(use.limit)]
+        columns = [
+            _shown(use.extremes),
+            *([_shown(real.extremes)] if real else []),
+            _shown(use.limit),
+        ]
         labels = [use.name] if len(columns[0]) == 1 else _axes(use)
         for i, label in enumerate(labels):
-            rows.append((label, use.unit, *(column[i] if column else "" for column in columns), used if not i else ""))
+            rows.append(
+                (
+                    label,
+                    use.unit,
+                    *(column[i] if column else "" for column in columns),
+                    used if not i else "",
+                )
+            )
         if use.name == "tension" and verified.bodies is not None:
             share = f"tension, body within {appraisal.margin.share:.0%}"
             bodies = verified.bodies
             rows.append(
-                (share, bodies.unit, _shown(bodies.extremes)[0], *(("",) if elastic else ()), columns[-1][0], "")
+                (
+                    share,
+                    bodies.unit,
+                    _shown(bodies.extremes)[0],
+                    *(("",) if elastic else ()),
+                    columns[-1][0],
+                    "",
+                )
             )
-    title = "What it takes of the robot" if len(appraisal.verified) == 1 else f"What '{name}' takes of the robot"
+    title = (
+        "What it takes of the robot"
+        if len(appraisal.verified) == 1
+        else f"What '{name}' takes of the robot"
+    )
     return Grid(title, heading, tuple(rows), frozenset(range(2, len(heading))))
 
 
 def _axes(use: Use) -> list[str]:
-    return [f"position {axis}" for axis in "xyz"] if use.name == "position" else use.name.split(", ")
+    return (
+        [f"position {axis}" for axis in "xyz"] if use.name == "position" else use.name.split(", ")
+    )
 
 
 def _shown(values: Sequence[object] | None) -> list[str]:
@@ -112,35 +160,46 @@ def statements(appraisal: Appraisal) -> Iterator[str]:
         yield f"worst known: {label}, {ratio:.2f} of the wanted 1-sigma: {verdict}"
     untold = [
         name
-        for name, told in zip((label for label, *_ in LABELS), np.isnan(appraisal.standard_deviation), strict=True)
+        for name, told in zip(
+            (label for label, *_ in LABELS), np.isnan(appraisal.standard_deviation), strict=True
+        )
         if told
     ]
     if untold:
-        yield f"cannot tell {', '.join(untold)}: the motion does not show {'it' if len(untold) == 1 else 'them'}"
+        yield (
+            f"cannot tell {', '.join(untold)}: the motion does not show"
+            f" {'it' if len(untold) == 1 else 'them'}"
+        )
     for name, verified in appraisal.verified.items():
         for text in verified.violations:
             yield f"'{name}': the robot cannot do it: {text}"
     if len(appraisal.natural_frequencies):
         swings = ", ".join(f"{each:.2g}" for each in appraisal.natural_frequencies[:3])
         yield (
-            f"the platform swings on its cables at {swings} Hz and above (where it begins; the stiffness is known to a factor only), "
-            f"the motion is below {appraisal.highest_frequency:.2g} Hz"
+            f"the platform swings on its cables at {swings} Hz and above (where it begins; the"
+            " stiffness is known to a factor only), the motion is below"
+            f" {appraisal.highest_frequency:.2g} Hz"
         )
         if appraisal.highest_frequency > _NEAR * appraisal.natural_frequencies[0]:
             yield "that is near: the platform may ring on its cables"
     elif appraisal.experiment.robot.m:
         yield (
-            f"the stiffness of the cables is not known: how the platform swings on them was not looked at; the motion is below {appraisal.highest_frequency:.2g} Hz "
-            "(add 'cable: {axial_stiffness: …}' to the robot file)"
+            "the stiffness of the cables is not known: how the platform swings on them was not"
+            f" looked at; the motion is below {appraisal.highest_frequency:.2g} Hz (add 'cable:"
+            " {axial_stiffness: …}' to the robot file)"
         )
     limits = appraisal.experiment.robot.limits
     free = [name.replace("_", " ") for name in _RATES if getattr(limits, name) is None]
     if free:
-        yield f"the robot file does not limit {', '.join(free)}: check that the robot can do what the table says, or add 'limits' to it"
+        yield (
+            f"the robot file does not limit {', '.join(free)}: check that the robot can do what the"
+            " table says, or add 'limits' to it"
+        )
     if appraisal.experiment.robot.m:
         yield (
-            f"tensions are those nearest to {appraisal.level:g} N; they stay within the limits for a body up to {appraisal.margin.share:.0%} lighter or heavier with its "
-            f"centre of gravity up to {appraisal.margin.off * 1e3:.0f} mm off"
+            f"tensions are those nearest to {appraisal.level:g} N; they stay within the limits for"
+            f" a body up to {appraisal.margin.share:.0%} lighter or heavier with its centre of"
+            f" gravity up to {appraisal.margin.off * 1e3:.0f} mm off"
             if appraisal.feasible
             else f"tensions are those nearest to {appraisal.level:g} N"
         )

@@ -1,4 +1,5 @@
-"""What a report says, as plain values that every form of it (HTML, Markdown) is drawn from; nothing is computed after this.
+"""What a report says, as plain values that every form of it (HTML, Markdown) is drawn from; nothing
+is computed after this.
 
 All text is as people read it; the forms escape it.
 """
@@ -12,7 +13,8 @@ from typing import Any, Literal, TypeAlias
 from steelyard.arrays import Array
 
 Tone = Literal["", "good", "bad", "note"]
-"""How a statement is meant: for a colour and a sign beside it, never the only carrier of its meaning."""
+"""How a statement is meant: for a colour and a sign beside it, never the only carrier of its
+meaning."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,8 @@ class Figure:
     alternative: str
     """What it shows, for those who do not see it."""
     data: tuple[Mapping[str, Any], ...]
-    """Traces, without colours where the order of the palette will do: plain values, NaN as None. Text in them is not yet escaped."""
+    """Traces, without colours where the order of the palette will do: plain values, NaN as None.
+    Text in them is not yet escaped."""
     layout: Mapping[str, Any]
     """Axes and their titles; colours, fonts and margins belong to the page."""
     height: int = 360
@@ -76,8 +79,8 @@ class Course:
 class Scene:
     """A 3-D view that can be turned and, where there are courses, replayed.
 
-    Traces of ``figure.data`` may have ``meta: {"moves": [true, false, …]}``, a flag per point: points that move are given in the platform
-    frame, the others in the world frame.
+    Traces of ``figure.data`` may have ``meta: {"moves": [true, false, …]}``, a flag per point:
+    points that move are given in the platform frame, the others in the world frame.
     """
 
     figure: Figure

@@ -1,4 +1,5 @@
-"""What a report shows beside the ten parameters, as plain values: thinned readings, motion, calibration, how it was made.
+"""What a report shows beside the ten parameters, as plain values: thinned readings, motion,
+calibration, how it was made.
 
 All numbers are SI; None stands where there is none.
 """
@@ -56,7 +57,9 @@ class Motion:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Power of what is left over, per frequency, over that of white noise of the same size; the mean over the channels."""
+    """Power of what is left over, per frequency, over that of white noise of the same size; the
+    mean over the channels.
+    """
 
     frequency: tuple[Real, ...]
     """[Hz]"""
@@ -65,7 +68,9 @@ class Spectrum:
 
 @dataclass(frozen=True)
 class Trace:
-    """One quantity that one instrument read in one run, k channels, thinned so that what stands out stays."""
+    """One quantity that one instrument read in one run, k channels, thinned so that what stands out
+    stays.
+    """
 
     run: str
     instrument: str
@@ -124,7 +129,9 @@ class Error:
 
 @dataclass(frozen=True)
 class Test:
-    """A question to the residuals: by how much one description would have to be wrong to explain them."""
+    """A question to the residuals: by how much one description would have to be wrong to explain
+    them.
+    """
 
     name: str
     sigmas: Real

@@ -1,4 +1,6 @@
-"""Figures as JSON within a page: compact, and all text in it stays text, for the reader of HTML as for Plotly."""
+"""Figures as JSON within a page: compact, and all text in it stays text, for the reader of HTML as
+for Plotly.
+"""
 
 from __future__ import annotations
 
@@ -30,22 +32,32 @@ _WITHIN_SCRIPT = {ord(character): f"\\u{ord(character):04x}" for character in "<
 def figure_json(block: Figure | Scene) -> str:
     """What a figure or a scene is drawn from, for a script element of type ``application/json``.
 
-    Keys: data, layout, arrays, and courses of a scene, each with time, position (3 n) and rotation (4 n). Long arrays of numbers
-    are ``{"$": place in arrays}``, once each; there ``{dtype, bdata, shape}``, little-endian in base64, as Plotly takes them. In
-    texts characters that Plotly would take as markup are entities, and an end of line is one in the picture.
+    Keys: data, layout, arrays, and courses of a scene, each with time, position (3 n) and rotation
+    (4 n). Long arrays of numbers are ``{"$": place in arrays}``, once each; there ``{dtype, bdata,
+    shape}``, little-endian in base64, as Plotly takes them. In texts characters that Plotly would
+    take as markup are entities, and an end of line is one in the picture.
 
     Raises:
         TypeError: A value is none of text, number, list, array, mapping and None.
     """
     figure = block.figure if isinstance(block, Scene) else block
     values: dict[str, Any] = {
-        "data": [_plain(trace, packed=True, drawn="3d" in str(trace.get("type"))) for trace in figure.data],
-        "layout": {key: _plain(value, key, drawn=key.startswith("scene")) for key, value in figure.layout.items()},
+        "data": [
+            _plain(trace, packed=True, drawn="3d" in str(trace.get("type")))
+            for trace in figure.data
+        ],
+        "layout": {
+            key: _plain(value, key, drawn=key.startswith("scene"))
+            for key, value in figure.layout.items()
+        },
     }
     if isinstance(block, Scene):
         values["courses"] = [
             {name: _list(np.ravel(array), packed=True) for name, array in each}
-            for each in ((("time", c.time), ("position", c.position), ("rotation", c.rotation)) for c in block.courses)
+            for each in (
+                (("time", c.time), ("position", c.position), ("rotation", c.rotation))
+                for c in block.courses
+            )
         ]
     arrays: dict[str, tuple[int, Any]] = {}
     values = _shared(values, arrays)
@@ -55,20 +67,28 @@ def figure_json(block: Figure | Scene) -> str:
 
 
 def _plain(value: Any, key: str = "", *, packed: bool = False, drawn: bool = False) -> Any:
-    """A value for JSON; ``packed``: as bytes where that is shorter; ``drawn``: texts are drawn by WebGL."""
+    """A value for JSON; ``packed``: as bytes where that is shorter; ``drawn``: texts are drawn by
+    WebGL.
+    """
     if isinstance(value, str):
         text = _unmarked(value) if drawn and key in _DRAWN else _text(value, key)
         # A bare text was a title in former versions of Plotly; it is not any more.
         return {"text": text} if key == "title" else text
     if isinstance(value, Mapping):
-        return {str(k): _plain(v, str(k), packed=packed and k not in _PLAIN, drawn=drawn) for k, v in value.items()}
+        return {
+            str(k): _plain(v, str(k), packed=packed and k not in _PLAIN, drawn=drawn)
+            for k, v in value.items()
+        }
     if isinstance(value, np.ndarray | list | tuple):
         return _list(value, key, packed=packed, drawn=drawn)
     if value is None or isinstance(value, bool | np.bool_):
         return None if value is None else bool(value)
     if isinstance(value, int | float | np.integer | np.floating):
         return _number(float(value))
-    raise TypeError(f"figure: '{key}': expected text, a number, a list or a mapping, found {type(value).__name__}")
+    raise TypeError(
+        f"figure: '{key}': expected text, a number, a list or a mapping, found"
+        f" {type(value).__name__}"
+    )
 
 
 def _text(value: str, key: str) -> str:
@@ -80,7 +100,9 @@ def _text(value: str, key: str) -> str:
 
 
 def _unmarked(value: str) -> str:
-    """Text for WebGL, which knows tags and no entities: a space of no width ends a tag before it begins."""
+    """Text for WebGL, which knows tags and no entities: a space of no width ends a tag before it
+    begins.
+    """
     return value.replace("<", "<\u200b").replace("&", "&\u200b").replace("\n", "<br>")
 
 
@@ -101,8 +123,15 @@ def _list(values: Any, key: str = "", *, packed: bool, drawn: bool = False) -> A
 def _numbers(values: Any) -> Array | None:
     """Numbers in one or two dimensions, None as NaN; None where they are something else."""
     if not isinstance(values, np.ndarray):
-        flat = [v for row in values for v in (row if isinstance(row, np.ndarray | list | tuple) else (row,))]
-        if not all(v is None or (isinstance(v, int | float | np.number) and not isinstance(v, bool)) for v in flat):
+        flat = [
+            v
+            for row in values
+            for v in (row if isinstance(row, np.ndarray | list | tuple) else (row,))
+        ]
+        if not all(
+            v is None or (isinstance(v, int | float | np.number) and not isinstance(v, bool))
+            for v in flat
+        ):
             return None
         try:
             values = np.array(values, dtype=np.float64)
@@ -114,7 +143,9 @@ def _numbers(values: Any) -> Array | None:
 
 
 def _shared(value: Any, arrays: dict[str, tuple[int, Any]]) -> Any:
-    """The same with long arrays, many of them the times of several lines, gathered in ``arrays``."""
+    """The same with long arrays, many of them the times of several lines, gathered in
+    ``arrays``.
+    """
     if isinstance(value, list):
         return [_shared(each, arrays) for each in value]
     if not isinstance(value, dict):
@@ -131,7 +162,9 @@ def _bytes(numbers: Array) -> dict[str, str]:
         lost = float(np.max(np.abs(single[np.isfinite(numbers)] - finite), initial=0.0))
     fine = lost <= _FINE * float(np.ptp(finite)) if len(finite) else True
     packed = {"dtype": "f4" if fine else "f8"}
-    packed["bdata"] = base64.b64encode((single if fine else numbers.astype("<f8")).tobytes()).decode("ascii")
+    packed["bdata"] = base64.b64encode(
+        (single if fine else numbers.astype("<f8")).tobytes()
+    ).decode("ascii")
     if numbers.ndim > 1:
         packed["shape"] = ", ".join(map(str, numbers.shape))
     return packed

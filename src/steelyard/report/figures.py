@@ -29,9 +29,13 @@ def figures(found: Identification, truth: Inertia | None = None) -> dict[str, go
         truth: The true body, where it is known.
 
     Returns:
-        Figures under the names ``intervals``, ``robot``, ``body``, ``learned``, ``correlation``, and ``trace-…`` and ``spectra-…`` of every run.
+        Figures under the names ``intervals``, ``robot``, ``body``, ``learned``, ``correlation``,
+        and ``trace-…`` and ``spectra-…`` of every run.
     """
-    return {name: _plotly(block) for name, block in _blocks(document_of(summarise(found, truth))).items()}
+    return {
+        name: _plotly(block)
+        for name, block in _blocks(document_of(summarise(found, truth))).items()
+    }
 
 
 def figure(found: Identification, name: str, truth: Inertia | None = None) -> go.Figure:
@@ -39,21 +43,31 @@ def figure(found: Identification, name: str, truth: Inertia | None = None) -> go
 
     Args:
         found: As :func:`steelyard.identify` gives it.
-        name: ``intervals``, ``robot``, ``body``, ``learned``, ``correlation``, or the beginning of another key of :func:`figures`.
+        name: ``intervals``, ``robot``, ``body``, ``learned``, ``correlation``, or the beginning of
+            another key of :func:`figures`.
         truth: The true body, where it is known.
 
     Raises:
         InputError: There is none of that name.
     """
     blocks = _blocks(document_of(summarise(found, truth)))
-    chosen = name if name in blocks else next((each for each in blocks if each.startswith(name)), None)
+    chosen = (
+        name if name in blocks else next((each for each in blocks if each.startswith(name)), None)
+    )
     if chosen is None or not name:
-        raise InputError(f"figure: expected one of {', '.join(blocks)}, found '{name}'; choose one of these")
+        raise InputError(
+            f"figure: expected one of {', '.join(blocks)}, found '{name}'; choose one of these"
+        )
     return _plotly(blocks[chosen])
 
 
 def _blocks(document: Document) -> dict[str, Figure | Scene]:
-    found = [block for section in document.sections for block in section.blocks if isinstance(block, Figure | Scene)]
+    found = [
+        block
+        for section in document.sections
+        for block in section.blocks
+        if isinstance(block, Figure | Scene)
+    ]
     return {(block.figure if isinstance(block, Scene) else block).name: block for block in found}
 
 
@@ -66,8 +80,11 @@ def _plotly(block: Figure | Scene) -> go.Figure:
     if isinstance(block, Scene) and block.courses:
         data = [_placed(trace, block.courses[0]) for trace in data]
     layout = {
-        **_dressed(drawn.layout, colours), "height": drawn.height, "template": "plotly_white", "title": {"text": html.escape(drawn.title), "font": {"size": 14}},
-    }  # fmt: skip
+        **_dressed(drawn.layout, colours),
+        "height": drawn.height,
+        "template": "plotly_white",
+        "title": {"text": html.escape(drawn.title), "font": {"size": 14}},
+    }
     return go.Figure([_dressed(trace, colours) for trace in data], layout)
 
 
@@ -87,5 +104,7 @@ def _dressed(value: Any, colours: Mapping[str, str]) -> Any:
     if isinstance(value, list | tuple):
         return [_dressed(each, colours) for each in value]
     if isinstance(value, str):
-        return colours[value[6:-1]] if value.startswith("var(--") else html.escape(value, quote=False)
+        return (
+            colours[value[6:-1]] if value.startswith("var(--") else html.escape(value, quote=False)
+        )
     return value

@@ -1,4 +1,6 @@
-"""From an identification to what a report shows of it: readings are thinned here, and nowhere else."""
+"""From an identification to what a report shows of it: readings are thinned here, and nowhere
+else.
+"""
 
 from __future__ import annotations
 
@@ -14,15 +16,15 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.clocks.offsets import Offset
 from steelyard.errors import InputError
+from steelyard.estimates.estimate import Estimate
 from steelyard.experiment.model import Experiment
-from steelyard.identification.estimate import Estimate
-from steelyard.identification.explained import Explained, explained, of_samples
 from steelyard.identification.identify import Identification
-from steelyard.identification.joint_study import Joint
-from steelyard.identification.preparation import Samples, prepare
-from steelyard.identification.regression import TEN
-from steelyard.identification.study import Study
-from steelyard.identification.unknowns import LAG, ROBOT, clock_of
+from steelyard.identification.model.calibration_parameters import LAG, ROBOT, clock_of
+from steelyard.identification.model.preparation import Samples, prepare
+from steelyard.identification.residuals import Explained, explained, of_samples
+from steelyard.identification.solve.joint_study import Joint
+from steelyard.identification.solve.normal_equations import TEN
+from steelyard.identification.solve.study import Study
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.evidence import (
     Body,
@@ -54,7 +56,8 @@ _SEGMENTS, _LEAST_SEGMENT, _SEGMENT = 8, 64, 512
 """Stretches that a spectrum is the mean of, and least and largest number of samples of one."""
 _MOST_MISSING = 0.1
 _JITTER = 0.5
-"""Part of the sampling interval by which intervals may differ where a spectrum is to mean something."""
+"""Part of the sampling interval by which intervals may differ where a spectrum is to mean
+something."""
 
 
 def body_of(name: str, estimate: Estimate) -> Body:
@@ -80,8 +83,8 @@ def evidence_of(identification: Identification) -> Evidence:
     """What the estimate rests on, thinned for display.
 
     Args:
-        identification: As :func:`steelyard.identification.identify.identify` gives it; one that does not know what it was made of
-            has nothing to show.
+        identification: As :func:`steelyard.identification.identify.identify` gives it; one that
+            does not know what it was made of has nothing to show.
     """
     experiment = identification.recorded
     if experiment is None:
@@ -133,7 +136,10 @@ def _prepared(experiment: Experiment) -> list[Samples]:
 
 
 def _explained(
-    identification: Identification, shown: Experiment, estimate: Estimate, samples: Sequence[Samples]
+    identification: Identification,
+    shown: Experiment,
+    estimate: Estimate,
+    samples: Sequence[Samples],
 ) -> Iterator[Explained]:
     parameters = estimate.body.parameters if estimate.body else np.full(TEN, np.nan)
     if identification.fitted is not None:
@@ -160,13 +166,18 @@ def _motion(samples: Samples) -> Iterator[Motion]:
         return
     length = float(samples.time[-1] - samples.time[0])
     most = len(samples) if samples.static else max(2, int(length * _INSTANTS_A_SECOND))
-    few = np.unique(np.linspace(0, len(samples) - 1, min(len(samples), most, _MOST_INSTANTS)).astype(int))
+    few = np.unique(
+        np.linspace(0, len(samples) - 1, min(len(samples), most, _MOST_INSTANTS)).astype(int)
+    )
     turned = Rotation.from_matrix(samples.rotation[few]).as_quat(scalar_first=True, canonical=True)
     yield Motion(
         samples.run,
         samples.static,
         tuple(_round(samples.time[few], 7)),
-        tuple((x, y, z) for x, y, z in zip(*(_round(c, 6) for c in samples.position[few].T), strict=True)),
+        tuple(
+            (x, y, z)
+            for x, y, z in zip(*(_round(c, 6) for c in samples.position[few].T), strict=True)
+        ),
         tuple((w, x, y, z) for w, x, y, z in zip(*(_round(c, 6) for c in turned.T), strict=True)),
     )
 
@@ -186,7 +197,9 @@ def _trace(each: Explained, most: int) -> Trace:
     used = np.isfinite(each.residual) & ~each.left_out
     scaled = np.where(used, each.residual, 0.0) / _scale(each)
     beyond = (np.abs(scaled) > _OUTLYING) if each.sigma is not None else np.zeros_like(used)
-    few = thinned(np.where(np.isfinite(each.residual), np.abs(each.residual) / _scale(each), 0.0), most)
+    few = thinned(
+        np.where(np.isfinite(each.residual), np.abs(each.residual) / _scale(each), 0.0), most
+    )
     left_out = each.left_out[few]
     return Trace(
         each.run,
@@ -217,7 +230,8 @@ def _rms(values: Array) -> Number:
 
 
 def thinned(size: Array, most: int) -> NDArray[np.intp]:
-    """Places to keep of n samples: of each stretch its first one and the one that stands out most, in order.
+    """Places to keep of n samples: of each stretch its first one and the one that stands out most,
+    in order.
 
     Args:
         size: How far each channel stands out, shape (n, k).
@@ -256,11 +270,14 @@ def _spectrum(each: Explained, used: NDArray[np.bool_], scaled: Array) -> Spectr
 def _noise(experiment: Experiment, estimate: Estimate) -> Iterator[Noise]:
     for name, quantities in estimate.details.get("noise", {}).items():
         units = {
-            q.name: "rad" if q.rotation else q.unit for q in experiment.instruments[name].quantities(experiment.robot.m)
+            q.name: "rad" if q.rotation else q.unit
+            for q in experiment.instruments[name].quantities(experiment.robot.m)
         }
         for quantity, found in quantities.items():
             unit = next((u for key, u in units.items() if quantity.startswith(key)), "")
-            yield Noise(name, quantity, unit, *(_number(found[key]) for key in ("stated", "used", "found")))
+            yield Noise(
+                name, quantity, unit, *(_number(found[key]) for key in ("stated", "used", "found"))
+            )
 
 
 def _number(value: float | None) -> Number:
@@ -274,34 +291,47 @@ def _deviations(study: Study) -> Array:
 
 def _errors(study: Study) -> Iterator[Error]:
     """All that was not known exactly and is no clock, instruments and robot."""
-    unknowns, deviations = study.systematic.unknowns, _deviations(study)
-    for (place, unknown, _), name in zip(unknowns.components(), unknowns.names, strict=True):
-        prior = float(unknowns.deviation[place])
+    calibration_parameters, deviations = (
+        study.calibration.calibration_parameters,
+        _deviations(study),
+    )
+    for (place, unknown, _), name in zip(
+        calibration_parameters.components(), calibration_parameters.names, strict=True
+    ):
+        prior = float(calibration_parameters.deviation[place])
         if not prior or unknown.key in {"delay", LAG} or unknown.owner == ROBOT:
             continue
         yield Error(
             unknown.owner,
             name.removeprefix(f"{unknown.owner}."),
             unknown.unit,
-            float(study.systematic.values[place]),
+            float(study.calibration.values[place]),
             float(deviations[place]),
-            float(unknowns.mean[place]),
+            float(calibration_parameters.mean[place]),
             prior,
         )
 
 
 def _clocks(identification: Identification, study: Study) -> Iterator[Clock]:
-    experiment, unknowns, deviations = study.experiment, study.systematic.unknowns, _deviations(study)
+    experiment, calibration_parameters, deviations = (
+        study.experiment,
+        study.calibration.calibration_parameters,
+        _deviations(study),
+    )
     runs = {run.name: run for run in experiment.runs}
-    for place, unknown, _ in unknowns.components():
+    for place, unknown, _ in calibration_parameters.components():
         if unknown.key != "delay" or unknown.run is None:
             continue
-        own = [name for name in runs[unknown.run].streams if clock_of(experiment, name) == unknown.owner]
-        prior = float(unknowns.deviation[place])
+        own = [
+            name
+            for name in runs[unknown.run].streams
+            if clock_of(experiment, name) == unknown.owner
+        ]
+        prior = float(calibration_parameters.deviation[place])
         yield Clock(
             unknown.run,
             ", ".join(own),
-            float(study.systematic.values[place]),
+            float(study.calibration.values[place]),
             float(deviations[place]) if prior else 0.0,
             prior,
             _found(identification.clocks, unknown.run, own),

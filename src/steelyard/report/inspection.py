@@ -20,10 +20,15 @@ from steelyard.report.terminal import console, drawn_grid
 _MOST_FAULTS = 12
 """Faults of one stream that are listed one by one."""
 _WORDS = {
-    "gap": "gap", "dropped": "dropped samples", "late": "late samples", "repeated": "samples at the time of the one before",
-    "stuck": "stuck, left out", "clipped": "at the end of its range", "held": "readings written again before the next one",
+    "gap": "gap",
+    "dropped": "dropped samples",
+    "late": "late samples",
+    "repeated": "samples at the time of the one before",
+    "stuck": "stuck, left out",
+    "clipped": "at the end of its range",
+    "held": "readings written again before the next one",
     "missing": "empty cells",
-}  # fmt: skip
+}
 
 
 def grids(found: Inspection) -> tuple[Grid, ...]:
@@ -39,20 +44,42 @@ def grids(found: Inspection) -> tuple[Grid, ...]:
 
 
 def _streams(found: Inspection) -> Grid:
-    head = ("run", "instrument", "samples", "rate [Hz]", "jitter [ms]", "dropped", "late", "repeated", "gaps", "faults")
+    head = (
+        "run",
+        "instrument",
+        "samples",
+        "rate [Hz]",
+        "jitter [ms]",
+        "dropped",
+        "late",
+        "repeated",
+        "gaps",
+        "faults",
+    )
     rows = []
     for each in found.streams:
         t = each.timing
         faults = sum(f.kind in {"stuck", "clipped", "held"} for f in each.faults)
         rows.append(
             (
-                each.run, each.instrument, str(each.samples),
-                *(("at rest", "", "", "", "", "") if t is None else (
-                    f"{t.rate:.4g}", f"{t.jitter * 1e3:.2g}", _count(t.dropped), _count(t.late), _count(t.repeated), _count(len(t.gaps)),
-                )),
+                each.run,
+                each.instrument,
+                str(each.samples),
+                *(
+                    ("at rest", "", "", "", "", "")
+                    if t is None
+                    else (
+                        f"{t.rate:.4g}",
+                        f"{t.jitter * 1e3:.2g}",
+                        _count(t.dropped),
+                        _count(t.late),
+                        _count(t.repeated),
+                        _count(len(t.gaps)),
+                    )
+                ),
                 _count(faults),
             )
-        )  # fmt: skip
+        )
     return Grid("Streams", head, tuple(rows), frozenset(range(2, 10)))
 
 
@@ -79,7 +106,11 @@ def _delays(found: Inspection) -> Grid:
     head = ("run", "clock of", "late by [ms]", "1-sigma [ms]", "beforehand [ms]", "by")
     rows = []
     for each in found.delays:
-        value = (f"{each.value * 1e3:.2f}", f"{each.sigma * 1e3:.2g}") if each.told else ("not told", "")
+        value = (
+            (f"{each.value * 1e3:.2f}", f"{each.sigma * 1e3:.2g}")
+            if each.told
+            else ("not told", "")
+        )
         prior = f"{each.prior[0] * 1e3:.3g} ± {each.prior[1] * 1e3:.3g}"
         rows.append((each.run, ", ".join(each.instruments), *value, prior, each.how))
     return Grid("Clocks against that of the forces", head, tuple(rows), frozenset({2, 3, 4}))
@@ -92,7 +123,9 @@ def _agreements(found: Inspection) -> Grid:
         i = int(np.argmax(each.ratio))
         verdict = "contradict each other" if each.worst > BAD else "agree"
         rows.append((run, each.name, each.channels[i], f"{each.worst:.2g}", verdict))
-    return Grid("What the instruments say of each other, as described", head, tuple(rows), frozenset({3}))
+    return Grid(
+        "What the instruments say of each other, as described", head, tuple(rows), frozenset({3})
+    )
 
 
 def _body(found: Inspection) -> Grid:
@@ -100,7 +133,15 @@ def _body(found: Inspection) -> Grid:
     head = ("", "unit", "about", "1-sigma at best", "told by")
     rows = []
     for finding, (label, unit, factor) in zip(found.excitation.body, LABELS, strict=True):
-        rows.append((label, unit, _number(finding.value * factor), _number(finding.sigma * factor), finding.told))
+        rows.append(
+            (
+                label,
+                unit,
+                _number(finding.value * factor),
+                _number(finding.sigma * factor),
+                finding.told,
+            )
+        )
     return Grid("What this recording can tell of the body", head, tuple(rows), frozenset({2, 3}))
 
 
@@ -112,8 +153,20 @@ def _calibration(found: Inspection) -> Grid:
         group = list(each)
         told = Counter(finding.told for finding in group)
         count = f" ({len(group)})" if len(group) > 1 else ""
-        by = next(iter(told)) if len(told) == 1 else ", ".join(f"{number} {what}" for what, number in told.items())
-        rows.append((name + count, group[0].unit, _range(f.sigma for f in group), _range(f.prior for f in group), by))
+        by = (
+            next(iter(told))
+            if len(told) == 1
+            else ", ".join(f"{number} {what}" for what, number in told.items())
+        )
+        rows.append(
+            (
+                name + count,
+                group[0].unit,
+                _range(f.sigma for f in group),
+                _range(f.prior for f in group),
+                by,
+            )
+        )
     return Grid("And of the systematic errors", head, tuple(rows), frozenset({2, 3}))
 
 
@@ -131,7 +184,10 @@ def statements(found: Inspection) -> Iterator[tuple[str, str]]:
         which = f" (run{'s' if len(where) > 1 else ''} {', '.join(where)})" if len(runs) > 1 else ""
         others = f"; it may also be: {' / '.join(mistake.others)}" if mistake.others else ""
         yield (
-            f"mistake: {a.subject}: {a.what}{which}. Change: {a.proposal}. Evidence: {mistake.evidence}{others}",
+            (
+                f"mistake: {a.subject}: {a.what}{which}. Change: {a.proposal}. Evidence:"
+                f" {mistake.evidence}{others}"
+            ),
             "red",
         )
     for contact in found.contacts:
@@ -141,18 +197,32 @@ def statements(found: Inspection) -> Iterator[tuple[str, str]]:
     for each in found.streams:
         yield from ((text, "yellow") for text in fault_words(each))
     if not found.mistakes and not any(a.worst > BAD for _, a in found.agreements):
-        yield "no mistake of sign, unit, axis or order was found: all instruments agree as described", "green"
+        yield (
+            "no mistake of sign, unit, axis or order was found: all instruments agree as described",
+            "green",
+        )
     if found.excitation is not None:
-        untold = [label for f, (label, *_) in zip(found.excitation.body, LABELS, strict=True) if f.told == "not at all"]
+        untold = [
+            label
+            for f, (label, *_) in zip(found.excitation.body, LABELS, strict=True)
+            if f.told == "not at all"
+        ]
         if untold:
-            yield f"this motion does not tell {', '.join(untold)}; `steelyard design` finds one that does", ""
+            yield (
+                (
+                    f"this motion does not tell {', '.join(untold)}; `steelyard design` finds one"
+                    " that does"
+                ),
+                "",
+            )
 
 
 def contact_words(contact: Contact) -> str:
     """A contact as a sentence."""
     return (
-        f"run '{contact.run}': something else than the body pulled or pushed from {contact.start:.2f} to {contact.end:.2f} s, up to "
-        f"{contact.force:.2g} N and {contact.torque:.2g} N m; most in {', '.join(contact.channels)} of {contact.instrument}"
+        f"run '{contact.run}': something else than the body pulled or pushed from"
+        f" {contact.start:.2f} to {contact.end:.2f} s, up to {contact.force:.2g} N and"
+        f" {contact.torque:.2g} N m; most in {', '.join(contact.channels)} of {contact.instrument}"
     )
 
 
@@ -161,9 +231,15 @@ def fault_words(report: StreamReport) -> Iterator[str]:
     for fault in report.faults[:_MOST_FAULTS]:
         what = f" {fault.channel}" if fault.channel else ""
         when = f"{fault.start:.2f} to {fault.end:.2f} s of its clock"
-        yield f"run '{report.run}': {report.instrument}{what.replace('_', ' ')}: {_WORDS[fault.kind]}, {fault.count} samples, {when}"
+        yield (
+            f"run '{report.run}': {report.instrument}{what.replace('_', ' ')}:"
+            f" {_WORDS[fault.kind]}, {fault.count} samples, {when}"
+        )
     if len(report.faults) > _MOST_FAULTS:
-        yield f"run '{report.run}': {report.instrument}: {len(report.faults) - _MOST_FAULTS} further faults"
+        yield (
+            f"run '{report.run}': {report.instrument}: {len(report.faults) - _MOST_FAULTS} further"
+            " faults"
+        )
 
 
 def show_inspection(found: Inspection) -> None:

@@ -26,7 +26,9 @@ _TONES: dict[str, Tone] = {"red": "bad", "yellow": "note", "green": "good"}
 
 def inspection_document(found: Inspection) -> Document:
     """Everything that there is to say and to see."""
-    said = Statements(tuple(Statement(text, _TONES.get(style, "")) for text, style in statements(found)))
+    said = Statements(
+        tuple(Statement(text, _TONES.get(style, "")) for text, style in statements(found))
+    )
     tables = tuple(grid for grid in grids(found) if grid.rows)
     return Document(
         f"{found.experiment.name}: what is in the recordings",
@@ -45,10 +47,14 @@ def _lead(found: Inspection) -> Statement:
         which = "a mistake" if count == 1 else f"{count} mistakes"
         return Statement(f"The description has {which}; below stands what to change.", "bad")
     if any(each.worst > BAD for _, each in found.agreements):
-        return Statement("The instruments contradict each other, and no simple mistake explains it.", "bad")
+        return Statement(
+            "The instruments contradict each other, and no simple mistake explains it.", "bad"
+        )
     if found.contacts:
         return Statement(
-            "The instruments agree as described, but something else than the body pulled or pushed.", "note"
+            "The instruments agree as described, but something else than the body pulled or"
+            " pushed.",
+            "note",
         )
     return Statement("The instruments agree as described.", "good")
 
@@ -60,7 +66,11 @@ def _pictures(found: Inspection) -> Iterator[Section]:
     agreements = [(name, each) for name, each in found.agreements if name in by_name]
     streams = [report for report in found.streams if report.run in by_name]
     shown = (
-        ("attainable", "How well it can be known", (_bars(found),) if found.excitation is not None else ()),
+        (
+            "attainable",
+            "How well it can be known",
+            (_bars(found),) if found.excitation is not None else (),
+        ),
         (
             "balance",
             "Forces that no body explains",
@@ -79,7 +89,11 @@ def _pictures(found: Inspection) -> Iterator[Section]:
         (
             "spectra",
             "Spectra",
-            (_spectra(streams),) if any(len(q.frequency) for r in streams for q in r.quantities) else (),
+            (
+                (_spectra(streams),)
+                if any(len(q.frequency) for r in streams for q in r.quantities)
+                else ()
+            ),
         ),
     )
     for name, title, figures in shown:
@@ -91,18 +105,35 @@ def _axes(x: str, y: str) -> dict[str, Any]:
     return {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
 
 
-def _lines(x: Array, columns: Array, names: list[str], *, dash: str = "solid") -> Iterator[dict[str, Any]]:
+def _lines(
+    x: Array, columns: Array, names: list[str], *, dash: str = "solid"
+) -> Iterator[dict[str, Any]]:
     few = slice(None, None, -(-len(x) // _MOST_POINTS) or 1)
     for i, name in enumerate(names):
         line = {"color": f"var(--line-{i % 8 + 1})", "width": 1.2, "dash": dash}
-        yield {"type": "scatter", "mode": "lines", "name": name, "x": x[few], "y": columns[few, i], "line": line}
+        yield {
+            "type": "scatter",
+            "mode": "lines",
+            "name": name,
+            "x": x[few],
+            "y": columns[few, i],
+            "line": line,
+        }
 
 
 def _stretch(start: float, end: float, colour: str) -> dict[str, Any]:
     """A shape that marks a time."""
     return {
-        "type": "rect", "x0": start, "x1": end, "y0": 0, "y1": 1, "yref": "paper", "fillcolor": colour, "opacity": 0.18, "line": {"width": 0},
-    }  # fmt: skip
+        "type": "rect",
+        "x0": start,
+        "x1": end,
+        "y0": 0,
+        "y1": 1,
+        "yref": "paper",
+        "fillcolor": colour,
+        "opacity": 0.18,
+        "line": {"width": 0},
+    }
 
 
 def _bars(found: Inspection) -> Figure:
@@ -138,15 +169,22 @@ def _balance(found: Inspection, residual: Residual, place: int) -> Figure:
 
 def _agreement(run: str, agreement: Agreement, place: int) -> Figure:
     width = agreement.measured.shape[1]
-    axes = list(agreement.channels[:width]) if len(agreement.channels) >= width else [str(i + 1) for i in range(width)]
+    axes = (
+        list(agreement.channels[:width])
+        if len(agreement.channels) >= width
+        else [str(i + 1) for i in range(width)]
+    )
     at = np.arange(len(agreement.measured), dtype=np.float64)
     lines = [*_lines(at, agreement.measured, axes)]
     if agreement.predicted.shape == agreement.measured.shape:
-        lines += _lines(at, agreement.predicted, [f"{axis}, predicted" for axis in axes], dash="dot")
+        lines += _lines(
+            at, agreement.predicted, [f"{axis}, predicted" for axis in axes], dash="dot"
+        )
     return Figure(
         f"agreement-{place + 1}",
         f"run {run}: {agreement.name}",
-        f"Measured lines and, dotted, what the others predict; at worst {agreement.worst:.2g} of what may be left between them.",
+        f"Measured lines and, dotted, what the others predict; at worst {agreement.worst:.2g} of"
+        " what may be left between them.",
         tuple(lines),
         _axes("instant", agreement.unit),
     )
@@ -159,7 +197,9 @@ def _stream(found: Inspection, run: Run, report: StreamReport, place: int) -> Fi
     for q in report.quantities:
         values = stream.values[q.name]
         flat = values.reshape(len(values), -1)
-        lines += _lines(time, flat, [f"{q.name.replace('_', ' ')} {i + 1}" for i in range(flat.shape[1])])
+        lines += _lines(
+            time, flat, [f"{q.name.replace('_', ' ')} {i + 1}" for i in range(flat.shape[1])]
+        )
     shift = float(time[0] - stream.time[0])
     marked = [fault for fault in report.faults if fault.kind in _MARKS]
     return Figure(
@@ -169,7 +209,10 @@ def _stream(found: Inspection, run: Run, report: StreamReport, place: int) -> Fi
         tuple(lines),
         {
             **_axes("common time [s]", "; ".join(dict.fromkeys(q.unit for q in report.quantities))),
-            "shapes": [_stretch(fault.start + shift, fault.end + shift, _MARKS[fault.kind]) for fault in marked],
+            "shapes": [
+                _stretch(fault.start + shift, fault.end + shift, _MARKS[fault.kind])
+                for fault in marked
+            ],
         },
     )
 
@@ -177,13 +220,23 @@ def _stream(found: Inspection, run: Run, report: StreamReport, place: int) -> Fi
 def _spectra(streams: list[StreamReport]) -> Figure:
     lines = [
         {
-            "type": "scatter", "mode": "lines", "name": f"{report.run}: {report.instrument}, {q.name.replace('_', ' ')} [{q.unit}]",
-            "x": q.frequency[1:], "y": np.maximum(q.density[1:], 1e-12),
+            "type": "scatter",
+            "mode": "lines",
+            "name": f"{report.run}: {report.instrument}, {q.name.replace('_', ' ')} [{q.unit}]",
+            "x": q.frequency[1:],
+            "y": np.maximum(q.density[1:], 1e-12),
         }
         for report in streams
         for q in report.quantities
         if report.kind != "command" and len(q.frequency)
-    ]  # fmt: skip
+    ]
     axes = _axes("frequency [Hz]", "unit / √Hz")
     layout = {name: {**axis, "type": "log"} for name, axis in axes.items()}
-    return Figure("spectra", "Amplitude density", "A line per quantity, over frequency.", tuple(lines), layout, 480)
+    return Figure(
+        "spectra",
+        "Amplitude density",
+        "A line per quantity, over frequency.",
+        tuple(lines),
+        layout,
+        480,
+    )

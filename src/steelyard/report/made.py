@@ -39,14 +39,20 @@ def made_of(experiment: Experiment, options: Mapping[str, str]) -> Made:
         options: What was asked for, by name.
     """
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    versions = (("steelyard", steelyard_version()), ("Python", python), *((n, _version(n)) for n in _LIBRARIES))
+    versions = (
+        ("steelyard", steelyard_version()),
+        ("Python", python),
+        *((n, _version(n)) for n in _LIBRARIES),
+    )
     return Made(versions, tuple(options.items()), tuple(_inputs(experiment)))
 
 
 def _inputs(experiment: Experiment) -> Iterator[Input]:
     """The experiment file, the robot as it was understood, and every recording once."""
     robot = json.dumps(robot_file(experiment.robot), sort_keys=True).encode()
-    sources = dict.fromkeys([experiment.source, *(s.source for run in experiment.runs for s in run.streams.values())])
+    sources = dict.fromkeys(
+        [experiment.source, *(s.source for run in experiment.runs for s in run.streams.values())]
+    )
     folder = Path(experiment.source).parent
     for i, source in enumerate(sources):
         path = Path(source)

@@ -33,7 +33,10 @@ def _block(block: Block) -> Iterator[str]:
             yield from (f"- {_line(each.text)}" for each in items)
         case Grid():
             yield from _grid(block)
-        case Figure(title=title, alternative=alternative) | Scene(figure=Figure(title=title, alternative=alternative)):
+        case (
+            Figure(title=title, alternative=alternative)
+            | Scene(figure=Figure(title=title, alternative=alternative))
+        ):
             yield f"*Picture: {escaped(title)}. {escaped(alternative)}*"
 
 
@@ -54,4 +57,8 @@ def _line(text: str) -> str:
     line = escaped(text)
     start = _START.match(line)
     # The last character of the mark is what makes it one.
-    return line if start is None else f"{line[: start.end() - 1]}&#{ord(line[start.end() - 1])};{line[start.end() :]}"
+    return (
+        line
+        if start is None
+        else f"{line[: start.end() - 1]}&#{ord(line[start.end() - 1])};{line[start.end() :]}"
+    )

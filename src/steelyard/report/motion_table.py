@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from steelyard.identification.fitted_motion import FittedMotion
+from steelyard.identification.model.fitted_motion import FittedMotion
 from steelyard.output import write_table
 
 FILE_NAME = "motion.parquet"

@@ -1,4 +1,6 @@
-"""A document as one HTML page that needs nothing but itself, and reads without JavaScript where there are tables."""
+"""A document as one HTML page that needs nothing but itself, and reads without JavaScript where
+there are tables.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +20,16 @@ _SIGNS = {"good": ("✓", "good"), "bad": ("✗", "problem"), "note": ("!", "not
 def page(document: Document) -> str:
     """HTML of a document; the same bytes for the same input.
 
-    Names of the style sheet's colours may stand in figures where colours do: ``var(--good)``, ``var(--bad)``, ``var(--note)``,
-    ``var(--ink)``, ``var(--muted)``, ``var(--edge)`` and ``var(--line-1)`` to ``var(--line-8)``, the palette. Traces of WebGL other than
-    3-D ones are not drawn: they would need scripts that write scripts, which the page forbids.
+    Names of the style sheet's colours may stand in figures where colours do: ``var(--good)``,
+    ``var(--bad)``, ``var(--note)``, ``var(--ink)``, ``var(--muted)``, ``var(--edge)`` and
+    ``var(--line-1)`` to ``var(--line-8)``, the palette. Traces of WebGL other than 3-D ones are not
+    drawn: they would need scripts that write scripts, which the page forbids.
     """
     from jinja2 import Environment, StrictUndefined
 
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     blocks = [block for section in document.sections for block in section.blocks]
     scripts = _scripts() if any(isinstance(block, Figure | Scene) for block in blocks) else ()
     text = environment.from_string(_part("page.html.j2")).render(
@@ -36,7 +41,8 @@ def page(document: Document) -> str:
         scripts=scripts,
         policy=_policy(scripts),
     )
-    # What is no character (a name of a file in no encoding) would be an error where the page is written.
+    # What is no character (a name of a file in no encoding) would be an error where the page is
+    # written.
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
@@ -70,8 +76,12 @@ def _scripts() -> tuple[str, ...]:
 
 
 def _policy(scripts: tuple[str, ...]) -> str:
-    """What a browser may do with the page: run these very scripts, style, show pictures of its own; nothing else, no network."""
-    digests = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
+    """What a browser may do with the page: run these very scripts, style, show pictures of its own;
+    nothing else, no network.
+    """
+    digests = (
+        base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts
+    )
     known = " ".join(f"'sha256-{digest}'" for digest in digests) or "'none'"
     return (
         f"default-src 'none'; script-src {known}; style-src 'unsafe-inline'; img-src data: blob:; "

@@ -54,8 +54,9 @@ def read_summary(folder: Path) -> Summary:
         first: Any = error.errors(include_url=False, include_context=False)[0]
         key = ".".join(str(part) for part in first["loc"])
         raise InputError(
-            f"{path}: {f'{key[:100]}: ' if key else ''}expected a summary that identify wrote ({FORMAT}), found that it is not one "
-            f"({str(first['msg'])[:100]}); run identify again with --out"
+            f"{path}: {f'{key[:100]}: ' if key else ''}expected a summary that identify wrote"
+            f" ({FORMAT}), found that it is not one ({str(first['msg'])[:100]}); run identify again"
+            " with --out"
         ) from None
     problem = _inconsistency(summary)
     if problem:
@@ -69,9 +70,17 @@ def _inconsistency(summary: Summary) -> str | None:
         return f"result: expected the name of one of the bodies, found '{summary.result[:60]}'"
     ten = len(BODY_PARAMETERS)
     for body in summary.bodies:
-        sizes = {len(body.value), len(body.covariance), len(body.labels), *(len(row) for row in body.covariance)}
+        sizes = {
+            len(body.value),
+            len(body.covariance),
+            len(body.labels),
+            *(len(row) for row in body.covariance),
+        }
         if sizes != {ten}:
-            return f"body '{body.name[:60]}': expected {ten} values with their covariance, found {sorted(sizes)}"
+            return (
+                f"body '{body.name[:60]}': expected {ten} values with their covariance, found"
+                f" {sorted(sizes)}"
+            )
     for given in (summary.nominal, summary.truth, summary.attainable):
         if given is not None and len(given) != ten:
             return f"expected {ten} values of a body, found {len(given)}"
@@ -81,21 +90,42 @@ def _inconsistency(summary: Summary) -> str | None:
                 values is not None and len(values) != ten
                 for values in (column.values, column.deviations, column.errors)
             ):
-                return f"table '{table.title[:60]}': expected {ten} values a column, found another number"
+                return (
+                    f"table '{table.title[:60]}': expected {ten} values a column, found another"
+                    " number"
+                )
     for trace in summary.evidence.traces:
         k, n = len(trace.channels), len(trace.time)
         parts = (trace.measured, trace.residual)
-        if any(len(part) != k or any(len(row) != n for row in part) for part in parts) or len(trace.rms) != k:
-            return f"trace '{trace.instrument[:60]}': expected {k} channels of {n} samples, found another number"
+        if (
+            any(len(part) != k or any(len(row) != n for row in part) for part in parts)
+            or len(trace.rms) != k
+        ):
+            return (
+                f"trace '{trace.instrument[:60]}': expected {k} channels of {n} samples, found"
+                " another number"
+            )
         if trace.sigma is not None and len(trace.sigma) != k:
-            return f"trace '{trace.instrument[:60]}': expected {k} values of sigma, found {len(trace.sigma)}"
+            return (
+                f"trace '{trace.instrument[:60]}': expected {k} values of sigma, found"
+                f" {len(trace.sigma)}"
+            )
         if any(not (0 <= c < k and 0 <= s < n) for c, s in trace.left_out):
-            return f"trace '{trace.instrument[:60]}': expected places of samples that are there, found others"
+            return (
+                f"trace '{trace.instrument[:60]}': expected places of samples that are there, found"
+                " others"
+            )
         if trace.spectrum and len(trace.spectrum.frequency) != len(trace.spectrum.power):
-            return f"trace '{trace.instrument[:60]}': expected as many powers as frequencies, found another number"
+            return (
+                f"trace '{trace.instrument[:60]}': expected as many powers as frequencies, found"
+                " another number"
+            )
     for motion in summary.evidence.motions:
         if not len(motion.time) == len(motion.position) == len(motion.rotation):
-            return f"motion of run '{motion.run[:60]}': expected as many poses as times, found another number"
+            return (
+                f"motion of run '{motion.run[:60]}': expected as many poses as times, found another"
+                " number"
+            )
     shape = summary.evidence.shape
     if shape and len(shape.anchors) != len(shape.attachments):
         return "shape: expected as many attachments as anchors, found another number"

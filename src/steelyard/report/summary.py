@@ -1,4 +1,6 @@
-"""What there is to show about an identification, as one value that every form of output is drawn from."""
+"""What there is to show about an identification, as one value that every form of output is drawn
+from.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.digits import LABELS, number
-from steelyard.identification.estimate import Estimate
+from steelyard.estimates.estimate import Estimate
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.report.evidence import Body, Evidence, Made, Number
@@ -93,20 +95,32 @@ def tabulate(
     title: str | None = None,
     suffix: str = "",
 ) -> Summary:
-    """The numbers and sentences alone, without what they rest on; arguments as of :func:`summarise`."""
+    """The numbers and sentences alone, without what they rest on; arguments as of
+    :func:`summarise`.
+    """
     columns = []
     nominal = None if identification.nominal is None else identification.nominal.body_parameters
     true = None if truth is None else truth.body_parameters
     if nominal is not None and true is not None and np.array_equal(nominal, true):
         columns.append(_given("nominal = truth", true))
     else:
-        columns += [_given(heading, v) for heading, v in (("nominal", nominal), ("truth", true)) if v is not None]
-    shown = {**(beside or {}), **{f"{name}{suffix}": e for name, e in identification.estimates.items()}}
+        columns += [
+            _given(heading, v)
+            for heading, v in (("nominal", nominal), ("truth", true))
+            if v is not None
+        ]
+    shown = {
+        **(beside or {}),
+        **{f"{name}{suffix}": e for name, e in identification.estimates.items()},
+    }
     columns += [_estimated(name, estimate, true) for name, estimate in shown.items()]
     if identification.bound is not None:
         columns.append(_attainable(identification.bound.standard_deviation, shown))
     runs = tuple(
-        Table(f"{name}, each run alone", tuple(_estimated(run, e, None) for run, e in estimate.runs.items()))
+        Table(
+            f"{name}, each run alone",
+            tuple(_estimated(run, e, None) for run, e in estimate.runs.items()),
+        )
         for name, estimate in identification.estimates.items()
         if estimate.runs
     )
@@ -123,7 +137,11 @@ def tabulate(
         bodies=tuple(body_of(name, estimate) for name, estimate in shown.items()),
         nominal=None if nominal is None else numbers(nominal),
         truth=None if true is None else numbers(true),
-        attainable=None if identification.bound is None else numbers(identification.bound.standard_deviation, 3),
+        attainable=(
+            None
+            if identification.bound is None
+            else numbers(identification.bound.standard_deviation, 3)
+        ),
         evidence=Evidence(),
         made=Made((("steelyard", steelyard_version()),), ()),
     )
@@ -141,7 +159,9 @@ def _given(heading: str, values: Array) -> Column:
 
 
 def _attainable(deviations: Array, shown: Mapping[str, Estimate]) -> Column:
-    """The smallest 1-sigma that any method could have, of what is told at all; three digits are plenty."""
+    """The smallest 1-sigma that any method could have, of what is told at all; three digits are
+    plenty.
+    """
     told = np.any([np.isfinite(estimate.value) for estimate in shown.values()], axis=0)
     rounded = [float(f"{d:.3g}") if t else np.nan for d, t in zip(deviations, told, strict=True)]
     return Column("attainable 1-sigma", _scaled(rounded), None)
@@ -161,14 +181,19 @@ def _clocks(identification: Identification) -> Iterator[str]:
             for o in others
         ]
         if found:
-            yield f"run '{run}': clocks found from the data, against {' and '.join(first.instruments)}: {', '.join(found)}"
+            yield (
+                f"run '{run}': clocks found from the data, against"
+                f" {' and '.join(first.instruments)}: {', '.join(found)}"
+            )
 
 
 def _statements(estimates: Mapping[str, Estimate]) -> list[str]:
     lines = []
     for name, estimate in estimates.items():
         lines.append(f"{name}: {estimate.verdict}")
-    notes = [f"{estimate.method}: {note}" for estimate in estimates.values() for note in estimate.notes]
+    notes = [
+        f"{estimate.method}: {note}" for estimate in estimates.values() for note in estimate.notes
+    ]
     lines += dict.fromkeys(notes)
     return lines
 

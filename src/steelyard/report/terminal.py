@@ -29,9 +29,15 @@ def drawn_grid(grid: Grid, *, whole_names: bool = False) -> RichTable:
         grid: The table.
         whole_names: Whether the first column is never broken.
     """
-    drawn = RichTable(title=Text(grid.caption), title_justify="left", title_style="bold", header_style="bold")
+    drawn = RichTable(
+        title=Text(grid.caption), title_justify="left", title_style="bold", header_style="bold"
+    )
     for i, heading in enumerate(grid.head):
-        drawn.add_column(Text(heading), justify="right" if i in grid.right else "left", no_wrap=whole_names and i == 0)
+        drawn.add_column(
+            Text(heading),
+            justify="right" if i in grid.right else "left",
+            no_wrap=whole_names and i == 0,
+        )
     for row in grid.rows:
         drawn.add_row(*(Text(each) for each in row))
     return drawn
@@ -44,19 +50,25 @@ def show(summary: Summary, *, each_run: bool = True) -> None:
         for part in _parts(table):
             screen.print(_drawn(part))
     for text in summary.statements:
-        style = "red" if ": not accepted" in text else "green" if text.endswith(": accepted") else ""
+        style = (
+            "red" if ": not accepted" in text else "green" if text.endswith(": accepted") else ""
+        )
         screen.print(Text(text, style=style))
 
 
 def _parts(table: Table) -> Iterator[Table]:
     # As many as fit, and about as many in each.
-    count = -(-len(table.columns) // -(-len(table.columns) // _COLUMNS_AT_ONCE)) if table.columns else 1
+    count = (
+        -(-len(table.columns) // -(-len(table.columns) // _COLUMNS_AT_ONCE)) if table.columns else 1
+    )
     for start in range(0, len(table.columns), count):
         yield Table(table.title, table.columns[start : start + count])
 
 
 def _drawn(table: Table) -> RichTable:
-    drawn = RichTable(title=Text(table.title), title_justify="left", title_style="bold", header_style="bold")
+    drawn = RichTable(
+        title=Text(table.title), title_justify="left", title_style="bold", header_style="bold"
+    )
     drawn.add_column("")
     drawn.add_column("unit")
     with_errors = [c.errors is not None for c in table.columns]

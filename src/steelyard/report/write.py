@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from steelyard.identification.estimate_file import FILE_NAME as ESTIMATE
+from steelyard.estimates.estimate_file import FILE_NAME as ESTIMATE
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.output import results_folder, write_json
@@ -25,7 +25,8 @@ DRAWN = ("report.html", "report.md")
 def write_results(
     found: Identification, folder: str | Path, truth: Inertia | None = None, *, force: bool = False
 ) -> Path:
-    """Write what `identify --out` writes: the estimate, the report and the fitted motion; all of it or nothing.
+    """Write what `identify --out` writes: the estimate, the report and the fitted motion; all of it
+    or nothing.
 
     Args:
         found: As :func:`steelyard.identify` gives it.

@@ -1,9 +1,10 @@
 """One cable from its winch over the roller to the platform: direction, length and tension.
 
-Two questions are asked of the same equations: which way does it pull if its tension at the platform is known (identification),
-and how hard does it pull if the length fed out is known (simulation). Straight cables have closed forms; for cables with
-weight a fixed number of steps from a shallow-sag start reaches rounding error, and the remaining ``residual`` is handed
-out so that the caller can check it. One step does for taut cables.
+Two questions are asked of the same equations: which way does it pull if its tension at the platform
+is known (identification), and how hard does it pull if the length fed out is known (simulation).
+Straight cables have closed forms; for cables with weight a fixed number of steps from a shallow-sag
+start reaches rounding error, and the remaining ``residual`` is handed out so that the caller can
+check it. One step does for taut cables.
 """
 
 from __future__ import annotations
@@ -23,10 +24,11 @@ RESIDUAL_TOLERANCE = 1e-8
 """What :attr:`CableShape.residual` must not exceed where the equations have been solved."""
 
 STEPS = 4
-"""Steps for a known tension that reach rounding error from 10 N upwards on cables of ten metres and 60 g/m; the residual tells
-where they do not."""
+"""Steps for a known tension that reach rounding error from 10 N upwards on cables of ten metres and
+60 g/m; the residual tells where they do not."""
 _STEPS_BY_LENGTH = 5
-"""Those for a known length, up to some hundredths longer than the chord unless the cable hangs nearly plumb."""
+"""Those for a known length, up to some hundredths longer than the chord unless the cable hangs
+nearly plumb."""
 
 
 class CableSpec(NamedTuple):
@@ -88,14 +90,17 @@ def spec(robot: Robot, i: int) -> CableSpec:
     )
 
 
-def by_tension(cable: CableSpec, point: Symbol, tension: Symbol, *, steps: int = STEPS) -> CableShape:
+def by_tension(
+    cable: CableSpec, point: Symbol, tension: Symbol, *, steps: int = STEPS
+) -> CableShape:
     """Shape of a cable whose tension at the platform end is known.
 
     Args:
         cable: Its constants.
         point: Attachment in the world frame [m], shape (3,).
         tension: [N], positive where the cable has weight.
-        steps: Towards the shape of a cable with weight; fewer are faster and leave a larger residual where it is slack.
+        steps: Towards the shape of a cable with weight; fewer are faster and leave a larger
+            residual where it is slack.
     """
     if cable.hangs:
         return _hanging("tension", cable, point, tension, steps)
@@ -129,10 +134,13 @@ def _straight(cable: CableSpec, point: Symbol) -> tuple[pulley.Roller, Symbol, S
 
 _Known = Literal["tension", "length"]
 _FULLEST_START = 0.9
-"""Half the weight over the mean tension from which the fullest cable is approached; 1 is out of reach."""
+"""Half the weight over the mean tension from which the fullest cable is approached; 1 is out of
+reach."""
 
 
-def _hanging(known: _Known, cable: CableSpec, point: Symbol, value: Symbol, steps: int) -> CableShape:
+def _hanging(
+    known: _Known, cable: CableSpec, point: Symbol, value: Symbol, steps: int
+) -> CableShape:
     constants = [cable.anchor, cable.axis, cable.radius, cable.up, cable.weight, cable.compliance]
     arguments = [ca.SX(a) for a in (*constants, point, value)]
     return CableShape(*_solution(known, cable.rolls, steps).call(arguments, True, False))
@@ -140,19 +148,26 @@ def _hanging(known: _Known, cable: CableSpec, point: Symbol, value: Symbol, step
 
 @lru_cache(maxsize=16)
 def _solution(known: _Known, rolls: bool, steps: int) -> Symbol:
-    """Function of a cable's constants, its attachment and what is known of it: the fields of its shape.
+    """Function of a cable's constants, its attachment and what is known of it: the fields of its
+    shape.
 
     Expressions made by one call of it cost a hundredth of those made in Python, cable by cable.
     """
     anchor, axis, up, point = (ca.SX.sym(name, 3) for name in ("anchor", "axis", "up", "point"))
-    radius, weight, compliance, value = (ca.SX.sym(name) for name in ("radius", "weight", "compliance", "value"))
+    radius, weight, compliance, value = (
+        ca.SX.sym(name) for name in ("radius", "weight", "compliance", "value")
+    )
     cable = CableSpec(anchor, axis, radius if rolls else 0.0, up, weight, compliance)
-    equations = _Equations(known, cable, pulley.swivel(anchor, axis, cable.radius, point), point, value)
+    equations = _Equations(
+        known, cable, pulley.swivel(anchor, axis, cable.radius, point), point, value
+    )
     inputs = [anchor, axis, radius, up, weight, compliance, point, value]
     state = equations.start()
     for _ in range(steps):
         state = equations.improved(state)
-    return ca.Function("hanging", inputs, ca.cse([ca.SX(field) for field in equations.shape(state)]))
+    return ca.Function(
+        "hanging", inputs, ca.cse([ca.SX(field) for field in equations.shape(state)])
+    )
 
 
 class _State(NamedTuple):
@@ -193,19 +208,26 @@ class _Equations(NamedTuple):
         line = self.line(wrap)
         if self.known == "tension":
             mean = catenary.mean_of_near_end(self.value, line.rise, cable.weight, cable.compliance)
-            shallow = catenary.shallow_length(mean, line.run_squared, line.rise, cable.weight, cable.compliance)
+            shallow = catenary.shallow_length(
+                mean, line.run_squared, line.rise, cable.weight, cable.compliance
+            )
             free = ca.fmin(shallow, 2 * _FULLEST_START * mean / cable.weight)
         else:
-            # Only the weight across the chord makes it sag; a micrometre keeps a cable that hangs plumb from having none.
+            # Only the weight across the chord makes it sag; a micrometre keeps a cable that hangs
+            # plumb from having none.
             run = ca.sqrt(line.run_squared + 1e-12)
             chord = ca.sqrt(run**2 + line.rise**2)
             free = self.value - cable.radius * wrap
-            taut = catenary.taut_tension(chord, free, cable.weight * run / chord, 1 / cable.compliance)
+            taut = catenary.taut_tension(
+                chord, free, cable.weight * run / chord, 1 / cable.compliance
+            )
             mean = ca.fmax(taut, free * cable.weight / (2 * _FULLEST_START))
         return self.rolled(line, _State(mean, free, wrap))
 
     def improved(self, state: _State) -> _State:
-        """One step of Newton's method for the mean tension or the length, then one for the wrap angle."""
+        """One step of Newton's method for the mean tension or the length, then one for the wrap
+        angle.
+        """
         line = self.line(state.wrap)
         state = self.consistent(line, state)
         required = catenary.required_length(self.catenary(state), line.run_squared, line.rise)
@@ -213,13 +235,20 @@ class _Equations(NamedTuple):
         # At most halfway to a cable that is all weight: beyond there is none.
         if self.known == "tension":
             free = state.free + miss / (1 - required.by_length)
-            state = state._replace(free=ca.fmin(free, state.free / 2 + state.mean / self.cable.weight))
+            state = state._replace(
+                free=ca.fmin(free, state.free / 2 + state.mean / self.cable.weight)
+            )
         else:
-            # What lies on the roller stretches as well. The equation times the mean squared is nearly a cubic one.
-            on_roller = self.cable.compliance * self.on_roller(line, state) / self.strained(line, state)
+            # What lies on the roller stretches as well. The equation times the mean squared is
+            # nearly a cubic one.
+            on_roller = (
+                self.cable.compliance * self.on_roller(line, state) / self.strained(line, state)
+            )
             slope = required.by_mean - on_roller * (1 - required.by_length)
             mean = state.mean - miss / (slope + 2 * miss / state.mean)
-            state = state._replace(mean=ca.fmax(mean, state.mean / 2 + state.free * (self.cable.weight / 4)))
+            state = state._replace(
+                mean=ca.fmax(mean, state.mean / 2 + state.free * (self.cable.weight / 4))
+            )
         return self.rolled(line, state)
 
     def consistent(self, line: _Line, state: _State) -> _State:
@@ -257,27 +286,40 @@ class _Equations(NamedTuple):
         if self.known == "tension":
             near = self.value
         else:
-            near = catenary.near_end_of_mean(state.mean, line.rise, self.cable.weight, self.cable.compliance)
+            near = catenary.near_end_of_mean(
+                state.mean, line.rise, self.cable.weight, self.cable.compliance
+            )
         return near, 2 * state.mean - near
 
     def pulls(self, line: _Line, state: _State) -> tuple[Symbol, Symbol]:
-        """Forces along the cable towards the anchor, at the platform and at the roller [N], shape (3,)."""
+        """Forces along the cable towards the anchor, at the platform and at the roller [N], shape
+        (3,).
+        """
         level, rise = catenary.forces(self.catenary(state), line.level, line.rise)
         half_weight = self.cable.weight * state.free / 2
-        return level + (rise - half_weight) * self.cable.up, level + (rise + half_weight) * self.cable.up
+        return (
+            level + (rise - half_weight) * self.cable.up,
+            level + (rise + half_weight) * self.cable.up,
+        )
 
     def kink(self, line: _Line, state: _State) -> Symbol:
-        """By what the wrap angle falls short of a cable that leaves the roller tangentially, in first order [rad]."""
+        """By what the wrap angle falls short of a cable that leaves the roller tangentially, in
+        first order [rad].
+        """
         angle = ca.SX.sym("angle")
         radial = pulley.radial(self.roller, angle)
-        radial, along = ca.substitute([radial, ca.jacobian(radial, angle)], [angle], [ca.SX(state.wrap)])
+        radial, along = ca.substitute(
+            [radial, ca.jacobian(radial, angle)], [angle], [ca.SX(state.wrap)]
+        )
         _, pull = self.pulls(line, state)
         # With the angle, the weight that hangs from the leave point changes too.
         curved = self.cable.weight * self.cable.radius * ca.dot(self.cable.up, radial)
         return ca.dot(pull, radial) / (curved - ca.dot(pull, along))
 
     def rolled(self, line: _Line, state: _State) -> _State:
-        """With the wrap angle at which the end of the cable is tangential; a cable laid on the roller keeps its length."""
+        """With the wrap angle at which the end of the cable is tangential; a cable laid on the
+        roller keeps its length.
+        """
         if not self.cable.rolls:
             return state
         kink = self.kink(line, state)
@@ -290,12 +332,17 @@ class _Equations(NamedTuple):
         state = self.consistent(line, state)
         tension, winch_tension = self.tensions(line, state)
         pull, _ = self.pulls(line, state)
-        miss = catenary.required_length(self.catenary(state), line.run_squared, line.rise).value - state.free
+        miss = (
+            catenary.required_length(self.catenary(state), line.run_squared, line.rise).value
+            - state.free
+        )
         kink = self.kink(line, state) if self.cable.rolls else ca.SX(0)
         return CableShape(
             direction=pull / ca.norm_2(pull),
             tension=tension,
-            length=state.free + self.on_roller(line, state) if self.known == "tension" else self.value,
+            length=(
+                state.free + self.on_roller(line, state) if self.known == "tension" else self.value
+            ),
             leave_point=line.leave,
             wrap=state.wrap,
             winch_tension=winch_tension,

@@ -1,8 +1,11 @@
-"""The inertia of the cables themselves: a platform that accelerates across its cables drags them along.
+"""The inertia of the cables themselves: a platform that accelerates across its cables drags them
+along.
 
-A taut cable follows its end in a straight line, so that its own acceleration grows linearly from nothing at the roller to that of the
-attachment. Of the inertia of such a load, mass per length times length times acceleration over two, two thirds hang on the far end: a
-third of the cable's mass moves with the platform, across the cable. Along the cable the tension at the platform is measured.
+A taut cable follows its end in a straight line, so that its own acceleration grows linearly from
+nothing at the roller to that of the attachment. Of the inertia of such a load, mass per length
+times length times acceleration over two, two thirds hang on the far end: a third of the cable's
+mass moves with the platform, across the cable. Along the cable the tension at the platform is
+measured.
 """
 
 from __future__ import annotations
@@ -27,7 +30,8 @@ def dragging_wrench(
     alpha: Symbol,
     gravity: Symbol,
 ) -> Symbol:
-    """Wrench of the cables on the platform that comes from their own inertia, about its origin, in P [N], [N m], shape (6,).
+    """Wrench of the cables on the platform that comes from their own inertia, about its origin, in
+    P [N], [N m], shape (6,).
 
     Args:
         robot: With cables that have weight.
@@ -42,11 +46,14 @@ def dragging_wrench(
     straight = robot.with_straight_cables()
     for i in range(robot.m):
         attachment = ca.DM(robot.attachments[i])
-        shape = cable.by_tension(cable.spec(straight, i), position + rotation @ attachment, ca.SX(1.0))
+        shape = cable.by_tension(
+            cable.spec(straight, i), position + rotation @ attachment, ca.SX(1.0)
+        )
         along = rotation.T @ shape.direction
-        felt = point_specific_force(specific_force, omega, alpha, attachment)
-        # Gravity makes the cable sag, which its shape knows; here is what is left, the acceleration.
-        moving = felt + rotation.T @ gravity
+        force_samples = point_specific_force(specific_force, omega, alpha, attachment)
+        # Gravity makes the cable sag, which its shape knows; here is what is left, the
+        # acceleration.
+        moving = force_samples + rotation.T @ gravity
         across = moving - along * ca.dot(along, moving)
         force = -(robot.cable.linear_density or 0.0) * shape.length / 3 * across
         wrench += ca.vertcat(force, ca.cross(attachment, force))
@@ -75,5 +82,10 @@ def dragging(
 ) -> Array:
     """:func:`dragging_wrench` over samples, arrays with samples on axis 0; shape (n, 6)."""
     return _batched(robot)(
-        position=position, rotation=rotation, specific_force=specific_force, omega=omega, alpha=alpha, gravity=gravity
+        position=position,
+        rotation=rotation,
+        specific_force=specific_force,
+        omega=omega,
+        alpha=alpha,
+        gravity=gravity,
     )["wrench"]

@@ -1,14 +1,18 @@
-r"""The elastic catenary [Irvine1981]_ between two points, in terms of the mean of its two end tensions.
+r"""The elastic catenary [Irvine1981]_ between two points, in terms of the mean of its two end
+tensions.
 
-A cable of weight w per unstrained length L hangs between two points. Seen from its end at the platform, in the vertical plane
-through both points, the force that it exerts there has a horizontal part H towards the other end and a vertical part V upwards;
-at the unstrained distance s the vertical part has grown to V + w s. With T and T' the tensions at the two ends, M their mean and
-u = w L / 2 M, the difference of inverse hyperbolic sines in Eq. (1.19) is 2 artanh u, and Eq. (1.19), (1.20) read
+A cable of weight w per unstrained length L hangs between two points. Seen from its end at the
+platform, in the vertical plane through both points, the force that it exerts there has a horizontal
+part H towards the other end and a vertical part V upwards; at the unstrained distance s the
+vertical part has grown to V + w s. With T and T' the tensions at the two ends, M their mean and u =
+w L / 2 M, the difference of inverse hyperbolic sines in Eq. (1.19) is 2 artanh u, and Eq. (1.19),
+(1.20) read
 
 .. math:: x = H L (c + \frac{\operatorname{artanh} u}{u M}), \qquad z = (V + w L / 2) L (c + \frac{1}{M}),
 
-with c = 1 / EA. Nothing cancels in them, however light the cable. That M is the mean of the tensions of these forces is the one
-condition left between M and L, so a cable of which either is known is one equation in one unknown.
+with c = 1 / EA. Nothing cancels in them, however light the cable. That M is the mean of the
+tensions of these forces is the one condition left between M and L, so a cable of which either is
+known is one equation in one unknown.
 """
 
 from __future__ import annotations
@@ -21,7 +25,9 @@ from steelyard.batch import Symbol
 
 
 class Catenary(NamedTuple):
-    """A cable between two points; its forces belong to a hanging cable where :func:`required_length` is ``length``."""
+    """A cable between two points; its forces belong to a hanging cable where
+    :func:`required_length` is ``length``.
+    """
 
     mean: Symbol
     """Mean M of the tensions at both ends [N]."""
@@ -39,7 +45,9 @@ class Catenary(NamedTuple):
 
 
 def _lengthening(cable: Catenary) -> tuple[Symbol, Symbol]:
-    """Horizontal and vertical distance over the straight unstretched ones of the same mean forces."""
+    """Horizontal and vertical distance over the straight unstretched ones of the same mean
+    forces.
+    """
     u, stretch = cable.fullness, cable.compliance * cable.mean
     return ca.atanh(u) / u + stretch, 1 + stretch
 
@@ -61,7 +69,9 @@ def forces(cable: Catenary, level: Symbol, rise: Symbol) -> tuple[Symbol, Symbol
 
 
 class RequiredLength(NamedTuple):
-    """Unstrained length at which the mean of the end tensions is what a cable says, and its derivatives."""
+    """Unstrained length at which the mean of the end tensions is what a cable says, and its
+    derivatives.
+    """
 
     value: Symbol
     """[m]"""
@@ -89,14 +99,18 @@ def required_length(cable: Catenary, run_squared: Symbol, rise: Symbol) -> Requi
     steep = 1 / (1 - u_squared)
     level_part, rise_part = run_squared * steep / across**2, (rise / upward) ** 2
     value = ca.sqrt(level_part + rise_part)
-    # u times the derivative of artanh(u) / u by u is steep less that quotient, which is across less stretch.
+    # u times the derivative of artanh(u) / u by u is steep less that quotient, which is across less
+    # stretch.
     by_log_u = level_part * (u_squared * steep - (steep + stretch - across) / across)
     by_log_stretch = -stretch * (level_part / across + rise_part / upward)
-    return RequiredLength(value, (by_log_stretch - by_log_u) / (value * cable.mean), by_log_u / (value * cable.length))
+    return RequiredLength(
+        value, (by_log_stretch - by_log_u) / (value * cable.mean), by_log_u / (value * cable.length)
+    )
 
 
 def mean_of_near_end(tension: Symbol, rise: Symbol, weight: Symbol, compliance: Symbol) -> Symbol:
-    """Mean of the end tensions of a cable whose tension at the platform end is known; its length does not matter.
+    """Mean of the end tensions of a cable whose tension at the platform end is known; its length
+    does not matter.
 
     The positive root of (M - T) (1 + c M) = w z / 2, without cancellation.
 
@@ -110,24 +124,34 @@ def mean_of_near_end(tension: Symbol, rise: Symbol, weight: Symbol, compliance: 
         M [N].
     """
     stretched = 1 + compliance * tension
-    return tension + weight * rise / (stretched + ca.sqrt(stretched**2 + 2 * compliance * weight * rise))
+    return tension + weight * rise / (
+        stretched + ca.sqrt(stretched**2 + 2 * compliance * weight * rise)
+    )
 
 
 def near_end_of_mean(mean: Symbol, rise: Symbol, weight: Symbol, compliance: Symbol) -> Symbol:
-    """Tension at the platform end for a given mean, the inverse of :func:`mean_of_near_end`; units as there."""
+    """Tension at the platform end for a given mean, the inverse of :func:`mean_of_near_end`; units
+    as there.
+    """
     return mean - weight * rise / (2 * (1 + compliance * mean))
 
 
-def shallow_length(mean: Symbol, run_squared: Symbol, rise: Symbol, weight: Symbol, compliance: Symbol) -> Symbol:
-    """Unstrained length of a shallow cable of a given mean tension: its parabola, to start Newton's method from; units as above."""
+def shallow_length(
+    mean: Symbol, run_squared: Symbol, rise: Symbol, weight: Symbol, compliance: Symbol
+) -> Symbol:
+    """Unstrained length of a shallow cable of a given mean tension: its parabola, to start Newton's
+    method from; units as above.
+    """
     chord = ca.sqrt(run_squared + rise**2)
     return chord * (1 + run_squared * (weight / mean) ** 2 / 24) / (1 + compliance * mean)
 
 
 def taut_tension(chord: Symbol, length: Symbol, weight: Symbol, stiffness: Symbol) -> Symbol:
-    """Mean tension of a shallow cable of a given unstrained length: stretch less sag, to start Newton's method from.
+    """Mean tension of a shallow cable of a given unstrained length: stretch less sag, to start
+    Newton's method from.
 
-    Solves T^3 - EA (chord / length - 1) T^2 - EA (weight chord)^2 / 24 = 0 from above, where Newton's method cannot fail.
+    Solves T^3 - EA (chord / length - 1) T^2 - EA (weight chord)^2 / 24 = 0 from above, where
+    Newton's method cannot fail.
 
     Args:
         chord: Distance of its ends [m].

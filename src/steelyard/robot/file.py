@@ -125,7 +125,11 @@ class RobotForm(FileModel):
 def bundled_names() -> list[str]:
     """Names of the robots that come with steelyard."""
     folder = resources.files("steelyard.robot") / "library"
-    return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+    return sorted(
+        entry.name.removesuffix(".yaml")
+        for entry in folder.iterdir()
+        if entry.name.endswith(".yaml")
+    )
 
 
 def bundled_text(name: str) -> str:
@@ -136,9 +140,12 @@ def bundled_text(name: str) -> str:
     """
     if name not in bundled_names():
         raise InputError(
-            f"robot '{name}': expected one of {', '.join(bundled_names())}, found none of that name; choose one of these"
+            f"robot '{name}': expected one of {', '.join(bundled_names())}, found none of that"
+            " name; choose one of these"
         )
-    return (resources.files("steelyard.robot") / "library" / f"{name}.yaml").read_text(encoding="utf-8")
+    return (resources.files("steelyard.robot") / "library" / f"{name}.yaml").read_text(
+        encoding="utf-8"
+    )
 
 
 def read_robot(name_or_path: str | Path, folder: Path = Path()) -> Robot:
@@ -153,12 +160,14 @@ def read_robot(name_or_path: str | Path, folder: Path = Path()) -> Robot:
     """
     name_or_path = str(name_or_path)
     if name_or_path in bundled_names():
-        with resources.as_file(resources.files("steelyard.robot") / "library" / f"{name_or_path}.yaml") as path:
+        with resources.as_file(
+            resources.files("steelyard.robot") / "library" / f"{name_or_path}.yaml"
+        ) as path:
             return robot_of(read_yaml(path))
     if not name_or_path.endswith((".yaml", ".yml")) and not (folder / name_or_path).exists():
         raise InputError(
-            f"robot '{name_or_path}': expected the path of a robot file or one of {', '.join(bundled_names())}, found neither; "
-            "check the name"
+            f"robot '{name_or_path}': expected the path of a robot file or one of"
+            f" {', '.join(bundled_names())}, found neither; check the name"
         )
     return robot_of(read_yaml(folder / name_or_path))
 
@@ -171,7 +180,9 @@ def robot_of(document: Document) -> Robot:
     """
     form = validate(RobotForm, document)
     _check(form, document)
-    gravity = np.array(form.gravity if isinstance(form.gravity, tuple) else (0.0, 0.0, -form.gravity))
+    gravity = np.array(
+        form.gravity if isinstance(form.gravity, tuple) else (0.0, 0.0, -form.gravity)
+    )
     radians = None
     if form.limits.rpy_deg:
         radians = tuple(tuple(math.radians(v) for v in row) for row in form.limits.rpy_deg)
@@ -212,7 +223,8 @@ def _check(form: RobotForm, document: Document) -> None:
             if math.dist(one.anchor, other.anchor) < _CLOSEST_ANCHORS:
                 raise document.error(
                     ("cables", i, "anchor"),
-                    f"expected anchors that differ, found cable {i + 1} at the anchor of cable {j + 1}; correct one of them",
+                    f"expected anchors that differ, found cable {i + 1} at the anchor of cable"
+                    f" {j + 1}; correct one of them",
                 )
         if one.pulley and math.hypot(*one.pulley.axis) < 1e-9:
             raise document.error(
@@ -221,19 +233,22 @@ def _check(form: RobotForm, document: Document) -> None:
             )
     if isinstance(form.gravity, tuple) and math.hypot(*form.gravity) < 1e-9:
         raise document.error(
-            ("gravity",), "expected a vector, found one of length 0; cables need gravity to be told apart"
+            ("gravity",),
+            "expected a vector, found one of length 0; cables need gravity to be told apart",
         )
     if form.tension and form.tension.min >= form.tension.max:
         raise document.error(
             ("tension",),
-            f"expected min below max, found {form.tension.min:g} and {form.tension.max:g} N; exchange them",
+            f"expected min below max, found {form.tension.min:g} and {form.tension.max:g} N;"
+            " exchange them",
         )
     for key in ("position", "rpy_deg"):
         box = getattr(form.limits, key)
         if box and any(low >= high for low, high in zip(*box, strict=True)):
             raise document.error(
                 ("limits", key),
-                f"expected the lowest corner first, then the highest, found {box[0]} and {box[1]}; correct it",
+                f"expected the lowest corner first, then the highest, found {box[0]} and {box[1]};"
+                " correct it",
             )
 
 
@@ -246,7 +261,10 @@ def robot_file(robot: Robot) -> dict[str, Any]:
             "attachment": robot.attachments[i].tolist(),
         }
         if robot.pulley_radius[i]:
-            entry["pulley"] = {"radius": float(robot.pulley_radius[i]), "axis": robot.pulley_axis[i].tolist()}
+            entry["pulley"] = {
+                "radius": float(robot.pulley_radius[i]),
+                "axis": robot.pulley_axis[i].tolist(),
+            }
         cables.append(entry)
     g = robot.gravity
     values: dict[str, Any] = {
@@ -272,6 +290,8 @@ def robot_file(robot: Robot) -> dict[str, Any]:
         values["platform"] = {
             "mass": robot.platform.mass,
             "center_of_gravity": robot.platform.center_of_gravity.tolist(),
-            "inertia": {name[1:]: value for name, value in zip(BODY_PARAMETERS[4:], moments, strict=True)},
+            "inertia": {
+                name[1:]: value for name, value in zip(BODY_PARAMETERS[4:], moments, strict=True)
+            },
         }
     return values

@@ -1,4 +1,6 @@
-"""How the wrench of the cables follows from where they are fixed and where the platform is: for errors of both."""
+"""How the wrench of the cables follows from where they are fixed and where the platform is: for
+errors of both.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +26,20 @@ class WrenchByGeometry:
     attachment: Array
     """By the coordinates of the attachments in the platform, same units, shape (n, 6, 3 m)."""
     pose: Array
-    """By the position of the platform in the world, then by a rotation vector on the right of its rotation, shape (n, 6, 6)."""
+    """By the position of the platform in the world, then by a rotation vector on the right of its
+    rotation, shape (n, 6, 6)."""
 
 
 def cable_wrench(
-    robot: Robot, position: Symbol, rotation: Symbol, tension: Symbol, anchors: Symbol, attachments: Symbol
+    robot: Robot,
+    position: Symbol,
+    rotation: Symbol,
+    tension: Symbol,
+    anchors: Symbol,
+    attachments: Symbol,
 ) -> Symbol:
-    """Wrench of the cables on the platform about its origin, in P [N], [N m], for any geometry, shape (6,).
+    """Wrench of the cables on the platform about its origin, in P [N], [N m], for any geometry,
+    shape (6,).
 
     Args:
         robot: Everything about the cables but where they are fixed.
@@ -54,9 +63,12 @@ def _batched(robot: Robot) -> Batched:
     tension = ca.SX.sym("tension", robot.m)
     anchors, attachments = ca.SX.sym("anchors", 3, robot.m), ca.SX.sym("attachments", 3, robot.m)
     moved, turn = ca.SX.sym("moved", 3), ca.SX.sym("turn", 3)
-    wrench = cable_wrench(robot, position + moved, rotation @ rotations.exp(turn), tension, anchors, attachments)
+    wrench = cable_wrench(
+        robot, position + moved, rotation @ rotations.exp(turn), tension, anchors, attachments
+    )
     derivatives = [
-        ca.densify(ca.jacobian(wrench, ca.vec(by))) for by in (anchors, attachments, ca.vertcat(moved, turn))
+        ca.densify(ca.jacobian(wrench, ca.vec(by)))
+        for by in (anchors, attachments, ca.vertcat(moved, turn))
     ]
     present = [ca.DM(robot.anchors).T, ca.DM(robot.attachments).T, ca.DM.zeros(3), ca.DM.zeros(3)]
     derivatives = ca.substitute(derivatives, [anchors, attachments, moved, turn], present)
@@ -67,10 +79,14 @@ def _batched(robot: Robot) -> Batched:
     )
 
 
-def wrench_by_geometry(robot: Robot, position: Array, rotation: Array, tension: Array) -> WrenchByGeometry:
-    """Derivatives of the wrench of the cables by the coordinates of anchors and attachments and by the pose.
+def wrench_by_geometry(
+    robot: Robot, position: Array, rotation: Array, tension: Array
+) -> WrenchByGeometry:
+    """Derivatives of the wrench of the cables by the coordinates of anchors and attachments and by
+    the pose.
 
-    Cables are taken as straight here: how their sag changes with an error of millimetres is of no account.
+    Cables are taken as straight here: how their sag changes with an error of millimetres is of no
+    account.
 
     Args:
         robot: With m cables.
@@ -78,5 +94,7 @@ def wrench_by_geometry(robot: Robot, position: Array, rotation: Array, tension: 
         rotation: R_world_platform, shape (n, 3, 3).
         tension: At the platform [N], shape (n, m).
     """
-    values = _batched(robot.with_straight_cables())(position=position, rotation=rotation, tension=tension)
+    values = _batched(robot.with_straight_cables())(
+        position=position, rotation=rotation, tension=tension
+    )
     return WrenchByGeometry(**values)

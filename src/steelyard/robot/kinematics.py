@@ -1,7 +1,8 @@
 """The cables of a robot at a pose: directions, lengths and the structure matrix.
 
-The structure matrix W is in the platform frame: W t is the wrench of the cables on the platform about its origin, for tensions t
-at the platform end. Where cables have weight it depends on the tensions, since they sag.
+The structure matrix W is in the platform frame: W t is the wrench of the cables on the platform
+about its origin, for tensions t at the platform end. Where cables have weight it depends on the
+tensions, since they sag.
 """
 
 from __future__ import annotations
@@ -41,7 +42,9 @@ class CableState:
 
 
 def structure_columns(rotation: Symbol, attachment: Symbol, direction: Symbol) -> Symbol:
-    """Column of W of one cable: force of a unit tension over its torque about the origin, in P, Eq. (5b), (11)."""
+    """Column of W of one cable: force of a unit tension over its torque about the origin, in P, Eq.
+    (5b), (11).
+    """
     pull = rotation.T @ direction
     return ca.vertcat(pull, ca.cross(attachment, pull))
 
@@ -49,20 +52,29 @@ def structure_columns(rotation: Symbol, attachment: Symbol, direction: Symbol) -
 def shapes(
     robot: Robot, position: Symbol, rotation: Symbol, tension: Symbol, *, steps: int = cable.STEPS
 ) -> list[cable.CableShape]:
-    """Shapes of all cables at a pose for tensions at the platform end, symbolically; steps as of :func:`cable.by_tension`."""
+    """Shapes of all cables at a pose for tensions at the platform end, symbolically; steps as of
+    :func:`cable.by_tension`.
+    """
     return [
         cable.by_tension(
-            cable.spec(robot, i), position + rotation @ ca.DM(robot.attachments[i]), tension[i], steps=steps
+            cable.spec(robot, i),
+            position + rotation @ ca.DM(robot.attachments[i]),
+            tension[i],
+            steps=steps,
         )
         for i in range(robot.m)
     ]
 
 
-def paid_out(robot: Robot, position: Symbol, rotation: Symbol, velocity: Symbol, omega: Symbol) -> Symbol:
-    """Rates at which the cables between their rollers and the platform get longer, symbolically [m/s], shape (m,).
+def paid_out(
+    robot: Robot, position: Symbol, rotation: Symbol, velocity: Symbol, omega: Symbol
+) -> Symbol:
+    """Rates at which the cables between their rollers and the platform get longer, symbolically
+    [m/s], shape (m,).
 
-    Those of straight cables that do not stretch: where a cable moves in earnest, stretch and sag change its length by hundredths of that
-    rate, and where it hardly moves, it is not known which way a roller resists.
+    Those of straight cables that do not stretch: where a cable moves in earnest, stretch and sag
+    change its length by hundredths of that rate, and where it hardly moves, it is not known which
+    way a roller resists.
 
     Args:
         robot: Its cables.
@@ -71,11 +83,18 @@ def paid_out(robot: Robot, position: Symbol, rotation: Symbol, velocity: Symbol,
         velocity: Of the platform origin, world frame [m/s], shape (3,).
         omega: Angular velocity, platform frame [rad/s], shape (3,).
     """
-    pulls = [c.direction for c in shapes(robot.with_straight_cables(), position, rotation, ca.SX.ones(robot.m))]
+    pulls = [
+        c.direction
+        for c in shapes(robot.with_straight_cables(), position, rotation, ca.SX.ones(robot.m))
+    ]
     corners = ca.DM(robot.attachments.T)
-    # A roller turns with its cable, and a cable that leaves it tangentially grows as its free end moves away.
+    # A roller turns with its cable, and a cable that leaves it tangentially grows as its free end
+    # moves away.
     return ca.vertcat(
-        *[-ca.dot(pull, velocity + rotation @ ca.cross(omega, corners[:, i])) for i, pull in enumerate(pulls)]
+        *[
+            -ca.dot(pull, velocity + rotation @ ca.cross(omega, corners[:, i]))
+            for i, pull in enumerate(pulls)
+        ]
     )
 
 
@@ -85,7 +104,8 @@ def _batched(robot: Robot, steps: int) -> Batched:
     tension = ca.SX.sym("tension", robot.m)
     all_cables = shapes(robot, position, rotation, tension, steps=steps)
     columns = [
-        structure_columns(rotation, ca.DM(b), c.direction) for b, c in zip(robot.attachments, all_cables, strict=True)
+        structure_columns(rotation, ca.DM(b), c.direction)
+        for b, c in zip(robot.attachments, all_cables, strict=True)
     ]
     return Batched(
         "cables",
@@ -112,14 +132,17 @@ def _of(chosen: NDArray[np.int_], value: ArrayLike, ndim: int) -> Array:
     return value[chosen] if value.ndim > ndim else value
 
 
-def cables_at(robot: Robot, position: ArrayLike, rotation: ArrayLike, tension: ArrayLike) -> CableState:
+def cables_at(
+    robot: Robot, position: ArrayLike, rotation: ArrayLike, tension: ArrayLike
+) -> CableState:
     """Directions, lengths and structure matrix at poses.
 
     Args:
         robot: With m cables, at least one.
         position: Of the platform origin, world frame [m], shape (n, 3).
         rotation: R_world_platform, shape (n, 3, 3).
-        tension: At the platform end [N], shape (n, m) or (m,); of influence only where cables have weight or stretch.
+        tension: At the platform end [N], shape (n, m) or (m,); of influence only where cables have
+            weight or stretch.
 
     Returns:
         State of the cables over the n samples.
@@ -129,16 +152,21 @@ def cables_at(robot: Robot, position: ArrayLike, rotation: ArrayLike, tension: A
     """
     tension = np.asarray(tension, dtype=np.float64)
     if robot.cable.linear_density:
-        # A reading near zero carries no direction: nothing pulls less than a cable that just bears its own weight across.
+        # A reading near zero carries no direction: nothing pulls less than a cable that just bears
+        # its own weight across.
         reach = np.linalg.norm(robot.anchors - attachments_at(position, rotation, robot), axis=-1)
-        tension = np.maximum(tension, robot.cable.linear_density * np.linalg.norm(robot.gravity) * reach)
+        tension = np.maximum(
+            tension, robot.cable.linear_density * np.linalg.norm(robot.gravity) * reach
+        )
     values = _batched(robot, _QUICK_STEPS)(position=position, rotation=rotation, tension=tension)
     if robot.cable.linear_density:
         slack = np.flatnonzero(~(values["residual"] < _QUICK_TOLERANCE).all(axis=-1))
         for start in range(0, len(slack), _SLACK_AT_ONCE):
             some = slack[start : start + _SLACK_AT_ONCE]
             again = _batched(robot, cable.STEPS)(
-                position=_of(some, position, 1), rotation=_of(some, rotation, 2), tension=_of(some, tension, 1)
+                position=_of(some, position, 1),
+                rotation=_of(some, rotation, 2),
+                tension=_of(some, tension, 1),
             )
             for key, value in again.items():
                 values[key][some] = value
@@ -150,8 +178,9 @@ def cables_at(robot: Robot, position: ArrayLike, rotation: ArrayLike, tension: A
     if bad.any():
         sample, i = np.argwhere(bad)[0]
         raise InfeasibleError(
-            f"cable {i + 1} of '{robot.name}': expected a cable that hangs between its anchor and its attachment, found none at sample "
-            f"{sample}; check the pose, the anchors and the tension there",
+            f"cable {i + 1} of '{robot.name}': expected a cable that hangs between its anchor and"
+            f" its attachment, found none at sample {sample}; check the pose, the anchors and the"
+            " tension there",
             sample=int(sample),
         )
     return CableState(**values)

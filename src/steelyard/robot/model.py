@@ -60,7 +60,8 @@ class Robot:
     pulley_radius: Array = field(default_factory=lambda: np.zeros(0))
     """[m], shape (m,); 0 is a cable that leaves from a point."""
     pulley_axis: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    """Direction of travel of the cable where it enters the roller, unit vectors in the world frame, shape (m, 3)."""
+    """Direction of travel of the cable where it enters the roller, unit vectors in the world frame,
+    shape (m, 3)."""
     cable: CableProperties = CableProperties()
     tension_limits: tuple[float, float] = (0.0, np.inf)
     """Lowest and highest allowed tension [N]."""
@@ -99,11 +100,20 @@ class Robot:
         """Radius of the platform as its attachments show it [m]; 1 m without cables."""
         if not self.m:
             return 1.0
-        return float(np.sqrt(np.mean(np.sum((self.attachments - self.attachments.mean(0)) ** 2, axis=1))))
+        return float(
+            np.sqrt(np.mean(np.sum((self.attachments - self.attachments.mean(0)) ** 2, axis=1)))
+        )
 
     def __repr__(self) -> str:
-        body = "no nominal platform" if self.platform is None else f"nominal platform {self.platform.mass:.6g} kg"
-        return f"Robot '{printable(self.name)}': {self.m or 'no'} cable{'' if self.m == 1 else 's'}, {body}"
+        body = (
+            "no nominal platform"
+            if self.platform is None
+            else f"nominal platform {self.platform.mass:.6g} kg"
+        )
+        return (
+            f"Robot '{printable(self.name)}': {self.m or 'no'} cable{'' if self.m == 1 else 's'},"
+            f" {body}"
+        )
 
     def with_straight_cables(self) -> Robot:
         """The same robot with massless cables, hence straight, as the paper assumes them."""

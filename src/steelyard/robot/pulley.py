@@ -1,9 +1,10 @@
 """A cable over a swivelling roller, Fig. 3 of [Tempel2017]_.
 
-The cable enters the roller at the anchor along ``axis``; the roller swivels about that line, which is tangent to it, and lies
-in the plane of ``axis`` and the attachment. In that plane, with coordinates (outward, axis) from the anchor, the centre is at
-(r, 0), the cable touches the circle at ``(r, 0) + r (-cos b, sin b)`` after the wrap angle b and travels there in the direction
-(sin b, cos b).
+The cable enters the roller at the anchor along ``axis``; the roller swivels about that line, which
+is tangent to it, and lies in the plane of ``axis`` and the attachment. In that plane, with
+coordinates (outward, axis) from the anchor, the centre is at (r, 0), the cable touches the circle
+at ``(r, 0) + r (-cos b, sin b)`` after the wrap angle b and travels there in the direction (sin b,
+cos b).
 """
 
 from __future__ import annotations
@@ -37,20 +38,25 @@ def swivel(anchor: Symbol, axis: Symbol, radius: float, point: Symbol) -> Roller
 
 
 def leave_point(roller: Roller, wrap: Symbol) -> Symbol:
-    """a_corr of Eq. (10): where the cable leaves the roller after a wrap angle [rad], world frame [m], shape (3,)."""
+    """a_corr of Eq. (10): where the cable leaves the roller after a wrap angle [rad], world frame
+    [m], shape (3,).
+    """
     a, r = roller, roller.radius
     return a.anchor + r * (1 - ca.cos(wrap)) * a.outward + r * ca.sin(wrap) * a.axis
 
 
 def radial(roller: Roller, wrap: Symbol) -> Symbol:
-    """Unit vector from the centre to the leave point; a cable that leaves tangentially is square to it, shape (3,)."""
+    """Unit vector from the centre to the leave point; a cable that leaves tangentially is square to
+    it, shape (3,).
+    """
     return -ca.cos(wrap) * roller.outward + ca.sin(wrap) * roller.axis
 
 
 def straight_wrap(roller: Roller, point: Symbol) -> Symbol:
     """Wrap angle of a straight cable to a point in the plane of the roller [rad], in [0, 2 pi).
 
-    With D from the centre to the point and l the free length, D = r (-cos b, sin b) + l (sin b, cos b).
+    With D from the centre to the point and l the free length, D = r (-cos b, sin b) + l (sin b, cos
+    b).
     """
     d = point - roller.anchor
     x = ca.dot(d, roller.outward) - roller.radius

@@ -8,11 +8,13 @@ from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError
 
 
-def distribute(structure: Array, wrench: Array, limits: tuple[float, float], reference: float | None = None) -> Array:
+def distribute(
+    structure: Array, wrench: Array, limits: tuple[float, float], reference: float | None = None
+) -> Array:
     r"""Tensions within limits that give a wrench, nearest to a reference level.
 
-    Minimises :math:`|t - t_{ref}|^2` subject to :math:`W t = w` and the limits: in closed form where that stays within
-    them [Pott2009]_, as a quadratic programme elsewhere.
+    Minimises :math:`|t - t_{ref}|^2` subject to :math:`W t = w` and the limits: in closed form
+    where that stays within them [Pott2009]_, as a quadratic programme elsewhere.
 
     Args:
         structure: Structure matrices W, shape (n, 6, m).
@@ -24,7 +26,8 @@ def distribute(structure: Array, wrench: Array, limits: tuple[float, float], ref
         Tensions [N], shape (n, m).
 
     Raises:
-        InfeasibleError: At some sample (its attribute ``sample``) no tensions within the limits give the wrench.
+        InfeasibleError: At some sample (its attribute ``sample``) no tensions within the limits
+            give the wrench.
     """
     low, high = limits
     level = 0.0 if reference is None else reference
@@ -37,8 +40,9 @@ def distribute(structure: Array, wrench: Array, limits: tuple[float, float], ref
         solution = _quadratic_programme(structure[i], wrench[i], low, high, level)
         if solution is None:
             raise InfeasibleError(
-                f"expected tensions within {low:g} to {high:g} N that carry the platform, found none; "
-                "it cannot hold this pose or this acceleration here: move nearer to the middle, more slowly, or tilt less",
+                f"expected tensions within {low:g} to {high:g} N that carry the platform, found"
+                " none; it cannot hold this pose or this acceleration here: move nearer to the"
+                " middle, more slowly, or tilt less",
                 sample=int(i),
             )
         tensions[i] = solution

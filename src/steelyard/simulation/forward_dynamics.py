@@ -1,7 +1,8 @@
 """The platform on elastic cables whose winches follow the command open loop.
 
-Eq. (1) of [Tempel2017]_ solved for the acceleration. Every cable pulls with the tension that its unstrained length fed out and the
-pose give (straight or as a catenary, over its roller), plus a little damping of its stretch.
+Eq. (1) of [Tempel2017]_ solved for the acceleration. Every cable pulls with the tension that its
+unstrained length fed out and the pose give (straight or as a catenary, over its roller), plus a
+little damping of its stretch.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ from steelyard.robot.model import Robot
 
 _FEED_SAMPLES_PER_SECOND = 100.0
 TOLERANCE = 1e-7
-"""Of the integrator, relative and in metres, radians and their rates; the pose is then right to about 1e-8 m."""
+"""Of the integrator, relative and in metres, radians and their rates; the pose is then right to
+about 1e-8 m."""
 
 _NUDGE = 1e-6
 """Of a pose, to see how it swings back [m], [rad]."""
@@ -55,7 +57,9 @@ class Response(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ExactMotion:
-    """A platform that follows its command exactly, such as a body on the wrench sensor of a robot arm."""
+    """A platform that follows its command exactly, such as a body on the wrench sensor of a robot
+    arm.
+    """
 
     robot: Robot
     body: Inertia
@@ -70,7 +74,9 @@ class ExactMotion:
         """See :class:`Response`."""
         pose, rate, acceleration = (self.trajectory.derivative(times, order) for order in range(3))
         motion = motion_of_poses(pose, rate, acceleration, self.robot.gravity)
-        wrench = platform_wrench(self.body.parameters, motion["specific_force"], motion["omega"], motion["alpha"])
+        wrench = platform_wrench(
+            self.body.parameters, motion["specific_force"], motion["omega"], motion["alpha"]
+        )
         return State(**motion, tension=None, wrench=wrench, gravity=self.robot.gravity)
 
 
@@ -82,7 +88,8 @@ class ElasticMotion:
     feed: BSpline
     """Unstrained lengths fed out over time [m]."""
     solution: Any
-    """Position, quaternion, velocity, angular velocity over time (continuous solution of the integrator)."""
+    """Position, quaternion, velocity, angular velocity over time (continuous solution of the
+    integrator)."""
     duration: float
 
     def at(self, times: Array) -> State:
@@ -93,12 +100,16 @@ class ElasticMotion:
         """
         x = self.solution(times).T
         values = self.model.forces(x=x, feed=self.feed(times), feed_rate=self.feed(times, nu=1))
-        slack = ~((values["tension"] > 0).all(axis=1) & (values["residual"] < cable.RESIDUAL_TOLERANCE).all(axis=1))
+        slack = ~(
+            (values["tension"] > 0).all(axis=1)
+            & (values["residual"] < cable.RESIDUAL_TOLERANCE).all(axis=1)
+        )
         if slack.any():
             first = int(np.argmax(slack))
             which = int(np.nanargmin(values["tension"][first])) + 1
             raise InfeasibleError(
-                f"at {times[first]:.2f} s: expected taut cables, found cable {which} slack; move more slowly or tilt less",
+                f"at {times[first]:.2f} s: expected taut cables, found cable {which} slack; move"
+                " more slowly or tilt less",
                 first,
             )
         return State(
@@ -118,8 +129,8 @@ class ElasticMotion:
 class CablePlatform:
     """Equations of motion of a body on elastic cables.
 
-    The state x is position [m], quaternion (w, x, y, z), velocity in the world frame [m/s] and angular velocity in the platform
-    frame [rad/s], shape (13,).
+    The state x is position [m], quaternion (w, x, y, z), velocity in the world frame [m/s] and
+    angular velocity in the platform frame [rad/s], shape (13,).
     """
 
     robot: Robot
@@ -128,17 +139,19 @@ class CablePlatform:
     def __post_init__(self) -> None:
         if not self.robot.cable.axial_stiffness:
             raise InputError(
-                f"robot '{self.robot.name}': expected 'cable.axial_stiffness' for a simulation, found none; add EA in newtons"
+                f"robot '{self.robot.name}': expected 'cable.axial_stiffness' for a simulation,"
+                " found none; add EA in newtons"
             )
         if self.robot.m < 6:
             raise InputError(
-                f"robot '{self.robot.name}': expected at least 6 cables for a simulation, found {self.robot.m}; "
-                "with fewer the platform swings freely"
+                f"robot '{self.robot.name}': expected at least 6 cables for a simulation, found"
+                f" {self.robot.m}; with fewer the platform swings freely"
             )
         if not self.body.is_physical:
             raise InputError(
-                f"robot '{self.robot.name}': expected a platform that can exist, found one whose inertia no body has "
-                f"(triangle inequality missed by {-self.body.triangle_margin:.3g} kg m^2); correct 'platform.inertia'"
+                f"robot '{self.robot.name}': expected a platform that can exist, found one whose"
+                " inertia no body has (triangle inequality missed by"
+                f" {-self.body.triangle_margin:.3g} kg m^2); correct 'platform.inertia'"
             )
 
     @cached_property
@@ -152,14 +165,19 @@ class CablePlatform:
         for i, b in enumerate(self.robot.attachments):
             b = ca.DM(b)
             shape = cable.by_length(cable.spec(self.robot, i), x[:3] + R @ b, feed[i])
-            stretch_rate = -ca.dot(shape.direction, velocity + R @ ca.cross(omega, b)) - feed_rate[i]
+            stretch_rate = (
+                -ca.dot(shape.direction, velocity + R @ ca.cross(omega, b)) - feed_rate[i]
+            )
             tension = shape.tension + self._damping(feed[i]) * stretch_rate
             tensions.append(tension)
             residuals.append(shape.residual)
             wrench += structure_columns(R, b, shape.direction) * ca.fmax(tension, 0)
-        # Eq. (1) is linear in the accelerations: its matrix is the derivative of the one statement of the equations.
+        # Eq. (1) is linear in the accelerations: its matrix is the derivative of the one statement
+        # of the equations.
         accelerations = ca.SX.sym("accelerations", 6)
-        inertial = newton_euler(ca.DM(self.body.parameters), accelerations[:3], omega, accelerations[3:])
+        inertial = newton_euler(
+            ca.DM(self.body.parameters), accelerations[:3], omega, accelerations[3:]
+        )
         matrix = ca.jacobian(inertial, accelerations)
         rest = ca.substitute(inertial, accelerations, ca.DM.zeros(6))
         solved = ca.solve(matrix, wrench - rest)
@@ -227,17 +245,23 @@ class CablePlatform:
 
         def state(offset: Array) -> Array:
             turned = start * Rotation.from_rotvec(offset[3:])
-            return np.concatenate([pose[:3] + offset[:3], turned.as_quat(scalar_first=True), np.zeros(6)])
+            return np.concatenate(
+                [pose[:3] + offset[:3], turned.as_quat(scalar_first=True), np.zeros(6)]
+            )
 
-        found = root(lambda offset: self._rate(state(offset), feed, still)[7:], np.zeros(6), tol=1e-12)
+        found = root(
+            lambda offset: self._rate(state(offset), feed, still)[7:], np.zeros(6), tol=1e-12
+        )
         if not np.abs(found.fun).max() < 1e-6:
             raise InfeasibleError(
-                "expected a pose at rest near the start of the trajectory, found none; start elsewhere"
+                "expected a pose at rest near the start of the trajectory, found none; start"
+                " elsewhere"
             )
         return state(found.x)
 
     def natural_frequencies(self, pose: Array, level: float | None = None) -> Array:
-        """Of small swings about a pose at rest, ascending [Hz], shape (6,); a direction that does not swing back has 0.
+        """Of small swings about a pose at rest, ascending [Hz], shape (6,); a direction that does
+        not swing back has 0.
 
         Args:
             pose: x, y, z [m], roll, pitch, yaw [rad], shape (6,).
@@ -252,7 +276,9 @@ class CablePlatform:
 
         def acceleration(offset: Array) -> Array:
             quaternion = (turned * Rotation.from_rotvec(offset[3:])).as_quat(scalar_first=True)
-            return self._rate(np.concatenate([rest[:3] + offset[:3], quaternion, np.zeros(6)]), feed, still)[7:]
+            return self._rate(
+                np.concatenate([rest[:3] + offset[:3], quaternion, np.zeros(6)]), feed, still
+            )[7:]
 
         columns = [acceleration(step) - acceleration(-step) for step in _NUDGE * np.eye(6)]
         squares = np.linalg.eigvals(-np.column_stack(columns) / (2 * _NUDGE)).real
@@ -290,18 +316,27 @@ class CablePlatform:
             return rate(x, feed(t), feed_rate(t))
 
         result = solve_ivp(
-            derivative, (0.0, duration), start, method="DOP853", rtol=tolerance, atol=tolerance, dense_output=True
+            derivative,
+            (0.0, duration),
+            start,
+            method="DOP853",
+            rtol=tolerance,
+            atol=tolerance,
+            dense_output=True,
         )
         if not result.success:
             raise InfeasibleError(
-                f"at {result.t[-1]:.2f} s: expected taut cables, found equations that cannot be integrated ({result.message}); "
-                "move more slowly or tilt less"
+                f"at {result.t[-1]:.2f} s: expected taut cables, found equations that cannot be"
+                f" integrated ({result.message}); move more slowly or tilt less"
             )
         return ElasticMotion(self, feed, result.sol, duration)
 
 
-def feed_lengths(robot: Robot, trajectory: Trajectory, times: Array, level: float | None = None) -> Array:
-    """Unstrained lengths that hold the nominal platform at rest in the commanded poses [m], shape (n, m).
+def feed_lengths(
+    robot: Robot, trajectory: Trajectory, times: Array, level: float | None = None
+) -> Array:
+    """Unstrained lengths that hold the nominal platform at rest in the commanded poses [m], shape
+    (n, m).
 
     What a winch controller knows: elasticity and sag under the platform's weight, but no dynamics.
 
@@ -317,7 +352,9 @@ def feed_lengths(robot: Robot, trajectory: Trajectory, times: Array, level: floa
     try:
         return cables_at(robot, pose[:, :3], rotation, tension).length
     except InfeasibleError as error:
-        raise InfeasibleError(f"at {times[error.sample]:.2f} s of the trajectory: {error}", error.sample) from None
+        raise InfeasibleError(
+            f"at {times[error.sample]:.2f} s of the trajectory: {error}", error.sample
+        ) from None
 
 
 def responder(robot: Robot) -> Callable[[Trajectory, Progress | None], Response]:
@@ -328,7 +365,8 @@ def responder(robot: Robot) -> Callable[[Trajectory, Progress | None], Response]
     """
     if robot.platform is None:
         raise InputError(
-            f"robot '{robot.name}': expected a nominal platform to simulate, found none; add 'platform' to its file"
+            f"robot '{robot.name}': expected a nominal platform to simulate, found none; add"
+            " 'platform' to its file"
         )
     body = robot.platform
     if not robot.m:

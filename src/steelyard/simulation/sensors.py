@@ -77,7 +77,9 @@ def _suite(robot: Robot, sync: float, values: Mapping[str, Mapping[str, Any]]) -
 
 
 def paper_sensors(robot: Robot) -> Sensors:
-    """The sensors of the paper, with errors of the size that its discussion and the data sheets suggest."""
+    """The sensors of the paper, with errors of the size that its discussion and the data sheets
+    suggest.
+    """
     return _suite(
         robot,
         0.012,
@@ -130,7 +132,8 @@ def ideal_sensors(robot: Robot) -> Sensors:
                 "clock": "recorder",
                 "rate": 250.0,
                 "calibration": dict.fromkeys(
-                    ("gyro_bias", "accelerometer_bias", "position", "misalignment", "reference"), 0.0
+                    ("gyro_bias", "accelerometer_bias", "position", "misalignment", "reference"),
+                    0.0,
                 ),
             },
             "position": {"rate": 250.0, "calibration": {"target": 0.0, "frame": none}},
@@ -151,7 +154,8 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
         return ideal_sensors(robot)
     if not which.endswith((".yaml", ".yml")):
         raise InputError(
-            f"--sensors: expected 'paper', 'ideal' or the path of a YAML file, found '{which}'; correct it"
+            f"--sensors: expected 'paper', 'ideal' or the path of a YAML file, found '{which}';"
+            " correct it"
         )
     return _sensors(read_yaml(Path(which)), robot)
 
@@ -161,19 +165,23 @@ def _sensors(document: Document, robot: Robot) -> Sensors:
     form = validate(SensorsForm, document, data)
     if not any(i.kind in {"tension", "wrench"} for i in form.instruments.values()):
         raise document.error(
-            ("instruments",), "expected an instrument of kind 'tension' or 'wrench', found none; add one"
+            ("instruments",),
+            "expected an instrument of kind 'tension' or 'wrench', found none; add one",
         )
     check_instruments(form.instruments, robot, document)
     for name, instrument in form.instruments.items():
         if instrument.rate is None:
             raise document.error(
-                ("instruments", name), "expected the key 'rate', found it missing; add the samples per second"
+                ("instruments", name),
+                "expected the key 'rate', found it missing; add the samples per second",
             )
     return Sensors(_stated(form, own_sync, robot.m))
 
 
 def _without_own_sync(document: Document) -> tuple[Any, dict[str, float]]:
-    """The document without the ``sync`` of single instruments, which know nothing of simulation, and these [s]."""
+    """The document without the ``sync`` of single instruments, which know nothing of simulation,
+    and these [s].
+    """
     data = document.data
     if not isinstance(data, dict) or not isinstance(data.get("instruments"), dict):
         return data, {}
@@ -181,9 +189,14 @@ def _without_own_sync(document: Document) -> tuple[Any, dict[str, float]]:
     for name, keys in data["instruments"].items():
         if isinstance(keys, dict) and "sync" in keys:
             value = keys["sync"]
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < float("inf"):
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, int | float)
+                or not 0 <= value < float("inf")
+            ):
                 raise document.error(
-                    ("instruments", name, "sync"), f"expected a number at least 0, found {value}; correct it"
+                    ("instruments", name, "sync"),
+                    f"expected a number at least 0, found {value}; correct it",
                 )
             own[name] = float(value)
     instruments = {
@@ -194,10 +207,11 @@ def _without_own_sync(document: Document) -> tuple[Any, dict[str, float]]:
 
 
 def _stated(form: SensorsForm, own_sync: Mapping[str, float], m: int) -> dict[str, Instrument]:
-    """State every systematic error as it will be drawn, defaults too, so that the experiment file needs no guessing.
+    """State every systematic error as it will be drawn, defaults too, so that the experiment file
+    needs no guessing.
 
-    What would be taken from data has none to be taken from, and is not drawn. The clock that defines the time has no error, the
-    others have that of the synchronisation.
+    What would be taken from data has none to be taken from, and is not drawn. The clock that
+    defines the time has no error, the others have that of the synchronisation.
     """
     instruments: Mapping[str, Instrument] = form.instruments
     reference = next(i for i in instruments.values() if i.kind in {"tension", "wrench"})
@@ -205,7 +219,9 @@ def _stated(form: SensorsForm, own_sync: Mapping[str, float], m: int) -> dict[st
     for name, instrument in instruments.items():
         delay = instrument.calibration.delay
         if delay is None:
-            same = instrument is reference or (instrument.clock is not None and instrument.clock == reference.clock)
+            same = instrument is reference or (
+                instrument.clock is not None and instrument.clock == reference.clock
+            )
             delay = sigma(0.0 if same else own_sync.get(name, form.sync))
         calibration: dict[str, Any] = {}
         for term in instrument.terms(m):
@@ -244,7 +260,9 @@ def draw_errors(
     """
 
     def draw(prior_mean: Array, deviation: Array | None) -> Array:
-        return prior_mean + rng.standard_normal(prior_mean.shape) * (0.0 if deviation is None else deviation)
+        return prior_mean + rng.standard_normal(prior_mean.shape) * (
+            0.0 if deviation is None else deviation
+        )
 
     constant = {
         name: {term.key: draw(term.mean, term.deviation) for term in instrument.terms(m)}
@@ -256,11 +274,19 @@ def draw_errors(
         drawn[run] = {}
         for name, instrument in instruments.items():
             own = {
-                term.key: draw(term.mean, term.deviation) if term.prior.per == "run" else constant[name][term.key]
+                term.key: (
+                    draw(term.mean, term.deviation)
+                    if term.prior.per == "run"
+                    else constant[name][term.key]
+                )
                 for term in instrument.terms(m)
             }
             delay = instrument.calibration.delay
-            value = float(draw(np.array(_scalar(delay.value)), np.array(_scalar(delay.sigma)))) if delay else 0.0
+            value = (
+                float(draw(np.array(_scalar(delay.value)), np.array(_scalar(delay.sigma))))
+                if delay
+                else 0.0
+            )
             # One clock has one error, whatever reads it.
             value = delays.setdefault(instrument.clock or f"instrument {name}", value)
             drawn[run][name] = Errors(own, value)
@@ -301,7 +327,8 @@ def record(
         times = np.arange(phase / rate, response.duration, 1 / rate)
         if len(times) < 2:
             raise InputError(
-                f"instrument '{name}': expected a rate of at least two samples in {response.duration:g} s, found {rate:g} Hz; raise it"
+                f"instrument '{name}': expected a rate of at least two samples in"
+                f" {response.duration:g} s, found {rate:g} Hz; raise it"
             )
         source = command if instrument.kind == "command" else response
         readings = predict(instrument, robot, source.at(times), errors[name].calibration)
@@ -316,6 +343,8 @@ def _noisy(value: Array, sigma: float, rng: np.random.Generator) -> Array:
     if not sigma:
         return value
     if value.ndim == 3:
-        turned: Array = value @ Rotation.from_rotvec(rng.normal(0.0, sigma, (len(value), 3))).as_matrix()
+        turned: Array = (
+            value @ Rotation.from_rotvec(rng.normal(0.0, sigma, (len(value), 3))).as_matrix()
+        )
         return turned
     return value + rng.normal(0.0, sigma, value.shape)

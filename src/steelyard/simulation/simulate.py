@@ -18,7 +18,14 @@ from steelyard.output import results_folder, write_json
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
 from steelyard.simulation.forward_dynamics import ExactMotion, responder
-from steelyard.simulation.sensors import Errors, Sensors, draw_errors, put_nested, read_sensors, record
+from steelyard.simulation.sensors import (
+    Errors,
+    Sensors,
+    draw_errors,
+    put_nested,
+    read_sensors,
+    record,
+)
 from steelyard.simulation.trajectories import trajectories as motions
 
 
@@ -82,11 +89,14 @@ def simulate(
     """Record a virtual experiment.
 
     Args:
-        robot: With a nominal platform, which is the true one here; or a bundled name, or the path of a robot file.
-        trajectories: Run -> commanded motion; or ``paper``, ``multisine``, or the path of a CSV file of kind ``command``.
-        sensors: Instruments; their errors are drawn with the sigmas that they state. Or ``paper``, ``ideal``, or the path of
-            a YAML file.
-        duration: Of a motion that is named: of a move of the paper, or of the multisine [s]; None: its default.
+        robot: With a nominal platform, which is the true one here; or a bundled name, or the path
+            of a robot file.
+        trajectories: Run -> commanded motion; or ``paper``, ``multisine``, or the path of a CSV
+            file of kind ``command``.
+        sensors: Instruments; their errors are drawn with the sigmas that they state. Or ``paper``,
+            ``ideal``, or the path of a YAML file.
+        duration: Of a motion that is named: of a move of the paper, or of the multisine [s]; None:
+            its default.
         seed: Of all that is drawn; the same seed gives the same numbers.
         name: Of the experiment.
         progress: Is told the run and the fraction of it that is done.
@@ -100,11 +110,14 @@ def simulate(
     if isinstance(trajectories, str):
         trajectories = motions(robot, trajectories, duration)
     elif duration is not None:
-        raise InputError("duration: expected none with trajectories, found one; they have their own durations")
+        raise InputError(
+            "duration: expected none with trajectories, found one; they have their own durations"
+        )
     respond = responder(robot)
     body = robot.platform
     assert body is not None  # responder() has checked
-    # Errors, noise and clocks come from streams of their own, so that one more run changes nothing in the others.
+    # Errors, noise and clocks come from streams of their own, so that one more run changes nothing
+    # in the others.
     draw, *per_run = np.random.default_rng(seed).spawn(1 + len(trajectories))
     errors = draw_errors(sensors.instruments, robot.m, list(trajectories), draw)
     runs = []
@@ -124,5 +137,7 @@ def simulate(
     return VirtualExperiment(experiment, body, errors)
 
 
-def _bound(progress: Callable[[str, float], None] | None, run: str) -> Callable[[float], None] | None:
+def _bound(
+    progress: Callable[[str, float], None] | None, run: str
+) -> Callable[[float], None] | None:
     return None if progress is None else lambda fraction: progress(run, fraction)

@@ -1,4 +1,6 @@
-"""Which motions a virtual experiment runs: the paper's, a multisine made for the robot, or a file."""
+"""Which motions a virtual experiment runs: the paper's, a multisine made for the robot, or a
+file.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ from steelyard.motion.trajectory import Repeated, RestToRest, Sampled, Trajector
 from steelyard.robot.model import Robot
 
 PAPER_MOVE = 3.0
-"""Duration of one move of the paper [s]; not printed there, and kept within its tracker's 4 m/s and (about) 2 m/s^2."""
+"""Duration of one move of the paper [s]; not printed there, and kept within its tracker's 4 m/s and
+(about) 2 m/s^2."""
 PAPER_PAUSE = 0.5
 """Rest before and after it [s]."""
 MULTISINE_DURATION = 20.0
@@ -26,14 +29,17 @@ MULTISINE_DURATION = 20.0
 SHORTEST, LONGEST = 0.5, 7200.0
 """Durations that are simulated [s]."""
 _HIGHEST_FREQUENCY = 0.5
-"""Of the multisine [Hz]: an octave and more below the lowest natural frequency of such platforms."""
+"""Of the multisine [Hz]: an octave and more below the lowest natural frequency of such
+platforms."""
 
 _TENSION_MARGIN = 1.5
 """Factor from the robot's lowest tension to that of a multisine's command, and from its highest."""
 _TENSION_SHARE = 0.3
-"""Least tension of a multisine's command as a part of the mean: what is left when the platform rings on its cables."""
+"""Least tension of a multisine's command as a part of the mean: what is left when the platform
+rings on its cables."""
 
-# Start and end pose: x, y, z [m], roll, pitch, yaw [deg]. The first is the paper's, section IV-A; it does not print the others.
+# Start and end pose: x, y, z [m], roll, pitch, yaw [deg]. The first is the paper's, section IV-A;
+# it does not print the others.
 _PAPER_MOVES = {
     "t1": ((0.01, -0.01, 1.55, -18.80, 24.87, -30.74), (1.01, 1.49, 2.55, 21.20, -10.13, 29.26)),
     "t2": ((0.80, -0.90, 1.70, 15.00, -20.00, 25.00), (-0.70, 0.60, 2.40, -20.00, 18.00, -25.00)),
@@ -42,12 +48,15 @@ _PAPER_MOVES = {
 }
 
 
-def trajectories(robot: Robot, which: str, duration: float | None, *, check: bool = True) -> dict[str, Trajectory]:
+def trajectories(
+    robot: Robot, which: str, duration: float | None, *, check: bool = True
+) -> dict[str, Trajectory]:
     """Runs of a virtual experiment and the trajectory of each.
 
     Args:
         robot: With its limits and nominal platform.
-        which: ``paper`` (four moves, each forward and backward), ``multisine``, or the path of a CSV file of kind ``command``.
+        which: ``paper`` (four moves, each forward and backward), ``multisine``, or the path of a
+            CSV file of kind ``command``.
         duration: Of a move of the paper, or of the multisine [s]; None: its default.
         check: Whether to refuse what the robot cannot do.
 
@@ -55,7 +64,10 @@ def trajectories(robot: Robot, which: str, duration: float | None, *, check: boo
         InputError: The robot cannot do it, or the file is wrong.
     """
     if duration is not None and not SHORTEST <= duration <= LONGEST:
-        raise InputError(f"--duration: expected {SHORTEST:g} to {LONGEST:g} s, found {duration:g}; choose another")
+        raise InputError(
+            f"--duration: expected {SHORTEST:g} to {LONGEST:g} s, found {duration:g}; choose"
+            " another"
+        )
     if which == "paper":
         runs = _paper(duration or PAPER_MOVE)
     elif which == "multisine":
@@ -63,20 +75,22 @@ def trajectories(robot: Robot, which: str, duration: float | None, *, check: boo
     else:
         if duration is not None:
             raise InputError(
-                "--duration: expected none with a trajectory from a file, found one; the file has its own duration"
+                "--duration: expected none with a trajectory from a file, found one; the file has"
+                " its own duration"
             )
         path = Path(which)
         if not path.suffix and not path.exists():
             raise InputError(
-                f"--trajectory: expected 'paper', 'multisine' or the path of a CSV file, found '{which}'; correct it"
+                "--trajectory: expected 'paper', 'multisine' or the path of a CSV file, found"
+                f" '{which}'; correct it"
             )
         runs = {"trajectory" if path.stem.startswith(".") else path.stem: from_file(path, robot)}
     for name, trajectory in runs.items() if check else ():
         extremes = motion_extremes(robot, trajectory)
         if extremes.fraction > 1 + 1e-9:
             raise InputError(
-                f"trajectory '{name}': expected a motion within the limits of robot '{robot.name}', found {extremes.worst}; "
-                "choose a longer --duration or another trajectory"
+                f"trajectory '{name}': expected a motion within the limits of robot '{robot.name}',"
+                f" found {extremes.worst}; choose a longer --duration or another trajectory"
             )
         if robot.m and robot.platform:
             commanded_tensions(robot, trajectory, check_times(trajectory))
@@ -84,7 +98,8 @@ def trajectories(robot: Robot, which: str, duration: float | None, *, check: boo
 
 
 def repeated_move(duration: float | None) -> Repeated:
-    """The paper's own move, there and back without a pause, as often as a duration has room for; None: once.
+    """The paper's own move, there and back without a pause, as often as a duration has room for;
+    None: once.
 
     Raises:
         InputError: There is no room for one.
@@ -92,7 +107,8 @@ def repeated_move(duration: float | None) -> Repeated:
     length = PAPER_MOVE if duration is None else duration
     if not PAPER_MOVE <= length <= LONGEST:
         raise InputError(
-            f"--duration: expected {PAPER_MOVE:g} to {LONGEST:g} s for the paper's move, found {length:g}; choose another"
+            f"--duration: expected {PAPER_MOVE:g} to {LONGEST:g} s for the paper's move, found"
+            f" {length:g}; choose another"
         )
     start, end = (np.concatenate([pose[:3], np.radians(pose[3:])]) for pose in _PAPER_MOVES["t1"])
     return Repeated(RestToRest(start, end, PAPER_MOVE), int(length / PAPER_MOVE + 1e-9))
@@ -109,7 +125,8 @@ def _paper(move: float) -> dict[str, Trajectory]:
 
 
 def feasible_multisine(robot: Robot, duration: float) -> Sampled:
-    """A multisine about the middle of the workspace, as large as the robot's limits and tensions allow.
+    """A multisine about the middle of the workspace, as large as the robot's limits and tensions
+    allow.
 
     Raises:
         InputError: Not even a small one is feasible.
@@ -125,7 +142,10 @@ def feasible_multisine(robot: Robot, duration: float) -> Sampled:
     low, high = robot.tension_limits
     careful = replace(robot, tension_limits=(_TENSION_MARGIN * low, high / _TENSION_MARGIN))
     # Each kind of motion alone against its own limits, then both together against the tensions.
-    alone = _largest(robot, lambda scale: trial(scale, 0.0)), _largest(robot, lambda scale: trial(0.0, scale))
+    alone = (
+        _largest(robot, lambda scale: trial(scale, 0.0)),
+        _largest(robot, lambda scale: trial(0.0, scale)),
+    )
     for scale in 0.9 ** np.arange(30):
         trajectory = trial(alone[0] * scale, alone[1] * scale)
         if motion_extremes(robot, trajectory).fraction > 1:
@@ -135,7 +155,10 @@ def feasible_multisine(robot: Robot, duration: float) -> Sampled:
         try:
             times = check_times(trajectory)
             tensions = np.concatenate(
-                [commanded_tensions(careful, trajectory, times, still=still) for still in (False, True)]
+                [
+                    commanded_tensions(careful, trajectory, times, still=still)
+                    for still in (False, True)
+                ]
             )
         except InfeasibleError:
             continue
@@ -145,8 +168,8 @@ def feasible_multisine(robot: Robot, duration: float) -> Sampled:
             continue
         return trajectory
     raise InputError(
-        f"robot '{robot.name}': expected a pose in the middle of its limits that its cables can hold, found none; "
-        "check 'limits', 'tension' and 'platform' in the robot file"
+        f"robot '{robot.name}': expected a pose in the middle of its limits that its cables can"
+        " hold, found none; check 'limits', 'tension' and 'platform' in the robot file"
     )
 
 
@@ -161,9 +184,13 @@ def _largest(robot: Robot, trial: Callable[[float], Trajectory]) -> float:
 
 
 def workspace_of(robot: Robot) -> tuple[Array, Array]:
-    """Pose in the middle of the workspace, and how far from it a motion may reach in x, y, z [m], roll, pitch, yaw [rad]."""
+    """Pose in the middle of the workspace, and how far from it a motion may reach in x, y, z [m],
+    roll, pitch, yaw [rad].
+    """
     box = np.array(robot.limits.position) if robot.limits.position else _default_box(robot)
-    angles = np.array(robot.limits.rpy) if robot.limits.rpy else np.radians([[-15.0] * 3, [15.0] * 3])
+    angles = (
+        np.array(robot.limits.rpy) if robot.limits.rpy else np.radians([[-15.0] * 3, [15.0] * 3])
+    )
     low, high = np.hstack([box, angles])
     return (low + high) / 2, (high - low) / 2
 
@@ -175,7 +202,8 @@ def _default_box(robot: Robot) -> Array:
     low, high = robot.anchors.min(axis=0), robot.anchors.max(axis=0)
     platform = robot.attachments.mean(axis=0)
     if high[2] - low[2] < robot.size:
-        # All anchors at one height: the platform hangs below them, about as far as a quarter of the frame is wide.
+        # All anchors at one height: the platform hangs below them, about as far as a quarter of the
+        # frame is wide.
         low = np.array([low[0], low[1], high[2] - 0.5 * float(np.min(high[:2] - low[:2]))])
     middle, reach = (low + high) / 2 - platform, (high - low) / 6
     return np.array([middle - reach, middle + reach])
@@ -191,17 +219,20 @@ def from_file(path: Path, robot: Robot) -> Sampled:
     time, first = np.unique(stream.time, return_index=True)
     if len(time) < 4:
         raise InputError(
-            f"{path}: expected at least 4 rows with different times, found {len(time)}; a motion needs more"
+            f"{path}: expected at least 4 rows with different times, found {len(time)}; a motion"
+            " needs more"
         )
     position = stream.values["position"][first]
     rpy = Rotation.from_matrix(stream.values["orientation"][first]).as_euler("ZYX")[:, ::-1]
     poses = np.hstack([position, np.unwrap(rpy, axis=0)])
     if not np.isfinite(poses).all():
         row = int(np.argmin(np.isfinite(poses).all(axis=1)))
-        raise InputError(f"{path}:{first[row] + 2}: expected a pose in every row, found an empty cell; fill it")
+        raise InputError(
+            f"{path}:{first[row] + 2}: expected a pose in every row, found an empty cell; fill it"
+        )
     if not SHORTEST <= time[-1] - time[0] <= LONGEST:
         raise InputError(
-            f"{path}: expected a motion of {SHORTEST:g} to {LONGEST:g} s, found one of {time[-1] - time[0]:g} s; "
-            "check the unit of column 't'"
+            f"{path}: expected a motion of {SHORTEST:g} to {LONGEST:g} s, found one of"
+            f" {time[-1] - time[0]:g} s; check the unit of column 't'"
         )
     return Sampled.through(time - time[0], poses)

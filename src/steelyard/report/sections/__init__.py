@@ -1,1 +1,3 @@
-"""The sections of a report, one file each: from the summary to blocks, nothing else is looked at."""
+"""The sections of a report, one file each: from the summary to blocks, nothing else is looked
+at.
+"""

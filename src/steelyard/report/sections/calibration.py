@@ -1,4 +1,6 @@
-"""Clocks and systematic errors of the instruments as they were found, and what the description might get wrong."""
+"""Clocks and systematic errors of the instruments as they were found, and what the description
+might get wrong.
+"""
 
 from __future__ import annotations
 
@@ -26,14 +28,20 @@ def calibration(summary: Summary) -> Section | None:
         far = [
             e
             for e in evidence.errors
-            if e.value is not None and e.prior and abs(e.value - (e.expected or 0.0)) > _FAR * e.prior
+            if e.value is not None
+            and e.prior
+            and abs(e.value - (e.expected or 0.0)) > _FAR * e.prior
         ]
-        text = "What was not known exactly was estimated along with the body; where the data say nothing, the value known beforehand stays."
+        text = (
+            "What was not known exactly was estimated along with the body; where the data say"
+            " nothing, the value known beforehand stays."
+        )
         statements = [Statement(text)]
         for each in far:
             statements.append(
                 Statement(
-                    f"{each.instrument}, {each.name}: {_value(each)} is more than {_FAR:g} 1-sigma from what the experiment file says; look at it.",
+                    f"{each.instrument}, {each.name}: {_value(each)} is more than {_FAR:g} 1-sigma"
+                    " from what the experiment file says; look at it.",
                     "bad",
                 )
             )
@@ -51,7 +59,15 @@ def _clocks(summary: Summary) -> Grid:
         late = None if each.delay is None else each.delay * 1e3
         sigma = None if each.deviation is None else each.deviation * 1e3
         prior = "defines the time" if not each.prior else f"± {each.prior * 1e3:.3g}"
-        rows.append((each.run, each.instruments, number(late, sigma) if each.prior else "0", prior, each.found or "-"))
+        rows.append(
+            (
+                each.run,
+                each.instruments,
+                number(late, sigma) if each.prior else "0",
+                prior,
+                each.found or "-",
+            )
+        )
     head = (
         "run",
         "instruments of the clock",
@@ -66,7 +82,9 @@ def _value(each: Error) -> str:
     unit = shown_unit(each.unit, "error")
     value = None if each.value is None else each.value * unit.factor
     deviation = None if each.deviation is None else each.deviation * unit.factor
-    return f"{number(value, deviation)} {unit.name}" if unit.name != "-" else number(value, deviation)
+    return (
+        f"{number(value, deviation)} {unit.name}" if unit.name != "-" else number(value, deviation)
+    )
 
 
 def _errors(errors: tuple[Error, ...]) -> Grid:
@@ -74,7 +92,8 @@ def _errors(errors: tuple[Error, ...]) -> Grid:
     for each in errors:
         unit = shown_unit(each.unit, "error")
         value, deviation, expected, prior = (
-            None if v is None else v * unit.factor for v in (each.value, each.deviation, each.expected, each.prior)
+            None if v is None else v * unit.factor
+            for v in (each.value, each.deviation, each.expected, each.prior)
         )
         rows.append(
             (
@@ -100,18 +119,39 @@ def _learned(errors: tuple[Error, ...]) -> Figure:
     left = [(e.deviation or 0.0) / (e.prior or 1.0) for e in shown]
     data = (
         {
-            "type": "scatter", "mode": "markers", "name": "found, 1-sigma", "x": off, "y": names, "marker": {"size": 7},
+            "type": "scatter",
+            "mode": "markers",
+            "name": "found, 1-sigma",
+            "x": off,
+            "y": names,
+            "marker": {"size": 7},
             "error_x": {"type": "data", "array": left, "thickness": 1.5, "width": 4},
         },
-    )  # fmt: skip
+    )
     layout = {
         "xaxis": {"title": {"text": "off by, in the 1-sigma known beforehand"}},
         "yaxis": {"autorange": "reversed", "automargin": True, "type": "category"},
-        "shapes": [{"type": "rect", "xref": "x", "yref": "paper", "x0": -1, "x1": 1, "y0": 0, "y1": 1, "line": {"width": 0}, "opacity": 0.12, "fillcolor": "#888888"}],
+        "shapes": [
+            {
+                "type": "rect",
+                "xref": "x",
+                "yref": "paper",
+                "x0": -1,
+                "x1": 1,
+                "y0": 0,
+                "y1": 1,
+                "line": {"width": 0},
+                "opacity": 0.12,
+                "fillcolor": "#888888",
+            }
+        ],
         "showlegend": False,
-    }  # fmt: skip
+    }
     told = sum(1 for each in left if each < _LEARNED)
-    text = f"{len(shown)} systematic errors in units of their 1-sigma known beforehand; {told} of them were told by the data to less than half of it."
+    text = (
+        f"{len(shown)} systematic errors in units of their 1-sigma known beforehand; {told} of them"
+        " were told by the data to less than half of it."
+    )
     return Figure(
         "learned",
         "What was learned about the instruments (shaded: 1-sigma known beforehand)",
@@ -126,6 +166,16 @@ def _tests(summary: Summary) -> Grid:
     rows = []
     for each in summary.evidence.tests:
         unit = shown_unit(each.unit, "error")
-        rows.append((each.name, f"{each.sigmas:+.1f}", f"{each.size * unit.factor:+.3g}", unit.name))
-    caption = "What the description might get wrong: the errors that would explain most of what is left over (beyond 3 to 4 sigma the verdict names them)"
-    return Grid(caption, ("error of", "sigma", "if so, it is off by", "unit"), tuple(rows), frozenset({1, 2}))
+        rows.append(
+            (each.name, f"{each.sigmas:+.1f}", f"{each.size * unit.factor:+.3g}", unit.name)
+        )
+    caption = (
+        "What the description might get wrong: the errors that would explain most of what is left"
+        " over (beyond 3 to 4 sigma the verdict names them)"
+    )
+    return Grid(
+        caption,
+        ("error of", "sigma", "if so, it is off by", "unit"),
+        tuple(rows),
+        frozenset({1, 2}),
+    )

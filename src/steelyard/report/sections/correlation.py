@@ -18,21 +18,38 @@ def correlation(summary: Summary) -> Section | None:
     names, matrix = _matrix(summary.best)
     if len(names) < 2:
         return None
-    text = "Parameters that are told together: where the correlation is near 1 or -1, an error of one comes with an error of the other."
+    text = (
+        "Parameters that are told together: where the correlation is near 1 or -1, an error of one"
+        " comes with an error of the other."
+    )
     strong = [
         Statement(f"{a} and {b}: {matrix[i][j]:+.2f}", "note")
         for i, a in enumerate(names)
         for j, b in enumerate(names[:i])
         if abs(matrix[i][j]) > _STRONG
     ]
-    rows = tuple((name, *(f"{v:+.2f}" for v in row)) for name, row in zip(names, matrix, strict=True))
+    rows = tuple(
+        (name, *(f"{v:+.2f}" for v in row)) for name, row in zip(names, matrix, strict=True)
+    )
     data = (
         {
-            "type": "heatmap", "x": names, "y": names, "z": matrix.tolist(), "zmin": -1, "zmax": 1, "zmid": 0, "colorscale": "RdBu", "reversescale": True,
-            "hoverongaps": False, "colorbar": {"title": {"text": "correlation"}},
+            "type": "heatmap",
+            "x": names,
+            "y": names,
+            "z": matrix.tolist(),
+            "zmin": -1,
+            "zmax": 1,
+            "zmid": 0,
+            "colorscale": "RdBu",
+            "reversescale": True,
+            "hoverongaps": False,
+            "colorbar": {"title": {"text": "correlation"}},
         },
-    )  # fmt: skip
-    layout = {"yaxis": {"autorange": "reversed", "automargin": True, "type": "category"}, "xaxis": {"type": "category"}}
+    )
+    layout = {
+        "yaxis": {"autorange": "reversed", "automargin": True, "type": "category"},
+        "xaxis": {"type": "category"},
+    }
     figure = Figure(
         "correlation",
         f"Correlation of the parameters, {summary.result}",
@@ -43,15 +60,22 @@ def correlation(summary: Summary) -> Section | None:
     )
     grid = Grid("Correlation", ("", *names), rows, frozenset(range(1, len(names) + 1)))
     return Section(
-        "correlation", "Correlation of the parameters", (Statements((Statement(text), *strong)), figure, grid)
+        "correlation",
+        "Correlation of the parameters",
+        (Statements((Statement(text), *strong)), figure, grid),
     )
 
 
 def _matrix(body: Body) -> tuple[list[str], np.ndarray]:
     """Names of the parameters that are told with an uncertainty, and their correlations."""
-    covariance = np.array([[np.nan if v is None else v for v in row] for row in body.covariance], dtype=np.float64)
+    covariance = np.array(
+        [[np.nan if v is None else v for v in row] for row in body.covariance], dtype=np.float64
+    )
     told = np.flatnonzero(np.diag(covariance) > 0)
     sigma = np.sqrt(np.diag(covariance)[told])
     found = covariance[np.ix_(told, told)] / np.outer(sigma, sigma)
-    names = [BODY_PARAMETERS[i] if len(LABELS[i][0]) > len(BODY_PARAMETERS[i]) else LABELS[i][0] for i in told]
+    names = [
+        BODY_PARAMETERS[i] if len(LABELS[i][0]) > len(BODY_PARAMETERS[i]) else LABELS[i][0]
+        for i in told
+    ]
     return names, np.round(np.clip(np.nan_to_num(found), -1.0, 1.0), 4)

@@ -14,5 +14,7 @@ def made(summary: Summary) -> Section:
         blocks.append(Grid("Options", ("option", "value"), found.options))
     if found.inputs:
         rows = tuple((each.name, str(each.size), each.sha256) for each in found.inputs)
-        blocks.append(Grid("Files that were read", ("file", "bytes", "SHA-256"), rows, frozenset({1})))
+        blocks.append(
+            Grid("Files that were read", ("file", "bytes", "SHA-256"), rows, frozenset({1}))
+        )
     return Section("made", "How it was made", tuple(blocks))

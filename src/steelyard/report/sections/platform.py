@@ -1,4 +1,6 @@
-"""The robot and its motion in 3-D, and the body that was found: centre of gravity, principal axes, the box of the same inertia."""
+"""The robot and its motion in 3-D, and the body that was found: centre of gravity, principal axes,
+the box of the same inertia.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,16 @@ from scipy.spatial import ConvexHull, QhullError
 
 from steelyard.arrays import Array
 from steelyard.inertia import Inertia
-from steelyard.report.document import Block, Course, Figure, Grid, Scene, Section, Statement, Statements
+from steelyard.report.document import (
+    Block,
+    Course,
+    Figure,
+    Grid,
+    Scene,
+    Section,
+    Statement,
+    Statements,
+)
 from steelyard.report.evidence import Body, Motion, Number, Shape
 from steelyard.report.sections.result import deviations_of
 from steelyard.report.summary import Summary
@@ -20,7 +31,20 @@ _WITHIN = float(np.sqrt(7.815))
 _SEEN = 0.05
 """Part of the platform below which a region is drawn larger than it is."""
 _ROUND = 24
-_EDGES = ((0, 1), (0, 2), (0, 4), (1, 3), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 6), (5, 7), (6, 7))
+_EDGES = (
+    (0, 1),
+    (0, 2),
+    (0, 4),
+    (1, 3),
+    (1, 5),
+    (2, 3),
+    (2, 6),
+    (3, 7),
+    (4, 5),
+    (4, 6),
+    (5, 7),
+    (6, 7),
+)
 _BARE = 0.1
 """Radius of what is drawn where there are no cables, at least [m]."""
 
@@ -70,7 +94,9 @@ def robot_scene(shape: Shape, courses: Sequence[Course], centre: Array | None) -
         _points("anchors", anchors, [False] * m, {"mode": "markers", "marker": {"size": 4}}),
         _between("cables", anchors, attachments),
         _points(
-            "platform", *_broken(attachments, _hull(attachments), moves=True), {"mode": "lines", "line": {"width": 4}}
+            "platform",
+            *_broken(attachments, _hull(attachments), moves=True),
+            {"mode": "lines", "line": {"width": 4}},
         ),
     ]
     if centre is not None:
@@ -78,7 +104,9 @@ def robot_scene(shape: Shape, courses: Sequence[Course], centre: Array | None) -
         data.append(_points("centre of gravity", centre[None], [True], mark))
     if courses:
         line = {"mode": "lines", "line": {"width": 2}, "opacity": 0.6}
-        data.append(_points("path of the origin", courses[0].position, [False] * len(courses[0].time), line))
+        data.append(
+            _points("path of the origin", courses[0].position, [False] * len(courses[0].time), line)
+        )
     text = f"The {m} cables of robot {shape.name} from their anchors to the platform" + (
         ", replayed over the motion." if courses else ", the platform at the origin."
     )
@@ -99,22 +127,39 @@ def _cube(data: Sequence[dict[str, Any]]) -> dict[str, Any]:
     away = float(np.clip(0.72 * np.linalg.norm(extent / np.prod(extent) ** (1 / 3)), 1.2, 4.0))
     axes = {f"{axis}axis": {"title": {"text": f"{axis} [m]"}} for axis in "xyz"}
     eye = {"x": round(away, 2), "y": round(-away, 2), "z": round(0.6 * away, 2)}
-    return {"scene": {"aspectmode": "data", "camera": {"eye": eye}, **axes}, "legend": {"orientation": "h"}}
+    return {
+        "scene": {"aspectmode": "data", "camera": {"eye": eye}, **axes},
+        "legend": {"orientation": "h"},
+    }
 
 
-def _points(name: str, points: Array, moves: Sequence[bool], further: dict[str, Any]) -> dict[str, Any]:
+def _points(
+    name: str, points: Array, moves: Sequence[bool], further: dict[str, Any]
+) -> dict[str, Any]:
     x, y, z = points.T
-    return {"type": "scatter3d", "name": name, "x": x, "y": y, "z": z, "meta": {"moves": list(moves)}, **further}
+    return {
+        "type": "scatter3d",
+        "name": name,
+        "x": x,
+        "y": y,
+        "z": z,
+        "meta": {"moves": list(moves)},
+        **further,
+    }
 
 
 def _between(name: str, anchors: Array, attachments: Array) -> dict[str, Any]:
     """A line a cable: one end stays, the other moves."""
     gap = np.full_like(anchors, np.nan)
     points = np.stack([anchors, attachments, gap], axis=1).reshape(-1, 3)
-    return _points(name, points, [False, True, False] * len(anchors), {"mode": "lines", "line": {"width": 2}})
+    return _points(
+        name, points, [False, True, False] * len(anchors), {"mode": "lines", "line": {"width": 2}}
+    )
 
 
-def _broken(points: Array, edges: Sequence[tuple[int, int]], *, moves: bool) -> tuple[Array, list[bool]]:
+def _broken(
+    points: Array, edges: Sequence[tuple[int, int]], *, moves: bool
+) -> tuple[Array, list[bool]]:
     """Edges as one line with gaps."""
     gap = np.full(3, np.nan)
     line = np.array([row for i, j in edges for row in (points[i], points[j], gap)]).reshape(-1, 3)
@@ -122,12 +167,16 @@ def _broken(points: Array, edges: Sequence[tuple[int, int]], *, moves: bool) -> 
 
 
 def _hull(points: Array) -> list[tuple[int, int]]:
-    """Edges of what the attachments span; of those in a plane all pairs of neighbours about their middle."""
+    """Edges of what the attachments span; of those in a plane all pairs of neighbours about their
+    middle.
+    """
     try:
         found = ConvexHull(points)
     except (QhullError, ValueError):
         about = points - points.mean(axis=0)
-        flat = about @ np.linalg.svd(about)[2][:2].T if len(points) > 1 else np.zeros((len(points), 2))
+        flat = (
+            about @ np.linalg.svd(about)[2][:2].T if len(points) > 1 else np.zeros((len(points), 2))
+        )
         order = np.argsort(np.arctan2(flat[:, 1], flat[:, 0]), kind="stable")
         return [(int(i), int(j)) for i, j in zip(order, np.roll(order, -1), strict=True)]
     # A face that is no triangle is split into some, with an edge inside that is none of the body's.
@@ -160,13 +209,22 @@ def _body(summary: Summary, shape: Shape | None, centre: Array) -> Figure:
         )
     body = _whole(best)
     if body is not None:
-        data.append(_points("box of the same inertia", *_box(body), {"mode": "lines", "line": {"width": 4}}))
         data.append(
-            _points("principal axes", *_principal(body), {"mode": "lines", "line": {"width": 3, "dash": "dash"}})
+            _points("box of the same inertia", *_box(body), {"mode": "lines", "line": {"width": 4}})
+        )
+        data.append(
+            _points(
+                "principal axes",
+                *_principal(body),
+                {"mode": "lines", "line": {"width": 3, "dash": "dash"}},
+            )
         )
     data.append(
         _points(
-            "centre of gravity", centre[None], [False], {"mode": "markers", "marker": {"size": 5, "symbol": "diamond"}}
+            "centre of gravity",
+            centre[None],
+            [False],
+            {"mode": "markers", "marker": {"size": 5, "symbol": "diamond"}},
         )
     )
     region = _region(best)
@@ -176,7 +234,9 @@ def _body(summary: Summary, shape: Shape | None, centre: Array) -> Figure:
         largest = float(_WITHIN * np.sqrt(values.max(initial=0.0)))
         while largest * larger < _SEEN * size and larger < 1000 and largest > 0:
             larger *= 10 if larger * 10 * largest < _SEEN * size * 4 else 2
-        name = "95 % region of the centre" + (f", drawn {larger} times as large" if larger > 1 else "")
+        name = "95 % region of the centre" + (
+            f", drawn {larger} times as large" if larger > 1 else ""
+        )
         data.append(_ellipsoid(name, centre, vectors * np.sqrt(values) * _WITHIN * larger))
     for name, given in (("nominal", summary.nominal), ("truth", summary.truth)):
         place = None if given is None else [v for v in given[1:4] if v is not None]
@@ -204,7 +264,8 @@ def _body(summary: Summary, shape: Shape | None, centre: Array) -> Figure:
     )
     return Figure(
         "body",
-        "The body in the platform frame" + (f" (region of the centre {larger} times as large)" if larger > 1 else ""),
+        "The body in the platform frame"
+        + (f" (region of the centre {larger} times as large)" if larger > 1 else ""),
         text,
         tuple(data),
         _cube(data),
@@ -220,7 +281,9 @@ def _box(body: Inertia) -> tuple[Array, list[bool]]:
 
 
 def box_of(body: Inertia) -> tuple[Array, Array]:
-    """Half edges [m], shape (3,), and directions as columns, shape (3, 3), of a homogeneous box of the same inertia about the centre of gravity."""
+    """Half edges [m], shape (3,), and directions as columns, shape (3, 3), of a homogeneous box of
+    the same inertia about the centre of gravity.
+    """
     moments, axes = np.linalg.eigh(body.inertia)
     # The second moments about the planes: I1 = Sy + Sz and so on; of a box S = m a^2 / 12.
     second = moments.sum() / 2 - moments
@@ -245,7 +308,9 @@ def _region(body: Body) -> tuple[Array, Array] | None:
 def _ellipsoid(name: str, centre: Array, axes: Array) -> dict[str, Any]:
     """A surface of triangles."""
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, _ROUND), np.linspace(0, np.pi, _ROUND // 2))
-    sphere = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1).reshape(-1, 3)
+    sphere = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1).reshape(
+        -1, 3
+    )
     x, y, z = (centre + sphere @ axes.T).T
     n, rows = _ROUND, _ROUND // 2
     corners = np.array(
@@ -257,16 +322,28 @@ def _ellipsoid(name: str, centre: Array, axes: Array) -> dict[str, Any]:
     )
     faces = np.concatenate([corners[:, [0, 1, 2]], corners[:, [1, 3, 2]]])
     return {
-        "type": "mesh3d", "name": name, "x": x, "y": y, "z": z, "i": faces[:, 0].tolist(), "j": faces[:, 1].tolist(), "k": faces[:, 2].tolist(), "opacity": 0.35,
-        "showlegend": True, "hoverinfo": "name", "meta": {"moves": [False] * len(x)},
-    }  # fmt: skip
+        "type": "mesh3d",
+        "name": name,
+        "x": x,
+        "y": y,
+        "z": z,
+        "i": faces[:, 0].tolist(),
+        "j": faces[:, 1].tolist(),
+        "k": faces[:, 2].tolist(),
+        "opacity": 0.35,
+        "showlegend": True,
+        "hoverinfo": "name",
+        "meta": {"moves": [False] * len(x)},
+    }
 
 
 def _numbers(best: Body) -> Iterator[Block]:
     body = _whole(best)
     if body is None:
         if all(value is not None for value in best.value):
-            yield Statements((Statement("No body has these ten parameters together, so none is drawn.", "bad"),))
+            yield Statements(
+                (Statement("No body has these ten parameters together, so none is drawn.", "bad"),)
+            )
         return
     half, axes = box_of(body)
     rows = []
@@ -283,7 +360,13 @@ def _numbers(best: Body) -> Iterator[Block]:
         )
     yield Grid(
         "Principal axes",
-        ("", "moment [kg m²]", "direction in the platform frame", "edge of the box [m]", "radius of gyration [m]"),
+        (
+            "",
+            "moment [kg m²]",
+            "direction in the platform frame",
+            "edge of the box [m]",
+            "radius of gyration [m]",
+        ),
         tuple(rows),
         frozenset({1, 3, 4}),
     )
@@ -293,7 +376,8 @@ def _numbers(best: Body) -> Iterator[Block]:
         yield Statements(
             (
                 Statement(
-                    f"The mass is known to {100 * share:.2g} %. The box is homogeneous, a picture of the inertia, not of the platform."
+                    f"The mass is known to {100 * share:.2g} %. The box is homogeneous, a picture"
+                    " of the inertia, not of the platform."
                 ),
             )
         )

@@ -1,4 +1,6 @@
-"""Measured against predicted: what the platform feels, then every instrument, with what is left over and its spectrum."""
+"""Measured against predicted: what the platform feels, then every instrument, with what is left
+over and its spectrum.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.identification.explained import PLATFORM
+from steelyard.identification.residuals import PLATFORM
 from steelyard.report.document import Block, Figure, Grid, Section, Statement, Statements
 from steelyard.report.evidence import Number, Trace
 from steelyard.report.sections.shown import Unit, line_colour, shown_unit, slug, words
@@ -25,10 +27,15 @@ def wrench(summary: Summary) -> Section | None:
     if not traces:
         return None
     text = (
-        "Force and torque of all that carries the platform, about its origin in its own axes: as the force sensors say with everything that was found about them, "
-        "and as the estimated body needs them for the motion."
+        "Force and torque of all that carries the platform, about its origin in its own axes: as"
+        " the force sensors say with everything that was found about them, and as the estimated"
+        " body needs them for the motion."
     )
-    return Section("wrench", "What carries the platform", (Statements((Statement(text),)), *map(_figure, traces)))
+    return Section(
+        "wrench",
+        "What carries the platform",
+        (Statements((Statement(text),)), *map(_figure, traces)),
+    )
 
 
 def readings(summary: Summary) -> Section | None:
@@ -54,8 +61,10 @@ def _expected(traces: Sequence[Trace]) -> Iterator[Statement]:
     m = max((len(each.channels) for each in traces if each.quantity == "tension"), default=0)
     if m > _EQUATIONS:
         yield Statement(
-            f"Predicted tensions are those nearest to the measured ones that carry the platform. {m} cables enter {_EQUATIONS} equations: where all is as it is taken to be, "
-            f"{np.sqrt(_EQUATIONS / m):.2f} of their noise is left, and all of that of the other instruments."
+            "Predicted tensions are those nearest to the measured ones that carry the platform."
+            f" {m} cables enter {_EQUATIONS} equations: where all is as it is taken to be,"
+            f" {np.sqrt(_EQUATIONS / m):.2f} of their noise is left, and all of that of the other"
+            " instruments."
         )
 
 
@@ -63,25 +72,29 @@ def _remarks(summary: Summary, traces: Sequence[Trace]) -> Iterator[Statement]:
     evidence = summary.evidence
     for run, start, end in evidence.contacts:
         yield Statement(
-            f"Run '{run}': something touched the platform from {start:.2f} to {end:.2f} s; its forces are left out there.",
+            f"Run '{run}': something touched the platform from {start:.2f} to {end:.2f} s; its"
+            " forces are left out there.",
             "note",
         )
     for each in traces:
         if each.outliers:
             yield Statement(
-                f"Run '{each.run}', {each.instrument}, {words(each.quantity)}: {each.outliers} reading{'s' if each.outliers > 1 else ''} beyond 5 1-sigma or left out, of "
-                f"{each.samples * len(each.channels)}.",
+                f"Run '{each.run}', {each.instrument}, {words(each.quantity)}: {each.outliers}"
+                f" reading{'s' if each.outliers > 1 else ''} beyond 5 1-sigma or left out, of"
+                f" {each.samples * len(each.channels)}.",
                 "note",
             )
         ratio = _ratio(each)
         if ratio is not None and ratio > _HIGH:
             yield Statement(
-                f"Run '{each.run}', {each.instrument}, {words(each.quantity)}: what is left over is {ratio:.1f} times the noise that it is taken to have.",
+                f"Run '{each.run}', {each.instrument}, {words(each.quantity)}: what is left over is"
+                f" {ratio:.1f} times the noise that it is taken to have.",
                 "bad",
             )
     if evidence.not_drawn:
         yield Statement(
-            f"{evidence.not_drawn} further runs took part in the estimate; only the first ones are drawn, to keep this page small.",
+            f"{evidence.not_drawn} further runs took part in the estimate; only the first ones are"
+            " drawn, to keep this page small.",
             "note",
         )
 
@@ -100,10 +113,17 @@ def _table(traces: Sequence[Trace]) -> Grid:
         left = [f"{r * unit.factor:.3g}" if r is not None else "-" for r in each.rms]
         rows.append(
             (
-                each.run, each.instrument, words(each.quantity), unit.name, str(each.samples), ", ".join(left), "-" if ratio is None else f"{ratio:.2f}",
-                "-" if each.worst is None else f"{each.worst:.1f}", str(each.outliers),
+                each.run,
+                each.instrument,
+                words(each.quantity),
+                unit.name,
+                str(each.samples),
+                ", ".join(left),
+                "-" if ratio is None else f"{ratio:.2f}",
+                "-" if each.worst is None else f"{each.worst:.1f}",
+                str(each.outliers),
             )
-        )  # fmt: skip
+        )
     head = (
         "run",
         "instrument",
@@ -115,14 +135,19 @@ def _table(traces: Sequence[Trace]) -> Grid:
         "largest in 1-sigma",
         "outliers",
     )
-    return Grid("What is left over: measured less predicted", head, tuple(rows), frozenset({4, 6, 7, 8}))
+    return Grid(
+        "What is left over: measured less predicted", head, tuple(rows), frozenset({4, 6, 7, 8})
+    )
 
 
 def _noise(summary: Summary) -> Grid:
     rows = []
     for each in summary.evidence.noise:
         unit = shown_unit(each.unit, each.quantity)
-        values = [("-" if v is None else f"{v * unit.factor:.3g}") for v in (each.stated, each.used, each.found)]
+        values = [
+            ("-" if v is None else f"{v * unit.factor:.3g}")
+            for v in (each.stated, each.used, each.found)
+        ]
         rows.append((each.instrument, words(each.quantity), unit.name, *values))
     return Grid(
         "Noise of single readings, 1-sigma",
@@ -145,7 +170,11 @@ def _figure(each: Trace) -> Figure:
         "xaxis": {"title": {"text": what}, "anchor": "y2"},
         "yaxis": {"title": {"text": f"{words(each.quantity)} [{unit.name}]"}, "domain": [0.4, 1.0]},
         "yaxis2": {
-            "title": {"text": "left over [1-sigma]" if each.sigma is not None else f"left over [{unit.name}]"},
+            "title": {
+                "text": (
+                    "left over [1-sigma]" if each.sigma is not None else f"left over [{unit.name}]"
+                )
+            },
             "domain": [0.0, 0.32],
         },
     }
@@ -153,13 +182,27 @@ def _figure(each: Trace) -> Figure:
     drawn = "points measured, rings predicted" if each.static else "measured thin, predicted dashed"
     thin = f", {len(each.time)} of {each.samples} samples" if len(each.time) < each.samples else ""
     title = f"Run {each.run}: {who}, {words(each.quantity)} ({drawn}{thin})"
-    text = f"{words(each.quantity)} of {who} in run {each.run}, channels {', '.join(each.channels)}, measured and predicted, and below what is left over; {_summed(each, unit)}"
-    return Figure(slug("trace", each.run, each.instrument, each.quantity), title, text, tuple(data), layout, height=440)
+    text = (
+        f"{words(each.quantity)} of {who} in run {each.run}, channels {', '.join(each.channels)},"
+        f" measured and predicted, and below what is left over; {_summed(each, unit)}"
+    )
+    return Figure(
+        slug("trace", each.run, each.instrument, each.quantity),
+        title,
+        text,
+        tuple(data),
+        layout,
+        height=440,
+    )
 
 
 def _summed(each: Trace, unit: Unit) -> str:
     rms = [r for r in each.rms if r is not None]
-    return f"root mean square {max(rms) * unit.factor:.3g} {unit.name} at most." if rms else "nothing was read."
+    return (
+        f"root mean square {max(rms) * unit.factor:.3g} {unit.name} at most."
+        if rms
+        else "nothing was read."
+    )
 
 
 def _lines(each: Trace, measured: Any, predicted: Any) -> Iterator[dict[str, Any]]:
@@ -188,8 +231,14 @@ def _lines(each: Trace, measured: Any, predicted: Any) -> Iterator[dict[str, Any
             else {"mode": "lines", "line": {"width": 1.5, "dash": "dash", "color": colour}}
         )
         yield {
-            "type": "scatter", "name": f"{name}, predicted", "legendgroup": name, "showlegend": False, "x": each.time, "y": values, **drawn,
-        }  # fmt: skip
+            "type": "scatter",
+            "name": f"{name}, predicted",
+            "legendgroup": name,
+            "showlegend": False,
+            "x": each.time,
+            "y": values,
+            **drawn,
+        }
 
 
 def _left_over(each: Trace, over: Any) -> Iterator[dict[str, Any]]:
@@ -199,17 +248,30 @@ def _left_over(each: Trace, over: Any) -> Iterator[dict[str, Any]]:
         out[channel, sample] = True
     for i, (name, values, lost) in enumerate(zip(each.channels, over, out, strict=True)):
         yield {
-            "type": "scatter", "mode": "markers" if each.static else "lines", "name": f"{name}, left over", "legendgroup": name, "showlegend": False, "x": each.time,
-            "y": np.where(lost, np.nan, values), "yaxis": "y2", "line": {"width": 1, "color": line_colour(i)}, "marker": {"size": 5, "color": line_colour(i)},
-        }  # fmt: skip
+            "type": "scatter",
+            "mode": "markers" if each.static else "lines",
+            "name": f"{name}, left over",
+            "legendgroup": name,
+            "showlegend": False,
+            "x": each.time,
+            "y": np.where(lost, np.nan, values),
+            "yaxis": "y2",
+            "line": {"width": 1, "color": line_colour(i)},
+            "marker": {"size": 5, "color": line_colour(i)},
+        }
     if out.any():
         channels, samples = np.nonzero(out)
         # What is left out may be far off the scale: it is marked where it happened.
         limit = float(np.nanmax(np.abs(np.where(out, np.nan, over)), initial=1.0))
         yield {
-            "type": "scatter", "mode": "markers", "name": "left out", "x": time[samples], "y": np.clip(over[channels, samples], -limit, limit), "yaxis": "y2",
+            "type": "scatter",
+            "mode": "markers",
+            "name": "left out",
+            "x": time[samples],
+            "y": np.clip(over[channels, samples], -limit, limit),
+            "yaxis": "y2",
             "marker": {"size": 7, "symbol": "x-thin-open", "color": "var(--bad)"},
-        }  # fmt: skip
+        }
 
 
 def _spectra(traces: Sequence[Trace]) -> Iterator[Figure]:
@@ -220,19 +282,24 @@ def _spectra(traces: Sequence[Trace]) -> Iterator[Figure]:
             continue
         data = [
             {
-                "type": "scatter", "mode": "lines", "name": f"{each.instrument}, {words(each.quantity)}", "x": each.spectrum.frequency, "y": each.spectrum.power,
+                "type": "scatter",
+                "mode": "lines",
+                "name": f"{each.instrument}, {words(each.quantity)}",
+                "x": each.spectrum.frequency,
+                "y": each.spectrum.power,
                 "line": {"width": 1.5},
             }
             for each in own
             if each.spectrum is not None
-        ]  # fmt: skip
+        ]
         layout = {
             "xaxis": {"title": {"text": "frequency [Hz]"}, "type": "log"},
             "yaxis": {"title": {"text": "power over that of white noise"}, "type": "log"},
         }
         text = (
-            f"Spectra of what is left over in run {run}. White noise of the stated size is flat at 1; a peak is a motion or a vibration that the fit does not follow. Cables: six "
-            "equations for all of them, so that less than 1 is left."
+            f"Spectra of what is left over in run {run}. White noise of the stated size is flat at"
+            " 1; a peak is a motion or a vibration that the fit does not follow. Cables: six"
+            " equations for all of them, so that less than 1 is left."
         )
         yield Figure(
             slug("spectra", run),

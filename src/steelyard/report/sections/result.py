@@ -1,4 +1,6 @@
-"""The result: in one sentence, verdicts and remarks, the ten of every method as a table and as intervals."""
+"""The result: in one sentence, verdicts and remarks, the ten of every method as a table and as
+intervals.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +16,11 @@ from steelyard.report.summary import Summary, Table, cell
 COVERED = 1.96
 """Of a normal distribution: 95 % within so many 1-sigma."""
 _WIDEST = 8.0
-"""Intervals of other methods are shown up to so many times the best one; wider ones run out of the picture."""
+"""Intervals of other methods are shown up to so many times the best one; wider ones run out of the
+picture."""
 _ROW, _ENTRY = 118, 18
-"""Height of a row of panels, and of an entry of the legend, which has a line of its own where the window is narrow [px]."""
+"""Height of a row of panels, and of an entry of the legend, which has a line of its own where the
+window is narrow [px]."""
 _PARTS = (
     ("mass", slice(0, 1)),
     ("centre of gravity", slice(1, 4)),
@@ -30,7 +34,9 @@ def lead(summary: Summary) -> Statement:
     best = summary.best
     known = ", ".join(_said(best, name, place) for name, place in _PARTS)
     if not best.accepted:
-        return Statement(f"Not accepted: {'; '.join(best.reasons)}. As estimated by {best.name}: {known}.", "bad")
+        return Statement(
+            f"Not accepted: {'; '.join(best.reasons)}. As estimated by {best.name}: {known}.", "bad"
+        )
     return Statement(f"{known[:1].upper()}{known[1:]} (1-sigma), by {best.name}: accepted.", "good")
 
 
@@ -48,7 +54,10 @@ def _said(body: Body, name: str, place: slice) -> str:
 
 def deviations_of(body: Body) -> list[Number]:
     """1-sigma of the ten."""
-    return [None if row[i] is None else max(row[i] or 0.0, 0.0) ** 0.5 for i, row in enumerate(body.covariance)]
+    return [
+        None if row[i] is None else max(row[i] or 0.0, 0.0) ** 0.5
+        for i, row in enumerate(body.covariance)
+    ]
 
 
 def scaled(value: Number, factor: float) -> Number:
@@ -63,20 +72,26 @@ def result(summary: Summary) -> Section:
     blocks.append(grid_of(summary.table))
     if any(value is not None for body in summary.bodies for value in body.value):
         blocks.append(_intervals(summary))
-    untold = [label for label, each in zip(LABELS, best.labels, strict=True) if each == "unidentifiable"]
+    untold = [
+        label for label, each in zip(LABELS, best.labels, strict=True) if each == "unidentifiable"
+    ]
     prior = [label[0] for label, each in zip(LABELS, best.labels, strict=True) if each == "prior"]
     remarks = []
     if untold:
         names = ", ".join(label[0] for label in untold)
         remarks.append(
             Statement(
-                f"Not told by these data, and therefore left out: {names}. Other motion would tell them: see 'steelyard design'.",
+                f"Not told by these data, and therefore left out: {names}. Other motion would tell"
+                " them: see 'steelyard design'.",
                 "note",
             )
         )
     if prior:
         remarks.append(
-            Statement(f"Told by what was known beforehand rather than by the data: {', '.join(prior)}.", "note")
+            Statement(
+                f"Told by what was known beforehand rather than by the data: {', '.join(prior)}.",
+                "note",
+            )
         )
     if remarks:
         blocks.append(Statements(tuple(remarks)))
@@ -86,7 +101,9 @@ def result(summary: Summary) -> Section:
 
 def _verdicts(summary: Summary) -> Iterator[Statement]:
     for text in summary.statements:
-        tone: Tone = "bad" if ": not accepted" in text else "good" if text.endswith(": accepted") else "note"
+        tone: Tone = (
+            "bad" if ": not accepted" in text else "good" if text.endswith(": accepted") else "note"
+        )
         yield Statement(text, tone)
 
 
@@ -102,13 +119,23 @@ def grid_of(table: Table) -> Grid:
             for row, cells in enumerate(rows):
                 deviation = column.deviations[row] if column.deviations else None
                 cells.append(number(column.errors[row], deviation, sign=True).split(" ± ")[0])
-    return Grid(table.title, tuple(head), tuple(tuple(cells) for cells in rows), frozenset(range(2, len(head))))
+    return Grid(
+        table.title,
+        tuple(head),
+        tuple(tuple(cells) for cells in rows),
+        frozenset(range(2, len(head))),
+    )
 
 
 def _intervals(summary: Summary) -> Figure:
-    """Ten panels, a method a row: 95 % intervals against nominal, truth and what could be known at best."""
+    """Ten panels, a method a row: 95 % intervals against nominal, truth and what could be known at
+    best.
+    """
     data: list[dict[str, Any]] = []
-    layout: dict[str, Any] = {"annotations": [], "legend": {"orientation": "h", "y": 1.06, "yanchor": "bottom"}}
+    layout: dict[str, Any] = {
+        "annotations": [],
+        "legend": {"orientation": "h", "y": 1.06, "yanchor": "bottom"},
+    }
     bodies = [body for body in summary.bodies if any(v is not None for v in body.value)]
     most = len(bodies) + (summary.attainable is not None)
     rows = 5
@@ -125,8 +152,14 @@ def _intervals(summary: Summary) -> Figure:
             "range": _range(summary, bodies, i, factor),
         }
         layout[f"yaxis{suffix}"] = {
-            "domain": [top - 0.125, top - 0.02], "anchor": f"x{suffix}", "range": [-0.7, most - 0.3], "showticklabels": False, "visible": told, "zeroline": False, "showgrid": False,
-        }  # fmt: skip
+            "domain": [top - 0.125, top - 0.02],
+            "anchor": f"x{suffix}",
+            "range": [-0.7, most - 0.3],
+            "showticklabels": False,
+            "visible": told,
+            "zeroline": False,
+            "showgrid": False,
+        }
         layout["annotations"].append(
             {
                 "text": f"{label} [{unit}]" if told else f"{label}: not told",
@@ -141,15 +174,30 @@ def _intervals(summary: Summary) -> Figure:
         )
         for j, body in enumerate(bodies):
             value, deviation = scaled(body.value[i], factor), scaled(deviations_of(body)[i], factor)
-            data.append(_interval(body.name, line_colour(j), value, deviation, most - 1 - j, suffix, first=i == 0))
+            data.append(
+                _interval(
+                    body.name, line_colour(j), value, deviation, most - 1 - j, suffix, first=i == 0
+                )
+            )
         if summary.attainable is not None:
             best = scaled(summary.best.value[i], factor)
             at_best = scaled(summary.attainable[i], factor) if best is not None else None
-            data.append(_interval("smallest possible", "var(--muted)", best, at_best, 0, suffix, first=i == 0))
-        for name, given, dash in (("nominal", summary.nominal, "dot"), ("truth", summary.truth, "solid")):
+            data.append(
+                _interval(
+                    "smallest possible", "var(--muted)", best, at_best, 0, suffix, first=i == 0
+                )
+            )
+        for name, given, dash in (
+            ("nominal", summary.nominal, "dot"),
+            ("truth", summary.truth, "solid"),
+        ):
             if given is not None:
                 data.append(_line(name, scaled(given[i], factor), most, dash, suffix, first=i == 0))
-    text = "95 % intervals of the ten parameters by every method, against nominal, truth and the smallest possible where known; lines that run out of the picture are wider. The numbers are in the table above."
+    text = (
+        "95 % intervals of the ten parameters by every method, against nominal, truth and the"
+        " smallest possible where known; lines that run out of the picture are wider. The numbers"
+        " are in the table above."
+    )
     return Figure(
         "intervals",
         "The ten parameters with their 95 % intervals",
@@ -161,7 +209,9 @@ def _intervals(summary: Summary) -> Figure:
 
 
 def _range(summary: Summary, bodies: Sequence[Body], i: int, factor: float) -> list[float] | None:
-    """What a panel shows: the best interval well, others as far as that allows; None: all there is."""
+    """What a panel shows: the best interval well, others as far as that allows; None: all there
+    is.
+    """
     centre, sigma = summary.best.value[i], deviations_of(summary.best)[i]
     if centre is None or not sigma:
         return None
@@ -182,15 +232,39 @@ def _interval(
 ) -> dict[str, Any]:
     shown = [] if value is None else [value]
     return {
-        "type": "scatter", "mode": "markers", "name": name, "legendgroup": name, "showlegend": first, "x": shown or [None], "y": [y], "xaxis": f"x{suffix}",
-        "yaxis": f"y{suffix}", "marker": {"size": 8, "color": colour},
-        "error_x": {"type": "data", "array": [COVERED * (deviation or 0.0)], "thickness": 2, "width": 5, "color": colour},
-    }  # fmt: skip
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "legendgroup": name,
+        "showlegend": first,
+        "x": shown or [None],
+        "y": [y],
+        "xaxis": f"x{suffix}",
+        "yaxis": f"y{suffix}",
+        "marker": {"size": 8, "color": colour},
+        "error_x": {
+            "type": "data",
+            "array": [COVERED * (deviation or 0.0)],
+            "thickness": 2,
+            "width": 5,
+            "color": colour,
+        },
+    }
 
 
-def _line(name: str, value: Number, most: int, dash: str, suffix: str, *, first: bool) -> dict[str, Any]:
+def _line(
+    name: str, value: Number, most: int, dash: str, suffix: str, *, first: bool
+) -> dict[str, Any]:
     x: Sequence[Number] = [value, value]
     return {
-        "type": "scatter", "mode": "lines", "name": name, "legendgroup": name, "showlegend": first, "x": x, "y": [-0.6, most - 0.4], "xaxis": f"x{suffix}",
-        "yaxis": f"y{suffix}", "line": {"dash": dash, "width": 1.5, "color": "var(--ink)"},
-    }  # fmt: skip
+        "type": "scatter",
+        "mode": "lines",
+        "name": name,
+        "legendgroup": name,
+        "showlegend": first,
+        "x": x,
+        "y": [-0.6, most - 0.4],
+        "xaxis": f"x{suffix}",
+        "yaxis": f"y{suffix}",
+        "line": {"dash": dash, "width": 1.5, "color": "var(--ink)"},
+    }

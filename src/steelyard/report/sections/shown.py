@@ -20,7 +20,9 @@ _NAMES = {"m/s^2": "m/s²", "kg m^2": "kg m²", "N m": "N m", "1": "-"}
 
 
 def shown_unit(unit: str, quantity: str = "") -> Unit:
-    """Angles in degrees, places of targets in mm where they are errors of a mounting; all else as it is."""
+    """Angles in degrees, places of targets in mm where they are errors of a mounting; all else as
+    it is.
+    """
     if unit == "rad":
         return Unit("°", _ANGLE)
     if unit == "rad/s":
@@ -39,7 +41,10 @@ def words(name: str) -> str:
 
 def slug(*parts: str) -> str:
     """A name for links and elements: short, safe, and unlike that of other parts."""
-    text = "-".join("".join(c if c.isascii() and c.isalnum() else "-" for c in part.lower())[:24] for part in parts)
+    text = "-".join(
+        "".join(c if c.isascii() and c.isalnum() else "-" for c in part.lower())[:24]
+        for part in parts
+    )
     return f"{text}-{hashlib.sha256(chr(0).join(parts).encode(errors='replace')).hexdigest()[:6]}"
 
 

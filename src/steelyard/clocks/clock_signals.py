@@ -1,0 +1,216 @@
+"""What the streams of one clock say of the motion, as smooth functions of its time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment, Run, is_force
+from steelyard.instruments import Command, Instrument
+from steelyard.motion.state import motion_of_quaternions
+from steelyard.smoothing import Samples1D, Smoothed, choose_spacing, fit, segments
+
+POSITION, ROTATION, RATE, FORCE, SPECIFIC_FORCE, LENGTH = (
+    "position",
+    "rotation",
+    "rate",
+    "force",
+    "specific force",
+    "length",
+)
+_KINDS = {
+    "position": POSITION,
+    "orientation": ROTATION,
+    "angular_velocity": RATE,
+    "specific_force": SPECIFIC_FORCE,
+    "length": LENGTH,
+    "tension": FORCE,
+    "force": FORCE,
+    "torque": FORCE,
+}
+"""Quantity of an instrument -> what it tells of the motion."""
+_FINEST, _WIDEST = 0.02, 0.5
+"""Spacing of knots [s]: 25 Hz is all that a platform on cables does."""
+_CANDIDATES = 7
+_BRIDGED = 0.1
+"""Spacing of knots across which samples may be missing [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """Samples of one quantity on the clock of its log, finite."""
+
+    time: Array
+    """Never decreasing [s], shape (n,)."""
+    values: Array
+    """Shape (n, k); of rotations quaternions (w, x, y, z) without jumps of sign."""
+
+    def between(self, start: float, end: float) -> Signal:
+        """Its samples in an interval."""
+        first, last = np.searchsorted(self.time, [start, end])
+        return Signal(self.time[first:last], self.values[first:last])
+
+    @cached_property
+    def step(self) -> float:
+        """Median time between samples [s]."""
+        steps = np.diff(self.time)
+        return float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """The streams of one clock."""
+
+    instruments: tuple[str, ...]
+    signals: Mapping[str, Signal] = field(default_factory=dict)
+    """What it tells -> its samples; the densest where several instruments tell the same."""
+    forces: bool = False
+    """Whether it is the clock of the forces, which defines the time."""
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last sample that all signals have [s]."""
+        return max(s.time[0] for s in self.signals.values()), min(
+            s.time[-1] for s in self.signals.values()
+        )
+
+
+def clocks_of(experiment: Experiment, run: Run) -> tuple[Clock, ...]:
+    """The clocks of a run, that of the forces first."""
+    groups: dict[str, list[str]] = {}
+    for name, stream in run.streams.items():
+        # Streams of one file share its clock. Those of one recorder share an error, but each may
+        # begin at a time of its own.
+        groups.setdefault(stream.source, []).append(name)
+    reference = experiment.force_instrument(run)
+    found = [_clock(experiment, run, tuple(names), reference) for names in groups.values()]
+    return tuple(sorted((c for c in found if c.signals), key=lambda c: not c.forces))
+
+
+def _clock(
+    experiment: Experiment, run: Run, names: tuple[str, ...], reference: str | None
+) -> Clock:
+    signals: dict[str, Signal] = {}
+    # A command is not where the platform is; what has been measured goes first.
+    for name in sorted(names, key=lambda n: isinstance(experiment.instruments[n], Command)):
+        stream = run.streams[name]
+        for quantity, values in stream.values.items():
+            flat = values.reshape(len(values), -1)
+            turned = _mounting(experiment.instruments[name])
+            use = np.isfinite(flat).all(axis=1) & np.concatenate([[True], np.diff(stream.time) > 0])
+            if use.sum() < _FEWEST:
+                continue
+            kind = _KINDS[quantity]
+            if kind == ROTATION:
+                samples = Signal(stream.time[use], _quaternions(values[use] @ turned.T))
+            else:
+                # Vectors of the platform's axes; places and tensions have axes of their own.
+                inside = kind in (RATE, SPECIFIC_FORCE)
+                samples = Signal(stream.time[use], flat[use] @ turned.T if inside else flat[use])
+            there = signals.get(kind)
+            if there is not None and kind == FORCE and is_force(experiment.instruments[name]):
+                if len(there.time) == len(samples.time):
+                    signals[kind] = Signal(there.time, np.hstack([there.values, samples.values]))
+            elif there is None or samples.step < 0.5 * there.step:
+                signals[kind] = samples
+    return Clock(names, signals, reference in names)
+
+
+_FEWEST = 10
+
+
+def _mounting(instrument: Instrument) -> Array:
+    """R_platform_instrument as the experiment file has it, shape (3, 3)."""
+    rpy = getattr(instrument, "rpy_deg", (0.0, 0.0, 0.0))
+    return np.asarray(Rotation.from_euler("ZYX", rpy[::-1], degrees=True).as_matrix())
+
+
+def _quaternions(rotations: Array) -> Array:
+    quaternions = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
+    flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
+    return np.asarray(quaternions * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class Smooth:
+    """A signal as a smooth function of time, NaN where it has none."""
+
+    parts: Sequence[tuple[float, float, Smoothed]]
+    width: int
+
+    def at(self, time: Array, order: int = 0) -> Array:
+        """Value or derivative, shape (n, k)."""
+        found = np.full((len(time), self.width), np.nan)
+        for start, end, spline in self.parts:
+            inside = (time >= start) & (time <= end)
+            found[inside] = spline.at(time[inside], order)
+        return found
+
+
+def smooth(signal: Signal, start: float, end: float) -> Smooth:
+    """Fit a signal over an interval, but for its gaps."""
+    own = signal.between(start, end)
+    width = signal.values.shape[1]
+    if len(own.time) < _FEWEST:
+        return Smooth((), width)
+    start, end = float(own.time[0]), float(own.time[-1])
+    finest = max(2 * own.step, _FINEST)
+    candidates = np.geomspace(finest, max(finest, _WIDEST), _CANDIDATES)
+    samples = Samples1D(own.time, own.values)
+    # Judged on the longest stretch without a gap; uneven sampling alone makes none.
+    stretches = segments([own.time], start, end, max(finest, _BRIDGED))
+    longest = max(stretches, key=lambda s: s[1] - s[0])
+    spacing = choose_spacing([samples], [float(c) for c in candidates], *longest, robust=True)
+    parts = []
+    for a, b in segments([own.time], start, end, spacing):
+        fitted = fit(samples, a, b, spacing, robust=True)
+        if fitted is not None and b - a > 2 * spacing:
+            # The ends of a spline are poor where derivatives are asked for.
+            parts.append((a + spacing, b - spacing, fitted))
+    return Smooth(tuple(parts), width)
+
+
+class ClockSignals:
+    """Smooth functions of what a clock tells, over an interval of its time."""
+
+    def __init__(self, clock: Clock, start: float, end: float) -> None:
+        self.clock, self.start, self.end = clock, start, end
+        self._smooth: dict[str, Smooth] = {}
+
+    def has(self, *kinds: str) -> bool:
+        """Whether the clock tells all of these."""
+        return all(kind in self.clock.signals for kind in kinds)
+
+    def samples(self, kind: str) -> Signal:
+        """Raw samples within the interval."""
+        return self.clock.signals[kind].between(self.start, self.end)
+
+    def at(self, kind: str, time: Array, order: int = 0) -> Array:
+        """Smooth value or derivative, shape (n, k)."""
+        if kind not in self._smooth:
+            self._smooth[kind] = smooth(self.clock.signals[kind], self.start, self.end)
+        return self._smooth[kind].at(time, order)
+
+    def turning(self, time: Array) -> tuple[Array, Array, Array]:
+        """R, shape (n, 3, 3), angular velocity and its derivative in the turning frame, shape (n,
+        3).
+        """
+        derivatives = [self.at(ROTATION, time, order) for order in range(3)]
+        valid = np.isfinite(derivatives[0]).all(axis=1)
+        found = (
+            np.full((len(time), 3, 3), np.nan),
+            np.full((len(time), 3), np.nan),
+            np.full((len(time), 3), np.nan),
+        )
+        if valid.any():
+            motion = motion_of_quaternions(*(each[valid] for each in derivatives))
+            found[0][valid] = Rotation.from_quat(
+                derivatives[0][valid], scalar_first=True
+            ).as_matrix()
+            found[1][valid], found[2][valid] = motion["omega"], motion["alpha"]
+        return found

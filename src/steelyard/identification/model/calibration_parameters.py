@@ -1,0 +1,271 @@
+"""The systematic errors of an experiment as one vector: every instrument's terms, the clocks, and
+the robot file itself.
+
+Estimators, bounds and tests speak of the same errors by the same places; their priors are those of
+the contract.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment, Run
+from steelyard.instruments import Instrument
+from steelyard.instruments.base import Term
+
+ROBOT = "robot"
+"""Owner of the errors of the robot file."""
+LAG = "lag"
+"""Key of how far the forces lag behind the motion instruments, those of their own clock too."""
+DRAG = "cable_inertia"
+"""Key of how far the platform feels the inertia of its cables: 1 as theory has it, 0 where they
+follow without any."""
+_DRAGGED = 0.5
+"""Its mean and its 1-sigma: cables that swing, creep over rollers or are simulated without inertia
+feel less than theory says."""
+_AXES = "xyz"
+_PER_CABLE = frozenset({"offset", "gain", "friction"})
+_OFFSET_SHARE = 0.01
+"""Default 1-sigma of the offset of a force sensor, as a part of the median tension."""
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationParameter:
+    """One systematic error, a constant vector."""
+
+    owner: str
+    """Instrument, or :data:`ROBOT`; of a delay the clock."""
+    key: str
+    """Term of the instrument (nested keys with a dot), ``delay``, or ``anchor``, ``attachment``,
+    ``gravity`` of the robot."""
+    run: str | None
+    """Run in which it holds; None: in all of them."""
+    unit: str
+    mean: Array
+    """Value known beforehand, shape (k,)."""
+    deviation: Array
+    """1-sigma, shape (k,); 0 is exact."""
+
+    def names(self, m: int) -> list[str]:
+        """A name for every component, as people would say it."""
+        size = len(self.mean)
+        where = f"{self.owner}.{self.key}" + (f" of run '{self.run}'" if self.run else "")
+        if self.key in {"anchor", "attachment"}:
+            return [f"{self.key} {i // 3 + 1} {_AXES[i % 3]}" for i in range(size)]
+        # A robot of three cables has vectors that are no axes.
+        if size == m and size > 1 and self.key in _PER_CABLE:
+            return [f"{where} of cable {i + 1}" for i in range(size)]
+        if size == 3:
+            return [f"{where} {axis}" for axis in _AXES]
+        return [where] if size == 1 else [f"{where} {i + 1}" for i in range(size)]
+
+
+Key = tuple[str, str, str | None]
+"""Owner, key and run of an :class:`CalibrationParameter`."""
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationParameters:
+    """All systematic errors of an experiment, and where each stands in the vector of them."""
+
+    entries: tuple[CalibrationParameter, ...]
+    m: int
+    """Number of cables."""
+
+    @cached_property
+    def places(self) -> Mapping[Key, slice]:
+        """Where each stands."""
+        ends = np.cumsum([len(u.mean) for u in self.entries])
+        return {
+            (u.owner, u.key, u.run): slice(int(end) - len(u.mean), int(end))
+            for u, end in zip(self.entries, ends, strict=True)
+        }
+
+    def __len__(self) -> int:
+        return sum(len(u.mean) for u in self.entries)
+
+    def place(self, owner: str, key: str, run: str) -> slice:
+        """Where an error stands that acts in a run.
+
+        Raises:
+            KeyError: There is none.
+        """
+        places = self.places
+        return places[owner, key, run] if (owner, key, run) in places else places[owner, key, None]
+
+    @cached_property
+    def mean(self) -> Array:
+        """Values known beforehand, shape (u,)."""
+        return np.concatenate([u.mean for u in self.entries])
+
+    @cached_property
+    def deviation(self) -> Array:
+        """1-sigma, shape (u,)."""
+        return np.concatenate([u.deviation for u in self.entries])
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """A name for every component, shape (u,)."""
+        return tuple(name for u in self.entries for name in u.names(self.m))
+
+    def components(self) -> Iterator[tuple[int, CalibrationParameter, int]]:
+        """Place in the vector, the error and the component of it, one after the other."""
+        place = 0
+        for unknown in self.entries:
+            for component in range(len(unknown.mean)):
+                yield place, unknown, component
+                place += 1
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Values of all systematic errors, and what each run needs of them."""
+
+    calibration_parameters: CalibrationParameters
+    values: Array
+    """Shape (u,)."""
+
+    def of(self, name: str, instrument: Instrument, run: str) -> dict[str, Array]:
+        """Values of an instrument's terms in a run."""
+        return {
+            term.key: self.values[self.calibration_parameters.place(name, term.key, run)]
+            for term in instrument.terms(self.calibration_parameters.m)
+        }
+
+    def delay(self, clock: str, run: str) -> float:
+        """Of a clock in a run [s]."""
+        return float(self.values[self.calibration_parameters.place(clock, "delay", run)][0])
+
+    @property
+    def drag(self) -> float:
+        """How far the platform feels the inertia of its cables."""
+        return float(self.values[self.calibration_parameters.places[ROBOT, DRAG, None]][0])
+
+    @property
+    def gravity(self) -> Array:
+        """World frame [m/s^2], shape (3,)."""
+        return self.values[self.calibration_parameters.places[ROBOT, "gravity", None]]
+
+
+def clock_of(experiment: Experiment, name: str) -> str:
+    """The clock of an instrument; one without a name has one of its own."""
+    return experiment.instruments[name].clock or name
+
+
+def gather(experiment: Experiment) -> CalibrationParameters:
+    """Every systematic error that the description of an experiment allows for, exact ones too."""
+    entries: list[CalibrationParameter] = []
+    used = dict.fromkeys(name for run in experiment.runs for name in run.streams)
+    for name in used:
+        instrument = experiment.instruments[name]
+        for term in instrument.terms(experiment.robot.m):
+            deviation = (
+                term.deviation if term.deviation is not None else _from_data(experiment, name, term)
+            )
+            runs: Sequence[Run | None] = (
+                [r for r in experiment.runs if name in r.streams]
+                if term.prior.per == "run"
+                else [None]
+            )
+            entries += [
+                CalibrationParameter(
+                    name, term.key, run.name if run else None, term.unit, term.mean, deviation
+                )
+                for run in runs
+            ]
+    for run in experiment.runs:
+        if run.static:
+            continue
+        clocks: dict[str, CalibrationParameter] = {}
+        for name in run.streams:
+            prior, clock = experiment.delay(run, name), clock_of(experiment, name)
+            mean, sigma = (
+                np.atleast_1d(np.asarray(v or 0.0, dtype=np.float64))
+                for v in (prior.value, prior.sigma)
+            )
+            # Instruments of one clock share its error: what is known of one is known of all.
+            if clock not in clocks or sigma[0] < clocks[clock].deviation[0]:
+                clocks[clock] = CalibrationParameter(clock, "delay", run.name, "s", mean, sigma)
+        entries += clocks.values()
+        force = experiment.force_instrument(run)
+        if force is not None:
+            # Exact by the contract, since this clock defines the time; tests may ask whether it is.
+            entries.append(
+                CalibrationParameter(force, LAG, run.name, "s", np.zeros(1), np.zeros(1))
+            )
+    robot, uncertainty = experiment.robot, experiment.uncertainty
+    for key, unit, value in (
+        ("anchor", "m", robot.anchors.ravel()),
+        ("attachment", "m", robot.attachments.ravel()),
+        ("gravity", "m/s^2", robot.gravity),
+    ):
+        entries.append(
+            CalibrationParameter(
+                ROBOT,
+                key,
+                None,
+                unit,
+                np.array(value),
+                np.full(value.size, uncertainty.get(key, 0.0)),
+            )
+        )
+    drags = robot.m > 0 and bool(robot.cable.linear_density)
+    share = np.full(1, _DRAGGED if drags else 0.0)
+    entries.append(CalibrationParameter(ROBOT, DRAG, None, "1", share, share))
+    return CalibrationParameters(tuple(entries), robot.m)
+
+
+def _from_data(experiment: Experiment, name: str, term: Term) -> Array:
+    """Default 1-sigma that the contract takes from the readings, shape (k,)."""
+    quantity = {"offset.force": "force", "offset.torque": "torque"}.get(term.key, "tension")
+    readings = [
+        run.streams[name].values[quantity] for run in experiment.runs if name in run.streams
+    ]
+    sizes = np.abs(np.concatenate(readings))
+    scale = _OFFSET_SHARE * np.nanmedian(sizes) if quantity == "tension" else np.nanmax(sizes)
+    return np.full(term.size, float(scale))
+
+
+def as_tree(
+    experiment: Experiment,
+    calibration_parameters: CalibrationParameters,
+    values: Array,
+    deviations: Array,
+) -> dict[str, Any]:
+    """Values with their 1-sigma in the shape of ``calibration`` in ``estimate.json``; errors known
+    exactly are left out.
+    """
+    tree: dict[str, Any] = {}
+    for unknown in calibration_parameters.entries:
+        place = calibration_parameters.places[unknown.owner, unknown.key, unknown.run]
+        if unknown.owner == ROBOT or not unknown.deviation.any():
+            continue
+        single = len(unknown.mean) == 1
+        pair = {
+            "value": float(values[place][0]) if single else values[place],
+            "standard_deviation": float(deviations[place][0]) if single else deviations[place],
+        }
+        for owner in _instruments_of(experiment, unknown):
+            *path, last = unknown.key.split(".")
+            entry = tree.setdefault(owner, {})
+            for part in path:
+                entry = entry.setdefault(part, {})
+            if unknown.run is None:
+                entry[last] = pair
+            else:
+                entry.setdefault(last, {})[unknown.run] = pair
+    return tree
+
+
+def _instruments_of(experiment: Experiment, unknown: CalibrationParameter) -> list[str]:
+    """The instrument of an error; of a delay all that share the clock."""
+    if unknown.key != "delay":
+        return [unknown.owner]
+    run = next(run for run in experiment.runs if run.name == unknown.run)
+    return [name for name in run.streams if clock_of(experiment, name) == unknown.owner]

@@ -1,0 +1,167 @@
+"""The motion of a run as fitted, with its uncertainty: pose, velocity and acceleration at any
+rate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard import rotations
+from steelyard.arrays import Array
+from steelyard.batch import Batched
+from steelyard.display import printable
+from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.segment import POSE, motion_at, spread
+from steelyard.motion.state import state_of_pose
+from steelyard.tables import Tabular
+
+QUANTITIES = (
+    "position",
+    "rotation",
+    "velocity",
+    "angular_velocity",
+    "acceleration",
+    "angular_acceleration",
+)
+"""Place of the platform origin and its derivatives in the world; rotations, angular velocity and
+acceleration in the platform frame."""
+_AXES = {
+    "position": ("x", "y", "z"),
+    "velocity": ("vx", "vy", "vz"),
+    "angular_velocity": ("wx", "wy", "wz"),
+    "acceleration": ("ax", "ay", "az"),
+    "angular_acceleration": ("alpha_x", "alpha_y", "alpha_z"),
+}
+_ROTATION_SIGMAS = ("sigma_rx", "sigma_ry", "sigma_rz")
+RATE = 100.0
+"""At which it is written [Hz]."""
+_AT_ONCE = 2048
+
+
+@dataclass(frozen=True, eq=False)
+class FittedMotion(Tabular):
+    """Motion at n times."""
+
+    run: str
+    time: Array
+    """By the reference clock of the motion [s], shape (n,)."""
+    rotation: Array
+    """Quaternion (w, x, y, z), shape (n, 4)."""
+    values: Mapping[str, Array]
+    """Quantity -> shape (n, 3); all of :data:`QUANTITIES` but ``rotation``."""
+    sigma: Mapping[str, Array]
+    """Quantity -> 1-sigma, shape (n, 3); of ``rotation`` of a rotation vector on its right."""
+
+    def columns(self) -> dict[str, Array]:
+        """Columns of a table."""
+        found = {
+            "t": self.time,
+            **dict(zip(_AXES["position"], self.values["position"].T, strict=True)),
+        }
+        found |= dict(zip(("qw", "qx", "qy", "qz"), self.rotation.T, strict=True))
+        for name in QUANTITIES[2:]:
+            found |= dict(zip(_AXES[name], self.values[name].T, strict=True))
+        for name in QUANTITIES:
+            labels = (
+                _ROTATION_SIGMAS
+                if name == "rotation"
+                else [f"sigma_{axis}" for axis in _AXES[name]]
+            )
+            found |= dict(zip(labels, self.sigma[name].T, strict=True))
+        return found
+
+    def __repr__(self) -> str:
+        extent = f" from {self.time[0]:.2f} to {self.time[-1]:.2f} s" if len(self.time) else ""
+        return f"FittedMotion of run '{printable(self.run)}': {len(self.time)} instants{extent}"
+
+
+@cache
+def _state() -> Batched:
+    pose, rate, acceleration = (ca.SX.sym(name, POSE) for name in ("pose", "rate", "acceleration"))
+    at = ca.SX.sym("at", POSE)
+    state = state_of_pose(pose, rate, acceleration, ca.DM.zeros(3))
+    present = state_of_pose(at, rate, acceleration, ca.DM.zeros(3)).rotation
+    turned = rotations.log(present.T @ state.rotation)
+    outputs = ca.vertcat(pose[:3], turned, rate[:3], state.omega, acceleration[:3], state.alpha)
+    derivatives = {
+        f"by_{name}": ca.densify(ca.substitute(ca.jacobian(outputs, symbol), at, pose))
+        for name, symbol in (("pose", pose), ("rate", rate), ("acceleration", acceleration))
+    }
+    return Batched(
+        "state",
+        {"pose": pose, "rate": rate, "acceleration": acceleration},
+        {"omega": state.omega, "alpha": state.alpha, **derivatives},
+    )
+
+
+def fitted_motion(
+    segment: Segment, inverse: Array, followed: Array, border: Array, times: Array | None = None
+) -> FittedMotion:
+    """Motion along a segment.
+
+    Args:
+        segment: With its motion.
+        inverse: Of the matrix of its coefficients, lower banded form, shape (42, N).
+        followed: How these follow the border parameters, with the opposite sign, shape (N, b).
+        border: Covariance of the border parameters, shape (b, b).
+        times: Where to look [s]; None: at :data:`RATE` between the first and the last reading.
+    """
+    if times is None:
+        read = [reading.time for reading in segment.readings]
+        start = max(min(float(t[0]) for t in read), float(segment.knots[0]))
+        end = min(max(float(t[-1]) for t in read), float(segment.knots[-1]))
+        times = np.arange(np.ceil(start * RATE), np.floor(end * RATE) + 1) / RATE
+    values, vectors = np.linalg.eigh(border)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    parts = [
+        _part(segment, inverse, followed, root, times[i : i + _AT_ONCE])
+        for i in range(0, max(len(times), 1), _AT_ONCE)
+    ]
+    stacked = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    sigma = {name: stacked.pop(f"sigma_{name}") for name in QUANTITIES}
+    return FittedMotion(segment.run, times, stacked.pop("rotation"), stacked, sigma)
+
+
+def _part(
+    segment: Segment, inverse: Array, followed: Array, root: Array, times: Array
+) -> dict[str, Array]:
+    local = segment.basis(times)
+    pose, rate, acceleration, _ = motion_at(local, segment.coefficients)
+    found = _state()(pose=pose, rate=rate, acceleration=acceleration)
+    rows = spread(local, *(found[f"by_{name}"] for name in ("pose", "rate", "acceleration")))
+    variance = np.empty(rows.shape[:2])
+    for first in np.unique(local.first):
+        own = np.flatnonzero(local.first == first)
+        J = rows[own]
+        window = _window(inverse, first * POSE, rows.shape[2])
+        by_border = J @ (followed[first * POSE : first * POSE + rows.shape[2]] @ root)
+        variance[own] = np.einsum("nkp,nkp->nk", J @ window, J) + np.sum(by_border**2, axis=2)
+    sigma = np.sqrt(np.maximum(variance, 0.0))
+    quaternion = Rotation.from_quat(pose[:, 3:], scalar_first=True).as_quat(
+        scalar_first=True, canonical=False
+    )
+    return {
+        "position": pose[:, :3],
+        "rotation": quaternion,
+        "velocity": rate[:, :3],
+        "angular_velocity": found["omega"],
+        "acceleration": acceleration[:, :3],
+        "angular_acceleration": found["alpha"],
+        **{f"sigma_{name}": sigma[:, 3 * i : 3 * i + 3] for i, name in enumerate(QUANTITIES)},
+    }
+
+
+def _window(band: Array, start: int, width: int) -> Array:
+    """A square on the diagonal of a symmetric matrix in lower banded form."""
+    square = np.zeros((width, width))
+    for d in range(width):
+        diagonal = band[d, start : start + width - d]
+        square[np.arange(d, width), np.arange(width - d)] = diagonal
+        square[np.arange(width - d), np.arange(d, width)] = diagonal
+    return square

@@ -1,0 +1,501 @@
+"""What the forces say along a segment: the balance of wrenches at the times of the force readings,
+linearised and whitened.
+
+The readings enter through an implicit equation, *wrench of the cables less what moves the body is
+zero*; the internal tension is free. It is solved for the readings that fulfil it with the least
+correction in their 1-sigma, and linearised about these, not about the measured ones (Gauss-Helmert
+[Helmert1872]_): the noise of a reading must not meet itself in its own derivative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from steelyard.arrays import Array
+from steelyard.batch import Batched, Symbol
+from steelyard.dynamics import newton_euler
+from steelyard.experiment.model import Experiment
+from steelyard.identification.model.calibration_parameters import DRAG, LAG, ROBOT, Calibration
+from steelyard.identification.model.motion_residuals import (
+    AT_ONCE,
+    Border,
+    Segment,
+    Tally,
+    limit,
+    reference_clocks,
+    time_of,
+)
+from steelyard.identification.model.segment import Rows, motion_at, spread
+from steelyard.identification.model.sources import Source
+from steelyard.identification.solve.normal_equations import TEN
+from steelyard.instruments.equations import following, sensitivity, solve_for
+from steelyard.motion.state import State, state_of_pose
+from steelyard.robot.cable_inertia import dragging_wrench
+from steelyard.robot.geometry import cable_wrench
+from steelyard.robot.kinematics import cables_at
+from steelyard.robot.model import Robot
+
+BALANCE = "balance"
+"""What the rows are of, beside the quantities of the instrument."""
+_LEFT_OUT = 1e2
+"""1-sigma of a reading that is left out, in units of the largest reading: the balance goes on
+without it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Readings of the force instrument within a segment."""
+
+    name: str
+    """Of the instrument."""
+    time: Array
+    """By its clock, moved to the common event [s]; of poses at rest their number; shape (n,)."""
+    readings: Mapping[str, Array]
+    """Quantity -> readings, r numbers a sample in all."""
+    sigma: Array
+    """1-sigma of single readings, shape (r,)."""
+    left_out: NDArray[np.bool_]
+    """Readings that stand alone against all others, shape (n, r)."""
+
+    def parts(self) -> Iterator[Forces]:
+        """The same, some samples at a time: rows take much memory."""
+        for start in range(0, len(self.time), AT_ONCE):
+            own = slice(start, start + AT_ONCE)
+            readings = {quantity: values[own] for quantity, values in self.readings.items()}
+            yield replace(self, time=self.time[own], readings=readings, left_out=self.left_out[own])
+
+    def sigmas(self, segment: Segment, factors: Mapping[Source, float]) -> Array:
+        """1-sigma of every reading, shape (n, r)."""
+        factor = np.concatenate(
+            [
+                np.full(v.shape[1], factors.get(segment.label(self.name, q), 1.0))
+                for q, v in self.readings.items()
+            ]
+        )
+        largest = np.concatenate(
+            [np.abs(v).max(axis=0, initial=0.0) for v in self.readings.values()]
+        )
+        # So wide that no reading of it matters, however good the sensor was.
+        without = _LEFT_OUT * np.maximum(self.sigma * factor, largest)
+        return np.asarray(np.where(self.left_out, without, self.sigma * factor))
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Forces against motion at n samples, as measured."""
+
+    time: Array
+    """Within the segment [s], shape (n,)."""
+    motion: Mapping[str, Array]
+    """Position, rotation, velocity, angular velocity and acceleration, specific force of the
+    platform."""
+    carried: Array
+    """``tension`` or ``wrench`` of the fitted readings, shape (n, m) or (n, 6)."""
+    wrench: Array
+    """On the platform, of the measured readings [N], [N m], shape (n, 6)."""
+    structure: Array | None
+    """Shape (n, 6, m); None without cables."""
+    left_over: Array
+    """Wrench that the body does not explain [N], [N m], shape (n, 6)."""
+    by_reading: Array
+    """How it follows the readings, shape (n, 6, r)."""
+    whitener: Array
+    """Matrices that make its noise white with unit variance, shape (n, 6, 6)."""
+    correction: Array
+    """Of the readings, so that they balance, in their 1-sigma, shape (n, r)."""
+
+    @property
+    def residual(self) -> Array:
+        """What is left over, whitened, shape (n, 6)."""
+        return np.asarray(np.einsum("nij,nj->ni", self.whitener, self.left_over))
+
+
+@lru_cache(maxsize=16)
+def _moved(heavy: Robot) -> Batched:
+    """Motion, and the wrench that moves the body and drags the cables."""
+    pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
+    gravity, parameters, drag = (
+        ca.SX.sym("gravity", 3),
+        ca.SX.sym("parameters", TEN),
+        ca.SX.sym("drag"),
+    )
+    state = state_of_pose(pose, rate, acceleration, gravity)
+    names = ("position", "rotation", "velocity", "omega", "alpha", "specific_force")
+    moving = newton_euler(
+        parameters, state.specific_force, state.omega, state.alpha
+    ) - drag * _dragged(heavy, state, gravity)
+    return Batched(
+        "moved",
+        {
+            "pose": pose,
+            "rate": rate,
+            "acceleration": acceleration,
+            "gravity": gravity,
+            "parameters": parameters,
+            "drag": drag,
+        },
+        {"wrench": moving, **{name: ca.densify(ca.SX(getattr(state, name))) for name in names}},
+    )
+
+
+def _dragged(robot: Robot, state: State, gravity: Symbol) -> Symbol:
+    if not robot.m or not robot.cable.linear_density:
+        return ca.SX.zeros(6)
+    return dragging_wrench(
+        robot,
+        state.position,
+        state.rotation,
+        state.specific_force,
+        state.omega,
+        state.alpha,
+        gravity,
+    )
+
+
+class _Geometry(NamedTuple):
+    """Where the cables are fixed, as symbols."""
+
+    anchors: Symbol
+    attachments: Symbol
+
+    @classmethod
+    def of(cls, robot: Robot) -> _Geometry:
+        return cls(ca.SX.sym("anchors", 3, robot.m), ca.SX.sym("attachments", 3, robot.m))
+
+
+def _where(calibration: Calibration) -> dict[str, Array]:
+    """Values of the anchors and attachments, three numbers a cable."""
+    places = calibration.calibration_parameters.places
+    return {
+        key + "s": calibration.values[places[ROBOT, key, None]] for key in ("anchor", "attachment")
+    }
+
+
+@lru_cache(maxsize=16)
+def taut_structure(robot: Robot) -> Batched:
+    """Structure matrix of straight cables."""
+    position, rotation, fixed = (
+        ca.SX.sym("position", 3),
+        ca.SX.sym("rotation", 3, 3),
+        _Geometry.of(robot),
+    )
+    tension = ca.SX.sym("tension", robot.m)
+    wrench = cable_wrench(robot, position, rotation, tension, *fixed)
+    return _batched(
+        "taut",
+        {"position": position, "rotation": rotation},
+        fixed,
+        {"structure": ca.jacobian(wrench, tension)},
+    )
+
+
+def _batched(
+    name: str, inputs: dict[str, Symbol], fixed: _Geometry, outputs: dict[str, Symbol]
+) -> Batched:
+    """A function of anchors and attachments that stand in one row each, cable by cable."""
+    flat = {key: ca.SX.sym(key, fixed.anchors.numel()) for key in ("anchors", "attachments")}
+    matrices = [ca.reshape(each, 3, -1) for each in flat.values()]
+    replaced = ca.substitute(list(outputs.values()), [fixed.anchors, fixed.attachments], matrices)
+    return Batched(
+        name, {**inputs, **flat}, dict(zip(outputs, map(ca.densify, replaced), strict=True))
+    )
+
+
+@lru_cache(maxsize=16)
+def derivatives_of_balance(heavy: Robot) -> Batched:
+    """Of the wrench of the cables less what moves the body, by everything; sag is of no account for
+    these.
+    """
+    robot = heavy.with_straight_cables()
+    pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
+    gravity, parameters, tension = (
+        ca.SX.sym("gravity", 3),
+        ca.SX.sym("parameters", TEN),
+        ca.SX.sym("tension", robot.m),
+    )
+    fixed, drag = _Geometry.of(robot), ca.SX.sym("drag")
+    state = state_of_pose(pose, rate, acceleration, gravity)
+    wrench = -newton_euler(parameters, state.specific_force, state.omega, state.alpha)
+    wrench += cable_wrench(robot, state.position, state.rotation, tension, *fixed)
+    wrench += drag * _dragged(heavy, state, gravity)
+    by: dict[str, Symbol] = {
+        "by_drag": drag,
+        "by_pose": pose,
+        "by_rate": rate,
+        "by_acceleration": acceleration,
+        "by_gravity": gravity,
+        "by_parameters": parameters,
+        **(
+            {"by_anchor": ca.vec(fixed.anchors), "by_attachment": ca.vec(fixed.attachments)}
+            if robot.m
+            else {}
+        ),
+    }
+    outputs: dict[str, Symbol] = {
+        key: ca.densify(ca.jacobian(wrench, symbol)) for key, symbol in by.items()
+    }
+    inputs = {
+        "pose": pose,
+        "rate": rate,
+        "acceleration": acceleration,
+        "gravity": gravity,
+        "parameters": parameters,
+        "drag": drag,
+    }
+    if not robot.m:
+        return Batched("derivatives", inputs, outputs)
+    return _batched("derivatives", {**inputs, "tension": tension}, fixed, outputs)
+
+
+def _structure(
+    robot: Robot, calibration: Calibration, position: Array, rotation: Array, tension: Array
+) -> Array:
+    """Structure matrices; how an error of the geometry changes the sag is of no account, shape (n,
+    6, m).
+    """
+    straight = robot.with_straight_cables()
+    taut = taut_structure(straight)
+    structure = taut(position=position, rotation=rotation, **_where(calibration))["structure"]
+    if not robot.cable.linear_density:
+        return structure
+    as_stated = {"anchors": robot.anchors.ravel(), "attachments": robot.attachments.ravel()}
+    sagging = cables_at(robot, position, rotation, tension).structure
+    return np.asarray(
+        structure + sagging - taut(position=position, rotation=rotation, **as_stated)["structure"]
+    )
+
+
+def balance_of(
+    experiment: Experiment,
+    segment: Segment,
+    force_samples: Forces,
+    calibration: Calibration,
+    parameters: Array,
+    factors: Mapping[Source, float],
+) -> Balance:
+    """Forces against motion.
+
+    Args:
+        experiment: With robot and instruments.
+        segment: With its motion.
+        force_samples: Force readings within it.
+        calibration: Present values of the systematic errors.
+        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
+        factors: Quantity -> by how much its noise exceeds what the readings say.
+    """
+    robot, instrument = experiment.robot, experiment.instruments[force_samples.name]
+    times = force_samples.time
+    if not segment.static:
+        times, *_ = time_of(
+            experiment,
+            segment,
+            calibration,
+            reference_clocks(experiment, calibration.calibration_parameters, segment),
+            force_samples.name,
+            times,
+        )
+    pose, rate, acceleration, _ = motion_at(segment.basis(times), segment.coefficients)
+    found = _moved(robot)(
+        pose=pose,
+        rate=rate,
+        acceleration=acceleration,
+        gravity=calibration.gravity,
+        parameters=parameters,
+        drag=0.0 if segment.static else calibration.drag,
+    )
+    moving = found.pop("wrench")
+    errors = calibration.of(force_samples.name, instrument, segment.run)
+    unknown = "tension" if instrument.kind == "tension" else "wrench"
+    carried = solve_for(unknown, instrument, robot, force_samples.readings, found, errors)
+    structure = None
+    if unknown == "tension":
+        structure = _structure(robot, calibration, found["position"], found["rotation"], carried)
+    wrench = carried if structure is None else np.einsum("nkm,nm->nk", structure, carried)
+    solved, _ = sensitivity(
+        unknown,
+        instrument,
+        robot,
+        tuple(force_samples.readings),
+        {**found, unknown: carried},
+        errors,
+    )
+    by_reading = np.broadcast_to(
+        solved if structure is None else structure @ solved,
+        (len(times), 6, force_samples.left_out.shape[1]),
+    )
+    left_over = wrench - moving
+    white = by_reading * force_samples.sigmas(segment, factors)[:, None, :]
+    # Rows are scaled first: forces and torques have different units and sizes.
+    scale = np.sqrt(np.sum(white**2, axis=2))
+    scaled = white / scale[:, :, None]
+    root = np.linalg.inv(np.linalg.cholesky(scaled @ scaled.transpose(0, 2, 1) + 1e-12 * np.eye(6)))
+    whitener = root / scale[:, None, :]
+    residual = np.einsum("nij,nj->ni", whitener, left_over)
+    correction = np.einsum("njr,nj->nr", whitener @ white, residual)
+    fitted = carried - np.einsum(
+        "nkr,nr->nk",
+        np.broadcast_to(solved, (len(times), *solved.shape[1:])),
+        correction * force_samples.sigmas(segment, factors),
+    )
+    return Balance(
+        times, found, fitted, wrench, structure, left_over, by_reading, whitener, correction
+    )
+
+
+def force_residuals(
+    experiment: Experiment,
+    segment: Segment,
+    force_samples: Forces,
+    calibration: Calibration,
+    column_of: NDArray[np.intp],
+    parameters: Array,
+    factors: Mapping[Source, float],
+    tally: Tally,
+) -> Rows:
+    """Whitened balance of forces and motion; its first ten columns of the border are those of the
+    body.
+
+    Args:
+        experiment: With robot and instruments.
+        segment: With its motion.
+        force_samples: Force readings within it.
+        calibration: Present values of the systematic errors.
+        column_of: Column of each systematic error in the border; -1: not there; shape (u,).
+        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
+        factors: Quantity -> by how much its noise exceeds what the readings say.
+        tally: Is added to.
+    """
+    calibration_parameters, robot, name = (
+        calibration.calibration_parameters,
+        experiment.robot,
+        force_samples.name,
+    )
+    instrument = experiment.instruments[name]
+    at = balance_of(experiment, segment, force_samples, calibration, parameters, factors)
+    local = segment.basis(at.time)
+    pose, rate, acceleration, jerk = motion_at(local, segment.coefficients)
+    cables = {} if at.structure is None else {"tension": at.carried, **_where(calibration)}
+    found = derivatives_of_balance(robot)(
+        pose=pose,
+        rate=rate,
+        acceleration=acceleration,
+        gravity=calibration.gravity,
+        parameters=parameters,
+        drag=0.0 if segment.static else calibration.drag,
+        **cables,
+    )
+    unknown = "wrench" if at.structure is None else "tension"
+    state, errors = (
+        {**at.motion, unknown: at.carried},
+        calibration.of(name, instrument, segment.run),
+    )
+    _, by_terms = sensitivity(
+        unknown, instrument, robot, tuple(force_samples.readings), state, errors
+    )
+    by_terms = np.broadcast_to(
+        by_terms if at.structure is None else at.structure @ by_terms,
+        (len(at.time), 6, by_terms.shape[2]),
+    )
+    by = (found["by_pose"], found["by_rate"], found["by_acceleration"])
+    # How the rate and the weight of a cable change with an error of the geometry is of no account.
+    moved = following(
+        unknown, instrument, robot, tuple(force_samples.readings), (pose, rate), at.carried, errors
+    )
+    if moved is not None and at.structure is not None:
+        by = (by[0] + at.structure @ moved[0], by[1] + at.structure @ moved[1], by[2])
+    n = len(at.time)
+    border = Border(column_of, n, 6)
+    border.extend(np.arange(TEN), found["by_parameters"])
+    column = 0
+    for term in instrument.terms(robot.m):
+        border.put(
+            calibration_parameters.place(name, term.key, segment.run),
+            by_terms[:, :, column : column + term.size],
+        )
+        column += term.size
+    border.put(calibration_parameters.places[ROBOT, "gravity", None], found["by_gravity"])
+    for key in ("anchor", "attachment") if robot.m else ():
+        border.put(calibration_parameters.places[ROBOT, key, None], found[f"by_{key}"])
+    if not segment.static:
+        _, clock, origin = time_of(
+            experiment,
+            segment,
+            calibration,
+            reference_clocks(experiment, calibration_parameters, segment),
+            name,
+            force_samples.time,
+        )
+        by_delay = -sum(
+            np.einsum("nki,ni->nk", j, r)
+            for j, r in zip(by, (rate, acceleration, jerk), strict=True)
+        )[:, :, None]
+        if clock != origin:
+            border.put(clock, by_delay)
+            border.put(origin, -by_delay)
+        border.put(calibration_parameters.place(name, LAG, segment.run), by_delay)
+        border.put(calibration_parameters.places[ROBOT, DRAG, None], found["by_drag"][:, :, None])
+    by_errors, columns = border.collected()
+    residual = at.residual
+    weight = segment.holds(at.time) * sample_weight(residual)
+    tally_forces(tally, segment, force_samples, at, weight)
+    root = np.sqrt(weight)
+    L = at.whitener * root[:, None, None]
+    return Rows(
+        local.first,
+        root[:, None] * residual,
+        L @ spread(local, *by),
+        L @ by_errors,
+        columns,
+        segment.label(name, BALANCE),
+    )
+
+
+def sample_weight(residual: Array) -> Array:
+    """Weights that let no sample count for more than noise may do, and nothing where something else
+    than the body pulls, shape (n,).
+    """
+    size = np.sqrt(np.sum(residual**2, axis=1))
+    return np.asarray(np.minimum(1.0, limit(6) / np.maximum(size, 1e-300)))
+
+
+def tally_forces(
+    tally: Tally, segment: Segment, force_samples: Forces, at: Balance, weight: Array
+) -> None:
+    """Count the corrections of the readings, quantity by quantity."""
+    size = np.sqrt(np.einsum("nr,nr->n", at.correction, at.correction))
+    used_at_all = weight > 0
+    usual = (
+        float(np.median(size[used_at_all])) / np.sqrt(chi2.ppf(0.5, 6))
+        if used_at_all.any()
+        else 1.0
+    )
+    near = used_at_all & (size <= limit(6) * max(1.0, usual))
+    column, readings = 0, at.correction.shape[1]
+    for quantity, values in force_samples.readings.items():
+        own = slice(column, column + values.shape[1])
+        column = own.stop
+        used = ~force_samples.left_out[:, own]
+        square = float(np.sum((at.correction[:, own] * used)[near] ** 2))
+        # Six equations for all readings together.
+        missing = np.sum(force_samples.left_out, axis=1)
+        count = float(np.sum(np.maximum(6 - missing, 0)[near])) * values.shape[1] / readings
+        label = segment.label(force_samples.name, quantity)
+        tally.square[label] = tally.square.get(label, 0.0) + square
+        tally.count[label] = tally.count.get(label, 0.0) + count
+        whole, numbers = tally.held.get(label, (0.0, 0.0))
+        everything = np.sum((at.correction[:, own] * used) ** 2, axis=1) @ weight**2
+        share = values.shape[1] / readings
+        tally.held[label] = (
+            whole + float(everything),
+            numbers + float(np.sum(np.maximum(6 - missing, 0)[weight > 0])) * share,
+        )
+        tally.far[label] = tally.far.get(label, 0) + int(np.sum(~near)) + int(np.sum(~used))
+    tally.cost += float(np.sum(size**2 * weight * (2 - weight)))

@@ -1,0 +1,161 @@
+"""How fine the knots of a motion must be: the marginal likelihood of single streams under splines
+of different spacing.
+
+A stream is a spline plus white noise. The spline has a proper prior, white noise in the derivative
+that is the motion's third, so that splines of any number of knots are compared as what they are:
+distributions of readings. Everything is banded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.optimize import minimize_scalar
+from scipy.sparse import csr_array, dia_array
+
+from steelyard.arrays import Array
+from steelyard.smoothing import DEGREE, knots
+
+_WIDE = 10.0
+"""Prior 1-sigma of what the prior of the derivative leaves open, in units of how far the readings
+vary."""
+_UNSTATED = 1e-3
+"""Noise that is not stated, to begin with, in the same units."""
+_CLOSE = 2.0
+"""Evidence, a log likelihood, by which a coarser spline may be worse and still do."""
+_RANGE = 1e-9, 1e9
+"""Of the intensity about the first guess."""
+
+
+@dataclass(frozen=True, eq=False)
+class Channelled:
+    """Samples of one stream: n times [s], never decreasing, and k channels."""
+
+    time: Array
+    values: Array
+    """Shape (n, k)."""
+    order: int
+    """Derivative of the motion that it reads: 0 the pose, 1 its rate, 2 its acceleration."""
+    sigma: float | None
+    """1-sigma per sample; None: not stated."""
+
+
+def evidence(stream: Channelled, grid: Array) -> float:
+    """Largest log likelihood of a stream over the intensity of the noise in its derivative (and
+    over its own noise, if unstated).
+
+    Args:
+        stream: Within the knots.
+        grid: Knots of a quintic spline [s].
+    """
+    n, k = stream.values.shape
+    centred = stream.values - stream.values.mean(axis=0)
+    # In units of how far they vary, so that nothing depends on theirs.
+    span = float(np.abs(centred).max(initial=0.0))
+    if not span:
+        return 0.0
+    values, sigma = centred / span, None if stream.sigma is None else stream.sigma / span
+    design = csr_array(BSpline.design_matrix(np.clip(stream.time, grid[0], grid[-1]), grid, DEGREE))
+    gram, right = _band(design.T @ design), np.asarray(design.T @ values)
+    square = float(np.sum(values**2))
+    smooth = _integral(grid, 3 - stream.order)
+    flat = _integral(grid, 0) / (_WIDE**2 * (grid[-1] - grid[0]))
+    # A first guess: derivatives as the range and the spacing have it.
+    spacing = (grid[-1] - grid[0]) / max(len(grid) - 2 * DEGREE - 1, 1)
+    first = np.log(1e-3 / spacing ** (2 * (3 - stream.order) - 1))
+
+    def minus(log_intensity: float) -> float:
+        # With noise unstated, the intensity is in units of its variance.
+        variance = 1.0 if sigma is None else sigma**2
+        prior = smooth / np.exp(log_intensity) * variance + flat * (
+            _UNSTATED**2 if sigma is None else variance
+        )
+        try:
+            prior_factor = cholesky_banded(prior, lower=True, check_finite=False)
+            factor = cholesky_banded(gram + prior, lower=True, check_finite=False)
+        except np.linalg.LinAlgError:
+            return np.inf
+        fitted = cho_solve_banded((factor, True), right, check_finite=False)
+        misfit = max(square - float(np.sum(fitted * right)), 1e-18 * square + 1e-300)
+        volume = 2 * k * float(np.sum(np.log(factor[0])) - np.sum(np.log(prior_factor[0])))
+        if sigma is None:
+            return float(0.5 * (n * k * float(np.log(misfit / (n * k))) + volume))
+        return float(0.5 * (misfit / variance + n * k * float(np.log(variance)) + volume))
+
+    if sigma is None:
+        first -= 2 * np.log(_UNSTATED)
+    bounds = (first + np.log(_RANGE[0]), first + np.log(_RANGE[1]))
+    found = minimize_scalar(
+        minus, bounds=bounds, method="bounded", options={"xatol": 0.3, "maxiter": 20}
+    )
+    return float(-found.fun - n * k * np.log(span))
+
+
+def best_spacing(
+    streams: Sequence[Channelled], candidates: Sequence[float], start: float, end: float
+) -> float:
+    """The widest spacing of knots that is about as likely as the best.
+
+    Args:
+        streams: Of one motion.
+        candidates: Spacings [s], ascending.
+        start: Of the interval to judge on [s].
+        end: Of the interval [s].
+    """
+    inside = []
+    for stream in streams:
+        use = (stream.time >= start) & (stream.time <= end)
+        if use.sum() > 2 * DEGREE:
+            inside.append(
+                Channelled(stream.time[use], stream.values[use], stream.order, stream.sigma)
+            )
+    if not inside:
+        return candidates[0]
+    found = [
+        sum(evidence(each, knots(start, end, spacing)) for each in inside) for spacing in candidates
+    ]
+    return max(
+        spacing
+        for spacing, each in zip(candidates, found, strict=True)
+        if each >= max(found) - _CLOSE
+    )
+
+
+def _integral(grid: Array, order: int) -> Array:
+    """Matrix of the integral of a squared derivative, lower banded form, shape (6, f)."""
+    inner = grid[DEGREE : len(grid) - DEGREE]
+    nodes, weights = np.polynomial.legendre.leggauss(DEGREE - order + 1)
+    half = np.diff(inner) / 2
+    times = ((inner[1:] + inner[:-1]) / 2)[:, None] + half[:, None] * nodes
+    root = np.sqrt((half[:, None] * weights).ravel())
+    count = len(grid) - DEGREE - 1
+    derivative = csr_array(
+        BSpline.design_matrix(times.ravel(), grid[order : len(grid) - order], DEGREE - order)
+    )
+    for step in range(order - 1, -1, -1):
+        # Coefficients of the derivative of a spline are scaled differences of its own.
+        degree = DEGREE - step
+        own = grid[step : len(grid) - step]
+        size = count - step
+        scale = degree / (own[degree + 1 : degree + size] - own[1:size])
+        differences = dia_array(
+            (np.array([np.append(-scale, 0.0), np.append(0.0, scale)]), [0, 1]),
+            shape=(size - 1, size),
+        )
+        derivative = csr_array(derivative @ differences)
+    weighted = csr_array(derivative.multiply(root[:, None]))
+    return _band(weighted.T @ weighted)
+
+
+def _band(matrix: csr_array) -> Array:
+    """A symmetric matrix of the width of the splines in lower banded form."""
+    size = matrix.shape[0]
+    band = np.zeros((DEGREE + 1, size))
+    for d in range(DEGREE + 1):
+        diagonal = matrix.diagonal(-d)
+        band[d, : len(diagonal)] = diagonal
+    return band

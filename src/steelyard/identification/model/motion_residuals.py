@@ -1,0 +1,490 @@
+"""What the motion instruments say along a segment, linearised and whitened: one statement for
+kinematics, estimator and bound.
+
+A segment is a stretch of a run with one motion, a spline in time, or a set of poses at rest. Its
+smoothness, where it has one, is a proper prior: the third derivative is white noise of an intensity
+that the data tell [Wahba1978]_, so that a spline of many knots is no freer than the motion is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment
+from steelyard.identification.model.calibration_parameters import (
+    ROBOT,
+    Calibration,
+    CalibrationParameters,
+    clock_of,
+)
+from steelyard.identification.model.segment import (
+    POSE,
+    WIDTH,
+    Basis,
+    NormalEquations,
+    Rows,
+    accumulate,
+    at_rest,
+    banded_product,
+    basis,
+    motion_at,
+    spread,
+)
+from steelyard.identification.model.sources import Source
+from steelyard.instruments.equations import linearised
+from steelyard.smoothing import DEGREE
+
+PARTS = {"position": slice(0, 3), "rotation": slice(3, POSE)}
+"""Parts of a pose that have a smoothness of their own."""
+AT_REST = " at rest"
+"""What the name of a quantity ends with where poses at rest are meant."""
+_UNIT = 0.01
+"""How loosely the length of the quaternion is held near one; nothing depends on it."""
+_PLACE, _SPEED = 100.0, 10.0
+"""1-sigma of where a platform may be [m] and how fast it may move [m/s], where no instrument tells:
+it does not fly away."""
+_FAR = 1e-4
+"""Probability of a number that counts no more than noise may reach [Huber1964]_."""
+AT_ONCE = 16384
+"""Samples whose rows are held at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """Samples of one quantity of one instrument within a segment."""
+
+    source: Source
+    time: Array
+    """By the instrument's clock, moved to the common event: common time plus delay [s]; of poses at
+    rest their number; shape (n,)."""
+    values: Array
+    sigma: float
+    """1-sigma per sample and axis."""
+    tension: Array | None = None
+    """Of the cables [N], for instruments that look at these too, shape (n, m)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """A stretch of a run with one spline, or its poses at rest."""
+
+    run: str
+    knots: Array
+    """Of the spline [s]; of poses at rest their numbers."""
+    readings: tuple[Reading, ...]
+    coefficients: Array
+    """Of the pose, shape (f, 7)."""
+    smoothness: Mapping[str, float] | None = None
+    """Part of the pose (see :data:`PARTS`) -> intensity of the white noise in its third derivative
+    [m^2/s^5], [1/s^5]; None: no prior."""
+    looser: Mapping[str, float] = field(default_factory=dict)
+    """Part of the pose -> by how much that intensity exceeds the likeliest; 1 where nothing is
+    said, see :mod:`.smoothness`."""
+    static: bool = False
+    reference: str | None = None
+    """Clock in whose time the motion is told; None: one of those that recorded it, see
+    :func:`reference_clocks`."""
+    jerks: Mapping[str, Array] = field(default_factory=dict)
+    """Part of the pose -> :func:`jerk_matrices` of its knots, where it has a smoothness."""
+
+    def label(self, name: str, quantity: str) -> Source:
+        """Under which the noise of a quantity is kept: at rest instruments are quieter than in
+        motion.
+        """
+        return (name, quantity + AT_REST) if self.static else (name, quantity)
+
+    @property
+    def width(self) -> int:
+        """Coefficients that one instant depends on."""
+        return POSE if self.static else WIDTH
+
+    def basis(self, times: Array) -> Basis:
+        """Spline functions at times, those beyond the ends taken as at the ends."""
+        if self.static:
+            return at_rest(np.searchsorted(self.knots, times))
+        return basis(self.knots, np.clip(times, self.knots[0], self.knots[-1]))
+
+    def holds(self, times: Array) -> NDArray[np.bool_]:
+        """Which times are within it."""
+        return np.asarray((times >= self.knots[0]) & (times <= self.knots[-1]))
+
+    def smooth(self, equations: NormalEquations) -> NormalEquations:
+        """Normal equations of the readings with what is known of the motion's smoothness."""
+        if self.smoothness is None or self.static:
+            return equations
+        bands = [matrix / self.smoothness[part] for part, matrix in self.jerks.items()]
+        return equations.stiffened(bands, self.coefficients)
+
+    @property
+    def roughness(self) -> Mapping[str, float]:
+        """Part of the pose -> integral of its squared third derivative [m^2/s^5], [1/s^5]."""
+        return {
+            part: float(self.coefficients.ravel() @ banded_product(m, self.coefficients.ravel()))
+            for part, m in self.jerks.items()
+        }
+
+
+def jerk_matrices(grid: Array) -> dict[str, Array]:
+    """Part of the pose -> matrix of the integral of its squared third derivative, lower banded
+    form, shape (42, N).
+
+    Args:
+        grid: Knots of the spline [s].
+    """
+    inner = grid[DEGREE : len(grid) - DEGREE]
+    nodes, weights = np.polynomial.legendre.leggauss(
+        3
+    )  # exact for squares of what is quadratic between knots
+    half = np.diff(inner) / 2
+    times = ((inner[1:] + inner[:-1]) / 2)[:, None] + half[:, None] * nodes
+    local, root = basis(grid, times.ravel()), np.sqrt((half[:, None] * weights).ravel())
+    found = {}
+    for part, place in PARTS.items():
+        n, k = len(root), place.stop - place.start
+        by_jerk = np.zeros((n, k, POSE))
+        by_jerk[:, :, place] = np.eye(k) * root[:, None, None]
+        nothing = np.zeros_like(by_jerk)
+        rows = Rows(
+            local.first,
+            np.zeros((n, k)),
+            spread(local, nothing, nothing, nothing, by_jerk),
+            np.zeros((n, k, 0)),
+        )
+        found[part] = accumulate(len(grid) - DEGREE - 1, 0, [rows]).band
+    return found
+
+
+@dataclass
+class Tally:
+    """Sums over the residuals of rows, by what they are readings of."""
+
+    square: dict[Source, float] = field(default_factory=dict)
+    """Of whitened residuals, without those that stand far, which tell no noise."""
+    count: dict[Source, float] = field(default_factory=dict)
+    """Numbers in it."""
+    far: dict[Source, int] = field(default_factory=dict)
+    """Numbers that stand far."""
+    held: dict[Source, tuple[float, float]] = field(default_factory=dict)
+    """The same sum with those that stand far, which count as at the limit [Huber1964]_, and how
+    many numbers it is of: noise of long tails."""
+    cost: float = 0.0
+    """Of all numbers, those that stand far counted as Huber does."""
+
+    def add(self, label: Source, size: Array, weight: Array, each: int) -> None:
+        """Count residuals.
+
+        Args:
+            label: What they are of.
+            size: Length of each, in its 1-sigma.
+            weight: Huber's.
+            each: Numbers in each.
+        """
+        # Where most are large, none is the exception.
+        usual = float(np.median(size)) / np.sqrt(chi2.ppf(0.5, each)) if size.size else 1.0
+        near = (weight > 0) & (size <= limit(each) * max(1.0, usual))
+        self.square[label] = self.square.get(label, 0.0) + float(np.sum(size[near] ** 2))
+        self.count[label] = self.count.get(label, 0.0) + each * int(np.sum(near))
+        self.far[label] = self.far.get(label, 0) + int(np.sum(~near & (weight > 0)))
+        whole, numbers = self.held.get(label, (0.0, 0.0))
+        self.held[label] = (
+            whole + float(np.sum((size * weight) ** 2)),
+            numbers + each * int(np.sum(weight > 0)),
+        )
+        # Of weights c / size: 2 c size - c^2 beyond c.
+        self.cost += float(np.sum(size**2 * weight * (2 - weight)))
+
+
+def limit(k: int) -> float:
+    """Length of a whitened residual of k numbers beyond which it stands far."""
+    return float(np.sqrt(chi2.ppf(1 - _FAR, k)))
+
+
+def robust_weight(size: Array, k: int) -> Array:
+    """Huber's weights of whitened residuals of k numbers each."""
+    return np.asarray(np.minimum(1.0, limit(k) / np.maximum(size, 1e-300)))
+
+
+def motion_residuals(
+    experiment: Experiment,
+    segment: Segment,
+    calibration: Calibration,
+    column_of: NDArray[np.intp],
+    factors: Mapping[Source, float],
+    tally: Tally,
+) -> Iterator[Rows]:
+    """Whitened readings of a segment, then what holds the motion where no instrument does.
+
+    Args:
+        experiment: With its instruments.
+        segment: With readings and present motion.
+        calibration: Present values of the systematic errors.
+        column_of: Column of each systematic error in the border; -1: not there; shape (u,).
+        factors: Quantity -> by how much its noise exceeds what the reading says.
+        tally: Is added to.
+    """
+    calibration_parameters = calibration.calibration_parameters
+    references = reference_clocks(experiment, calibration_parameters, segment)
+    for reading in segment.readings:
+        for start in range(0, len(reading.time), AT_ONCE):
+            yield _of_reading(
+                experiment,
+                segment,
+                reading,
+                slice(start, start + AT_ONCE),
+                calibration,
+                column_of,
+                references,
+                factors,
+                tally,
+            )
+    held = holding_rows(segment)
+    tally.cost += float(np.sum(held.residual**2))
+    if segment.smoothness is not None and not segment.static:
+        tally.cost += sum(
+            value / segment.smoothness[part] for part, value in segment.roughness.items()
+        )
+    yield held
+
+
+def time_of(
+    experiment: Experiment,
+    segment: Segment,
+    calibration: Calibration,
+    references: Mapping[str, str],
+    name: str,
+    time: Array,
+) -> tuple[Array, slice, slice]:
+    """Times of an instrument's samples within a segment [s], and where the delays of its clock and of
+    the reference stand.
+
+    The motion is told in the time of one of the clocks that it was recorded by.
+    """
+    calibration_parameters = calibration.calibration_parameters
+    own = clock_of(experiment, name)
+    reference = segment.reference or references.get(own, next(iter(references.values()), own))
+    clock, origin = (
+        calibration_parameters.place(each, "delay", segment.run) for each in (own, reference)
+    )
+    delay = (
+        calibration.values[clock] - calibration.values[origin] + calibration_parameters.mean[origin]
+    )
+    return time - delay[0], clock, origin
+
+
+class Border:
+    """Derivatives by some of the border parameters, collected column by column."""
+
+    def __init__(self, column_of: NDArray[np.intp], n: int, k: int) -> None:
+        self._column_of, self._n, self._k = column_of, n, k
+        self._columns: list[NDArray[np.intp]] = []
+        self._values: list[Array] = []
+
+    def put(self, place: slice | NDArray[np.intp], derivative: Array) -> None:
+        """Derivative by systematic errors, shape (n, k, c); those that have no column are left
+        out.
+        """
+        columns = self._column_of[place]
+        use = columns >= 0
+        if use.any():
+            self._columns.append(columns[use])
+            self._values.append(
+                np.broadcast_to(derivative, (self._n, self._k, len(columns)))[:, :, use]
+            )
+
+    def extend(self, columns: NDArray[np.intp], derivative: Array) -> None:
+        """Derivative by border parameters that are no systematic errors."""
+        self._columns.append(columns)
+        self._values.append(derivative)
+
+    def collected(self) -> tuple[Array, NDArray[np.intp]]:
+        """Derivatives, shape (n, k, c), and their columns, each once, shape (c,)."""
+        if not self._columns:
+            return np.zeros((self._n, self._k, 0)), np.zeros(0, dtype=np.intp)
+        columns, values = np.concatenate(self._columns), np.concatenate(self._values, axis=2)
+        unique, place = np.unique(columns, return_inverse=True)
+        if len(unique) == len(columns):
+            return values, columns
+        total = np.zeros((self._n, self._k, len(unique)))
+        for i, target in enumerate(place):
+            total[:, :, target] += values[:, :, i]
+        return total, unique
+
+
+def looked_at(
+    experiment: Experiment,
+    segment: Segment,
+    reading: Reading,
+    part: slice,
+    calibration: Calibration,
+    references: Mapping[str, str],
+) -> tuple[Array, Basis, tuple[Array, Array, Array, Array], Mapping[str, Array]]:
+    """Readings against the motion: their times within the segment [s], the spline there, the motion,
+    and the linearised difference.
+
+    See :func:`steelyard.instruments.equations.linearised` for the last.
+    """
+    name, quantity = reading.source
+    instrument = experiment.instruments[name]
+    times = reading.time[part]
+    if not segment.static:
+        times, *_ = time_of(experiment, segment, calibration, references, name, times)
+    local = segment.basis(times)
+    motion = motion_at(local, segment.coefficients)
+    errors = list(calibration.of(name, instrument, segment.run).values())
+    linear = linearised(
+        instrument,
+        quantity,
+        experiment.robot,
+        reading.values[part],
+        motion[:3],
+        np.concatenate(errors) if errors else np.zeros(1),
+        calibration.gravity,
+        None if reading.tension is None else reading.tension[part],
+    )
+    return times, local, motion, linear
+
+
+def _of_reading(
+    experiment: Experiment,
+    segment: Segment,
+    reading: Reading,
+    part: slice,
+    calibration: Calibration,
+    column_of: NDArray[np.intp],
+    references: Mapping[str, str],
+    factors: Mapping[Source, float],
+    tally: Tally,
+) -> Rows:
+    calibration_parameters = calibration.calibration_parameters
+    name, _ = reading.source
+    instrument = experiment.instruments[name]
+    times, local, motion, linear = looked_at(
+        experiment, segment, reading, part, calibration, references
+    )
+    by = (linear["by_pose"], linear["by_rate"], linear["by_acceleration"])
+    label = segment.label(*reading.source)
+    sigma = reading.sigma * factors.get(label, 1.0)
+    # A channel without a number is no sample of it.
+    there = np.isfinite(linear["residual"])
+    residual = np.where(there, linear["residual"], 0.0) / sigma
+    n, k = residual.shape
+    border = Border(column_of, n, k)
+    column = 0
+    for term in instrument.terms(calibration_parameters.m):
+        border.put(
+            calibration_parameters.place(name, term.key, segment.run),
+            linear["by_errors"][:, :, column : column + term.size],
+        )
+        column += term.size
+    own = clock_of(experiment, name)
+    if not segment.static and (reference := references.get(own, own)) != own:
+        clock, origin = (
+            calibration_parameters.place(each, "delay", segment.run) for each in (own, reference)
+        )
+        # A later clock looks at an earlier instant of the motion.
+        by_delay = -sum(
+            np.einsum("nki,ni->nk", j, rate) for j, rate in zip(by, motion[1:], strict=True)
+        )[:, :, None]
+        border.put(clock, by_delay)
+        border.put(origin, -by_delay)
+    border.put(calibration_parameters.places[ROBOT, "gravity", None], linear["by_gravity"])
+    by_errors, columns = border.collected()
+    # A clock that has moved may carry samples out of the segment.
+    inside = there if segment.static else there & segment.holds(times)[:, None]
+    if reading.values.ndim == 3:
+        size = np.sqrt(np.sum(residual**2, axis=1, keepdims=True))
+        weight = inside[:, :1] * robust_weight(size, k)
+        tally.add(label, size, weight, k)
+    else:
+        # A spike in one channel leaves the others as they are.
+        weight = inside * robust_weight(np.abs(residual), 1)
+        tally.add(label, np.abs(residual), weight, 1)
+    root = np.sqrt(weight)
+    scale = (np.broadcast_to(root, residual.shape) / sigma)[:, :, None]
+    return Rows(
+        local.first,
+        root * residual,
+        spread(local, *(j * scale for j in by)),
+        by_errors * scale,
+        columns,
+        label,
+    )
+
+
+def reference_clocks(
+    experiment: Experiment, calibration_parameters: CalibrationParameters, segment: Segment
+) -> dict[str, str]:
+    """Clock -> clock whose time the motion is told in, the best known one of those that can be
+    compared.
+
+    Motion and all clocks moved together read the same. Without a reference the knots, which stay,
+    would seem to tell the time.
+    """
+    if segment.static:
+        return {}
+    if segment.reference is not None:
+        # Where forces feel all of the motion, they tell its time.
+        return {
+            clock_of(experiment, reading.source[0]): segment.reference
+            for reading in segment.readings
+        }
+    rotating, moving = dict[str, None](), dict[str, str]()
+    for name, quantity in (reading.source for reading in segment.readings):
+        clock = clock_of(experiment, name)
+        if quantity in {"position", "specific_force"}:
+            moving[name] = clock
+        else:
+            rotating[clock] = None
+    # Place and acceleration are compared, and attitude with both; one of them alone fits any
+    # attitude.
+    alone = len(moving) == 1 and not rotating.keys() & set(moving.values())
+    groups = (
+        [rotating.keys(), set(moving.values())]
+        if alone
+        else [dict.fromkeys([*rotating, *moving.values()]).keys()]
+    )
+
+    def known(clock: str) -> float:
+        return float(
+            calibration_parameters.deviation[
+                calibration_parameters.place(clock, "delay", segment.run)
+            ][0]
+        )
+
+    return {clock: min(group, key=known) for group in groups for clock in group}
+
+
+def holding_rows(segment: Segment) -> Rows:
+    """Length of the quaternion near one; place and speed of a platform within a hall."""
+    if segment.static:
+        local = at_rest(np.arange(len(segment.coefficients)))
+    else:
+        inner = segment.knots[DEGREE : len(segment.knots) - DEGREE]
+        # At the knots too: the first and the last coefficient hardly show anywhere else.
+        local = basis(segment.knots, np.sort(np.concatenate([inner, (inner[1:] + inner[:-1]) / 2])))
+    pose, rate, *_ = motion_at(local, segment.coefficients)
+    n = len(pose)
+    by_pose, by_rate = np.zeros((n, 7, POSE)), np.zeros((n, 7, POSE))
+    by_pose[:, 0, 3:] = 2 * pose[:, 3:] / _UNIT
+    by_pose[:, 1:4, :3] = np.eye(3) / _PLACE
+    by_rate[:, 4:7, :3] = np.eye(3) / _SPEED
+    residual = np.hstack(
+        [
+            (np.sum(pose[:, 3:] ** 2, axis=1, keepdims=True) - 1) / _UNIT,
+            pose[:, :3] / _PLACE,
+            rate[:, :3] / _SPEED,
+        ]
+    )
+    return Rows(
+        local.first,
+        residual,
+        spread(local, by_pose, by_rate),
+        np.zeros((n, 7, 0)),
+        np.zeros(0, dtype=np.intp),
+    )

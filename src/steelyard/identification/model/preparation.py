@@ -1,0 +1,449 @@
+"""From raw streams to samples: one time base, the platform frame, everything filtered alike.
+
+What the classical methods stand on. Readings are turned into parts of the platform's state by the
+measurement equations of the instruments themselves, with systematic errors at the values known
+beforehand.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.errors import InputError
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.calibration_parameters import Calibration
+from steelyard.identification.model.reading import RunReader, SmoothPart
+from steelyard.identification.model.sources import Acceleration, Source, Sources, choose_sources
+from steelyard.motion.state import specific_force_of
+from steelyard.robot.cable_inertia import dragging
+from steelyard.smoothing import Samples1D, choose_spacing, pieces, segments
+
+_FEWEST_SAMPLES = 10
+_WIDEST_SPACING = 0.5
+"""[s]"""
+_LEAST_TURNING = 1e-3
+"""Angular acceleration of a platform at rest, rms [rad/s^2]."""
+_LEAST_MOVING = 0.05
+"""Change of the specific force of a platform at rest, rms [m/s^2]."""
+_LEAST_COMPARED = 0.05
+"""Angular velocity about an axis at which gyro and attitude are compared, rms [rad/s]."""
+_LARGEST_FACTOR = 0.5
+"""Difference of their ratio from one that neither misalignment nor vibration explains."""
+_FASTEST = 0.02
+"""Knot spacing that follows all that a platform on cables does [s]: 25 Hz."""
+_MARGIN = 1.0
+"""Of a stream beside the window of its run [s]: clocks may still be moved."""
+_JUDGED = 30.0
+"""Length of the part on which the knot spacing is chosen [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """One run in the platform frame on one time base, n samples."""
+
+    run: str
+    time: Array
+    """Common time [s]; of a static run the number of the pose; shape (n,)."""
+    omega: Array
+    """Angular velocity [rad/s], shape (n, 3)."""
+    alpha: Array
+    """Angular acceleration [rad/s^2], shape (n, 3)."""
+    specific_force: Array
+    """Of the platform origin [m/s^2], shape (n, 3)."""
+    wrench: Array
+    """Force over torque about the platform origin of what carries it [N], [N m], shape (n, 6)."""
+    static: bool
+    """Whether the samples are poses at rest."""
+    free_offset: bool
+    """Whether the wrench has a constant offset that is not known."""
+    alpha_noise: float
+    """1-sigma of the noise left in alpha [rad/s^2]."""
+    spacing: float
+    """Of the knots of the filter [s]; 0: not filtered."""
+    position_sigma: float
+    """1-sigma of the place that the acceleration was measured at [m]."""
+    position: Array | None = None
+    """Of the platform origin, world frame [m], shape (n, 3); None where nothing tells it."""
+    rotation: Array | None = None
+    """R_world_platform, shape (n, 3, 3); None where nothing tells it."""
+    velocity: Array | None = None
+    """Of the platform origin, world frame [m/s], shape (n, 3); None where the force sensors do not
+    ask for it."""
+    tension: Array | None = None
+    """Of the cables at the platform [N], shape (n, m); None without cables."""
+    structure: Array | None = None
+    """Structure matrix, shape (n, 6, m); None without cables."""
+    share: float = 1.0
+    """Force samples of the recording that each sample stands for."""
+    plan: Plan | None = None
+    """How the run was cut and filtered; None: not at all."""
+    noise: Mapping[str, float] = field(default_factory=dict)
+    """1-sigma of the noise left in ``omega`` [rad/s], ``alpha`` [rad/s^2], ``specific_force``
+    [m/s^2], ``position`` [m] and ``rotation`` [rad], and of single readings of the force instrument
+    about their spline."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know about how they were made."""
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def part(self, rows: slice) -> Samples:
+        """Some of the samples."""
+        motion = ("position", "rotation", "velocity", "omega", "alpha", "specific_force")
+        arrays = ("time", *motion, "wrench", "tension", "structure")
+        given: dict[str, Any] = {key: getattr(self, key) for key in arrays}
+        changed: dict[str, Any] = {
+            key: None if value is None else value[rows] for key, value in given.items()
+        }
+        return replace(self, **changed)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """How a run is cut into parts and filtered; the same for all that is to be compared sample by
+    sample.
+    """
+
+    spacing: float
+    """Of the knots of the filter [s]."""
+    parts: tuple[tuple[float, float, Array], ...]
+    """Start and end of what is fitted [s], and the times at which it is evaluated [s], shape
+    (n,)."""
+    gaps: int = 0
+
+
+def prepare(
+    experiment: Experiment,
+    run: Run,
+    *,
+    acceleration: Acceleration | None = None,
+    straight: bool = False,
+    calibration: Calibration | None = None,
+    sources: Sources | None = None,
+    plan: Plan | None = None,
+    thin: bool = False,
+    commanded: bool = False,
+) -> Samples:
+    """Samples of one run.
+
+    Args:
+        experiment: With robot and instruments.
+        run: One of its runs.
+        acceleration: Where to take the acceleration from; None: the IMU where there is one.
+        straight: Whether to take the cables as massless and straight, as the paper does.
+        calibration: Values of the systematic errors; None: as known beforehand.
+        sources: What to read from where; None: as :func:`choose_sources` decides.
+        plan: That of other samples of the same run, to be compared with; None: from the data.
+        thin: Whether few samples between two knots of the filter will do, and samples far from all
+            others be left out.
+        commanded: Whether the commanded orientation will do where none is measured.
+
+    Raises:
+        InputError: A quantity that is needed is missing, the streams do not overlap, or nothing
+            moves.
+    """
+    robot = experiment.robot.with_straight_cables() if straight else experiment.robot
+    sources = sources or choose_sources(experiment, run, acceleration, commanded=commanded)
+    task = RunReader(experiment, robot, run, sources, calibration)
+    return _static(task) if run.static else _moving(task, plan, thin=thin)
+
+
+def _static(task: RunReader) -> Samples:
+    sources, streams = task.sources, task.run.streams
+    raw = {source: streams[source[0]].values[source[1]] for source in sources.used()}
+    forces = streams[sources.force].values
+    rows = np.all(
+        [np.isfinite(v.reshape(len(v), -1)).all(axis=1) for v in [*raw.values(), *forces.values()]],
+        axis=0,
+    )
+    if not rows.any():
+        raise InputError(
+            f"{task.where}: expected at least one complete pose, found none; fill the empty cells"
+        )
+    still = np.zeros((int(rows.sum()), 3))
+    gravity = task.gravity
+    rotation = position = None
+    if sources.rotation:
+        rotation = task.solve("rotation", sources.rotation, raw[sources.rotation][rows])
+        # At rest the specific force is gravity alone, and the attitude knows it without an
+        # accelerometer's bias.
+        specific_force = specific_force_of(rotation, still, gravity)
+    else:
+        assert sources.specific_force is not None
+        specific_force = task.solve(
+            "specific_force",
+            sources.specific_force,
+            raw[sources.specific_force][rows],
+            omega=still,
+            alpha=still,
+        )
+    if sources.position and rotation is not None:
+        position = task.solve(
+            "position", sources.position, raw[sources.position][rows], rotation=rotation
+        )
+    pose = (
+        {} if position is None or rotation is None else {"position": position, "rotation": rotation}
+    )
+    readings = {k: v[rows] for k, v in forces.items()}
+    force_samples = task.force_samples(readings, {**pose, "velocity": still, "omega": still})
+    carried: dict[str, Any] = task.carried(force_samples, position, rotation)
+    return Samples(
+        run=task.run.name,
+        time=streams[sources.force].time[rows],
+        omega=still,
+        alpha=still,
+        specific_force=specific_force,
+        **carried,
+        position=position,
+        rotation=rotation,
+        velocity=still if task.behind_rollers else None,
+        static=True,
+        free_offset=task.free_offset,
+        alpha_noise=0.0,
+        spacing=0.0,
+        position_sigma=0.0,
+        noise=_stated_noise(task),
+    )
+
+
+def _stated_noise(task: RunReader) -> dict[str, float]:
+    """1-sigma of the motion of single poses at rest as their instruments state it; poses that
+    differ by noise alone tell nothing.
+    """
+
+    def stated(source: Source | None) -> float:
+        if source is None:
+            return 0.0
+        quantities = task.experiment.instruments[source[0]].quantities(task.robot.m)
+        return next(q.noise or 0.0 for q in quantities if q.name == source[1])
+
+    sources = task.sources
+    rotation = stated(sources.rotation)
+    # A small turn moves gravity across itself, which are two axes of three.
+    turned = float(np.linalg.norm(task.gravity)) * rotation * float(np.sqrt(2 / 3))
+    return {
+        "specific_force": turned if sources.rotation else stated(sources.specific_force),
+        "position": stated(sources.position),
+        "rotation": rotation,
+    }
+
+
+def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
+    run, sources = task.run, task.sources
+    everything = [
+        *sources.used(),
+        *((sources.force, quantity) for quantity in run.streams[sources.force].values),
+    ]
+    raw = {source: samples_of(task, source) for source in everything}
+    first = plan is None
+    plan = _planned(task, raw, thin=thin) if plan is None else plan
+    spacing = plan.spacing
+
+    def state(part: tuple[float, float, Array]) -> tuple[dict[str, Array], dict[str, float]] | None:
+        start, end, times = part
+        return SmoothPart(task, raw, start, end, spacing, robust=thin, compare=first).state(times)
+
+    if len(plan.parts) > 1:
+        # What is done on long arrays leaves other threads alone.
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            states = list(pool.map(state, plan.parts))
+    else:
+        states = [state(part) for part in plan.parts]
+    plan = replace(
+        plan,
+        parts=tuple(p for p, state in zip(plan.parts, states, strict=True) if state is not None),
+    )
+    parts = [state for state, _ in filter(None, states)]
+    found = sum(len(p["time"]) for p in parts)
+    if found < _FEWEST_SAMPLES:
+        raise InputError(
+            f"{task.where}: expected at least {_FEWEST_SAMPLES} force samples where all streams"
+            f" have data, found {found}; record longer, or widen 'window'"
+        )
+    joined: dict[str, Any] = {key: np.concatenate([p[key] for p in parts]) for key in parts[0]}
+    if task.calibration and task.robot.m and task.robot.cable.linear_density:
+        joined["wrench"] = joined["wrench"] + task.calibration.drag * dragging(
+            task.robot, gravity=task.gravity, **{name: joined[name] for name in _DRAGGING}
+        )
+    noises, counts = [noise for _, noise in filter(None, states)], [len(p["time"]) for p in parts]
+    noise = {
+        key: float(np.sqrt(np.average([n[key] ** 2 for n in noises], weights=counts)))
+        for key in noises[0]
+    }
+    alpha_noise = noise["alpha"]
+    _check_motion(task.where, joined, alpha_noise)
+    notes = _gyro_notes(run.name, joined["omega"], joined.pop("omega_of_attitude"))
+    for what, source in (("position", sources.position), ("orientation", sources.rotation)):
+        if source and task.experiment.instruments[source[0]].kind == "command":
+            notes.append(
+                f"run '{run.name}': the {what} is the commanded one, for want of a measured one"
+            )
+    if plan.gaps:
+        notes.append(
+            f"run '{run.name}': {plan.gaps} gap{'s' if plan.gaps > 1 else ''} in the streams"
+            " left out"
+        )
+    return Samples(
+        run=run.name,
+        static=False,
+        free_offset=task.free_offset,
+        alpha_noise=alpha_noise,
+        noise=noise,
+        spacing=plan.spacing,
+        plan=plan,
+        position_sigma=task.position_sigma,
+        share=_share(task, plan),
+        notes=tuple(notes),
+        **joined,
+    )
+
+
+_DRAGGING = ("position", "rotation", "specific_force", "omega", "alpha")
+_PER_KNOT = 4
+"""Samples between two knots that hold all that the filter has let through."""
+
+
+def _planned(task: RunReader, raw: Mapping[Source, Samples1D], *, thin: bool) -> Plan:
+    """Cut a run where streams have gaps, and choose the filter from the data."""
+    start, end = task.run.window or (-np.inf, np.inf)
+    start = max(start, *(float(s.time[0]) for s in raw.values()))
+    end = min(end, *(float(s.time[-1]) for s in raw.values()))
+    if end <= start:
+        raise InputError(
+            f"{task.where}: expected streams that overlap in time, found none; correct 'sync' or"
+            " 'window'"
+        )
+    sources = task.sources
+    # The paper's procedure looks at what it differentiates; others at all that tells the motion.
+    differentiated: list[Source | None] = (
+        [*sources.used()] if thin else [sources.omega or sources.rotation]
+    )
+    if sources.specific_force is None and not thin:
+        differentiated.append(sources.position)
+    spacing = _spacing(
+        [raw[s] for s in differentiated if s], list(raw.values()), start, end, robust=thin
+    )
+    times = task.time(sources.force)
+    parts, gaps = [], -1
+    for part_start, part_end in segments([s.time for s in raw.values()], start, end, spacing):
+        gaps += 1
+        for a, b, first, last in pieces(part_start, part_end, spacing):
+            inside = times[(times >= first) & (times < last)]
+            enough = round(_PER_KNOT * (last - first) / spacing)
+            if thin and len(inside) > enough:
+                inside = np.asarray(first + (np.arange(enough) + 0.5) * ((last - first) / enough))
+            if len(inside):
+                parts.append((a, b, inside))
+    return Plan(spacing, tuple(parts), gaps)
+
+
+def _share(task: RunReader, plan: Plan) -> float:
+    """Force samples of the recording that each evaluated sample stands for."""
+    times = task.time(task.sources.force)
+    used = sum(len(inside) for *_, inside in plan.parts)
+    stood_for = sum(
+        int(np.sum((times >= inside[0]) & (times <= inside[-1]))) for *_, inside in plan.parts
+    )
+    return max(1.0, stood_for / used)
+
+
+def _gyro_notes(run: str, omega: Array, omega_of_attitude: Array) -> list[str]:
+    """Say where gyro and attitude contradict each other: a wrong axis, sign or unit passes all
+    other checks.
+    """
+    notes = []
+    for axis, name in enumerate("xyz"):
+        own, other = omega[:, axis], omega_of_attitude[:, axis]
+        own, other = own - own.mean(), other - other.mean()
+        if (
+            np.sqrt(np.mean(other**2)) > _LEAST_COMPARED
+            and abs(factor := float(own @ other / (other @ other)) - 1) > _LARGEST_FACTOR
+        ):
+            notes.append(
+                f"run '{run}': about {name} the gyro turns {factor + 1:.2g} times as fast as the"
+                " orientation; check axes, signs and units"
+            )
+    return notes
+
+
+def samples_of(task: RunReader, source: Source) -> Samples1D:
+    """A quantity with its complete samples on the common clock; rotations already of the platform,
+    as quaternions.
+    """
+    name, quantity = source
+    stream = task.run.streams[name]
+    values = stream.values[quantity]
+    valid = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+    time = task.time(name)
+    if task.run.window:
+        start, end = task.run.window
+        valid &= (time >= start - _MARGIN) & (time <= end + _MARGIN)
+    time, values = time[valid], values[valid]
+    if len(time) < 2:
+        raise InputError(
+            f"{stream.source}: expected at least 2 complete samples of"
+            f" {quantity.replace('_', ' ')}, found {len(time)}; fill the empty cells"
+        )
+    if values.ndim == 3:
+        values = quaternions_of(task.solve("rotation", source, values))
+    elif quantity == "angular_velocity":
+        values = task.solve("omega", source, values)
+    return Samples1D(time, values)
+
+
+def quaternions_of(rotations: Array) -> Array:
+    """Quaternions (w, x, y, z) without jumps of sign, shape (n, 4)."""
+    quaternions = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
+    flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
+    return np.asarray(quaternions * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
+
+
+def _spacing(
+    judged: list[Samples1D], used: list[Samples1D], start: float, end: float, *, robust: bool
+) -> float:
+    """Knot spacing from the data: at least two samples of the slowest stream, at most what the
+    motion bears.
+    """
+    steps = [np.diff(s.time[(s.time >= start) & (s.time <= end)]) for s in used]
+    finest = 2.0 * max(
+        (float(np.median(step)) for step in steps if len(step)), default=_WIDEST_SPACING
+    )
+    widest = max(finest, min(_WIDEST_SPACING, (end - start) / 8))
+    if robust:
+        finest = min(widest, max(finest, _FASTEST))
+    candidates = np.geomspace(finest, widest, 1 + int(np.ceil(2 * np.log2(widest / finest))))
+    # No spline crosses a gap: the longest part without one is looked at.
+    parts = segments([s.time for s in used], start, end, finest)
+    start, end = max(parts, key=lambda part: part[1] - part[0], default=(start, end))
+    return choose_spacing(
+        judged, [float(c) for c in candidates], start, min(end, start + _JUDGED), robust=robust
+    )
+
+
+def _check_motion(where: str, state: Mapping[str, Array], alpha_noise: float) -> None:
+    """Refuse a recording of a platform at rest: its place is among the static runs."""
+    turning = float(
+        np.sqrt(np.mean(np.sum((state["alpha"] - state["alpha"].mean(axis=0)) ** 2, axis=1)))
+    )
+    moving = float(
+        np.sqrt(
+            np.mean(
+                np.sum(
+                    (state["specific_force"] - state["specific_force"].mean(axis=0)) ** 2, axis=1
+                )
+            )
+        )
+    )
+    if turning < max(3 * alpha_noise, _LEAST_TURNING) and moving < _LEAST_MOVING:
+        raise InputError(
+            f"{where}: expected a motion, found a platform (nearly) at rest: {turning:.2g} rad/s^2"
+            f" and {moving:.2g} m/s^2 rms; record a motion, or list it under 'static: true'"
+        )

@@ -1,0 +1,472 @@
+"""One run as its instruments saw it, turned into parts of the platform's state by their own
+measurement equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.calibration_parameters import Calibration, clock_of
+from steelyard.identification.model.sources import Source, Sources
+from steelyard.instruments.equations import linearised, means, needed_for, solve_for
+from steelyard.motion.state import motion_of_quaternions, specific_force_of
+from steelyard.robot.kinematics import cables_at
+from steelyard.robot.model import Robot
+from steelyard.smoothing import Samples1D, Smoothed, fit
+
+
+@dataclass(frozen=True, eq=False)
+class RunReader:
+    """One run and how to read it."""
+
+    experiment: Experiment
+    robot: Robot
+    run: Run
+    sources: Sources
+    calibration: Calibration | None = None
+    """Values of the systematic errors; None: as known beforehand."""
+
+    @property
+    def where(self) -> str:
+        """File and run, for messages."""
+        return f"{self.experiment.source or self.experiment.name}: run '{self.run.name}'"
+
+    def time(self, name: str) -> Array:
+        """Times of a stream on the common clock [s], shape (n,)."""
+        delay = None
+        if self.calibration and not self.run.static:
+            delay = self.calibration.delay(clock_of(self.experiment, name), self.run.name)
+        return self.experiment.common_time(self.run, name, delay)
+
+    @property
+    def gravity(self) -> Array:
+        """World frame [m/s^2], shape (3,)."""
+        return self.calibration.gravity if self.calibration else self.robot.gravity
+
+    def _errors(self, name: str) -> dict[str, Array]:
+        instrument = self.experiment.instruments[name]
+        if self.calibration is None:
+            return means(instrument, self.robot.m)
+        return self.calibration.of(name, instrument, self.run.name)
+
+    def solve(self, unknown: str, source: Source, readings: Array, **given: Array) -> Array:
+        """Part of the platform's state behind the readings of one quantity."""
+        name, quantity = source
+        instrument = self.experiment.instruments[name]
+        return solve_for(
+            unknown, instrument, self.robot, {quantity: readings}, given, self._errors(name)
+        )
+
+    def hung_at(
+        self, source: Source, lengths: Array, rotation: Array, force_samples: Array
+    ) -> Array:
+        """Place of the platform origin [m] for cable lengths and an attitude, by Gauss-Newton,
+        shape (n, 3).
+
+        Args:
+            source: An instrument of lengths.
+            lengths: Its readings [m], shape (n, m).
+            rotation: R_world_platform, shape (n, 3, 3).
+            force_samples: Tensions, roughly: cables stretch [N], shape (n, m).
+        """
+        instrument, anchors = self.experiment.instruments[source[0]], self.robot.anchors
+        n, errors = len(lengths), np.concatenate(list(self._errors(source[0]).values()))
+        quaternion = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
+        middle = anchors.mean(axis=0)
+        # Below the anchors: above them there is another answer.
+        middle[2] -= 0.5 * float(np.linalg.norm(anchors - middle, axis=1).mean())
+        position, still = np.tile(middle, (n, 1)), np.zeros((n, 7))
+        for _ in range(_HANGING_STEPS):
+            motion = (np.hstack([position, quaternion]), still, still)
+            at = linearised(
+                instrument,
+                "length",
+                self.robot,
+                lengths,
+                motion,
+                errors,
+                self.gravity,
+                force_samples,
+            )
+            J = at["by_pose"][:, :, :3]
+            step = np.linalg.solve(
+                J.transpose(0, 2, 1) @ J, np.einsum("nkp,nk->np", J, at["residual"])[:, :, None]
+            )
+            position = position - step[:, :, 0]
+        return position
+
+    @cached_property
+    def behind_rollers(self) -> bool:
+        """Whether the force sensors read what depends on how the cables move."""
+        name = self.sources.force
+        instrument = self.experiment.instruments[name]
+        quantities = tuple(q.name for q in instrument.quantities(self.robot.m))
+        return instrument.kind == "tension" and "velocity" in needed_for(
+            "tension", instrument, self.robot, quantities
+        )
+
+    def force_samples(self, readings: Mapping[str, Array], motion: Mapping[str, Array]) -> Array:
+        """What is behind the readings of the force instrument: tensions at the platform, shape (n,
+        m), or the wrench on it, shape (n, 6).
+
+        Args:
+            readings: All quantities of it.
+            motion: Parts of the state: pose, velocity and angular velocity, where sensors do not
+                sit at the platform.
+        """
+        name = self.sources.force
+        instrument = self.experiment.instruments[name]
+        unknown = "wrench" if instrument.kind == "wrench" else "tension"
+        return solve_for(unknown, instrument, self.robot, readings, motion, self._errors(name))
+
+    def carried(
+        self, force_samples: Array, position: Array | None, rotation: Array | None
+    ) -> dict[str, Array]:
+        """What carries the platform.
+
+        Args:
+            force_samples: See :meth:`force_samples`.
+            position: Of the platform origin, world frame [m], shape (n, 3).
+            rotation: R_world_platform, shape (n, 3, 3).
+
+        Returns:
+            ``wrench`` on the platform, shape (n, 6); on cables also their ``tension`` [N], shape
+            (n, m), and ``structure``, shape (n, 6, m).
+        """
+        if self.experiment.instruments[self.sources.force].kind == "wrench":
+            return {"wrench": force_samples}
+        assert position is not None  # choose_sources() has made sure
+        assert rotation is not None
+        structure = cables_at(self.robot, position, rotation, force_samples).structure
+        return {
+            "wrench": np.einsum("nkm,nm->nk", structure, force_samples),
+            "tension": force_samples,
+            "structure": structure,
+        }
+
+    @property
+    def free_offset(self) -> bool:
+        """Whether the wrench has a constant offset that is not known."""
+        instrument = self.experiment.instruments[self.sources.force]
+        return instrument.kind == "wrench" and any(
+            term.key.startswith("offset") and (term.deviation is None or bool(term.deviation.any()))
+            for term in instrument.terms(self.robot.m)
+        )
+
+    @property
+    def position_sigma(self) -> float:
+        """1-sigma of the place on the platform whose acceleration is measured [m]."""
+        source = self.sources.specific_force or self.sources.position
+        if source is None:
+            return 0.0
+        terms = {
+            term.key: term for term in self.experiment.instruments[source[0]].terms(self.robot.m)
+        }
+        place = terms.get("position") or terms.get("target")
+        if place is None or place.deviation is None:
+            return 0.0
+        return float(np.sqrt(np.mean(place.deviation**2)))
+
+
+_HANGING_STEPS = 12
+_SMALL_TURN = 1e-4
+"""By which the lever of a tracked point is found [rad]."""
+_SMALL_STEP = 1e-4
+"""In time, over which the velocity of a lever is found [s]."""
+_EDGE = 1e-4
+"""Samples so close outside an interval still belong to it [s]: a clock that is moved a little must
+not lose one."""
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothPart:
+    """The streams of one run over an interval without gaps, smooth and turned into parts of the
+    platform's state one by one.
+    """
+
+    reader: RunReader
+    raw: Mapping[Source, Samples1D]
+    start: float
+    end: float
+    spacing: float
+    robust: bool = False
+    """Whether to leave out numbers that stand far from the others of their channel."""
+    compare: bool = True
+    """Whether the attitude is held against the gyro."""
+
+    def within(self, source: Source) -> Samples1D:
+        """Samples in the interval."""
+        samples = self.raw[source]
+        inside = (samples.time >= self.start - _EDGE) & (samples.time <= self.end + _EDGE)
+        return Samples1D(
+            np.clip(samples.time[inside], self.start, self.end), samples.values[inside]
+        )
+
+    def smooth(self, samples: Samples1D) -> Smoothed:
+        """Fit, or give the part up."""
+        fitted = fit(samples, self.start, self.end, self.spacing, robust=self.robust)
+        if fitted is None:
+            raise UndeterminedError
+        return fitted
+
+    @cached_property
+    def attitude(self) -> Smoothed | None:
+        """Quaternion."""
+        rotation = self.reader.sources.rotation
+        return self.smooth(self.within(rotation)) if rotation else None
+
+    @cached_property
+    def gyro(self) -> Smoothed | None:
+        """Angular velocity; None where it has to come from the attitude."""
+        omega = self.reader.sources.omega
+        return (
+            self.smooth(self.within(omega))
+            if omega and omega != self.reader.sources.rotation
+            else None
+        )
+
+    def rotation(self, t: Array) -> dict[str, Array]:
+        """R_world_platform, where it is known."""
+        if self.attitude is None:
+            return {}
+        return {"rotation": Rotation.from_quat(self.attitude.at(t), scalar_first=True).as_matrix()}
+
+    def turning(self, t: Array) -> dict[str, Array]:
+        """Angular velocity and acceleration."""
+        if self.gyro is not None:
+            return {"omega": self.gyro.at(t), "alpha": self.gyro.at(t, 1)}
+        assert self.attitude is not None  # choose_sources() has made sure
+        return dict(motion_of_quaternions(*(self.attitude.at(t, order) for order in range(3))))
+
+    def omega_of_attitude(self, t: Array) -> Array:
+        """Angular velocity as the attitude has it, to hold against the gyro; NaN where there are
+        not both.
+        """
+        if not self.compare or self.attitude is None or self.gyro is None:
+            return np.full((len(t), 3), np.nan)
+        return motion_of_quaternions(*(self.attitude.at(t, order) for order in range(3)))["omega"]
+
+    def turning_noise(self, t: Array) -> tuple[float, float]:
+        """1-sigma of the noise left in angular velocity [rad/s] and acceleration [rad/s^2]."""
+        if self.gyro is not None:
+            return self.gyro.noise(t, 0), self.gyro.noise(t, 1)
+        assert self.attitude is not None
+        # A quaternion turns half as fast as the rotation vector.
+        return 2 * self.attitude.noise(t, 1), 2 * self.attitude.noise(t, 2)
+
+    @cached_property
+    def position(self) -> Smoothed | None:
+        """Of the platform origin: what is tracked may be another point, whose lever turns with the
+        platform.
+        """
+        source = self.reader.sources.position
+        if source is None:
+            return None
+        tracked = self.within(source)
+        rotation = self.rotation(tracked.time)
+        if source[1] == "length":
+            (force_samples,) = (smoothed.at(tracked.time) for smoothed in self.forces.values())
+            origin = self.reader.hung_at(
+                source, tracked.values, rotation["rotation"], force_samples
+            )
+        else:
+            origin = self.reader.solve("position", source, tracked.values, **rotation)
+        return self.smooth(Samples1D(tracked.time, origin))
+
+    @cached_property
+    def force_samples(self) -> Smoothed | None:
+        """Specific force of the platform origin by the accelerometer; None where it has to come
+        from the tracker.
+        """
+        source = self.reader.sources.specific_force
+        if source is None:
+            return None
+        samples = self.within(source)
+        given = {
+            **self.turning(samples.time),
+            **self.rotation(samples.time),
+            "gravity": self.reader.gravity,
+        }
+        return self.smooth(
+            Samples1D(
+                samples.time, self.reader.solve("specific_force", source, samples.values, **given)
+            )
+        )
+
+    def specific_force(self, t: Array) -> Array:
+        """Of the platform origin, from the accelerometer or from the tracker."""
+        if self.force_samples is not None:
+            return self.force_samples.at(t)
+        assert self.position is not None  # choose_sources() has made sure
+        return specific_force_of(
+            self.rotation(t)["rotation"], self.position.at(t, 2), self.reader.gravity
+        )
+
+    def specific_force_noise(self, t: Array) -> float:
+        """1-sigma of the noise left in it [m/s^2]."""
+        if self.force_samples is not None:
+            return self.force_samples.noise(t, 0)
+        return self.position_noise(t, 2)
+
+    @cached_property
+    def lever(self) -> float:
+        """How far the place of the platform origin follows the attitude, root mean square over the
+        axes [m/rad].
+        """
+        source = self.reader.sources.position
+        if source is None or self.attitude is None:
+            return 0.0
+        if source[1] == "length":
+            return self.reader.robot.size
+        tracked = self.within(source)
+        turned = Rotation.from_quat(
+            self.attitude.at(tracked.time[:1]), scalar_first=True
+        ) * Rotation.from_rotvec(_SMALL_TURN * np.vstack([np.zeros(3), np.eye(3)]))
+        origin = self.reader.solve(
+            "position",
+            source,
+            np.repeat(tracked.values[:1], 4, axis=0),
+            rotation=turned.as_matrix(),
+        )
+        return float(np.sqrt(np.sum((origin[1:] - origin[0]) ** 2) / 3)) / _SMALL_TURN
+
+    def position_noise(self, t: Array, order: int) -> float:
+        """1-sigma of the noise left in a derivative of the platform origin's place: the tracker's,
+        and the attitude's at its lever.
+        """
+        assert self.position is not None
+        turning = 0.0 if self.attitude is None else 2 * self.attitude.noise(t, order)
+        return float(np.hypot(self.position.noise(t, order), self.lever * turning))
+
+    def velocity_noise(self, t: Array, omega: float) -> float:
+        """1-sigma of the noise left in :meth:`velocity` [m/s], with that of the angular velocity
+        [rad/s].
+        """
+        assert self.reader.sources.position is not None
+        if self.reader.sources.position[1] == "length":
+            return self.position_noise(t, 1)
+        return float(np.hypot(self.tracked.noise(t, 1), self.lever * omega))
+
+    @cached_property
+    def forces(self) -> dict[str, Smoothed]:
+        """Readings of the force instrument."""
+        return {
+            q: self.smooth(self.within((name, q)))
+            for name, q in self.raw
+            if name == self.reader.sources.force
+        }
+
+    @cached_property
+    def tension(self) -> Smoothed:
+        """At the platform, of sensors behind rollers, reading by reading: a roller turns its
+        friction around before a filter follows.
+        """
+        read = self.within((self.reader.sources.force, "tension"))
+        return self.smooth(
+            Samples1D(
+                read.time,
+                self.reader.force_samples({"tension": read.values}, self.moving(read.time)),
+            )
+        )
+
+    def pose(self, t: Array) -> dict[str, Array]:
+        """Position and rotation, where they are known."""
+        return {
+            **({} if self.position is None else {"position": self.position.at(t)}),
+            **self.rotation(t),
+        }
+
+    def moving(self, t: Array) -> dict[str, Array]:
+        """Pose, velocity and angular velocity."""
+        omega = self.turning(t)["omega"]
+        return {**self.pose(t), "velocity": self.velocity(t, omega), "omega": omega}
+
+    @cached_property
+    def tracked(self) -> Smoothed:
+        """What is read of the place, as it was read: without what the attitude's noise does at the
+        lever of a tracked point.
+        """
+        assert self.reader.sources.position is not None  # choose_sources() has made sure
+        return self.smooth(self.within(self.reader.sources.position))
+
+    def velocity(self, t: Array, omega: Array) -> Array:
+        """Of the platform origin, from how the tracked point moves and how the platform turns
+        [m/s], shape (n, 3).
+        """
+        source = self.reader.sources.position
+        assert source is not None  # choose_sources() has made sure
+        assert self.position is not None
+        if source[1] == "length":
+            return self.position.at(t, 1)
+        rotation = Rotation.from_matrix(self.rotation(t)["rotation"])
+        place, rate = self.tracked.at(t), self.tracked.at(t, 1)
+        before, after = (
+            self.reader.solve(
+                "position",
+                source,
+                place + step * rate,
+                rotation=(rotation * Rotation.from_rotvec(step * omega)).as_matrix(),
+            )
+            for step in (-_SMALL_STEP, _SMALL_STEP)
+        )
+        return np.asarray((after - before) / (2 * _SMALL_STEP))
+
+    def carried(self, t: Array) -> dict[str, Array]:
+        """What carries the platform."""
+        if self.reader.behind_rollers:
+            motion = self.moving(t)
+            force_samples = self.tension.at(t)
+            return {
+                **motion,
+                **self.reader.carried(force_samples, motion["position"], motion["rotation"]),
+            }
+        readings = {q: smoothed.at(t) for q, smoothed in self.forces.items()}
+        pose = self.pose(t)
+        force_samples = self.reader.force_samples(readings, pose)
+        return {
+            **pose,
+            **self.reader.carried(force_samples, pose.get("position"), pose.get("rotation")),
+        }
+
+    def motion(self, t: Array) -> dict[str, Array]:
+        """How the platform moves."""
+        return {
+            **self.turning(t),
+            "omega_of_attitude": self.omega_of_attitude(t),
+            "specific_force": self.specific_force(t),
+        }
+
+    def noise(self, t: Array) -> dict[str, float]:
+        """1-sigma of the noise left in the motion, and of single force readings about their
+        spline.
+        """
+        omega, alpha = self.turning_noise(t)
+        force_samples = {"tension": self.tension} if self.reader.behind_rollers else self.forces
+        return {
+            "omega": omega,
+            "alpha": alpha,
+            "specific_force": self.specific_force_noise(t),
+            **({"velocity": self.velocity_noise(t, omega)} if self.reader.behind_rollers else {}),
+            "position": 0.0 if self.position is None else self.position_noise(t, 0),
+            # A quaternion turns half as fast as the rotation vector.
+            "rotation": 0.0 if self.attitude is None else 2 * self.attitude.noise(t, 0),
+            **{quantity: smoothed.sigma for quantity, smoothed in force_samples.items()},
+        }
+
+    def state(self, t: Array) -> tuple[dict[str, Array], dict[str, float]] | None:
+        """All of it at times, and its noise; None where the samples do not determine it."""
+        try:
+            return {"time": t, **self.motion(t), **self.carried(t)}, self.noise(t)
+        except UndeterminedError:
+            return None
+
+
+class UndeterminedError(Exception):
+    """A stream has too few samples in a part for its spline."""

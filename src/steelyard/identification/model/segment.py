@@ -1,0 +1,370 @@
+"""A segment: a stretch of one run in which the pose is one spline in time, and what the instruments
+read along it.
+
+The pose is position over quaternion; the quaternion's length is free, since no state depends on it,
+and is held near one. Readings are linearised about the spline by the instruments' own measurement
+equations. The normal matrix of the spline's coefficients is banded; systematic errors, which act on
+all of it, border it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from steelyard.arrays import Array
+from steelyard.smoothing import DEGREE
+
+POSE = 7
+"""Numbers in a pose: position and quaternion."""
+WIDTH = POSE * (DEGREE + 1)
+"""Coefficients that a pose depends on at one instant."""
+
+_ROUNDING = 1e-11
+"""Part of its diagonal by which a matrix that rounding has made indefinite is held."""
+Label = tuple[str, str] | None
+"""What rows are readings of: instrument and quantity; None: of nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Spline functions that are not zero at n times."""
+
+    first: NDArray[np.intp]
+    """First of them, shape (n,)."""
+    values: Array
+    """Of the functions and their derivatives, order on axis 0, shape (4, n, 6); of poses at rest
+    (4, n, 1)."""
+
+
+def basis(knots: Array, times: Array) -> Basis:
+    """B-splines and their first three derivatives at times within the knots.
+
+    Cox and de Boor's recursion over all times at once; a derivative is made of differences of
+    functions of one degree less [DeBoor1978]_.
+
+    Args:
+        knots: Of a quintic spline [s].
+        times: [s], shape (n,).
+    """
+    n, functions = len(times), len(knots) - DEGREE - 1
+    interval = np.clip(np.searchsorted(knots, times, side="right") - 1, DEGREE, functions - 1)
+    # What lies around each time: knot j of the interval's neighbours is own[j + DEGREE].
+    own = knots[interval[:, None] + np.arange(-DEGREE, DEGREE + 2)].T
+    powers = [np.ones((1, n))]
+    for degree in range(1, DEGREE + 1):
+        lower = powers[-1]
+        left = own[DEGREE - degree + 1 : DEGREE + 1]
+        share = lower / (own[DEGREE + 1 : DEGREE + degree + 1] - left)
+        raised = np.zeros((degree + 1, n))
+        raised[1:] = (times - left) * share
+        raised[:-1] += (own[DEGREE + 1 : DEGREE + degree + 1] - times) * share
+        powers.append(raised)
+    values = np.empty((4, n, DEGREE + 1))
+    for order in range(4):
+        found = powers[DEGREE - order]
+        for degree in range(DEGREE - order + 1, DEGREE + 1):
+            slope = (
+                degree
+                * found
+                / (own[DEGREE + 1 : DEGREE + degree + 1] - own[DEGREE - degree + 1 : DEGREE + 1])
+            )
+            found = np.zeros((degree + 1, n))
+            found[1:] = slope
+            found[:-1] -= slope
+        values[order] = found.T
+    return Basis((interval - DEGREE).astype(np.intp), values)
+
+
+def at_rest(poses: NDArray[np.intp]) -> Basis:
+    """Basis of samples of poses at rest, each of which stands alone.
+
+    Args:
+        poses: Number of the pose of each sample, shape (n,).
+    """
+    values = np.zeros((4, len(poses), 1))
+    values[0] = 1.0
+    return Basis(np.asarray(poses, dtype=np.intp), values)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Linearised readings of n samples, whitened, k numbers each."""
+
+    first: NDArray[np.intp]
+    """First coefficient function that each depends on, shape (n,)."""
+    residual: Array
+    """Shape (n, k)."""
+    by_motion: Array
+    """Derivative by the coefficients of the functions at that instant, shape (n, k, 42), or (n, k,
+    7) where each sample has a pose of its own."""
+    by_errors: Array
+    """Derivative by border parameters, shape (n, k, c)."""
+    columns: NDArray[np.intp] | None = None
+    """Which of the border parameters these are, shape (c,); None: all."""
+    label: Label = None
+    """What they are readings of."""
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Banded matrix with a border: N coefficients of the motion and b parameters that act on all of
+    it.
+    """
+
+    band: Array
+    """Lower banded form, shape (42, N)."""
+    side: Array
+    """Between motion and border, shape (N, b)."""
+    corner: Array
+    """Shape (b, b)."""
+    motion_gradient: Array
+    """Minus half the gradient of the cost by the coefficients, shape (N,)."""
+    border_gradient: Array
+    """The same by the border parameters, shape (b,)."""
+    parts: Mapping[Label, Array] = field(default_factory=dict)
+    """Label of rows -> what they have added to the band."""
+
+    @cached_property
+    def factor(self) -> Array:
+        """Cholesky factor of the motion's matrix, lower banded form.
+
+        Raises:
+            numpy.linalg.LinAlgError: The motion is not determined.
+        """
+        try:
+            return np.asarray(cholesky_banded(self.band, lower=True, check_finite=False))
+        except np.linalg.LinAlgError:
+            # A place that only accelerations tell is known many orders worse than its third
+            # derivative is held.
+            held = self.band.copy()
+            held[0] *= 1 + _ROUNDING
+            return np.asarray(cholesky_banded(held, lower=True, check_finite=False))
+
+    def solve(self, right: Array) -> Array:
+        """Solve with the motion's matrix."""
+        return np.asarray(cho_solve_banded((self.factor, True), right, check_finite=False))
+
+    @cached_property
+    def followed(self) -> Array:
+        """How the motion follows the border parameters, with the opposite sign, shape (N, b)."""
+        return self.solve(self.side)
+
+    @cached_property
+    def settled(self) -> Array:
+        """Step of the motion with the border held, shape (N,)."""
+        return self.solve(self.motion_gradient)
+
+    def reduced(self) -> tuple[Array, Array]:
+        """Matrix and right-hand side of the border with the motion eliminated (Schur complement),
+        shapes (b, b) and (b,).
+
+        Raises:
+            numpy.linalg.LinAlgError: The motion is not determined.
+        """
+        return (
+            self.corner - self.side.T @ self.followed,
+            self.border_gradient - self.side.T @ self.settled,
+        )
+
+    def motion_step(self, border: Array) -> Array:
+        """Step of the coefficients that goes with a step of the border, shape (N,)."""
+        return np.asarray(self.settled - self.followed @ border)
+
+    @property
+    def log_determinant(self) -> float:
+        """Of the motion's matrix."""
+        return float(2 * np.sum(np.log(self.factor[0])))
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Inverse of the motion's matrix as far as its own band reaches, lower banded form, shape
+        (42, N).
+
+        Formed by recursion over blocks of the factor [Takahashi1973]_: linear in the length.
+        """
+        return _selected_inverse(self.factor)
+
+    def spent(self) -> dict[Label, float]:
+        """Label of rows -> degrees of freedom that the motion takes of them."""
+        return {label: banded_trace(part, self.inverse) for label, part in self.parts.items()}
+
+    def stiffened(self, bands: Iterable[Array], coefficients: Array) -> NormalEquations:
+        """The same with a quadratic cost of the coefficients themselves.
+
+        Args:
+            bands: Its matrices, lower banded form, shape (42, N) each; their sum counts.
+            coefficients: Present ones, shape (f, 7).
+        """
+        total = np.sum(list(bands), axis=0)
+        pull = banded_product(total, coefficients.ravel())
+        return replace(self, band=self.band + total, motion_gradient=self.motion_gradient - pull)
+
+
+def banded_product(band: Array, vector: Array) -> Array:
+    """Product of a symmetric matrix in lower banded form with a vector."""
+    product = band[0] * vector
+    for d in range(1, len(band)):
+        product[d:] += band[d, :-d] * vector[:-d]
+        product[:-d] += band[d, :-d] * vector[d:]
+    return np.asarray(product)
+
+
+def banded_trace(one: Array, other: Array) -> float:
+    """Trace of the product of two symmetric matrices in lower banded form, of the second as far as
+    the first reaches.
+    """
+    return float(2 * np.vdot(one, other) - np.vdot(one[0], other[0]))
+
+
+def _selected_inverse(factor: Array) -> Array:
+    """Parts of the inverse of a banded matrix within its own band, from its Cholesky factor, lower
+    banded form.
+    """
+    width, size = factor.shape
+    block = max(width - POSE, POSE)
+    count = -(-size // block)
+    padded = np.zeros((width, (count + 1) * block))
+    padded[:, :size] = factor
+    padded[0, size:] = 1.0
+    diagonal, below = np.zeros((count, block, block)), np.zeros((count, block, block))
+    columns = np.arange(count) * block
+    for d in range(width):
+        for j in range(block):
+            value, row = padded[d, columns + j], j + d
+            if row < block:
+                diagonal[:, row, j] = value
+            elif row < 2 * block:
+                below[:, row - block, j] = value
+    inverse = np.linalg.inv(diagonal)
+    own, step = inverse.transpose(0, 2, 1) @ inverse, below @ inverse
+    across = np.zeros((count, block, block))
+    for i in range(count - 2, -1, -1):
+        across[i] = -own[i + 1] @ step[i]
+        own[i] -= step[i].T @ across[i]
+    found = np.zeros_like(padded)
+    for d in range(width):
+        for j in range(block):
+            row = j + d
+            if row < block:
+                found[d, columns + j] = own[:, row, j]
+            elif row < 2 * block:
+                found[d, columns + j] = across[:, row - block, j]
+    # What lies below the matrix is nothing.
+    result = found[:, :size]
+    for d in range(1, width):
+        result[d, size - d :] = 0.0
+    return result
+
+
+_AT_ONCE = 512
+"""Instants whose products are held at once."""
+
+
+def accumulate(
+    functions: int, border: int, rows: Iterable[Rows], *, width: int = WIDTH
+) -> NormalEquations:
+    """Normal equations of linearised readings.
+
+    Args:
+        functions: Of the motion.
+        border: Number of border parameters.
+        rows: All there are.
+        width: Coefficients that one instant depends on.
+    """
+    size = functions * POSE
+    parts: dict[Label, Array] = {}
+    side = np.zeros((functions, POSE, border))
+    corner, by_motion, by_border = (
+        np.zeros((border, border)),
+        np.zeros((functions, POSE)),
+        np.zeros(border),
+    )
+    for part in rows:
+        band = parts.setdefault(part.label, np.zeros((width, size)))
+        columns = np.arange(border) if part.columns is None else part.columns
+        together = np.concatenate(
+            [part.by_motion, part.by_errors, part.residual[:, :, None]], axis=2
+        )
+        if len(part.first) and np.any(np.diff(part.first) < 0):
+            order = np.argsort(part.first, kind="stable")
+            together, first = together[order], part.first[order]
+        else:
+            first = part.first
+        for start in range(0, functions, _AT_ONCE):
+            span = slice(*np.searchsorted(first, [start, start + _AT_ONCE]))
+            if span.start == span.stop:
+                continue
+            origin, last = int(first[span.start]), int(first[span.stop - 1])
+            products = _products(together[span], first[span] - origin, last - origin + 1)
+            _scatter(band, products, origin, width)
+            for function in range(width // POSE):
+                own = slice(function * POSE, (function + 1) * POSE)
+                target = slice(origin + function, last + function + 1)
+                side[target, :, columns] += products[:, own, width:-1]
+                by_motion[target] -= products[:, own, -1]
+            total = products[:, width:, width:].sum(axis=0)
+            corner[np.ix_(columns, columns)] += total[:-1, :-1]
+            by_border[columns] -= total[:-1, -1]
+    band = np.sum(list(parts.values()), axis=0) if parts else np.zeros((width, size))
+    return NormalEquations(
+        band, side.reshape(size, border), corner, by_motion.ravel(), by_border, parts
+    )
+
+
+def _products(rows: Array, instant: NDArray[np.intp], count: int) -> Array:
+    """Rows with themselves, summed over the samples of every instant, shape (count, c, c)."""
+    edges = np.searchsorted(instant, np.arange(count + 1))
+    k, c = rows.shape[1:]
+    flat = rows.reshape(-1, c)
+    products = np.zeros((count, c, c))
+    for i in np.flatnonzero(np.diff(edges)):
+        own = flat[edges[i] * k : edges[i + 1] * k]
+        np.matmul(own.T, own, out=products[i])
+    return products
+
+
+def _scatter(band: Array, products: Array, origin: int, width: int) -> None:
+    """Add products of consecutive instants to a banded matrix."""
+    count = len(products)
+    for column in range(width):
+        function, place = divmod(column, POSE)
+        start = (origin + function) * POSE + place
+        own = band[:, start : start + (count - 1) * POSE + 1 : POSE]
+        own[: width - column] += products[:, column:width, column].T
+
+
+def spread(basis: Basis, *by_order: Array) -> Array:
+    """Derivatives by pose, rate, acceleration as derivatives by the coefficients.
+
+    Args:
+        basis: At n times.
+        *by_order: Shape (n, k, 7) each, the first by the pose.
+
+    Returns:
+        Shape (n, k, 42); (n, k, 7) of poses at rest.
+    """
+    n, k, _ = by_order[0].shape
+    total = np.zeros((n, k, basis.values.shape[2], POSE))
+    for order, jacobian in enumerate(by_order):
+        if not jacobian.any():
+            continue
+        total += basis.values[order][:, None, :, None] * jacobian[:, :, None, :]
+    return total.reshape(n, k, -1)
+
+
+def motion_at(basis: Basis, coefficients: Array) -> tuple[Array, Array, Array, Array]:
+    """Pose and its first three time derivatives, shape (n, 7) each.
+
+    Args:
+        basis: At n times.
+        coefficients: Of the spline, shape (f, 7).
+    """
+    local = coefficients[basis.first[:, None] + np.arange(basis.values.shape[2])]
+    pose, rate, acceleration, jerk = np.einsum("oni,nid->ond", basis.values, local)
+    return pose, rate, acceleration, jerk

@@ -1,0 +1,314 @@
+"""What every instrument has read beside what the fit says it should have read, and the platform's
+wrench likewise.
+
+For people who look at residuals: nothing is estimated here, the fit's own statements are evaluated
+once more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.dynamics import platform_wrench
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.balance import wrench_noise
+from steelyard.identification.model.calibration_parameters import Calibration, clock_of
+from steelyard.identification.model.force_residuals import Balance, Forces, balance_of
+from steelyard.identification.model.motion_residuals import (
+    AT_ONCE,
+    Reading,
+    Segment,
+    looked_at,
+    reference_clocks,
+)
+from steelyard.identification.model.preparation import Samples
+from steelyard.identification.model.sources import Source
+from steelyard.identification.solve.joint_fit import State
+from steelyard.identification.solve.joint_study import Joint
+from steelyard.identification.solve.study import Study
+from steelyard.instruments import Instrument
+
+PLATFORM = "platform"
+"""Stands for the instrument where the wrench of all that carries the body is meant."""
+_WRENCH = {"force": (slice(0, 3), "N"), "torque": (slice(3, 6), "N m")}
+_AXES = ("x", "y", "z")
+_ANGLES = ("roll", "pitch", "yaw")
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """One quantity in one run: n samples of k channels."""
+
+    run: str
+    instrument: str
+    """Its name, or :data:`PLATFORM`."""
+    quantity: str
+    unit: str
+    channels: tuple[str, ...]
+    time: Array
+    """Common time [s]; of poses at rest their number; shape (n,)."""
+    measured: Array
+    """Of a rotation roll, pitch, yaw without jumps [rad], shape (n, k)."""
+    predicted: Array
+    """Shape (n, k)."""
+    residual: Array
+    """Measured less predicted; of a rotation as a rotation vector on the right of the predicted
+    one; NaN where nothing was read; shape (n, k)."""
+    sigma: Array | None
+    """1-sigma that the fit takes the readings to have, shape (k,); None: not known."""
+    left_out: NDArray[np.bool_]
+    """Readings that the fit does not look at, shape (n, k)."""
+    static: bool
+
+
+def explained(
+    experiment: Experiment, fitted: Joint | Study, parameters: Array
+) -> Iterator[Explained]:
+    """Readings of an experiment as a fit explains them: first what the platform feels, then the
+    instruments, run by run.
+
+    Args:
+        experiment: That was fitted, with its clocks found; of its runs those that are to be shown.
+        fitted: Everything at once, or a balance of forces and motion.
+        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS` of the estimate, shape
+            (10,); NaN: not all of them are told, so that only a fit of everything at once can say
+            what the forces should have been.
+    """
+    if isinstance(fitted, Joint):
+        yield from _of_joint(experiment, fitted, parameters)
+    else:
+        yield from _of_study(experiment, fitted, parameters)
+
+
+def of_samples(
+    samples: Samples, parameters: Array, sigma: Array | None = None
+) -> Iterator[Explained]:
+    """The wrench of filtered samples as a body explains it.
+
+    Args:
+        samples: Of one run.
+        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
+        sigma: 1-sigma of the wrench [N], [N m], shape (6,); None: not known.
+    """
+    predicted = platform_wrench(parameters, samples.specific_force, samples.omega, samples.alpha)
+    nothing = np.zeros(samples.wrench.shape, dtype=bool)
+    yield from _wrench(
+        samples.run, samples.time, samples.wrench, predicted, sigma, nothing, static=samples.static
+    )
+
+
+def _of_study(experiment: Experiment, fitted: Study, parameters: Array) -> Iterator[Explained]:
+    told = bool(np.isfinite(parameters).all())
+    by_name = {samples.run: samples for samples in fitted.samples}
+    for run in experiment.runs:
+        if told and (samples := by_name.get(run.name)):
+            noise = wrench_noise(
+                fitted.experiment, run, samples, fitted.calibration, fitted.sigma[run.name]
+            )
+            yield from of_samples(samples, parameters, noise)
+        segments = [segment for segment in fitted.kinematics.segments if segment.run == run.name]
+        yield from _motion(
+            experiment, run, segments, fitted.kinematics.calibration, fitted.kinematics.ratios
+        )
+
+
+def _of_joint(experiment: Experiment, joint: Joint, parameters: Array) -> Iterator[Explained]:
+    state = joint.fit.state
+    if np.isfinite(parameters).all():
+        state = replace(state, parameters=parameters)
+    for run in experiment.runs:
+        own = [
+            (segment, f)
+            for segment, f in zip(state.segments, joint.force_samples, strict=True)
+            if segment.run == run.name
+        ]
+        if not own:
+            continue
+        yield from _forces(experiment, run, own, state)
+        yield from _motion(
+            experiment, run, [segment for segment, _ in own], state.calibration, state.factors
+        )
+
+
+def _forces(
+    experiment: Experiment, run: Run, own: list[tuple[Segment, Forces]], state: State
+) -> Iterator[Explained]:
+    """Wrench, then the readings of the force instrument against those nearest to them that balance
+    the motion.
+    """
+    assert state.parameters is not None
+    calibration, parameters, factors = state.calibration, state.parameters, state.factors
+    parts: list[tuple[Segment, Forces, Balance]] = []
+    for segment, forces in own:
+        for part in forces.parts():
+            parts.append(
+                (
+                    segment,
+                    part,
+                    balance_of(experiment, segment, part, calibration, parameters, factors),
+                ),
+            )
+    segment, force_samples, _ = parts[0]
+    time = np.concatenate(
+        [_common(experiment, a, calibration, f.name, f.time) for a, f, _ in parts]
+    )
+    wrench = np.concatenate([b.wrench for *_, b in parts])
+    over = np.concatenate([b.left_over for *_, b in parts])
+    # The noise of the wrench differs from pose to pose; its middle will do for a picture.
+    few = np.concatenate([b.whitener[:: max(1, len(b.whitener) // 200)] for *_, b in parts])
+    spread = np.linalg.inv(few)
+    sigma = np.sqrt(np.median(np.sum(spread**2, axis=2), axis=0))
+    left_out = np.concatenate([f.left_out for _, f, _ in parts])
+    lost = np.broadcast_to(left_out.any(axis=1, keepdims=True), wrench.shape)
+    yield from _wrench(run.name, time, wrench, wrench - over, sigma, lost, static=segment.static)
+    column = 0
+    instrument = experiment.instruments[force_samples.name]
+    for quantity, values in force_samples.readings.items():
+        place = slice(column, column + values.shape[1])
+        column = place.stop
+        measured = np.concatenate([f.readings[quantity] for _, f, _ in parts])
+        factor = factors.get(segment.label(force_samples.name, quantity), 1.0)
+        own_sigma = force_samples.sigma[place] * factor
+        correction = np.concatenate(
+            [b.correction[:, place] * f.sigmas(a, factors)[:, place] for a, f, b in parts]
+        )
+        yield Explained(
+            run.name,
+            force_samples.name,
+            quantity,
+            _unit(experiment, instrument, quantity),
+            tuple(_channels(experiment, instrument, quantity, values.shape[1])),
+            time,
+            measured,
+            measured - correction,
+            correction,
+            own_sigma,
+            left_out[:, place],
+            segment.static,
+        )
+
+
+def _wrench(
+    run: str,
+    time: Array,
+    measured: Array,
+    predicted: Array,
+    sigma: Array | None,
+    left_out: NDArray[np.bool_],
+    *,
+    static: bool,
+) -> Iterator[Explained]:
+    for quantity, (place, unit) in _WRENCH.items():
+        yield Explained(
+            run,
+            PLATFORM,
+            quantity,
+            unit,
+            _AXES,
+            time,
+            measured[:, place],
+            predicted[:, place],
+            measured[:, place] - predicted[:, place],
+            None if sigma is None else sigma[place],
+            left_out[:, place],
+            static,
+        )
+
+
+def _motion(
+    experiment: Experiment,
+    run: Run,
+    segments: list[Segment],
+    calibration: Calibration,
+    levels: Mapping[Source, float],
+) -> Iterator[Explained]:
+    """Readings of the motion instruments, each quantity over all segments of the run."""
+    found: dict[Source, list[tuple[Segment, Reading]]] = {}
+    for segment in segments:
+        for reading in segment.readings:
+            found.setdefault(reading.source, []).append((segment, reading))
+    for (name, quantity), own in found.items():
+        instrument = experiment.instruments[name]
+        time = np.concatenate([_common(experiment, a, calibration, name, r.time) for a, r in own])
+        residual = np.concatenate([_residual(experiment, a, r, calibration) for a, r in own])
+        values = np.concatenate([r.values for _, r in own])
+        segment, reading = own[0]
+        k = residual.shape[1]
+        sigma = np.full(k, reading.sigma * levels.get(segment.label(name, quantity), 1.0))
+        if values.ndim == 3:
+            measured, predicted = _angles(values, residual)
+            channels: tuple[str, ...] = _ANGLES
+        else:
+            measured, predicted = values, values - residual
+            channels = tuple(_channels(experiment, instrument, quantity, k))
+        yield Explained(
+            run.name,
+            name,
+            quantity,
+            _unit(experiment, instrument, quantity),
+            channels,
+            time,
+            measured,
+            predicted,
+            residual,
+            sigma,
+            np.zeros(residual.shape, dtype=bool),
+            segment.static,
+        )
+
+
+def _residual(
+    experiment: Experiment, segment: Segment, reading: Reading, calibration: Calibration
+) -> Array:
+    """Measured less predicted, NaN where nothing was read or the segment has no motion, shape (n,
+    k).
+    """
+    references = reference_clocks(experiment, calibration.calibration_parameters, segment)
+    parts = []
+    for start in range(0, len(reading.time), AT_ONCE):
+        times, _, _, linear = looked_at(
+            experiment, segment, reading, slice(start, start + AT_ONCE), calibration, references
+        )
+        inside = np.ones(len(times), dtype=bool) if segment.static else segment.holds(times)
+        parts.append(np.where(inside[:, None], linear["residual"], np.nan))
+    return np.concatenate(parts) if parts else np.zeros((0, 3))
+
+
+def _angles(rotations: Array, residual: Array) -> tuple[Array, Array]:
+    """Roll, pitch, yaw as measured and as predicted [rad], without jumps, shape (n, 3) each."""
+    whole = np.isfinite(rotations).all(axis=(1, 2)) & np.isfinite(residual).all(axis=1)
+    found = np.full((2, len(rotations), 3), np.nan)
+    measured = Rotation.from_matrix(rotations[whole])
+    predicted = measured * Rotation.from_rotvec(-residual[whole])
+    for i, each in enumerate((measured, predicted)):
+        found[i, whole] = np.unwrap(each.as_euler("ZYX")[:, ::-1], axis=0)
+    # Either may have jumped alone.
+    found[1] += 2 * np.pi * np.round((found[0] - found[1]) / (2 * np.pi))
+    return found[0], found[1]
+
+
+def _common(
+    experiment: Experiment, segment: Segment, calibration: Calibration, name: str, time: Array
+) -> Array:
+    """Common time of samples of an instrument [s]."""
+    return (
+        time
+        if segment.static
+        else time - calibration.delay(clock_of(experiment, name), segment.run)
+    )
+
+
+def _unit(experiment: Experiment, instrument: Instrument, quantity: str) -> str:
+    found = next(q for q in instrument.quantities(experiment.robot.m) if q.name == quantity)
+    return "rad" if found.rotation else found.unit
+
+
+def _channels(experiment: Experiment, instrument: Instrument, quantity: str, k: int) -> list[str]:
+    found = next(q for q in instrument.quantities(experiment.robot.m) if q.name == quantity)
+    return list(_ANGLES) if found.rotation else [f"{name}" for name in found.forms[0]][:k]

@@ -1,0 +1,181 @@
+"""The Cramer-Rao bound: how well the body can be known from an experiment at all, whatever the
+method.
+
+Motion, body and every systematic error are unknown together. The information of all readings at
+their own times is summed up, the motion (a spline) and the systematic errors are eliminated (Schur
+complement), and what is left belongs to the body [Kay1993]_. Priors of the systematic errors count
+as readings of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.calibration_parameters import Calibration
+from steelyard.identification.model.force_residuals import Forces, force_residuals
+from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
+from steelyard.identification.model.segment import Rows, accumulate
+from steelyard.identification.solve.normal_equations import TEN
+from steelyard.identification.solve.study import Study
+from steelyard.inertia import BODY_PARAMETERS, body_jacobian
+
+_EXACT = 1e-9
+"""1-sigma of what is known exactly."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """What can be known at best."""
+
+    covariance: Array
+    """Of the ten of :data:`steelyard.inertia.BODY_PARAMETERS`, shape (10, 10)."""
+    calibration: Array
+    """Of all systematic errors, shape (u, u)."""
+
+    @property
+    def standard_deviation(self) -> Array:
+        """1-sigma of the ten, shape (10,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+def cramer_rao(
+    experiment: Experiment,
+    calibration: Calibration,
+    segments: Mapping[str, tuple[Segment, ...]],
+    forces: Mapping[str, tuple[Forces, ...]],
+    parameters: Array,
+    *,
+    known: Mapping[str, tuple[float, float]] | None = None,
+    further: Array | float = 0.0,
+) -> Bound:
+    """Bound of the body's covariance.
+
+    Args:
+        experiment: Its instruments and calibration priors say what there is to know.
+        calibration: Values about which to linearise.
+        segments: Run -> its segments, with readings of the motion instruments and the motion itself.
+        forces: Run -> force readings of each of these segments.
+        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
+        known: Body parameters known beforehand with their 1-sigma.
+        further: Information on the ten and then all systematic errors from elsewhere (poses at
+            rest), shape (10 + u, 10 + u).
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined by the readings.
+    """
+    calibration_parameters = calibration.calibration_parameters
+    active = calibration_parameters.deviation > 0
+    count = TEN + int(active.sum())
+    matrix = np.zeros((count, count))
+    matrix[TEN:, TEN:] = np.diag(1 / calibration_parameters.deviation[active] ** 2)
+    if isinstance(further, np.ndarray):
+        wanted = np.concatenate([np.arange(TEN), TEN + np.flatnonzero(active)])
+        matrix += further[np.ix_(wanted, wanted)]
+    for name, own in segments.items():
+        for segment, force_samples in zip(own, forces[name], strict=True):
+            rows = _all_rows(experiment, segment, force_samples, calibration, active, parameters)
+            matrix += segment.smooth(
+                accumulate(len(segment.coefficients), count, rows, width=segment.width)
+            ).reduced()[0]
+    J = body_jacobian(parameters)
+    matrix[:TEN, :TEN] += known_information(known or {}, J)
+    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    inverse = np.linalg.pinv(
+        matrix * np.outer(scale, scale), rcond=1e-15, hermitian=True
+    ) * np.outer(scale, scale)
+    covariance = np.zeros((len(calibration_parameters), len(calibration_parameters)))
+    covariance[np.ix_(active, active)] = inverse[TEN:, TEN:]
+    return Bound(np.asarray(J @ inverse[:TEN, :TEN] @ J.T), covariance)
+
+
+def known_information(known: Mapping[str, tuple[float, float]], jacobian: Array) -> Array:
+    """Information on the ten linear parameters of body parameters that are known beforehand, shape
+    (10, 10).
+
+    Args:
+        known: Body parameter -> value and 1-sigma.
+        jacobian: Of the body parameters by the linear ones, see
+            :func:`steelyard.inertia.body_jacobian`.
+    """
+    rows = np.array(
+        [
+            jacobian[BODY_PARAMETERS.index(name)] / max(sigma, _EXACT)
+            for name, (_, sigma) in known.items()
+        ]
+    ).reshape(-1, TEN)
+    return np.asarray(rows.T @ rows)
+
+
+def attainable(found: Study) -> Bound | None:
+    """Bound of a recorded experiment, about its own estimate; None where only a part of it has been
+    looked at as a whole.
+
+    Args:
+        found: Its study.
+    """
+    experiment, calibration = found.experiment, found.calibration
+    moving = [run for run in experiment.runs if not run.static and run.name not in found.held_out]
+    segments = {
+        run.name: tuple(segment for segment in found.kinematics.segments if segment.run == run.name)
+        for run in moving
+    }
+    if found.part is not None or not all(segments.values()):
+        return None
+    forces = {
+        run.name: tuple(_forces(found, run, segment) for segment in segments[run.name])
+        for run in moving
+    }
+    at_rest = [
+        found.sums[run.name].normal
+        for run in experiment.runs
+        if run.static and run.name not in found.held_out
+    ]
+    try:
+        return cramer_rao(
+            experiment,
+            calibration,
+            segments,
+            forces,
+            found.parameters,
+            known=experiment.known,
+            further=sum(at_rest, start=0.0),
+        )
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _forces(found: Study, run: Run, segment: Segment) -> Forces:
+    """Complete force readings within a segment."""
+    name = found.experiment.force_instrument(run)
+    assert name is not None
+    time = found.experiment.common_time(run, name, 0.0)
+    values = run.streams[name].values
+    use = np.all([np.isfinite(v).all(axis=1) for v in values.values()], axis=0)
+    use &= (time >= segment.knots[0]) & (time <= segment.knots[-1])
+    readings = {quantity: v[use] for quantity, v in values.items()}
+    sigma = found.sigma[run.name]
+    return Forces(
+        name, time[use], readings, sigma, np.zeros((int(use.sum()), len(sigma)), dtype=bool)
+    )
+
+
+def _all_rows(
+    experiment: Experiment,
+    segment: Segment,
+    force_samples: Forces,
+    calibration: Calibration,
+    active: NDArray[np.bool_],
+    parameters: Array,
+) -> Iterator[Rows]:
+    column_of = np.where(active, TEN + np.cumsum(active) - 1, -1)
+    yield from motion_residuals(experiment, segment, calibration, column_of, {}, Tally())
+    for part in force_samples.parts():
+        yield force_residuals(
+            experiment, segment, part, calibration, column_of, parameters, {}, Tally()
+        )

@@ -1,0 +1,95 @@
+"""Whether forces and accelerometer feel a vibration that the fitted motion does not follow.
+
+Instruments of their own have nothing in common but the motion: where what is left of one goes with
+what is left of the other, it is no noise but motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment
+from steelyard.identification.model.calibration_parameters import Calibration
+from steelyard.identification.model.force_residuals import Balance
+from steelyard.identification.model.motion_residuals import (
+    Reading,
+    Segment,
+    looked_at,
+    reference_clocks,
+)
+from steelyard.instruments import Imu
+
+_LAG = 0.05
+"""Largest lag between the two [s]."""
+_BY_CHANCE = 6.0
+"""Correlation that chance reaches at any lag, times the root of the number of samples."""
+
+
+@dataclass(frozen=True)
+class Coherence:
+    """What is left of an accelerometer against what is left of the forces."""
+
+    correlation: float
+    """The largest at any lag; 0 where chance explains it."""
+    lag: float
+    """By how much the accelerometer is later than its clock is thought to be [s]."""
+    instrument: str
+
+
+def coherence(
+    experiment: Experiment, segment: Segment, at: Balance, calibration: Calibration, mass: float
+) -> Coherence:
+    """The accelerometer that goes best with the forces.
+
+    Args:
+        experiment: With its instruments.
+        segment: With its motion.
+        at: The balance of its forces.
+        calibration: Values of the systematic errors.
+        mass: Of the body [kg].
+    """
+    if segment.static or mass <= 0 or len(at.time) < 2:
+        return Coherence(0.0, 0.0, "")
+    found = Coherence(0.0, 0.0, "")
+    force_samples = at.left_over[:, :3] / mass
+    for reading in segment.readings:
+        instrument = experiment.instruments[reading.source[0]]
+        if (
+            reading.source[1] == "specific_force"
+            and isinstance(instrument, Imu)
+            and len(reading.time) > 1
+        ):
+            turn = Rotation.from_euler("ZYX", np.radians(instrument.rpy_deg)[::-1])
+            own = _largest(experiment, segment, reading, turn, at.time, force_samples, calibration)
+            found = max(found, own, key=lambda each: each.correlation)
+    return found
+
+
+def _largest(
+    experiment: Experiment,
+    segment: Segment,
+    reading: Reading,
+    turn: Rotation,
+    time: Array,
+    force_samples: Array,
+    calibration: Calibration,
+) -> Coherence:
+    references = reference_clocks(experiment, calibration.calibration_parameters, segment)
+    times, *_, linear = looked_at(
+        experiment, segment, reading, slice(None), calibration, references
+    )
+    left = turn.apply(np.nan_to_num(linear["residual"]))
+    step = float(np.median(np.diff(times)))
+    largest, best = 0.0, 0.0
+    for lag in np.arange(-_LAG, _LAG, max(step / 2, 1e-3)):
+        moved = np.column_stack([np.interp(time + lag, times, column) for column in left.T])
+        norm = float(np.sqrt(np.sum(moved**2) * np.sum(force_samples**2)))
+        correlation = float(np.sum(moved * force_samples)) / max(norm, 1e-300)
+        if correlation > largest:
+            largest, best = correlation, float(lag)
+    chance = _BY_CHANCE / np.sqrt(min(len(times), len(time)))
+    return Coherence(largest if largest > chance else 0.0, best, reading.source[0])

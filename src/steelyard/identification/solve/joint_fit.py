@@ -1,0 +1,419 @@
+"""Everything at once: motion, body and every systematic error, from the raw readings at their own
+times.
+
+Gauss-Newton on a banded matrix with a border, with shorter steps where it does not descend. Noise
+levels that are not stated, and how smooth the motion is, are those under which what is left of the
+readings is as large as it should be, counted without the freedom that motion and constants have
+taken: the restricted likelihood's maximum [Patterson1971]_.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment
+from steelyard.identification.model.calibration_parameters import Calibration, CalibrationParameters
+from steelyard.identification.model.force_residuals import BALANCE, Forces, force_residuals
+from steelyard.identification.model.motion_residuals import (
+    AT_REST,
+    Segment,
+    Tally,
+    motion_residuals,
+)
+from steelyard.identification.model.segment import POSE, Label, NormalEquations, Rows, accumulate
+from steelyard.identification.model.smoothness import smoothness
+from steelyard.identification.model.sources import Source
+from steelyard.identification.solve.normal_equations import TEN
+
+_TURNS, _TURNS_BEGINNING = 30, 12
+_SHORTER, _LEAST_SHARE = 0.3, 1e-3
+"""By how much a step that does not descend is cut, and the share of it at which there is no more to
+try."""
+_BORDER, _ALL = 0.02, 0.5
+"""Promised decrease of the cost, a chi-square, at which constants and everything have arrived."""
+_BEGUN = 5.0
+"""The same of the motion where forces are not looked at: a beginning for the rest."""
+_SLOW = 0.4
+"""Part of a step that the next one is, above which they are a slow series."""
+_PACES = 0.3, 2.5
+_NEARLY = 2e-3
+"""Part of the cost that a step may still promise where a noise is looked at."""
+_SAME = 1e-6
+"""Relative increase of the cost that is none."""
+_LEVEL = 0.04
+"""Largest relative change of a noise level at which it has settled."""
+_LARGER = 1.3
+"""Readings that scatter by so much more than their stated noise do not count as if they were as
+stated."""
+_HELD = 0.25
+"""Information on a direction in units of plausible sizes below which it is not told."""
+_LEAST_FREEDOM = 0.02
+"""Part of the readings that is left to tell their noise, at least."""
+_MOST_CHANGE = 2.0
+"""Of the logarithm of a noise level in one turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Present values of everything."""
+
+    segments: tuple[Segment, ...]
+    calibration: Calibration
+    parameters: Array | None
+    """The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,); None: forces are not
+    looked at."""
+    factors: Mapping[Source, float] = field(default_factory=dict)
+    """Quantity -> noise in units of what its readings say."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is to be fitted."""
+
+    experiment: Experiment
+    calibration_parameters: CalibrationParameters
+    force_samples: tuple[Forces | None, ...]
+    """Of each segment; None: its forces are not looked at."""
+    active: NDArray[np.bool_]
+    """Systematic errors that are estimated, shape (u,)."""
+    stated: frozenset[Source]
+    """Quantities whose noise is stated."""
+    sizes: Array
+    """Plausible sizes of the ten linear parameters, shape (10,)."""
+    least: Mapping[Source, float] = field(default_factory=dict)
+    """Quantity -> least 1-sigma that its noise may be estimated at."""
+    known: Callable[[Array], tuple[Array, Array]] | None = None
+    """Parameters -> precision and pull of what is known about the body beforehand, shapes (10, 10)
+    and (10,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where it ended."""
+
+    state: State
+    equations: tuple[NormalEquations, ...]
+    """Of each segment, about the state."""
+    tally: Tally
+    ratios: Mapping[Source, float]
+    """Variance of the residuals over what they count as, freedom taken off."""
+    converged: bool
+    turns: int
+    covariance: Array
+    """Of the border: the ten, where forces are looked at, and then the active errors."""
+    stated: frozenset[Source]
+    """Quantities whose noise is stated."""
+    first_sigmas: Mapping[Source, float]
+    """1-sigma of every quantity that factors multiply."""
+
+
+def linearise(
+    task: Task, state: State, column_of: NDArray[np.intp], border: int
+) -> tuple[tuple[NormalEquations, ...], Tally]:
+    """Normal equations of every segment about a state, over columns of the border that may be more than
+    are estimated.
+    """
+    tally = Tally()
+
+    def rows(segment: Segment, force_samples: Forces | None) -> Iterator[Rows]:
+        yield from motion_residuals(
+            task.experiment, segment, state.calibration, column_of, state.factors, tally
+        )
+        if force_samples is not None and state.parameters is not None:
+            for part in force_samples.parts():
+                yield force_residuals(
+                    task.experiment,
+                    segment,
+                    part,
+                    state.calibration,
+                    column_of,
+                    state.parameters,
+                    state.factors,
+                    tally,
+                )
+
+    return (
+        tuple(
+            accumulate(
+                len(segment.coefficients), border, rows(segment, force_samples), width=segment.width
+            )
+            for segment, force_samples in zip(state.segments, task.force_samples, strict=True)
+        ),
+        tally,
+    )
+
+
+def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fraction: None) -> Fit:
+    """Fit.
+
+    Args:
+        task: What to fit.
+        state: Where to begin.
+        tell: Is told the fraction that is done, roughly.
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined.
+    """
+    ten = TEN if state.parameters is not None else 0
+    border = ten + int(task.active.sum())
+    column_of = np.where(task.active, ten + np.cumsum(task.active) - 1, -1)
+    accepted: tuple[State, _Step, float] | None = None
+    share, converged, searched = 1.0, False, False
+    ratios: dict[Source, float] = {}
+    unstated = _Unstated(task, state)
+    many = sum(segment.coefficients.size for segment in state.segments)
+    turn = 0
+    for turn in range(_TURNS if ten else _TURNS_BEGINNING):
+        readings, tally = linearise(task, state, column_of, border)
+        cost = tally.cost + _prior_cost(task, state)
+        if accepted is not None and not cost < accepted[2] * (1 + _SAME):
+            if share < _LEAST_SHARE:
+                state = accepted[0]
+                break
+            # The direction descends, if not as far as it seemed.
+            share *= _SHORTER
+            state = accepted[1].along(task, accepted[0], share)
+            continue
+        equations = smooth(state, readings)
+        step = _step(task, state, equations)
+        near, settled, factors = step.decrement < many, True, state.factors
+        if near:
+            # Noise and smoothness, once the residual is no longer that of a wrong motion.
+            arrived = step.constant < _BORDER and step.decrement < (_ALL if ten else _BEGUN)
+            if any(segment.smoothness for segment in state.segments) and (arrived or not searched):
+                level, settled = smoothness(state.segments, readings, anew=not searched)
+                searched = True
+                if not settled:
+                    state = replace(
+                        state,
+                        segments=tuple(
+                            a if a.smoothness is None else replace(a, smoothness=level)
+                            for a in state.segments
+                        ),
+                    )
+                    equations = smooth(state, readings)
+                    step = _step(task, state, equations)
+            ratios = _ratios(equations, tally, task.stated)
+            factors = unstated(state, ratios)
+            settled = settled and not _changed(state.factors, factors)
+            if settled and (arrived or step.decrement < _NEARLY * cost):
+                # Only a motion that is as free as it wants to be can say that a noise is not as
+                # stated.
+                factors = _larger(task, state, ratios)
+                settled = not _changed(state.factors, factors)
+                converged = settled and arrived
+            if converged:
+                break
+        # A cost in other units is no measure of the step.
+        pace = _pace(accepted[1], step, share) if settled and accepted is not None else 1.0
+        accepted = (state, step, cost) if settled else None
+        share = pace
+        state = replace(step.along(task, state, share), factors=factors)
+        tell(min(0.95, turn / 8))
+    ratios = ratios or _ratios(equations, tally, task.stated)
+    return Fit(
+        state,
+        equations,
+        tally,
+        ratios,
+        converged,
+        turn + 1,
+        step.covariance,
+        task.stated,
+        _first_sigmas(task, state),
+    )
+
+
+def _pace(last: _Step, step: _Step, share: float) -> float:
+    """Share of a step that arrives at once where a share of the last one, in the same direction,
+    fell short or overshot.
+
+    What Gauss-Newton leaves out of the curvature makes steps that are a constant factor of the one
+    before [Aitken1926]_.
+    """
+    weight = 1 / np.maximum(np.diag(step.covariance), 1e-300)
+    ratio = float((weight * last.border) @ step.border) / max(
+        float((weight * last.border) @ last.border), 1e-300
+    )
+    if abs(ratio) < _SLOW:
+        return 1.0
+    return float(np.clip(share / max(1 - ratio, 1e-3), *_PACES))
+
+
+def smooth(state: State, readings: Sequence[NormalEquations]) -> tuple[NormalEquations, ...]:
+    """Normal equations of every segment with what is known of its smoothness."""
+    return tuple(
+        segment.smooth(each) for segment, each in zip(state.segments, readings, strict=True)
+    )
+
+
+def _ratios(
+    equations: Sequence[NormalEquations], tally: Tally, stated: frozenset[Source]
+) -> dict[Source, float]:
+    """Of every quantity, variance of the residual over what it counts as now.
+
+    A stated noise is looked at without what stands far, which is not its doing; one that is not
+    stated has what tails it has.
+    """
+    spent: dict[Label, float] = {}
+    for each in equations:
+        for label, freedom in each.spent().items():
+            spent[label] = spent.get(label, 0.0) + freedom
+    counts: dict[tuple[str, bool], float] = {}
+    for (name, quantity), count in tally.count.items():
+        counts[name, quantity.endswith(AT_REST)] = (
+            counts.get((name, quantity.endswith(AT_REST)), 0.0) + count
+        )
+    ratios: dict[Source, float] = {}
+    for (name, quantity), square in tally.square.items():
+        count = tally.count[name, quantity]
+        if (name, quantity) not in stated:
+            square, count = tally.held[name, quantity]
+        # Quantities of a force instrument share the freedom that its balance has lost.
+        balance = spent.get(
+            (name, BALANCE + AT_REST if quantity.endswith(AT_REST) else BALANCE), 0.0
+        )
+        whole = max(counts[name, quantity.endswith(AT_REST)], 1.0)
+        taken = spent.get((name, quantity), balance * count / whole)
+        ratios[name, quantity] = square / max(count - taken, _LEAST_FREEDOM * count, 1.0)
+    return ratios
+
+
+class _Unstated:
+    """Levels of noise that is not stated, followed turn by turn; two that pull at each other are
+    followed more slowly.
+    """
+
+    def __init__(self, task: Task, state: State) -> None:
+        self._task, self._first = task, _first_sigmas(task, state)
+        self._last: dict[Source, float] = {}
+        self._pace: dict[Source, float] = {}
+
+    def __call__(self, state: State, ratios: Mapping[Source, float]) -> dict[Source, float]:
+        """Factors that the ratios ask for."""
+        factors = dict(state.factors)
+        for source, ratio in ratios.items():
+            if source in self._task.stated:
+                continue
+            change = float(np.clip(np.log(ratio) / 2, -_MOST_CHANGE, _MOST_CHANGE))
+            if change * self._last.get(source, 0.0) < 0:
+                self._pace[source] = self._pace.get(source, 1.0) / 2
+            self._last[source] = change
+            level = factors.get(source, 1.0) * float(np.exp(change * self._pace.get(source, 1.0)))
+            factors[source] = max(
+                level, self._task.least.get(source, 0.0) / self._first.get(source, np.inf)
+            )
+        return factors
+
+
+def _first_sigmas(task: Task, state: State) -> dict[Source, float]:
+    """1-sigma that factors multiply."""
+    found = {
+        segment.label(*reading.source): reading.sigma
+        for segment in state.segments
+        for reading in segment.readings
+    }
+    for segment, force_samples in zip(state.segments, task.force_samples, strict=True):
+        if force_samples is not None:
+            ends = np.cumsum([0, *(v.shape[1] for v in force_samples.readings.values())])
+            found |= {
+                segment.label(force_samples.name, q): float(force_samples.sigma[i])
+                for q, i in zip(force_samples.readings, ends, strict=False)
+            }
+    return found
+
+
+def _larger(task: Task, state: State, ratios: Mapping[Source, float]) -> dict[Source, float]:
+    """Levels of stated noise that is visibly larger than stated."""
+    factors = dict(state.factors)
+    for source in task.stated & ratios.keys():
+        level = factors.get(source, 1.0) * float(np.sqrt(ratios[source]))
+        factors[source] = level if level > _LARGER else 1.0
+    return factors
+
+
+def _changed(old: Mapping[Source, float], new: Mapping[Source, float]) -> bool:
+    return any(abs(np.log(level / old.get(source, 1.0))) > _LEVEL for source, level in new.items())
+
+
+def _prior_cost(task: Task, state: State) -> float:
+    off = (state.calibration.values - task.calibration_parameters.mean)[
+        task.active
+    ] / task.calibration_parameters.deviation[task.active]
+    return float(off @ off)
+
+
+def border_system(task: Task, state: State, reduced: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Matrix and right-hand side of the border with the priors, in units of plausible sizes and
+    prior 1-sigma.
+    """
+    matrix, gradient = reduced[0].copy(), reduced[1].copy()
+    ten = TEN if state.parameters is not None else 0
+    deviation = task.calibration_parameters.deviation[task.active]
+    scale = np.concatenate([task.sizes[:ten], deviation])
+    if ten and task.known is not None and state.parameters is not None:
+        precision, pull = task.known(state.parameters)
+        matrix[:ten, :ten] += precision
+        gradient[:ten] += pull - precision @ state.parameters
+    matrix = matrix * np.outer(scale, scale)
+    matrix[ten:, ten:] += np.eye(len(deviation))
+    right = scale * gradient
+    right[ten:] += (task.calibration_parameters.mean - state.calibration.values)[
+        task.active
+    ] / deviation
+    return matrix, right
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    border: Array
+    """Of the border parameters."""
+    motion: tuple[Array, ...]
+    """Of the coefficients of every segment."""
+    decrement: float
+    """By how much the cost should fall."""
+    constant: float
+    """The part of it that the border brings."""
+    covariance: Array
+    """Of the border."""
+
+    def along(self, task: Task, state: State, share: float) -> State:
+        """A state so much of the step further."""
+        ten = TEN if state.parameters is not None else 0
+        values = state.calibration.values.copy()
+        values[task.active] += share * self.border[ten:]
+        segments = tuple(
+            replace(segment, coefficients=segment.coefficients + share * each.reshape(-1, POSE))
+            for segment, each in zip(state.segments, self.motion, strict=True)
+        )
+        parameters = (
+            None if state.parameters is None else state.parameters + share * self.border[:ten]
+        )
+        return State(segments, replace(state.calibration, values=values), parameters, state.factors)
+
+
+def _step(task: Task, state: State, equations: Sequence[NormalEquations]) -> _Step:
+    reduced = [each.reduced() for each in equations]
+    matrix, right = border_system(
+        task,
+        state,
+        (np.sum([m for m, _ in reduced], axis=0), np.sum([g for _, g in reduced], axis=0)),
+    )
+    ten = TEN if state.parameters is not None else 0
+    scale = np.concatenate([task.sizes[:ten], task.calibration_parameters.deviation[task.active]])
+    told, axes = np.linalg.eigh((matrix + matrix.T) / 2)
+    keep = told > _HELD
+    inverse = (axes[:, keep] / told[keep]) @ axes[:, keep].T
+    step, gained = scale * (inverse @ right), float(right @ inverse @ right)
+    return _Step(
+        border=step,
+        motion=tuple(each.motion_step(step) for each in equations),
+        decrement=gained + sum(float(each.motion_gradient @ each.settled) for each in equations),
+        constant=gained,
+        covariance=scale[:, None] * inverse * scale,
+    )

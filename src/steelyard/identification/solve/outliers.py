@@ -1,0 +1,98 @@
+"""Force readings that something else than the body has made: a sensor that spikes, a hand on the
+platform.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array, stretches
+from steelyard.identification.model.force_residuals import Balance, Forces
+from steelyard.identification.model.motion_residuals import limit
+
+_ALONE = 5.0
+"""Correction of one reading, in its own 1-sigma, beyond which it is held against all others."""
+_TOUCH = 0.3
+"""Longest pause between samples of one contact [s]."""
+_AROUND = 0.15
+"""What is left out before and after a contact [s]: it begins and ends softly."""
+_FEWEST = 3
+"""Samples that make a contact."""
+_MOST_CUT = 0.25
+"""Part of a run beyond which contacts are not cut: what is the rule is no exception."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What was found in the forces of one segment."""
+
+    force_samples: Forces
+    """With what is left out."""
+    contacts: tuple[tuple[float, float], ...]
+    """Beginning and end of what touched the platform [s]."""
+    spikes: tuple[tuple[float, int], ...]
+    """Time [s] and number of the reading."""
+    changed: bool
+
+
+def look(at: Balance, force_samples: Forces, sigmas: Array) -> Found:
+    """Find readings that stand alone, then stretches in which none alone explains what is left
+    over.
+
+    Args:
+        at: The balance about a fit.
+        force_samples: Its forces.
+        sigmas: 1-sigma of every reading, shape (n, r).
+    """
+    white = at.whitener @ (at.by_reading * sigmas[:, None, :])
+    size = np.sqrt(np.sum(at.residual**2, axis=1))
+    # How much of a correction stays in the reading itself; the rest goes to those that share its
+    # direction.
+    own = np.sum(white**2, axis=1)
+    alone = np.where(force_samples.left_out, 0.0, at.correction / np.sqrt(np.maximum(own, 1e-12)))
+    worst = np.argmax(np.abs(alone), axis=1)
+    rows = np.arange(len(worst))
+    largest = np.abs(alone[rows, worst])
+    rest = np.sqrt(np.maximum(size**2 - largest**2, 0.0))
+    left_out = force_samples.left_out.copy()
+    # Readings that explain all that is left over are their sensors' own; the others go on.
+    spikes = (largest > _ALONE) & (rest < limit(5))
+    spikes &= ~_in_a_row(spikes, worst)
+    left_out[rows[spikes], worst[spikes]] = True
+    contacts = _contacts(at.time, (size > limit(6)) & ~spikes & ~force_samples.left_out.all(axis=1))
+    touched = np.zeros(len(size), dtype=bool)
+    for start, end in contacts:
+        touched |= (at.time >= start) & (at.time <= end)
+    already = force_samples.left_out.all(axis=1)
+    if (touched | already).mean() > _MOST_CUT:
+        contacts, touched = (), np.zeros_like(touched)
+    left_out[touched] = True
+    return Found(
+        force_samples=replace(force_samples, left_out=left_out),
+        contacts=contacts,
+        spikes=tuple((float(at.time[i]), int(worst[i])) for i in np.flatnonzero(spikes & ~touched)),
+        changed=bool(np.any(left_out != force_samples.left_out)),
+    )
+
+
+def _in_a_row(spikes: NDArray[np.bool_], worst: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Spikes of which many follow each other in different sensors: that is no sensor's doing."""
+    found = np.zeros_like(spikes)
+    for first, last in stretches(spikes):
+        if last - first >= 2 * _FEWEST and len(set(worst[first:last])) > 1:
+            found[first:last] = True
+    return found
+
+
+def _contacts(time: Array, large: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+    """Stretches with several large residuals close to each other [s]."""
+    at = time[large]
+    if len(at) < _FEWEST:
+        return ()
+    groups = np.split(at, np.flatnonzero(np.diff(at) > _TOUCH) + 1)
+    return tuple(
+        (float(g[0]) - _AROUND, float(g[-1]) + _AROUND) for g in groups if len(g) >= _FEWEST
+    )

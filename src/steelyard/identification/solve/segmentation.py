@@ -1,0 +1,604 @@
+"""From the streams of a run to segments: where they begin and end, what was read along them, and a
+motion to begin with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array, stretches
+from steelyard.experiment.model import Experiment, Run, is_motion
+from steelyard.identification.model.balance import force_sigma, least_sigma
+from steelyard.identification.model.calibration_parameters import Calibration, clock_of
+from steelyard.identification.model.force_residuals import Forces
+from steelyard.identification.model.knot_spacing import Channelled, best_spacing
+from steelyard.identification.model.motion_residuals import PARTS, Reading, Segment, jerk_matrices
+from steelyard.identification.model.preparation import Samples, quaternions_of
+from steelyard.identification.model.segment import motion_at
+from steelyard.identification.model.smoothness import LOOSER
+from steelyard.instruments import Command, Length
+from steelyard.smoothing import DEGREE, Samples1D, fit, knots
+
+_LEAST_NOISE = 1e-4
+"""Of a quantity that scatters by nothing but rounding, as a part of how much it varies: no sensor
+resolves more."""
+_MARGIN = 0.1
+"""Of the knots beyond the first and the last reading [s]: clocks may still be moved."""
+_GAP = 0.5
+"""Longest stretch in which nothing tells the rotation, or nothing the translation, that a motion is
+carried over [s]."""
+_SHORTEST = 1.0
+"""Least length of a segment [s]."""
+_FINEST, _FINEST_ON_SENSOR, _WIDEST = 0.02, 0.005, 0.45
+"""Spacing of the knots [s]: platforms on cables move below 25 Hz."""
+_JUDGED = 20.0
+"""Length of the stretch on which the spacing is chosen [s]."""
+_LEAST_JERK = 1e-2
+"""Mean square of a third derivative to begin with, at least [m^2/s^6], [1/s^6]: where nothing tells
+the place, it begins as if at rest."""
+_STUCK = 10
+"""Least number of equal readings in a row, in one channel while others change, that are taken for a
+stuck sensor."""
+_COMMANDED = {"position": 0.02, "orientation": 0.02}
+"""1-sigma of how far a platform is from its command, where that stands in for a measurement [m],
+[rad]."""
+_COMMANDED_RATE = 0.1
+"""Readings of a command a second that count as independent [Hz]."""
+_PER_KNOT = 2.0
+"""Samples between two knots, at least: a motion that its instruments do not resolve cannot be told
+from their readings, and the forces, which would tell it instead, could then say nothing about the
+body."""
+_PER_VIBRATION = 3.0
+"""The same of the accelerometer where it is to follow a vibration."""
+_ROTATION = frozenset({"angular_velocity", "orientation", "length"})
+_TRANSLATION = frozenset({"position", "specific_force", "length"})
+ORDER = {"position": 0, "orientation": 0, "length": 0, "angular_velocity": 1, "specific_force": 2}
+"""Derivative of the motion that a quantity reads."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What one run gives."""
+
+    segments: tuple[Segment, ...]
+    force_samples: tuple[Forces, ...]
+    """Of each segment."""
+    least: dict[tuple[str, str], float]
+    """Quantity -> least 1-sigma that its noise may be estimated at."""
+    notes: tuple[str, ...]
+    finest: float = np.inf
+    """Spacing of the knots that its instruments could still resolve [s]; infinite where it is that
+    fine already."""
+
+
+def scatter(time: Array, values: Array, start: float, end: float, spacing: float) -> float | None:
+    """1-sigma of samples about their own spline; None where they do not determine one."""
+    flat = values.reshape(len(values), -1)
+    fitted = fit(Samples1D(time, flat), start, end, spacing, robust=True) if len(time) else None
+    if fitted is None:
+        return None
+    # Nine elements of a rotation matrix scatter by sqrt(6 / 9) of the rotation vector.
+    scale = np.sqrt(1.5) if values.ndim == 3 else 1.0
+    return max(fitted.sigma * scale, least_noise(values))
+
+
+def least_noise(values: Array) -> float:
+    """Least 1-sigma of a quantity, from how much it varies."""
+    flat = values.reshape(len(values), -1)
+    return float(
+        _LEAST_NOISE * np.nanstd(flat, axis=0).max() + 1e-9 * np.nanmax(np.abs(flat)) + 1e-12
+    )
+
+
+def readings_between(
+    experiment: Experiment,
+    run: Run,
+    calibration: Calibration,
+    start: float,
+    end: float,
+    spacing: float,
+) -> Iterator[Reading]:
+    """Complete samples of the motion instruments of a run over an interval of common time [s]."""
+    for name, stream in run.streams.items():
+        instrument = experiment.instruments[name]
+        if not is_motion(instrument):
+            continue
+        time = experiment.common_time(run, name, 0.0)
+        common = time - calibration.delay(clock_of(experiment, name), run.name)
+        for quantity in instrument.quantities(experiment.robot.m):
+            if quantity.name not in stream.values:
+                continue
+            values = stream.values[quantity.name]
+            use = (
+                np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+                & (common >= start)
+                & (common <= end)
+            )
+            sigma = quantity.noise or scatter(common[use], values[use], start, end, spacing)
+            if sigma is not None and use.any():
+                yield Reading((name, quantity.name), time[use], values[use], sigma)
+
+
+def started(
+    time: Array, pose: Array, grid: Array, start: float, end: float, spacing: float
+) -> Array | None:
+    """Coefficients of a spline through poses; None where they do not determine one.
+
+    Args:
+        time: [s], shape (n,).
+        pose: Position and quaternion without jumps of sign, shape (n, 7).
+        grid: Knots [s].
+        start: Of the knots [s].
+        end: Of the knots [s].
+        spacing: Of the knots [s].
+    """
+    if len(time) <= 1:
+        return None
+    # Samples do not reach the ends, and may be few: the nearest pose stands in there.
+    fine = np.linspace(start, end, 3 * (len(grid) - DEGREE))
+    filled = np.column_stack([np.interp(fine, time, column) for column in pose.T])
+    fitted = fit(Samples1D(fine, filled), start, end, spacing)
+    return None if fitted is None else np.asarray(fitted.spline.c[:, :7])
+
+
+def poses_of(samples: Samples) -> Array:
+    """Position and quaternion that samples show, the latter without jumps of sign, shape (n, 7)."""
+    n = len(samples)
+    position = np.zeros((n, 3)) if samples.position is None else samples.position
+    rotation = _tilt(samples).as_matrix() if samples.rotation is None else samples.rotation
+    return np.hstack([position, quaternions_of(rotation)])
+
+
+def _tilt(samples: Samples) -> Rotation:
+    """Attitude of a body of which only its own feelings are known: gravity says where up is, the
+    gyro how it has turned.
+    """
+    up = np.array([0.0, 0.0, 1.0])
+    turned = [Rotation.identity()]
+    if not samples.static:
+        for omega, step in zip(samples.omega[:-1], np.diff(samples.time), strict=True):
+            turned.append(turned[-1] * Rotation.from_rotvec(omega * step))
+    else:
+        turned *= len(samples)
+    found = []
+    for rotation, force_samples in zip(turned, samples.specific_force, strict=True):
+        feels = rotation.apply(force_samples)
+        axis = np.cross(feels, up)
+        angle = np.arctan2(np.linalg.norm(axis), feels @ up)
+        found.append(
+            Rotation.from_rotvec(axis / max(float(np.linalg.norm(axis)), 1e-12) * angle) * rotation
+        )
+    return Rotation.concatenate(found)
+
+
+def resampled(segment: Segment, onto: Segment) -> Segment:
+    """A segment on other knots with the motion of this one."""
+    start, end = float(onto.knots[0]), float(onto.knots[-1])
+    spacing = float(onto.knots[DEGREE + 1] - onto.knots[DEGREE])
+    times = np.linspace(
+        max(start, float(segment.knots[0])), min(end, float(segment.knots[-1])), 4 * len(onto.knots)
+    )
+    pose, *_ = motion_at(segment.basis(times), segment.coefficients)
+    coefficients = started(times, pose, onto.knots, start, end, spacing)
+    return onto if coefficients is None else replace(onto, coefficients=coefficients)
+
+
+def recorded(
+    experiment: Experiment,
+    run: Run,
+    samples: Samples,
+    calibration: Calibration,
+    spacing: float | None = None,
+) -> Recorded:
+    """Arcs of one run.
+
+    Args:
+        experiment: With robot and instruments.
+        run: One of its runs.
+        samples: Of it, to begin with.
+        calibration: Values of the systematic errors, to begin with.
+        spacing: Of the knots [s]; None: as the readings ask for.
+    """
+    return (
+        _poses(experiment, run, samples)
+        if run.static
+        else _moving(experiment, run, samples, calibration, spacing)
+    )
+
+
+def _poses(experiment: Experiment, run: Run, samples: Samples) -> Recorded:
+    numbers, pose = samples.time, poses_of(samples)
+    readings = []
+    for name, stream in run.streams.items():
+        instrument = experiment.instruments[name]
+        if not is_motion(instrument):
+            continue
+        for quantity in instrument.quantities(experiment.robot.m):
+            values = stream.values.get(quantity.name)
+            # Many poses that differ by more than noise do not tell it.
+            sigma = quantity.noise or (_AT_REST.get(quantity.name) if values is not None else None)
+            if values is None or sigma is None:
+                continue
+            use = np.isfinite(values.reshape(len(values), -1)).all(axis=1) & np.isin(
+                stream.time, numbers
+            )
+            readings.append(Reading((name, quantity.name), stream.time[use], values[use], sigma))
+    segment = Segment(run.name, numbers, tuple(readings), pose, static=True)
+    force_samples = _force_samples(experiment, run, samples, -np.inf, np.inf)
+    keep = np.isin(force_samples.time, numbers)
+    force_samples = replace(
+        force_samples,
+        time=force_samples.time[keep],
+        readings={k: v[keep] for k, v in force_samples.readings.items()},
+        left_out=force_samples.left_out[keep],
+    )
+    least = {reading.source: _AT_REST[reading.source[1]] / _BEST_AT_REST for reading in readings}
+    names = zip(run.streams[force_samples.name].values, _least_forces(experiment, run), strict=True)
+    return Recorded(
+        (segment,),
+        (force_samples,),
+        {**least, **{(force_samples.name, q): each for q, each in names}},
+        (),
+    )
+
+
+_AT_REST = {
+    "position": 1e-3,
+    "orientation": 3e-3,
+    "specific_force": 0.03,
+    "angular_velocity": 3e-3,
+    "length": 1e-3,
+}
+"""First guess of a noise that is not stated, of poses at rest [m], [rad], [m/s^2], [rad/s]."""
+_BEST_AT_REST = 10.0
+"""By how much it may be better than that: two instruments at rest cannot tell which of them is the
+better one."""
+
+
+def _moving(
+    experiment: Experiment,
+    run: Run,
+    samples: Samples,
+    calibration: Calibration,
+    spacing: float | None,
+) -> Recorded:
+    notes: list[str] = []
+    run, stuck = _without_stuck(experiment, run)
+    notes += stuck
+    streams = list(_streams(experiment, run, calibration, samples))
+    if not streams:
+        return Recorded((), (), {}, tuple(notes))
+    force = experiment.force_instrument(run)
+    assert force is not None
+    forces = experiment.common_time(
+        run, force, calibration.delay(clock_of(experiment, force), run.name)
+    )
+    stretches, gaps = _stretches(run, streams, forces)
+    notes += gaps
+    finest = np.inf
+    if spacing is None:
+        spacing, finest = _spacing(experiment, streams, stretches)
+    pose = poses_of(samples)
+    least = {
+        (force, q): float(each)
+        for q, each in zip(run.streams[force].values, _least_forces(experiment, run), strict=True)
+    }
+    segments, force_samples = [], []
+    for start, end in stretches:
+        first, last = start - _MARGIN, end + _MARGIN
+        grid = knots(first, last, spacing)
+        coefficients = started(samples.time, pose, grid, first, last, spacing)
+        readings = []
+        for stream in streams:
+            use = (stream.common >= start - _MARGIN / 2) & (stream.common <= end + _MARGIN / 2)
+            if not use.any():
+                continue
+            width = max(
+                spacing,
+                (
+                    _PER_KNOT * float(np.median(np.diff(stream.common[use])))
+                    if use.sum() > 1
+                    else spacing
+                ),
+            )
+            sigma = stream.sigma or scatter(
+                stream.common[use], stream.values[use], start, end, width
+            )
+            least[stream.source] = min(
+                least.get(stream.source, np.inf), least_noise(stream.values[use])
+            )
+            tension = None
+            if stream.needs_tension and samples.tension is not None:
+                tension = np.column_stack(
+                    [np.interp(stream.common[use], samples.time, c) for c in samples.tension.T]
+                )
+            if sigma is not None:
+                readings.append(
+                    Reading(stream.source, stream.time[use], stream.values[use], sigma, tension)
+                )
+        own = _force_samples(experiment, run, samples, start, end)
+        if coefficients is None or not readings or not len(own.time):
+            continue
+        segments.append(
+            Segment(run.name, grid, tuple(readings), coefficients, jerks=jerk_matrices(grid))
+        )
+        force_samples.append(own)
+    if not segments:
+        notes.append(f"run '{run.name}': nothing that forces and motion tell together")
+    return Recorded(
+        tuple(_smooth(segments, spacing, _steps(streams))),
+        tuple(force_samples),
+        least,
+        tuple(notes),
+        finest,
+    )
+
+
+def _smooth(
+    segments: Sequence[Segment], spacing: float, steps: Mapping[str, float]
+) -> Iterator[Segment]:
+    """Arcs with a first guess of how smooth they are: as rough as they begin with, spread over all
+    they could do.
+
+    A part that its instruments do not resolve is no looser than it seems: nothing but forces would
+    hold it, and these are to tell the body.
+    """
+    if not segments:
+        return
+    length = sum(float(segment.knots[-1] - segment.knots[0]) for segment in segments)
+    rough = {
+        part: (
+            max(sum(segment.roughness[part] for segment in segments) / length, _LEAST_JERK)
+            * spacing
+        )
+        for part in PARTS
+    }
+    looser = {part: LOOSER if spacing >= _PER_KNOT * step else 1.0 for part, step in steps.items()}
+    for segment in segments:
+        yield replace(segment, smoothness=rough, looser=looser)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stream:
+    """One quantity of one instrument over a run."""
+
+    source: tuple[str, str]
+    time: Array
+    """By its clock, moved to the common event [s]."""
+    common: Array
+    """Common time [s]."""
+    values: Array
+    sigma: float | None
+    needs_tension: bool = False
+
+
+def _streams(
+    experiment: Experiment, run: Run, calibration: Calibration, samples: Samples
+) -> Iterator[_Stream]:
+    """What is read of the motion; a command stands in for a place that nothing measures."""
+    told = {
+        quantity
+        for name, stream in run.streams.items()
+        if is_motion(experiment.instruments[name])
+        or isinstance(experiment.instruments[name], Length)
+        for quantity in stream.values
+    }
+    missing = {"position"} if not told & {"position", "length"} else set[str]()
+    missing |= {"orientation"} if "orientation" not in told else set[str]()
+    for name, stream in run.streams.items():
+        instrument = experiment.instruments[name]
+        stands_in = (
+            isinstance(instrument, Command)
+            and not instrument.is_measurement
+            and bool(missing)
+            and experiment.robot.m > 0
+        )
+        looks_at_cables = isinstance(instrument, Length) and samples.tension is not None
+        if not (is_motion(instrument) or stands_in or looks_at_cables):
+            continue
+        time = experiment.common_time(run, name, 0.0)
+        common = time - calibration.delay(clock_of(experiment, name), run.name)
+        for quantity in instrument.quantities(experiment.robot.m):
+            values = stream.values.get(quantity.name)
+            if values is None or (stands_in and quantity.name not in missing):
+                continue
+            flat = np.isfinite(values.reshape(len(values), -1))
+            use = flat.all(axis=1) if values.ndim == 3 else flat.any(axis=1)
+            if run.window is not None:
+                use &= (common >= run.window[0] - 1.0) & (common <= run.window[1] + 1.0)
+            sigma = quantity.noise or None
+            if stands_in:
+                # It is wrong for a while where it is wrong: as much is known as few independent
+                # readings tell.
+                step = float(np.median(np.diff(common))) if len(common) > 1 else 1.0
+                sigma = (
+                    _COMMANDED[quantity.name]
+                    * max(1.0, 1 / (_COMMANDED_RATE * max(step, 1e-6))) ** 0.5
+                )
+            yield _Stream(
+                (name, quantity.name), time[use], common[use], values[use], sigma, looks_at_cables
+            )
+
+
+def _stretches(
+    run: Run, streams: Sequence[_Stream], forces: Array
+) -> tuple[list[tuple[float, float]], list[str]]:
+    """Stretches of common time [s] in which rotation and translation are told all along, and notes
+    of what is not.
+    """
+    start, end = float(forces[0]), float(forces[-1])
+    if run.window is not None:
+        start, end = max(start, run.window[0]), min(end, run.window[1])
+    notes = []
+    groups = [
+        [s for s in streams if s.source[1] in _ROTATION],
+        [s for s in streams if s.source[1] in _TRANSLATION],
+    ]
+    parts = [(start, end)]
+    for group in groups:
+        if not group:
+            continue
+        times = np.unique(np.concatenate([s.common for s in group]))
+        step = min(float(np.median(np.diff(s.common))) for s in group if len(s.common) > 1)
+        own = _unbroken(times, max(_GAP, 5 * step))
+        parts = [(max(a, c), min(b, d)) for a, b in parts for c, d in own if min(b, d) > max(a, c)]
+    for stream in streams:
+        for a, b in _holes(stream.common, start, end):
+            notes.append(
+                f"run '{run.name}': {stream.source[0]} has no {stream.source[1].replace('_', ' ')}"
+                f" from {a:.2f} to {b:.2f} s"
+            )
+    return [(a, b) for a, b in parts if b - a >= _SHORTEST], notes
+
+
+def _unbroken(times: Array, gap: float) -> list[tuple[float, float]]:
+    breaks = np.flatnonzero(np.diff(times) > gap)
+    edges = [times[0], *(t for i in breaks for t in (times[i], times[i + 1])), times[-1]]
+    return [(float(a), float(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _holes(times: Array, start: float, end: float) -> list[tuple[float, float]]:
+    inside = times[(times >= start) & (times <= end)]
+    if len(inside) < 2:
+        return []
+    steps = np.diff(inside)
+    return [
+        (float(inside[i]), float(inside[i + 1]))
+        for i in np.flatnonzero(steps > max(_GAP, 5 * float(np.median(steps))))
+    ]
+
+
+def _spacing(
+    experiment: Experiment, streams: Sequence[_Stream], stretches: Sequence[tuple[float, float]]
+) -> tuple[float, float]:
+    """Spacing of the knots: as fine as the readings ask for, and somewhat finer; and what they
+    could resolve, see :class:`Recorded`.
+    """
+    if not stretches:
+        return _WIDEST, np.inf
+    start, end = max(stretches, key=lambda part: part[1] - part[0])
+    end = min(end, start + _JUDGED)
+    channelled = []
+    for stream in streams:
+        values, sigma = stream.values, stream.sigma
+        if values.ndim == 3:
+            values = quaternions_of(values)
+            # A quaternion turns half as fast as the rotation vector.
+            sigma = sigma / 2 if sigma else None
+        complete = np.isfinite(values).all(axis=1)
+        channelled.append(
+            Channelled(stream.common[complete], values[complete], ORDER[stream.source[1]], sigma)
+        )
+    limit = _FINEST if experiment.robot.m else _FINEST_ON_SENSOR
+    finest = max(limit, _PER_KNOT * max(_steps(streams).values()))
+    widest = max(finest, min(_WIDEST, (end - start) / 8))
+    candidates = np.geomspace(finest, widest, 1 + int(np.ceil(2 * np.log2(widest / finest))))
+    best = best_spacing(channelled, [float(c) for c in candidates], start, end)
+    force_samples = [
+        float(np.median(np.diff(s.common)))
+        for s in streams
+        if s.source[1] == "specific_force" and len(s.common) > 1
+    ]
+    # Where the readings would have it finer than they resolve, it is no use to go on.
+    resolved = (
+        max(limit, _PER_VIBRATION * min(force_samples))
+        if force_samples and best > finest
+        else np.inf
+    )
+    return float(max(finest, best / np.sqrt(2))), resolved
+
+
+def _steps(streams: Sequence[_Stream]) -> dict[str, float]:
+    """Part of the pose -> time between samples of the fastest instrument that tells it [s]."""
+    steps = {}
+    for part, quantities in (("rotation", _ROTATION), ("position", _TRANSLATION)):
+        own = [
+            float(np.median(np.diff(s.common)))
+            for s in streams
+            if s.source[1] in quantities and len(s.common) > 1
+        ]
+        steps[part] = min(own, default=0.0)
+    return steps
+
+
+def _least_forces(experiment: Experiment, run: Run) -> list[float]:
+    """Least 1-sigma of every quantity of the force instrument."""
+    name = experiment.force_instrument(run)
+    assert name is not None
+    sizes = [v.shape[1] for v in run.streams[name].values.values()]
+    return [
+        float(part[0]) for part in np.split(least_sigma(experiment, run), np.cumsum(sizes)[:-1])
+    ]
+
+
+def _force_samples(
+    experiment: Experiment, run: Run, samples: Samples, start: float, end: float
+) -> Forces:
+    """Force readings within an interval of common time [s]; a cable without a reading is left out
+    of its sample.
+    """
+    name = experiment.force_instrument(run)
+    assert name is not None
+    time = experiment.common_time(run, name, 0.0)
+    common = experiment.common_time(run, name)
+    values = run.streams[name].values
+    inside = (
+        (common >= start)
+        & (common <= end)
+        & np.any([np.isfinite(v).any(axis=1) for v in values.values()], axis=0)
+    )
+    stacked = np.hstack(list(values.values()))[inside]
+    missing = ~np.isfinite(stacked)
+    filled = np.where(missing, np.nanmedian(stacked, axis=0) if len(stacked) else 0.0, stacked)
+    ends = np.cumsum([v.shape[1] for v in values.values()])[:-1]
+    return Forces(
+        name=name,
+        time=time[inside],
+        readings=dict(zip(values, np.split(filled, ends, axis=1), strict=True)),
+        sigma=force_sigma(experiment, run, samples)[0],
+        left_out=missing,
+    )
+
+
+def _without_stuck(experiment: Experiment, run: Run) -> tuple[Run, list[str]]:
+    """The run without readings that stay the same in one channel while the others of the instrument
+    change.
+    """
+    streams, notes = dict(run.streams), []
+    for name, stream in run.streams.items():
+        values = dict(stream.values)
+        for quantity, each in stream.values.items():
+            if each.ndim != 2 or each.shape[1] < 2 or len(each) < 2 * _STUCK:
+                continue
+            mask = _stuck(each)
+            for channel in np.flatnonzero(mask.any(axis=0)):
+                own = np.flatnonzero(mask[:, channel])
+                time = experiment.common_time(run, name)[own]
+                notes.append(
+                    f"run '{run.name}': {quantity.replace('_', ' ')} {channel + 1} of {name} is"
+                    f" stuck between {time[0]:.2f} and {time[-1]:.2f} s: left out"
+                )
+            values[quantity] = np.where(mask, np.nan, each)
+        streams[name] = replace(stream, values=values)
+    return replace(run, streams=streams), notes
+
+
+def _stuck(values: Array) -> NDArray[np.bool_]:
+    """Readings that repeat the one before them for long, while those of the other channels do not,
+    shape (n, k).
+    """
+    same = np.zeros(values.shape, dtype=bool)
+    same[1:] = values[1:] == values[:-1]
+    mask = np.zeros_like(same)
+    for channel in range(values.shape[1]):
+        others = np.delete(same, channel, axis=1)
+        for first, last in stretches(same[:, channel]):
+            # Some that repeat now and then are the steps of a coarse converter.
+            if last - first >= _STUCK - 1 and others[first:last].mean() < 0.2:
+                mask[first:last, channel] = True
+    return mask if mask.mean() < 0.5 else np.zeros_like(mask)

@@ -1,0 +1,434 @@
+"""Whether an estimate can be relied on: residuals against noise, runs against each other, and one
+test for each part of the description.
+
+Residuals as a whole do not see wrong geometry, since offsets absorb it. So the residual is also
+asked for every single number of the description (where a cable is fixed, a gain, a delay, an axis)
+whether a different value would explain it better than noise does: a score test [Rao1948]_,
+two-sided, corrected for the number of tests [Dunn1961]_. Only what also moves the estimate counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from steelyard.arrays import Array
+from steelyard.identification.model.calibration_parameters import DRAG, LAG, ROBOT
+from steelyard.identification.solve.normal_equations import TEN
+from steelyard.identification.solve.study import Study
+from steelyard.identification.verdict.diagnosis import diagnose
+from steelyard.inertia import body_jacobian
+
+FAMILY = 1e-3
+"""Probability that any of the directed tests rejects a sound recording."""
+_MATTERS = 1.0
+"""Least shift of the estimate that an error of the description is held against it for, in its
+1-sigma."""
+_TWICE = 4.0
+"""A variance beyond this factor of what is stated or explained is not just a noise stated
+roughly."""
+_MUCH_LESS = 0.1
+_BY_CHANCE = 1e-5
+"""Probability below which a residual is not what it is by chance."""
+_INFORMED = 0.98
+"""Part of its prior variance that an error must have lost to say anything about its prior."""
+_MOST_NAMED = 3
+_FEWEST_BLOCKS = 8
+_ITS_OWN = 1e-3
+"""Least part of a column that no estimated unknown could stand in for; less says nothing about this
+number alone."""
+_MOST_OUTLIERS = 0.05
+_BIASED = 2.0
+"""A bias of so many 1-sigma is no longer small, so that a correction of first order need not be
+enough."""
+_FACTOR_OF_MASS = 4.0
+"""A mass so many times more or less than the nominal one is a matter of units rather than of
+load."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one directed test says."""
+
+    name: str
+    z: float
+    """Standard normal where the description is right."""
+    size: float
+    """The error that would explain the residual."""
+    sigma: float
+    """Its 1-sigma."""
+    unit: str
+    shift: float
+    """How far the estimate moves with it, in its 1-sigma."""
+    proposal: str
+
+    def __str__(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return (
+            f"{self.name} seems to be off by {self.size:+.3g} ± {self.sigma:.2g}{unit} (z ="
+            f" {self.z:.1f}, it moves the estimate by {self.shift:.1f} sigma): {self.proposal}"
+        )
+
+
+def directed_tests(study: Study) -> tuple[Finding, ...]:
+    """A score test for every number of the description that acts on the balance, largest first."""
+    # Of a long recording a part has looked at all of them.
+    study = study.part or study
+    return tuple(sorted([*_of_fixed(study), *_of_priors(study)], key=lambda f: -abs(f.z)))
+
+
+def _of_fixed(study: Study) -> Iterator[Finding]:
+    """Errors that were not estimated: known exactly, or passed on with their priors."""
+    solution, calibration_parameters = study.solution, study.calibration.calibration_parameters
+    total = study.total
+    tested = np.flatnonzero(~solution.estimated & (np.diag(total.normal) > 0))
+    tested = tested[tested >= TEN]
+    if not len(tested):
+        return
+    use = np.flatnonzero(solution.estimated)
+    follow = total.normal[np.ix_(tested, use)] @ solution.gain[np.ix_(use, use)]
+    information = total.normal[np.ix_(tested, tested)] - follow @ total.normal[np.ix_(use, tested)]
+    score = solution.residual_scores[tested]
+    # What the priors of the estimated pull is no evidence against those that are not.
+    pulled = (
+        solution.residual_scores[use]
+        - (study.prior.precision @ solution.value - study.prior.pull)[use]
+    )
+    score = score - follow @ pulled
+    diagonal, own = np.diag(information), np.diag(total.normal)[tested]
+    noise = study.noise_factor * diagonal
+    # Noise that a column has in common with the target was taken off in the mean; it scatters as a
+    # sum of squares does.
+    noise = noise + 2 * np.abs(total.shared[tested])
+    noise = np.maximum(
+        noise,
+        _by_blocks(
+            study,
+            tested,
+            use,
+            follow,
+            np.where(diagonal > _ITS_OWN * own, score / np.maximum(diagonal, 1e-300), 0.0),
+        ),
+    )
+    passed_on = information @ study.prior.covariance[np.ix_(tested, tested)] @ information.T
+    z = score / np.sqrt(np.maximum(noise + np.diag(passed_on), 1e-300))
+    components = {TEN + place: unknown for place, unknown, _ in calibration_parameters.components()}
+    moves = -solution.gain[:TEN][:, use] @ total.crossed[np.ix_(use, tested)]
+    for i, column in enumerate(tested):
+        if diagonal[i] < _ITS_OWN * own[i]:
+            continue
+        unknown, size = components[int(column)], score[i] / diagonal[i]
+        yield Finding(
+            name=calibration_parameters.names[column - TEN],
+            z=float(z[i]),
+            size=float(size),
+            sigma=float(np.sqrt(noise[i]) / diagonal[i]),
+            unit=unknown.unit,
+            shift=_shift(study, moves[:, i] * size),
+            proposal=_proposal(unknown.owner, unknown.key),
+        )
+
+
+def _by_blocks(
+    study: Study, tested: NDArray[np.intp], use: NDArray[np.intp], follow: Array, size: Array
+) -> Array:
+    """Variance of the scores as stretches of the recording show it, shape (t,).
+
+    An error of the description is there throughout; a misfit of the model comes and goes, and must
+    not be taken for one.
+    """
+    blocks = study.blocks
+    if len(blocks.right) < _FEWEST_BLOCKS:
+        return np.zeros(len(tested))
+    scores = blocks.scores(study.solution.value)
+    scores = scores[:, tested] - scores[:, use] @ follow.T
+    # What an error of the size found would have put into each of them.
+    own = np.einsum("btt->bt", blocks.crossed[:, tested[:, None], tested])
+    shared = np.einsum("tu,but->bt", follow, blocks.crossed[:, use[:, None], tested])
+    estimated = np.einsum(
+        "tu,buv,tv->bt", follow, blocks.crossed[:, use[:, None], use], follow, optimize=True
+    )
+    explained = own - 2 * shared + estimated
+    rest = scores - explained * size
+    rest = rest - rest.mean(axis=0)
+    count = len(rest)
+    return np.asarray(np.sum(rest**2, axis=0) * count / (count - 1))
+
+
+def _of_priors(study: Study) -> Iterator[Finding]:
+    """Errors that were estimated: whether they came out where their prior has them."""
+    calibration_parameters, values = (
+        study.calibration.calibration_parameters,
+        study.calibration.values,
+    )
+    posterior = np.diag(study.solution.covariance)[TEN:]
+    moves = study.solution.covariance[:TEN, TEN:]
+    for place, unknown, component in calibration_parameters.components():
+        prior = unknown.deviation[component] ** 2
+        if not study.solution.estimated[TEN + place] or posterior[place] > _INFORMED * prior:
+            continue
+        size = values[place] - unknown.mean[component]
+        yield Finding(
+            name=calibration_parameters.names[place],
+            z=float(size / np.sqrt(prior - posterior[place])),
+            size=float(size),
+            sigma=float(np.sqrt(posterior[place])),
+            unit=unknown.unit,
+            # Held at its prior, the estimate would move by so much.
+            shift=_shift(study, moves[:, place] / posterior[place] * size),
+            proposal=_proposal(unknown.owner, unknown.key),
+        )
+
+
+def _shift(study: Study, change: Array) -> float:
+    """Length of a change of the ten linear parameters in the 1-sigma of what is told."""
+    told = study.told
+    if not told.any():
+        return 0.0
+    moved = (body_jacobian(study.parameters) @ change)[told]
+    covariance = study.body_covariance[np.ix_(told, told)]
+    scale = 1 / np.sqrt(np.diag(covariance))
+    inverse = np.linalg.pinv(covariance * np.outer(scale, scale), hermitian=True)
+    return float(np.sqrt(np.abs((moved * scale) @ inverse @ (moved * scale))))
+
+
+def _proposal(owner: str, key: str) -> str:
+    if owner == ROBOT:
+        return {
+            "anchor": "measure this anchor again, or state a larger 'uncertainty: {anchor: …}'",
+            "attachment": (
+                "measure this attachment again, or state a larger 'uncertainty: {attachment: …}'"
+            ),
+            "gravity": "check the sign, size and direction of 'gravity' in the robot file",
+            DRAG: "check 'linear_density' of the cables in the robot file",
+        }[key]
+    where = f"'instruments: {{{owner}: {{calibration: {{{key}: …}}}}}}'"
+    return {
+        "gain": f"check this sensor's gain and unit, or state a larger {where}",
+        "common_gain": (
+            f"check the unit and the calibration of the force sensors, or state a larger {where}"
+        ),
+        "friction": f"check this roller, its bearing and its swivel, or state a larger {where}",
+        "offset": f"check the zero of this sensor, or state a larger {where}",
+        LAG: f"check 'sync' and 'clock' of {owner} against those of the motion instruments",
+        "delay": (
+            "check 'sync' and 'clock', or state a larger 'delay' of the instruments of this clock"
+        ),
+        "misalignment": (
+            f"check the axes, signs and 'rpy_deg' of {owner}, or state a larger {where}"
+        ),
+    }.get(key, f"check how {owner} is described and mounted, or state a larger {where}")
+
+
+def reasons(study: Study, tests: Sequence[Finding] | None = None) -> list[str]:
+    """Why not to rely on an estimate, in words and numbers; none for a sound recording.
+
+    Args:
+        study: What the estimate stands on.
+        tests: Its :func:`directed_tests`, where they have been made already.
+    """
+    tests = directed_tests(study) if tests is None else tests
+    contradictions = [*_of_motion(study), *_of_forces(study)]
+    return [
+        *contradictions,
+        *(diagnose(study) if contradictions else ()),
+        *_of_runs(study),
+        *_of_description(tests, 1 if contradictions else _MOST_NAMED),
+        *_of_nominal(study),
+        *_of_bias(study),
+    ]
+
+
+def _of_motion(study: Study) -> Iterator[str]:
+    if not study.kinematics.converged:
+        yield (
+            "the motion instruments contradict each other beyond repair; check their axes, signs,"
+            " units and 'sync'"
+        )
+    elif not study.settled:
+        yield (
+            "the estimate did not settle: the description is far from what the data show; check"
+            " axes, signs, units and 'sync'"
+        )
+    for (name, quantity), ratio in study.kinematics.ratios.items():
+        stated = any(
+            q.name == quantity and q.noise
+            for q in study.experiment.instruments[name].quantities(
+                study.calibration.calibration_parameters.m
+            )
+        )
+        what = f"{quantity.replace('_', ' ')} of {name}"
+        if stated and ratio**2 > _TWICE:
+            yield (
+                f"{what} departs from the motion that all instruments show by {ratio:.1f} times its"
+                " stated noise; check its axes, signs, units, 'sync' and 'noise'"
+            )
+        elif stated and ratio**2 < _MUCH_LESS:
+            yield (
+                f"{what} scatters by only {ratio:.2g} of its stated noise; check its unit and"
+                " 'noise'"
+            )
+
+
+def _of_forces(study: Study) -> Iterator[str]:
+    total, solution = study.total, study.solution
+    freedom = max(1.0, 6 * total.freedom - solution.spent)
+    # Few equations scatter widely without anything being wrong.
+    large, small = (
+        chance(solution.ratio * freedom, freedom) < _BY_CHANCE for chance in (chi2.sf, chi2.cdf)
+    )
+    if not study.stated and 6 * total.freedom < 2 * solution.spent:
+        yield (
+            f"too short: {6 * total.freedom:.0f} independent equations for {solution.spent:.0f}"
+            " unknowns; record longer"
+        )
+    if study.stated and solution.ratio > _TWICE and large:
+        yield (
+            f"forces and motion do not balance: the residual is {np.sqrt(solution.ratio):.1f} times"
+            " what the stated noise explains; check the order and the unit of the force sensors,"
+            " the geometry of the robot, and whether anything touched the platform"
+        )
+    elif study.stated and solution.ratio < _MUCH_LESS and small:
+        yield (
+            "forces and motion balance better than the stated noise allows"
+            f" ({np.sqrt(max(solution.ratio, 0.0)):.2g} of it); check the unit of the forces and"
+            " 'noise'"
+        )
+    else:
+        for name, factor in solution.inflation.items():
+            if factor > _TWICE:
+                yield _INFLATED[name].format(factor=factor)
+    for run, weights in study.weights.items():
+        outliers = float(np.mean(weights < 1))
+        if outliers > _MOST_OUTLIERS:
+            yield (
+                f"run '{run}': {outliers:.0%} of the samples stand out ({_when(study, run)}); check"
+                " whether anything touched the platform"
+            )
+
+
+_INFLATED = {
+    "noise": (
+        "forces and motion do not balance: the residual has {factor:.1f} times the variance of the"
+        " noise"
+    ),
+    "blocks": (
+        "the residual drifts: stretches of the recording contradict each other by {factor:.1f}"
+        " times the variance that noise explains; check whether anything touched the platform or a"
+        " sensor changed"
+    ),
+    "runs": (
+        "the runs contradict each other by {factor:.1f} times the variance that noise explains;"
+        " check whether the load, a sensor or the robot changed between them"
+    ),
+}
+
+
+def _when(study: Study, run: str) -> str:
+    samples = next(s for s in study.samples if s.run == run)
+    out = samples.time[study.weights[run] < 1]
+    return f"between {out[0]:.2f} and {out[-1]:.2f} s"
+
+
+def _of_runs(study: Study) -> Iterator[str]:
+    """Runs whose own estimates do not agree."""
+    sums = [each for name, each in study.sums.items() if name not in study.held_out]
+    if len(sums) < 2 or study.solution.inflation:
+        return
+    # The scores of a run are what it would move the estimate by; they add up to what the priors
+    # pull.
+    by_run = np.array(
+        [
+            study.blocks.scores(study.solution.value)[study.blocks.run == i].sum(axis=0)
+            for i in np.unique(study.blocks.run)
+        ]
+    )
+    use = np.flatnonzero(study.told)
+    if not len(use):
+        return
+    chi = 0.0
+    for scores, each in zip(by_run - by_run.mean(axis=0), sums, strict=True):
+        information = each.normal[np.ix_(use, use)]
+        chi += float(
+            scores[use] @ np.linalg.pinv(information, rcond=1e-10, hermitian=True) @ scores[use]
+        )
+    freedom = (len(sums) - 1) * len(use)
+    if chi2.sf(chi / study.noise_factor, freedom) < FAMILY / 10:
+        yield (
+            f"the runs contradict each other (chi-square {chi:.0f} on {freedom}); check whether the"
+            " load or a sensor changed between them"
+        )
+
+
+def _of_description(tests: Sequence[Finding], most: int) -> Iterator[str]:
+    limit = float(norm.isf(FAMILY / max(1, len(tests)) / 2))
+    found = [test for test in tests if abs(test.z) > limit and test.shift > _MATTERS]
+    for test in found[:most]:
+        yield str(test)
+    if len(found) > most:
+        yield (
+            f"{len(found) - most} more numbers of the description seem to be off; what is named"
+            " first may explain them"
+        )
+
+
+def _of_nominal(study: Study) -> Iterator[str]:
+    nominal = study.experiment.robot.platform
+    if nominal is None or study.parameters[0] <= 0:
+        return
+    factor = study.parameters[0] / nominal.mass
+    if not 1 / _FACTOR_OF_MASS < factor < _FACTOR_OF_MASS:
+        yield (
+            f"the mass is {factor:.3g} times the nominal one ({study.parameters[0]:.4g} and"
+            f" {nominal.mass:.4g} kg); check the unit of the forces, or correct 'platform' in the"
+            " robot file"
+        )
+
+
+def _of_bias(study: Study) -> Iterator[str]:
+    bias = body_jacobian(study.parameters) @ study.solution.bias[:TEN]
+    told = study.told
+    rest = np.diag(study.body_covariance) - bias**2
+    worst = float(
+        np.max(
+            np.abs(bias) / np.sqrt(np.maximum(rest, 1e-300)), where=told & (rest > 0), initial=0.0
+        )
+    )
+    if worst > _BIASED:
+        yield (
+            f"noise in the motion biases least squares by {worst:.1f} sigma before correction; use"
+            " better motion data or the method instrumental-variables"
+        )
+
+
+def priors_share(study: Study) -> Array:
+    """Part of the variance of each of the ten body parameters that came from priors and not from
+    the data, shape (10,).
+    """
+    J = body_jacobian(study.parameters)
+    whole = np.diag(study.body_covariance)
+    noise = np.diag(J @ study.solution.noise_part[:TEN, :TEN] @ J.T) * study.noise_factor
+    return np.asarray(np.clip(1 - noise / np.maximum(whole, 1e-300), 0.0, 1.0))
+
+
+def label_mask(study: Study) -> NDArray[np.bool_]:
+    """Which of the ten body parameters were told by what was known about the body rather than by
+    the data, shape (10,).
+    """
+    if not study.experiment.known:
+        return np.zeros(TEN, dtype=bool)
+    J = body_jacobian(study.parameters)
+    use = np.flatnonzero(study.solution.estimated)
+    precision = study.prior.precision.copy()
+    precision[:TEN, :TEN] = 0.0
+    matrix = study.total.normal[np.ix_(use, use)] + precision[np.ix_(use, use)]
+    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    alone = np.linalg.pinv(matrix * np.outer(scale, scale), rcond=1e-14, hermitian=True) * np.outer(
+        scale, scale
+    )
+    without = np.diag(J @ alone[:TEN, :TEN] @ J.T)
+    return np.asarray(np.diag(study.body_covariance) < 0.5 * without)

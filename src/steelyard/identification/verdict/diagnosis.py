@@ -1,0 +1,117 @@
+"""Where forces and motion contradict each other beyond measure: which simple mistake would explain
+it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import platform_regressor
+from steelyard.identification.model.preparation import Samples, prepare
+from steelyard.identification.solve.study import Study
+
+_MOST_SAMPLES = 400
+_OFFSET = 0.01
+"""1-sigma of the offsets of force sensors in the comparison, as a part of the median tension."""
+_MUCH_BETTER = 0.25
+"""Part of the residual that a swap must leave at most to be named."""
+_NEAR = 0.15
+
+
+def diagnose(study: Study) -> Iterator[str]:
+    """Mistakes of description that would explain a recording that does not balance, in words."""
+    yield from _accelerometer(study)
+    yield from _swap(study)
+
+
+def _accelerometer(study: Study) -> Iterator[str]:
+    """What the accelerometers feel on average must be gravity: a platform goes nowhere in the long
+    run.
+    """
+    experiment = study.experiment
+    gravity = experiment.robot.gravity
+    for run in experiment.runs:
+        if run.static or not any(
+            "specific_force" in stream.values for stream in run.streams.values()
+        ):
+            continue
+        samples = prepare(experiment, run, thin=True)
+        if samples.rotation is None:
+            continue
+        force_samples = np.mean(
+            np.einsum("nij,nj->ni", samples.rotation, samples.specific_force), axis=0
+        )
+        factor = float(force_samples @ -gravity / (gravity @ gravity))
+        if abs(factor + 1) < _NEAR:
+            yield (
+                f"run '{run.name}': the accelerometer feels gravity upside down; check the sign of"
+                " 'gravity' in the robot file and of the accelerometer's columns"
+            )
+        elif abs(factor * 9.80665 - 1) < _NEAR:
+            yield (
+                f"run '{run.name}': the accelerometer seems to read in g; state 'units: {{ax: g,"
+                " ay: g, az: g}'"
+            )
+        elif abs(factor) < 0.05:
+            yield (
+                f"run '{run.name}': the accelerometer seems to have gravity taken out; state"
+                " 'gravity: removed' for the IMU"
+            )
+        return
+
+
+def _swap(study: Study) -> Iterator[str]:
+    """Two force columns exchanged."""
+    experiment = study.experiment
+    run = next(
+        (r for r, s in zip(experiment.runs, study.samples, strict=True) if s.structure is not None),
+        None,
+    )
+    if run is None:
+        return
+    # As the description has it: what was estimated has been bent to bear the mistake.
+    samples = prepare(experiment, run, thin=True)
+    few = samples.part(slice(None, None, max(1, len(samples) // _MOST_SAMPLES)))
+    assert few.tension is not None
+    m = few.tension.shape[1]
+    as_it_is = _misfit(few, np.arange(m))
+    best, pair = as_it_is, (0, 0)
+    for i, j in combinations(range(m), 2):
+        order = np.arange(m)
+        order[[i, j]] = j, i
+        misfit = _misfit(few, order)
+        if misfit < best:
+            best, pair = misfit, (i, j)
+    if best < _MUCH_BETTER * as_it_is:
+        yield (
+            f"with the columns of cables {pair[0] + 1} and {pair[1] + 1} exchanged the residual"
+            f" would fall to {best / as_it_is:.0%}; check the order of the force sensors"
+        )
+
+
+def _misfit(samples: Samples, order: NDArray[np.intp]) -> float:
+    """Mean square of the residual of a body with offsets, for tensions in another order; the
+    geometry of the cables hardly changes.
+    """
+    assert samples.structure is not None
+    assert samples.tension is not None
+    tension = samples.tension[:, order]
+    W = samples.structure
+    Y = platform_regressor(samples.specific_force, samples.omega, samples.alpha)
+    scale = 1 / np.sqrt(np.mean(np.sum(W**2, axis=2), axis=0))
+    A = np.concatenate([Y, W], axis=2) * scale[:, None]
+    b = np.einsum("nkm,nm->nk", W, tension) * scale
+    k = A.shape[2]
+    held = np.zeros((W.shape[2], k))
+    held[:, 10:] = np.eye(W.shape[2]) / (_OFFSET * max(float(np.median(np.abs(tension))), 1e-9))
+    rows, target = (
+        np.vstack([A.reshape(-1, k), held]),
+        np.concatenate([b.ravel(), np.zeros(len(held))]),
+    )
+    norms = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    value, *_ = np.linalg.lstsq(rows / norms, target, rcond=1e-10)
+    return float(np.mean((target - rows / norms @ value) ** 2))

@@ -1,0 +1,185 @@
+"""Readers in a process apart: what their libraries do with a damaged file is more than an exception
+can catch.
+
+A process of its own may fail, take too long or ask for too much memory; here that is a sentence.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import InputError
+from steelyard.logs.log import Log, Part
+from steelyard.logs.packages import shown
+
+_SECONDS, _BYTES_PER_SECOND = 6, 5_000_000
+"""Time of the processor for a request, and for what must be unpacked at the slowest."""
+_MEMORY, _MEMORY_PER_BYTE = 768 << 20, 8
+"""Bytes that a request may take, and beyond that per byte of the file."""
+
+
+@contextmanager
+def opened_in_subprocess(module: str, path: Path, topic: str | None, what: str) -> Iterator[Log]:
+    """Open a log in a process apart.
+
+    Args:
+        module: Module that calls :func:`serve` when it is run.
+        path: Of the log.
+        topic: Which of its groups.
+        what: The format, with an article.
+
+    Raises:
+        InputError: The reader said so, or it failed.
+    """
+    # Nothing is imported from the working folder, which may be that of the log.
+    command = [sys.executable, "-P", "-m", module]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as process:
+        reader = _Apart(process, path, what)
+        try:
+            about = reader.ask({"path": os.fspath(path), "topic": topic})
+            yield Log(path, tuple(about["names"]), reader.load, about["units"])
+        finally:
+            with suppress(OSError):
+                process.stdin.close() if process.stdin else None
+            process.kill()
+
+
+class _Apart:
+    """The other end of :func:`serve`."""
+
+    def __init__(self, process: subprocess.Popen[bytes], path: Path, what: str) -> None:
+        self.process, self.path, self.what = process, path, what
+
+    def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        line = b""
+        with suppress(OSError):
+            self.process.stdin.write(json.dumps(request).encode() + b"\n")
+            self.process.stdin.flush()
+            line = self.process.stdout.readline()
+        if not line.endswith(b"\n"):
+            raise self._failed()
+        answer: dict[str, Any] = json.loads(line)
+        if "error" in answer:
+            raise InputError(answer["error"])
+        return answer
+
+    def load(self, names: Sequence[str], part: Part | None, rows: int | None) -> dict[str, Array]:
+        assert self.process.stdout is not None
+        unique = list(dict.fromkeys(names))
+        n = self.ask(
+            {"names": unique, "part": None if part is None else asdict(part), "rows": rows}
+        )["rows"]
+        columns = {}
+        for name in unique:
+            content = self.process.stdout.read(8 * n)
+            if len(content) < 8 * n:
+                raise self._failed()
+            columns[name] = np.frombuffer(content, dtype=np.float64)
+        return columns
+
+    def _failed(self) -> InputError:
+        self.process.kill()
+        return InputError(
+            f"{self.path}: expected {self.what}, found one that cannot be read within"
+            f" {_MEMORY >> 20} MiB and {_SECONDS} s and what its size adds, or on which its library"
+            f" fails (status {self.process.wait()}); copy it again, or check where it comes from"
+        )
+
+
+def serve(reader: Callable[[Path, str | None], AbstractContextManager[Log]], what: str) -> None:
+    """Answer the requests of :func:`opened_in_subprocess` with a reader; the body of a module that
+    is run.
+
+    Args:
+        reader: Opens a log.
+        what: The format, with an article.
+    """
+    # Libraries that print do so elsewhere.
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+
+    def answer(message: Mapping[str, Any], columns: Sequence[Array] = ()) -> None:
+        out.write(json.dumps(message).encode() + b"\n")
+        for values in columns:
+            out.write(np.ascontiguousarray(values, dtype=np.float64).tobytes())
+        out.flush()
+
+    request = json.loads(sys.stdin.buffer.readline())
+    path = Path(request["path"])
+    try:
+        size = path.stat().st_size
+        _limit_memory(_MEMORY + _MEMORY_PER_BYTE * size)
+        _limit_time(_SECONDS + size // _BYTES_PER_SECOND)
+        with reader(path, request["topic"]) as log:
+            answer({"names": log.names, "units": dict(log.units)})
+            for line in sys.stdin.buffer:
+                request = json.loads(line)
+                _limit_time(_SECONDS + size // _BYTES_PER_SECOND)
+                part = Part(**request["part"]) if request["part"] else None
+                try:
+                    columns = log.load(request["names"], part, request["rows"])
+                except InputError as error:
+                    answer({"error": str(error)})
+                    continue
+                n = len(next(iter(columns.values()), ()))
+                answer({"rows": n}, [columns[name] for name in request["names"]])
+    except InputError as error:
+        answer({"error": str(error)})
+    # What the libraries raise on damaged files is of any kind.
+    except Exception as error:
+        reason = shown((str(error).splitlines() or [""])[0] or type(error).__name__, 120).rstrip(
+            "."
+        )
+        answer(
+            {
+                "error": (
+                    f"{path}: expected {what}, found one that is damaged or cut off ({reason});"
+                    " copy it again"
+                )
+            }
+        )
+
+
+def _limit_time(seconds: int) -> None:
+    """End this process when it has taken so many seconds from now on."""
+    try:
+        import resource
+    except ImportError:  # Windows has no such limits
+        return
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    limit = int(used.ru_utime + used.ru_stime) + 1 + seconds
+    resource.setrlimit(
+        resource.RLIMIT_CPU, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard)
+    )
+    resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+
+
+def _limit_memory(more: int) -> None:
+    """Let this process take so many bytes more than it has."""
+    try:
+        import resource
+
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+    except (ImportError, OSError):  # other systems do not tell, or keep no such limit
+        return
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    limit = pages * resource.getpagesize() + more
+    resource.setrlimit(
+        resource.RLIMIT_AS, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard)
+    )
