@@ -17,7 +17,7 @@ from steelyard.arrays import Array
 from steelyard.batch import Batched
 from steelyard.display import printable
 from steelyard.identification.model.motion_residuals import Segment
-from steelyard.identification.model.segment import POSE, motion_at, spread
+from steelyard.identification.model.segment import POSE, covariance_of, motion_at, spread
 from steelyard.motion.state import state_of_pose
 from steelyard.tables import Tabular
 
@@ -135,13 +135,11 @@ def _part(
     pose, rate, acceleration, _ = motion_at(local, segment.coefficients)
     found = _state()(pose=pose, rate=rate, acceleration=acceleration)
     rows = spread(local, *(found[f"by_{name}"] for name in ("pose", "rate", "acceleration")))
-    variance = np.empty(rows.shape[:2])
+    variance = np.diagonal(covariance_of(inverse, rows, local.first), axis1=1, axis2=2).copy()
     for first in np.unique(local.first):
         own = np.flatnonzero(local.first == first)
-        J = rows[own]
-        window = _window(inverse, first * POSE, rows.shape[2])
-        by_border = J @ (followed[first * POSE : first * POSE + rows.shape[2]] @ root)
-        variance[own] = np.einsum("nkp,nkp->nk", J @ window, J) + np.sum(by_border**2, axis=2)
+        by_border = rows[own] @ (followed[first * POSE : first * POSE + rows.shape[2]] @ root)
+        variance[own] += np.sum(by_border**2, axis=2)
     sigma = np.sqrt(np.maximum(variance, 0.0))
     quaternion = Rotation.from_quat(pose[:, 3:], scalar_first=True).as_quat(
         scalar_first=True, canonical=False
@@ -155,13 +153,3 @@ def _part(
         "angular_acceleration": found["alpha"],
         **{f"sigma_{name}": sigma[:, 3 * i : 3 * i + 3] for i, name in enumerate(QUANTITIES)},
     }
-
-
-def _window(band: Array, start: int, width: int) -> Array:
-    """A square on the diagonal of a symmetric matrix in lower banded form."""
-    square = np.zeros((width, width))
-    for d in range(width):
-        diagonal = band[d, start : start + width - d]
-        square[np.arange(d, width), np.arange(width - d)] = diagonal
-        square[np.arange(width - d), np.arange(d, width)] = diagonal
-    return square

@@ -21,7 +21,7 @@ from scipy.stats import chi2
 
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
-from steelyard.dynamics import newton_euler
+from steelyard.dynamics import newton_euler, platform_regressor
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import DRAG, LAG, ROBOT, Calibration
 from steelyard.identification.model.motion_residuals import (
@@ -31,9 +31,10 @@ from steelyard.identification.model.motion_residuals import (
     Tally,
     limit,
     reference_clocks,
+    robust_weight,
     time_of,
 )
-from steelyard.identification.model.segment import Rows, motion_at, spread
+from steelyard.identification.model.segment import Rows, covariance_of, motion_at, spread
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.normal_equations import TEN
 from steelyard.instruments.equations import following, sensitivity, solve_for
@@ -350,6 +351,16 @@ def balance_of(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class WhitenedBalance:
+    """The balance at n samples, as rows of a least-squares problem."""
+
+    at: Balance
+    root: Array
+    """Square root of the weight of each sample, shape (n,)."""
+    rows: Rows
+
+
 def force_residuals(
     experiment: Experiment,
     segment: Segment,
@@ -359,9 +370,30 @@ def force_residuals(
     parameters: Array,
     factors: Mapping[Source, float],
     tally: Tally,
-) -> Rows:
-    """Whitened balance of forces and motion; its first ten columns of the border are those of the
-    body.
+    held: Array | None = None,
+) -> Iterator[Rows]:
+    """Whitened balance of forces and motion, some samples at a time; arguments as of
+    :func:`whitened_balance`.
+    """
+    for part in force_samples.parts():
+        yield whitened_balance(
+            experiment, segment, part, calibration, column_of, parameters, factors, tally, held
+        ).rows
+
+
+def whitened_balance(
+    experiment: Experiment,
+    segment: Segment,
+    force_samples: Forces,
+    calibration: Calibration,
+    column_of: NDArray[np.intp],
+    parameters: Array,
+    factors: Mapping[Source, float],
+    tally: Tally,
+    held: Array | None = None,
+) -> WhitenedBalance:
+    """Balance of forces and motion with its derivatives, whitened; its first ten columns of the
+    border are those of the body.
 
     Args:
         experiment: With robot and instruments.
@@ -372,6 +404,8 @@ def force_residuals(
         parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
         factors: Quantity -> by how much its noise exceeds what the readings say.
         tally: Is added to.
+        held: Covariance of the motion's coefficients where it is held while forces are looked at,
+            lower banded form, shape (42, N); None: it follows them.
     """
     calibration_parameters, robot, name = (
         calibration.calibration_parameters,
@@ -444,18 +478,48 @@ def force_residuals(
         border.put(calibration_parameters.places[ROBOT, DRAG, None], found["by_drag"][:, :, None])
     by_errors, columns = border.collected()
     residual = at.residual
-    weight = segment.holds(at.time) * sample_weight(residual)
-    tally_forces(tally, segment, force_samples, at, weight)
+    by_motion = at.whitener @ spread(local, *by)
+    size = np.sqrt(np.sum(residual**2, axis=1))
+    if held is not None:
+        spread_of = np.eye(6) + covariance_of(held, by_motion, local.first)
+        size = np.sqrt(
+            np.sum(residual * np.linalg.solve(spread_of, residual[:, :, None])[:, :, 0], axis=1)
+        )
+    weight = segment.holds(at.time) * robust_weight(size, 6)
+    tally_forces(tally, segment, force_samples, at, weight, size)
     root = np.sqrt(weight)
-    L = at.whitener * root[:, None, None]
-    return Rows(
+    rows = Rows(
         local.first,
         root[:, None] * residual,
-        L @ spread(local, *by),
-        L @ by_errors,
+        root[:, None, None] * by_motion,
+        root[:, None, None] * (at.whitener @ by_errors),
         columns,
         segment.label(name, BALANCE),
     )
+    return WhitenedBalance(at, root, rows)
+
+
+def regressor_at(
+    experiment: Experiment, segment: Segment, times: Array, calibration: Calibration
+) -> Array:
+    """Regressor of the body along a motion, shape (n, 6, 10).
+
+    Args:
+        experiment: With its robot.
+        segment: With its motion.
+        times: Within the segment [s], shape (n,).
+        calibration: Present values of the calibration parameters.
+    """
+    pose, rate, acceleration, _ = motion_at(segment.basis(times), segment.coefficients)
+    motion = _moved(experiment.robot)(
+        pose=pose,
+        rate=rate,
+        acceleration=acceleration,
+        gravity=calibration.gravity,
+        parameters=np.zeros(TEN),
+        drag=0.0,
+    )
+    return platform_regressor(motion["specific_force"], motion["omega"], motion["alpha"])
 
 
 def sample_weight(residual: Array) -> Array:
@@ -467,10 +531,14 @@ def sample_weight(residual: Array) -> Array:
 
 
 def tally_forces(
-    tally: Tally, segment: Segment, force_samples: Forces, at: Balance, weight: Array
+    tally: Tally,
+    segment: Segment,
+    force_samples: Forces,
+    at: Balance,
+    weight: Array,
+    size: Array,
 ) -> None:
     """Count the corrections of the readings, quantity by quantity."""
-    size = np.sqrt(np.einsum("nr,nr->n", at.correction, at.correction))
     used_at_all = weight > 0
     usual = (
         float(np.median(size[used_at_all])) / np.sqrt(chi2.ppf(0.5, 6))

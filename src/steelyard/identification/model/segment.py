@@ -130,6 +130,17 @@ class NormalEquations:
     parts: Mapping[Label, Array] = field(default_factory=dict)
     """Label of rows -> what they have added to the band."""
 
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        """Of both kinds of readings."""
+        return NormalEquations(
+            self.band + other.band,
+            self.side + other.side,
+            self.corner + other.corner,
+            self.motion_gradient + other.motion_gradient,
+            self.border_gradient + other.border_gradient,
+            {**self.parts, **other.parts},
+        )
+
     @cached_property
     def factor(self) -> Array:
         """Cholesky factor of the motion's matrix, lower banded form.
@@ -204,6 +215,33 @@ class NormalEquations:
         total = np.sum(list(bands), axis=0)
         pull = banded_product(total, coefficients.ravel())
         return replace(self, band=self.band + total, motion_gradient=self.motion_gradient - pull)
+
+
+def covariance_of(inverse: Array, rows: Array, first: NDArray[np.intp]) -> Array:
+    """Covariance of linear functions of the motion at n instants, each by itself, shape (n, k, k).
+
+    Args:
+        inverse: Covariance of the coefficients, lower banded form, shape (42, N).
+        rows: Derivatives by the coefficients at that instant, shape (n, k, w).
+        first: First coefficient function of each instant, shape (n,).
+    """
+    n, k, width = rows.shape
+    found = np.empty((n, k, k))
+    for function in np.unique(first):
+        own = np.flatnonzero(first == function)
+        J = rows[own]
+        found[own] = J @ banded_window(inverse, function * POSE, width) @ J.transpose(0, 2, 1)
+    return found
+
+
+def banded_window(band: Array, start: int, width: int) -> Array:
+    """A square on the diagonal of a symmetric matrix in lower banded form, shape (width, width)."""
+    square = np.zeros((width, width))
+    for d in range(width):
+        diagonal = band[d, start : start + width - d]
+        square[np.arange(d, width), np.arange(width - d)] = diagonal
+        square[np.arange(width - d), np.arange(d, width)] = diagonal
+    return square
 
 
 def banded_product(band: Array, vector: Array) -> Array:

@@ -175,7 +175,6 @@ def _all_rows(
 ) -> Iterator[Rows]:
     column_of = np.where(active, TEN + np.cumsum(active) - 1, -1)
     yield from motion_residuals(experiment, segment, calibration, column_of, {}, Tally())
-    for part in force_samples.parts():
-        yield force_residuals(
-            experiment, segment, part, calibration, column_of, parameters, {}, Tally()
-        )
+    yield from force_residuals(
+        experiment, segment, force_samples, calibration, column_of, parameters, {}, Tally()
+    )

@@ -9,8 +9,9 @@ taken: the restricted likelihood's maximum [Patterson1971]_.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from steelyard.identification.model.motion_residuals import (
     Tally,
     motion_residuals,
 )
-from steelyard.identification.model.segment import POSE, Label, NormalEquations, Rows, accumulate
+from steelyard.identification.model.segment import POSE, Label, NormalEquations, accumulate
 from steelyard.identification.model.smoothness import smoothness
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.normal_equations import TEN
@@ -34,7 +35,7 @@ _TURNS, _TURNS_BEGINNING = 30, 12
 _SHORTER, _LEAST_SHARE = 0.3, 1e-3
 """By how much a step that does not descend is cut, and the share of it at which there is no more to
 try."""
-_BORDER, _ALL = 0.02, 0.5
+BORDER, _ALL = 0.02, 0.5
 """Promised decrease of the cost, a chi-square, at which constants and everything have arrived."""
 _BEGUN = 5.0
 """The same of the motion where forces are not looked at: a beginning for the rest."""
@@ -93,6 +94,21 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
+class Linearised:
+    """Normal equations of one segment about a state."""
+
+    motion: NormalEquations
+    """Of the motion instruments and what is known of its smoothness."""
+    forces: NormalEquations | None
+    """Of the balance; None: it is not looked at."""
+
+    @cached_property
+    def all(self) -> NormalEquations:
+        """Of all readings."""
+        return self.motion if self.forces is None else self.motion + self.forces
+
+
+@dataclass(frozen=True, eq=False)
 class Fit:
     """Where it ended."""
 
@@ -110,51 +126,73 @@ class Fit:
     """Quantities whose noise is stated."""
     first_sigmas: Mapping[Source, float]
     """1-sigma of every quantity that factors multiply."""
+    motions: tuple[Array | None, ...] = ()
+    """Covariance of the motion of each segment where it was held, see :func:`.force_residuals`."""
+    bias: Array = field(default_factory=lambda: np.zeros((0, TEN)))
+    """What noise of the held motion does to the gradient by the ten in the mean, with the opposite
+    sign, segment by segment, shape (s, 10)."""
 
 
 def linearise(
-    task: Task, state: State, column_of: NDArray[np.intp], border: int
-) -> tuple[tuple[NormalEquations, ...], Tally]:
-    """Normal equations of every segment about a state, over columns of the border that may be more than
-    are estimated.
+    task: Task,
+    state: State,
+    column_of: NDArray[np.intp],
+    border: int,
+    motions: Sequence[Array | None],
+) -> tuple[tuple[Linearised, ...], Tally]:
+    """Normal equations of every segment about a state, over columns of the border that may be more
+    than are estimated.
+
+    Args:
+        task: What is to be fitted.
+        state: Where to linearise.
+        column_of: Column of each calibration parameter in the border; -1: not there; shape (u,).
+        border: Number of columns of the border.
+        motions: Covariance of the motion of each segment, where it is held, see
+            :func:`.force_residuals`.
     """
     tally = Tally()
-
-    def rows(segment: Segment, force_samples: Forces | None) -> Iterator[Rows]:
-        yield from motion_residuals(
+    found = []
+    for segment, force_samples, motion in zip(
+        state.segments, task.force_samples, motions, strict=True
+    ):
+        size = len(segment.coefficients), border
+        rows = motion_residuals(
             task.experiment, segment, state.calibration, column_of, state.factors, tally
         )
+        by_motion = accumulate(*size, rows, width=segment.width)
+        forces = None
         if force_samples is not None and state.parameters is not None:
-            for part in force_samples.parts():
-                yield force_residuals(
-                    task.experiment,
-                    segment,
-                    part,
-                    state.calibration,
-                    column_of,
-                    state.parameters,
-                    state.factors,
-                    tally,
-                )
-
-    return (
-        tuple(
-            accumulate(
-                len(segment.coefficients), border, rows(segment, force_samples), width=segment.width
+            balanced = force_residuals(
+                task.experiment,
+                segment,
+                force_samples,
+                state.calibration,
+                column_of,
+                state.parameters,
+                state.factors,
+                tally,
+                motion,
             )
-            for segment, force_samples in zip(state.segments, task.force_samples, strict=True)
-        ),
-        tally,
-    )
+            forces = accumulate(*size, balanced, width=segment.width)
+        found.append(Linearised(by_motion, forces))
+    return tuple(found), tally
 
 
-def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fraction: None) -> Fit:
+def fit(
+    task: Task,
+    state: State,
+    tell: Callable[[float], None] = lambda fraction: None,
+    *,
+    beginning: bool = False,
+) -> Fit:
     """Fit.
 
     Args:
         task: What to fit.
         state: Where to begin.
         tell: Is told the fraction that is done, roughly.
+        beginning: Whether it is only a beginning for another fit, so that less will do.
 
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
@@ -162,14 +200,15 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
     ten = TEN if state.parameters is not None else 0
     border = ten + int(task.active.sum())
     column_of = np.where(task.active, ten + np.cumsum(task.active) - 1, -1)
-    accepted: tuple[State, _Step, float] | None = None
+    accepted: tuple[State, Step, float] | None = None
     share, converged, searched = 1.0, False, False
     ratios: dict[Source, float] = {}
-    unstated = _Unstated(task, state)
+    unstated = Unstated(task, state)
     many = sum(segment.coefficients.size for segment in state.segments)
     turn = 0
-    for turn in range(_TURNS if ten else _TURNS_BEGINNING):
-        readings, tally = linearise(task, state, column_of, border)
+    for turn in range(_TURNS_BEGINNING if beginning else _TURNS):
+        parts, tally = linearise(task, state, column_of, border, (None,) * len(state.segments))
+        readings = [each.all for each in parts]
         cost = tally.cost + _prior_cost(task, state)
         if accepted is not None and not cost < accepted[2] * (1 + _SAME):
             if share < _LEAST_SHARE:
@@ -180,11 +219,11 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
             state = accepted[1].along(task, accepted[0], share)
             continue
         equations = smooth(state, readings)
-        step = _step(task, state, equations)
+        step = step_of(task, state, equations)
         near, settled, factors = step.decrement < many, True, state.factors
         if near:
             # Noise and smoothness, once the residual is no longer that of a wrong motion.
-            arrived = step.constant < _BORDER and step.decrement < (_ALL if ten else _BEGUN)
+            arrived = step.constant < BORDER and step.decrement < (_BEGUN if beginning else _ALL)
             if any(segment.smoothness for segment in state.segments) and (arrived or not searched):
                 level, settled = smoothness(state.segments, readings, anew=not searched)
                 searched = True
@@ -197,15 +236,15 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
                         ),
                     )
                     equations = smooth(state, readings)
-                    step = _step(task, state, equations)
-            ratios = _ratios(equations, tally, task.stated)
+                    step = step_of(task, state, equations)
+            ratios = ratios_of(equations, tally, task.stated)
             factors = unstated(state, ratios)
-            settled = settled and not _changed(state.factors, factors)
+            settled = settled and not changed(state.factors, factors)
             if settled and (arrived or step.decrement < _NEARLY * cost):
                 # Only a motion that is as free as it wants to be can say that a noise is not as
                 # stated.
-                factors = _larger(task, state, ratios)
-                settled = not _changed(state.factors, factors)
+                factors = larger(task, state, ratios)
+                settled = not changed(state.factors, factors)
                 converged = settled and arrived
             if converged:
                 break
@@ -215,7 +254,7 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
         share = pace
         state = replace(step.along(task, state, share), factors=factors)
         tell(min(0.95, turn / 8))
-    ratios = ratios or _ratios(equations, tally, task.stated)
+    ratios = ratios or ratios_of(equations, tally, task.stated)
     return Fit(
         state,
         equations,
@@ -225,11 +264,11 @@ def fit(task: Task, state: State, tell: Callable[[float], None] = lambda fractio
         turn + 1,
         step.covariance,
         task.stated,
-        _first_sigmas(task, state),
+        first_sigmas(task, state),
     )
 
 
-def _pace(last: _Step, step: _Step, share: float) -> float:
+def _pace(last: Step, step: Step, share: float) -> float:
     """Share of a step that arrives at once where a share of the last one, in the same direction,
     fell short or overshot.
 
@@ -252,8 +291,10 @@ def smooth(state: State, readings: Sequence[NormalEquations]) -> tuple[NormalEqu
     )
 
 
-def _ratios(
-    equations: Sequence[NormalEquations], tally: Tally, stated: frozenset[Source]
+def ratios_of(
+    equations: Sequence[NormalEquations],
+    tally: Tally,
+    stated: frozenset[Source],
 ) -> dict[Source, float]:
     """Of every quantity, variance of the residual over what it counts as now.
 
@@ -284,13 +325,13 @@ def _ratios(
     return ratios
 
 
-class _Unstated:
+class Unstated:
     """Levels of noise that is not stated, followed turn by turn; two that pull at each other are
     followed more slowly.
     """
 
     def __init__(self, task: Task, state: State) -> None:
-        self._task, self._first = task, _first_sigmas(task, state)
+        self._task, self._first = task, first_sigmas(task, state)
         self._last: dict[Source, float] = {}
         self._pace: dict[Source, float] = {}
 
@@ -311,7 +352,7 @@ class _Unstated:
         return factors
 
 
-def _first_sigmas(task: Task, state: State) -> dict[Source, float]:
+def first_sigmas(task: Task, state: State) -> dict[Source, float]:
     """1-sigma that factors multiply."""
     found = {
         segment.label(*reading.source): reading.sigma
@@ -328,7 +369,7 @@ def _first_sigmas(task: Task, state: State) -> dict[Source, float]:
     return found
 
 
-def _larger(task: Task, state: State, ratios: Mapping[Source, float]) -> dict[Source, float]:
+def larger(task: Task, state: State, ratios: Mapping[Source, float]) -> dict[Source, float]:
     """Levels of stated noise that is visibly larger than stated."""
     factors = dict(state.factors)
     for source in task.stated & ratios.keys():
@@ -337,7 +378,7 @@ def _larger(task: Task, state: State, ratios: Mapping[Source, float]) -> dict[So
     return factors
 
 
-def _changed(old: Mapping[Source, float], new: Mapping[Source, float]) -> bool:
+def changed(old: Mapping[Source, float], new: Mapping[Source, float]) -> bool:
     return any(abs(np.log(level / old.get(source, 1.0))) > _LEVEL for source, level in new.items())
 
 
@@ -370,7 +411,7 @@ def border_system(task: Task, state: State, reduced: tuple[Array, Array]) -> tup
 
 
 @dataclass(frozen=True, eq=False)
-class _Step:
+class Step:
     border: Array
     """Of the border parameters."""
     motion: tuple[Array, ...]
@@ -397,22 +438,36 @@ class _Step:
         return State(segments, replace(state.calibration, values=values), parameters, state.factors)
 
 
-def _step(task: Task, state: State, equations: Sequence[NormalEquations]) -> _Step:
+def step_of(
+    task: Task,
+    state: State,
+    equations: Sequence[NormalEquations],
+    *,
+    follow: Sequence[NormalEquations] | None = None,
+    further: Array | float = 0.0,
+) -> Step:
+    """Step of Gauss and Newton.
+
+    Args:
+        task: What is fitted.
+        state: Where the equations have been linearised.
+        equations: Of all segments.
+        follow: Equations by which the motion moves, where it does not follow all readings.
+        further: What is added to the gradient by the ten, shape (10,).
+    """
     reduced = [each.reduced() for each in equations]
-    matrix, right = border_system(
-        task,
-        state,
-        (np.sum([m for m, _ in reduced], axis=0), np.sum([g for _, g in reduced], axis=0)),
-    )
+    gradient = np.sum([g for _, g in reduced], axis=0)
     ten = TEN if state.parameters is not None else 0
+    gradient[:ten] += further
+    matrix, right = border_system(task, state, (np.sum([m for m, _ in reduced], axis=0), gradient))
     scale = np.concatenate([task.sizes[:ten], task.calibration_parameters.deviation[task.active]])
     told, axes = np.linalg.eigh((matrix + matrix.T) / 2)
     keep = told > _HELD
     inverse = (axes[:, keep] / told[keep]) @ axes[:, keep].T
     step, gained = scale * (inverse @ right), float(right @ inverse @ right)
-    return _Step(
+    return Step(
         border=step,
-        motion=tuple(each.motion_step(step) for each in equations),
+        motion=tuple(each.motion_step(step) for each in follow or equations),
         decrement=gained + sum(float(each.motion_gradient @ each.settled) for each in equations),
         constant=gained,
         covariance=scale[:, None] * inverse * scale,

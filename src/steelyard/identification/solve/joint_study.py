@@ -42,6 +42,7 @@ from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.bound import Bound
 from steelyard.identification.solve.classical import NoBalanceError
 from steelyard.identification.solve.coherence import coherence
+from steelyard.identification.solve.held_motion import fit_held
 from steelyard.identification.solve.iteration import prior_of
 from steelyard.identification.solve.joint_fit import Fit, State, Task, fit
 from steelyard.identification.solve.kinematic_fit import KinematicFit, told_about
@@ -96,7 +97,11 @@ class Joint:
 
 
 def joint_study(
-    experiment: Experiment, progress: Progress = None, start: Calibration | None = None
+    experiment: Experiment,
+    progress: Progress = None,
+    start: Calibration | None = None,
+    *,
+    held: bool = False,
 ) -> Joint:
     """Fit an experiment as a whole.
 
@@ -104,6 +109,8 @@ def joint_study(
         experiment: With at least one run.
         progress: Is told what is being done and the fraction that is done.
         start: Values of the systematic errors to begin with; None: as known beforehand.
+        held: Whether the motion is held as the motion instruments alone give it, as the linear
+            methods do, rather than fitted to the forces too.
 
     Raises:
         InputError: A run lacks what the method needs.
@@ -112,7 +119,7 @@ def joint_study(
     try:
         # Numbers that end in nothing are looked at in the end, once.
         with np.errstate(all="ignore"):
-            found = _joint(experiment, progress or (lambda what, fraction: None), start)
+            found = _joint(experiment, progress or (lambda what, fraction: None), start, held)
             sound = bool(np.isfinite(found.study.body_covariance).all())
     except np.linalg.LinAlgError:
         sound = False
@@ -125,7 +132,10 @@ def joint_study(
 
 
 def _joint(
-    experiment: Experiment, tell: Callable[[str, float], None], start: Calibration | None
+    experiment: Experiment,
+    tell: Callable[[str, float], None],
+    start: Calibration | None,
+    held: bool,
 ) -> Joint:
     calibration_parameters = gather(experiment)
     begin = start or Calibration(calibration_parameters, calibration_parameters.mean)
@@ -137,8 +147,8 @@ def _joint(
         recorded(experiment, run, each, begin)
         for run, each in zip(experiment.runs, samples, strict=True)
     ]
-    fitted = _fitted(experiment, begin, records, tell)
-    if finer := _finer(experiment, records, fitted):
+    fitted = _fitted(experiment, begin, records, tell, held=held)
+    if not held and (finer := _finer(experiment, records, fitted)):
         tell("maximum-likelihood: following a vibration", 0.4)
         records = [
             (
@@ -216,6 +226,8 @@ def _fitted(
     records: Sequence[Recorded],
     tell: Callable[[str, float], None],
     before: tuple[_Fitted, Mapping[str, _Finer]] | None = None,
+    *,
+    held: bool = False,
 ) -> _Fitted:
     """Motion first (or as it was before, on other knots), then motion and forces, leaving out what
     stands alone.
@@ -241,7 +253,7 @@ def _fitted(
         },
     )
     motion, state, lost = (
-        _begun(experiment, task, State(segments, begin, None), tell)
+        _begun(experiment, task, State(segments, begin, None), tell, beginning=not held)
         if before is None
         else _again(*before, segments)
     )
@@ -268,10 +280,14 @@ def _fitted(
     )
     if before is not None:
         # The vibration first, by these clocks: before it is there, nothing holds them.
-        held = task.active.copy()
+        active = task.active.copy()
         for run, vibrating in before[1].items():
-            held[calibration_parameters.place(vibrating.clock, "delay", run)] = False
-        state = fit(replace(task, force_samples=force_samples, active=held), state).state
+            active[calibration_parameters.place(vibrating.clock, "delay", run)] = False
+        state = fit(replace(task, force_samples=force_samples, active=active), state).state
+    if held is True:
+        task = replace(task, force_samples=force_samples)
+        body = fit_held(replace(task, active=np.zeros_like(task.active)), state)
+        return _Fitted(task, fit_held(task, body.state), motion, force_samples, {}, {}, lost)
     contacts: dict[str, list[tuple[float, float]]] = {}
     spikes: dict[str, int] = {}
     for turn in range(_ROUNDS):
@@ -302,23 +318,32 @@ def _fitted(
 
 
 def _begun(
-    experiment: Experiment, task: Task, state: State, tell: Callable[[str, float], None]
+    experiment: Experiment,
+    task: Task,
+    state: State,
+    tell: Callable[[str, float], None],
+    *,
+    beginning: bool,
 ) -> tuple[Fit, State, Sequence[str]]:
     """Motion alone; where its instruments do not agree on one, the errors are begun with as known
     beforehand.
     """
     tell("maximum-likelihood: motion", 0.25)
-    motion = fit(task, state, lambda part: tell("maximum-likelihood: motion", 0.25 + 0.25 * part))
+    motion = fit(
+        task,
+        state,
+        lambda part: tell("maximum-likelihood: motion", 0.25 + 0.25 * part),
+        beginning=beginning,
+    )
     found, lost = motion.state, list[str]()
     if any(far >= STUCK_FAR for far in motion.tally.far.values()):
         found, lost = without_lost(experiment, found, arrived=motion.converged)
     if lost:
-        motion = fit(task, found)
+        motion = fit(task, found, beginning=beginning)
         found = motion.state
     off = np.abs(found.calibration.values - task.calibration_parameters.mean)[task.active]
-    if not motion.converged and not np.all(
-        off < _FAR_OFF * task.calibration_parameters.deviation[task.active]
-    ):
+    sound = bool(np.all(off < _FAR_OFF * task.calibration_parameters.deviation[task.active]))
+    if not sound and not (beginning and motion.converged):
         found = replace(
             state,
             segments=tuple(
@@ -326,6 +351,10 @@ def _begun(
                 for a, b in zip(state.segments, found.segments, strict=True)
             ),
         )
+        if not beginning:
+            nothing = np.zeros_like(task.active)
+            motion = fit(replace(task, active=nothing), found, beginning=beginning)
+            found = motion.state
     return motion, found, lost
 
 
@@ -468,12 +497,17 @@ def _concluded(
     blocks: list[Blocks] = []
     solved: list[tuple[Segment, Array, Array]] = []
     names = [run.name for run in experiment.runs]
-    for segment, forces in zip(state.segments, force_samples, strict=True):
-        rows = list(_rows(experiment, segment, forces, state, column_of))
+    motions = found.motions or (None,) * len(state.segments)
+    biases = found.bias if len(found.bias) else np.zeros((len(state.segments), TEN))
+    for segment, forces, spread, bias in zip(
+        state.segments, force_samples, motions, biases, strict=True
+    ):
+        rows = list(_rows(experiment, segment, forces, state, column_of, spread))
         equations = segment.smooth(
             accumulate(len(segment.coefficients), border, rows, width=segment.width)
         )
         normal, gradient = equations.reduced()
+        gradient[:TEN] += bias
         own = _sums(normal, gradient, parameters, float(np.sum(~forces.left_out.all(axis=1))))
         sums[segment.run] = own if segment.run not in sums else sums[segment.run] + own
         blocks.append(_blocks(segment, rows, equations, parameters, names.index(segment.run)))
@@ -519,6 +553,12 @@ def _concluded(
         for label, value in found.ratios.items()
         if label not in force_labels
     }
+    if found.motions:
+        kinematic = {
+            label: float(np.sqrt(v))
+            * fitted.motion.state.factors.get(label, 1.0) ** (label in task.stated)
+            for label, v in fitted.motion.ratios.items()
+        }
     used = tuple(
         _samples(each, by_run[each.run], records[i]) if by_run[each.run] else each
         for i, each in enumerate(samples)
@@ -667,22 +707,24 @@ def _rows(
     forces: Forces,
     state: State,
     column_of: NDArray[np.intp],
+    motion: Array | None,
 ) -> Iterator[Rows]:
+    """All rows of a segment over all columns of the border."""
     tally = Tally()
     yield from motion_residuals(
         experiment, segment, state.calibration, column_of, state.factors, tally
     )
-    for part in forces.parts():
-        yield force_residuals(
-            experiment,
-            segment,
-            part,
-            state.calibration,
-            column_of,
-            _ten(state),
-            state.factors,
-            tally,
-        )
+    yield from force_residuals(
+        experiment,
+        segment,
+        forces,
+        state.calibration,
+        column_of,
+        _ten(state),
+        state.factors,
+        tally,
+        motion,
+    )
 
 
 def _sums(normal: Array, gradient: Array, parameters: Array, freedom: float) -> Sums:

@@ -1,0 +1,211 @@
+"""The balance over a motion that is held as the motion instruments alone give it.
+
+What the linear methods have in common: forces tell the body and the calibration parameters, not the
+motion. The motion has a covariance; with it the residuals of the balance are weighted exactly, all
+instants together (generalised least squares), by the normal equations of the joint fit whose
+motion does not take its own step. Noise of the motion stands in the regressor too: what that does
+to the estimate in the mean is taken off, to first order [Soderstrom2018]_.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg.lapack import dtbtrs
+
+from steelyard.arrays import Array
+from steelyard.identification.model.force_residuals import (
+    Forces,
+    balance_of,
+    regressor_at,
+    tally_forces,
+    whitened_balance,
+)
+from steelyard.identification.model.motion_residuals import Segment, Tally, robust_weight
+from steelyard.identification.model.segment import (
+    POSE,
+    NormalEquations,
+    Rows,
+    accumulate,
+)
+from steelyard.identification.model.sources import Source
+from steelyard.identification.solve.joint_fit import (
+    BORDER,
+    Fit,
+    State,
+    Step,
+    Task,
+    Unstated,
+    changed,
+    first_sigmas,
+    larger,
+    linearise,
+    ratios_of,
+    step_of,
+)
+from steelyard.identification.solve.normal_equations import TEN
+
+_ITERATIONS = 12
+_DRAWS = 2
+"""Draws of the noise of the motion by which its mean effect is found; each is of all instants."""
+
+
+def fit_held(
+    task: Task, state: State, tell: Callable[[float], None] = lambda fraction: None
+) -> Fit:
+    """Fit body and calibration parameters to forces over a motion that is held.
+
+    Args:
+        task: What to fit.
+        state: With the motion as its instruments alone give it.
+        tell: Is called with the fraction that is done, roughly.
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined.
+    """
+    border = TEN + int(task.active.sum())
+    column_of = np.where(task.active, TEN + np.cumsum(task.active) - 1, -1)
+    unstated = Unstated(task, state)
+    motions: tuple[Array | None, ...] = (None,) * len(state.segments)
+    converged = False
+    turn = 0
+    for turn in range(_ITERATIONS):
+        parts, tally = linearise(task, state, column_of, border, motions)
+        by_motion = [s.smooth(each.motion) for s, each in zip(state.segments, parts, strict=True)]
+        equations = tuple(
+            each.forces + motion if each.forces is not None else motion
+            for each, motion in zip(parts, by_motion, strict=True)
+        )
+        if any(each is None for each in motions):
+            motions = tuple(each.inverse for each in by_motion)
+            continue
+        motions = tuple(each.inverse for each in by_motion)
+        bias = regressor_bias(task, state, motions, by_motion, equations)
+        step = step_of(task, state, equations, follow=by_motion, further=bias.sum(axis=0))
+        followed = step_of(task, state, equations)
+        ratios = ratios_of(equations, _followed(task, state, followed, tally), task.stated)
+        factors = _of_forces(task, state, unstated(state, ratios))
+        settled = not changed(state.factors, factors)
+        arrived = settled and step.constant < BORDER
+        if arrived:
+            factors = _of_forces(task, state, larger(task, state, ratios))
+            converged = not changed(state.factors, factors)
+        if converged:
+            break
+        state = replace(step.along(task, state, 1.0), factors=factors)
+        tell(min(0.95, turn / 5))
+    return Fit(
+        state,
+        equations,
+        tally,
+        ratios,
+        converged,
+        turn + 1,
+        step.covariance,
+        task.stated,
+        first_sigmas(task, state),
+        motions,
+        bias,
+    )
+
+
+def _of_forces(task: Task, state: State, factors: Mapping[Source, float]) -> dict[Source, float]:
+    """Noise levels with those of the motion instruments as they are: forces tell nothing of them."""
+    names = {each.name for each in task.force_samples if each is not None}
+    return {k: v if k[0] in names else state.factors.get(k, 1.0) for k, v in factors.items()}
+
+
+def _followed(task: Task, state: State, step: Step, tally: Tally) -> Tally:
+    """The tally with what is left of the forces once the motion follows them: that, not the noise
+    of the held motion, tells the noise of the force readings.
+    """
+    moved = step.along(task, state, 1.0)
+    found = Tally()
+    for segment, samples in zip(moved.segments, task.force_samples, strict=True):
+        if samples is None:
+            continue
+        assert moved.parameters is not None
+        for part in samples.parts():
+            at = balance_of(
+                task.experiment, segment, part, moved.calibration, moved.parameters, moved.factors
+            )
+            size = np.sqrt(np.sum(at.residual**2, axis=1))
+            weight = segment.holds(at.time) * robust_weight(size, 6)
+            tally_forces(found, segment, part, at, weight, size)
+    return Tally(
+        {**tally.square, **found.square},
+        {**tally.count, **found.count},
+        {**tally.far, **found.far},
+        {**tally.held, **found.held},
+    )
+
+
+def regressor_bias(
+    task: Task,
+    state: State,
+    motions: Sequence[Array | None],
+    by_motion: Sequence[NormalEquations],
+    equations: Sequence[NormalEquations],
+) -> Array:
+    """What noise of the motion in the regressor does to the gradient by the ten in the mean, with
+    the opposite sign, segment by segment, shape (s, 10).
+
+    The regressor's noise meets the noise that the motion brings into the residual.
+    """
+    rng = np.random.default_rng(0)
+    found = np.zeros((len(state.segments), TEN))
+    for i, (segment, samples, motion, own, every) in enumerate(
+        zip(state.segments, task.force_samples, motions, by_motion, equations, strict=True)
+    ):
+        if samples is None:
+            continue
+        for _ in range(_DRAWS):
+            noise = _drawn(own, rng).reshape(-1, 7)
+            rows = [_noisy(task, state, segment, part, motion, noise) for part in samples.parts()]
+            drawn = accumulate(len(segment.coefficients), TEN, rows, width=segment.width)
+            found[i] -= drawn.border_gradient - drawn.side.T @ every.solve(drawn.motion_gradient)
+    return found / _DRAWS
+
+
+def _drawn(equations: NormalEquations, rng: np.random.Generator) -> Array:
+    """Coefficients of the motion with the covariance that its instruments leave, shape (N,)."""
+    white = rng.standard_normal(equations.factor.shape[1])
+    solved, _ = dtbtrs(equations.factor, white, uplo="L", trans="T")
+    return np.asarray(solved)
+
+
+def _noisy(
+    task: Task, state: State, segment: Segment, samples: Forces, motion: Array | None, noise: Array
+) -> Rows:
+    """Noise of the regressor beside the noise that the same motion brings into the residual."""
+    assert state.parameters is not None
+    balance = whitened_balance(
+        task.experiment,
+        segment,
+        samples,
+        state.calibration,
+        np.full(len(task.calibration_parameters), -1, dtype=np.intp),
+        state.parameters,
+        state.factors,
+        Tally(),
+        motion,
+    )
+    rows, white = balance.rows, balance.at.whitener * balance.root[:, None, None]
+    there, back = (
+        regressor_at(
+            task.experiment,
+            replace(segment, coefficients=segment.coefficients + sign * noise),
+            balance.at.time,
+            state.calibration,
+        )
+        for sign in (1, -1)
+    )
+    moved = noise.ravel()[(rows.first * POSE)[:, None] + np.arange(rows.by_motion.shape[2])]
+    return replace(
+        rows,
+        residual=np.einsum("nkp,np->nk", rows.by_motion, moved),
+        by_errors=white @ (back - there) / 2,
+        columns=np.arange(TEN, dtype=np.intp),
+    )
