@@ -16,6 +16,9 @@ LINEAR_PARAMETERS = ("m", "hx", "hy", "hz", "Jxx", "Jyy", "Jzz", "Jyz", "Jxz", "
 inertia matrix about the platform origin [kg m^2]. Moments in the order of the paper's k_2; products
 are elements of the matrix."""
 
+TEN = len(LINEAR_PARAMETERS)
+"""Number of the inertial parameters of a body."""
+
 BODY_PARAMETERS = ("mass", "cx", "cy", "cz", "Jxx", "Jyy", "Jzz", "Jyz", "Jxz", "Jxy")
 """The same body as people quote it: mass [kg], centre of gravity [m], inertia matrix about it [kg
 m^2]."""

@@ -19,18 +19,16 @@ from steelyard.identification.methods.consistent import Consistent
 from steelyard.identification.methods.instrumental_variables import InstrumentalVariables
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.method import Fit, Method
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.model.fitted_motion import FittedMotion
-from steelyard.identification.solve.bound import Bound, attainable
-from steelyard.identification.solve.classical import NoBalanceError, study
-from steelyard.identification.solve.joint_study import Joint, joint_study
-from steelyard.identification.solve.study import Study
+from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.bound import Bound
+from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.synchronisation import synchronise
 from steelyard.identification.verdict.prediction import Prediction, predict_held_out
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.tables import Tabular
-
-Method = Callable[[Experiment, Callable[[str, float], None] | None], Estimate]
 
 AVAILABLE: dict[str, Callable[[], Method]] = {
     "two-step": TwoStep,
@@ -53,18 +51,24 @@ class Identification(Tabular):
     estimates: Mapping[str, Estimate]
     predictions: tuple[Prediction, ...] = ()
     """Of runs that were held out."""
-    bound: Bound | None = None
-    """What could be known at best; None where it was not asked for or cannot be had."""
-    motion: tuple[FittedMotion, ...] = ()
-    """Of each stretch of the runs, as maximum likelihood has fitted it."""
     clocks: Mapping[str, tuple[Offset, ...]] = field(default_factory=dict)
     """Run -> its clocks, where they were found from the data."""
     left_out: tuple[str, ...] = ()
     """Readings that were taken out when the recording was read, in words."""
     recorded: Experiment | None = None
     """What was looked at: without the runs held out, on one clock."""
-    fitted: Joint | Study | None = None
-    """What the best of the estimates was drawn from; None: methods of their own."""
+    posterior: Posterior | None = None
+    """What the best of the estimates was drawn from; None: it is a method of its own."""
+
+    @property
+    def bound(self) -> Bound | None:
+        """What could be known at best; None where no method tells it."""
+        return None if self.posterior is None else self.posterior.bound
+
+    @property
+    def motion(self) -> tuple[FittedMotion, ...]:
+        """Of each stretch of the runs, as the best method has it."""
+        return () if self.posterior is None else self.posterior.motion
 
     @property
     def result(self) -> str:
@@ -138,7 +142,7 @@ class Identification(Tabular):
 def identify(
     experiment: Experiment,
     methods: str | Sequence[Method | str] = (),
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress = None,
     *,
     holdout: Sequence[str] = (),
 ) -> Identification:
@@ -170,49 +174,47 @@ def identify(
         experiment, runs=tuple(run for run in experiment.runs if run.name not in holdout)
     )
     estimates: list[Estimate] = []
-    shared: Study | None = None
-    joint: Joint | None = None
+    posteriors: dict[Fit, Posterior] = {}
     baseline: InputError | None = None
     for method in chosen:
-        if isinstance(method, LeastSquares | Consistent):
-            # Both stand on the same normal equations.
-            try:
-                shared = shared or study(used, progress)
-                estimates.append(method.of(shared))
-            except NoBalanceError as error:
-                estimates.append(nothing_told(method.name, str(error)))
-        elif isinstance(method, MaximumLikelihood):
-            try:
-                joint = joint_study(used, progress)
-                estimates.append(method.of(joint))
-            except NoBalanceError as error:
-                estimates.append(nothing_told(method.name, str(error)))
-        elif isinstance(method, TwoStep) and method.acceleration is None and len(chosen) > 1:
+        try:
+            estimates.append(_estimate(method, used, posteriors, progress))
+        except NoBalanceError as error:
+            estimates.append(nothing_told(method.name, str(error)))
+        except InputError as error:
+            if not method.is_baseline or len(chosen) == 1:
+                raise
             # The baseline needs more instruments than better methods do.
-            try:
-                estimates.append(method(used, progress))
-            except InputError as error:
-                baseline = error
-                estimates.append(nothing_told(method.name, str(error)))
-        else:
-            estimates.append(method(used, progress))
-    if baseline is not None and not any(
-        np.isfinite(estimate.value).any() for estimate in estimates
-    ):
+            baseline = error
+            estimates.append(nothing_told(method.name, str(error)))
+    if baseline is not None and not any(np.isfinite(each.value).any() for each in estimates):
         raise baseline
-    bound = joint.bound if joint else attainable(shared) if shared else None
+    by_name = {each.method: each for each in estimates}
+    best = next(name for name in BEST_FIRST if name in by_name)
+    fits = (method.fit for method in chosen if method.name == best)
+    posterior = next((posteriors.get(fit) for fit in fits if fit is not None), None)
     return Identification(
         experiment.name,
         experiment.robot.platform,
-        {e.method: e for e in estimates},
+        by_name,
         predictions,
-        bound,
-        joint.motion if joint else (),
         found.offsets,
         tuple(_left_out(used)),
         used,
-        joint or shared,
+        posterior,
     )
+
+
+def _estimate(
+    method: Method, experiment: Experiment, posteriors: dict[Fit, Posterior], progress: Progress
+) -> Estimate:
+    """By one method; a posterior that several draw from is fitted once."""
+    fit = method.fit
+    if fit is None:
+        return method(experiment, progress)
+    if fit not in posteriors:
+        posteriors[fit] = fit(experiment, progress)
+    return method.of(posteriors[fit])
 
 
 def _left_out(experiment: Experiment) -> Iterator[str]:

@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.model.balance import wrench_noise
 from steelyard.identification.model.calibration_parameters import Calibration, clock_of
 from steelyard.identification.model.force_residuals import Balance, Forces, balance_of
 from steelyard.identification.model.motion_residuals import (
@@ -30,8 +29,7 @@ from steelyard.identification.model.motion_residuals import (
 from steelyard.identification.model.preparation import Samples
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.joint_fit import State
-from steelyard.identification.solve.joint_study import Joint
-from steelyard.identification.solve.study import Study
+from steelyard.identification.solve.posterior import Posterior
 from steelyard.instruments import Instrument
 
 PLATFORM = "platform"
@@ -42,7 +40,7 @@ _ANGLES = ("roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True, eq=False)
-class Explained:
+class Residuals:
     """One quantity in one run: n samples of k channels."""
 
     run: str
@@ -67,29 +65,39 @@ class Explained:
     static: bool
 
 
-def explained(
-    experiment: Experiment, fitted: Joint | Study, parameters: Array
-) -> Iterator[Explained]:
-    """Readings of an experiment as a fit explains them: first what the platform feels, then the
-    instruments, run by run.
+def residuals(
+    experiment: Experiment, posterior: Posterior, parameters: Array
+) -> Iterator[Residuals]:
+    """Readings of an experiment beside what a fit says of them: first the wrench on the platform,
+    then the instruments, run by run.
 
     Args:
         experiment: That was fitted, with its clocks found; of its runs those that are to be shown.
-        fitted: Everything at once, or a balance of forces and motion.
+        posterior: The fit.
         parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS` of the estimate, shape
-            (10,); NaN: not all of them are told, so that only a fit of everything at once can say
-            what the forces should have been.
+            (10,); NaN: not all of them are identifiable, so that those of the fit say what the
+            forces should have been.
     """
-    if isinstance(fitted, Joint):
-        yield from _of_joint(experiment, fitted, parameters)
-    else:
-        yield from _of_study(experiment, fitted, parameters)
+    state = posterior.fit.state
+    if np.isfinite(parameters).all():
+        state = replace(state, parameters=parameters)
+    for run in experiment.runs:
+        own = [
+            (segment, forces)
+            for segment, forces in zip(state.segments, posterior.force_samples, strict=True)
+            if segment.run == run.name
+        ]
+        if not own:
+            continue
+        yield from _forces(experiment, run, own, state)
+        segments = [segment for segment, _ in own]
+        yield from _motion(experiment, run, segments, state.calibration, state.factors)
 
 
 def of_samples(
     samples: Samples, parameters: Array, sigma: Array | None = None
-) -> Iterator[Explained]:
-    """The wrench of filtered samples as a body explains it.
+) -> Iterator[Residuals]:
+    """The wrench of filtered samples beside that of a body.
 
     Args:
         samples: Of one run.
@@ -103,42 +111,9 @@ def of_samples(
     )
 
 
-def _of_study(experiment: Experiment, fitted: Study, parameters: Array) -> Iterator[Explained]:
-    told = bool(np.isfinite(parameters).all())
-    by_name = {samples.run: samples for samples in fitted.samples}
-    for run in experiment.runs:
-        if told and (samples := by_name.get(run.name)):
-            noise = wrench_noise(
-                fitted.experiment, run, samples, fitted.calibration, fitted.sigma[run.name]
-            )
-            yield from of_samples(samples, parameters, noise)
-        segments = [segment for segment in fitted.kinematics.segments if segment.run == run.name]
-        yield from _motion(
-            experiment, run, segments, fitted.kinematics.calibration, fitted.kinematics.ratios
-        )
-
-
-def _of_joint(experiment: Experiment, joint: Joint, parameters: Array) -> Iterator[Explained]:
-    state = joint.fit.state
-    if np.isfinite(parameters).all():
-        state = replace(state, parameters=parameters)
-    for run in experiment.runs:
-        own = [
-            (segment, f)
-            for segment, f in zip(state.segments, joint.force_samples, strict=True)
-            if segment.run == run.name
-        ]
-        if not own:
-            continue
-        yield from _forces(experiment, run, own, state)
-        yield from _motion(
-            experiment, run, [segment for segment, _ in own], state.calibration, state.factors
-        )
-
-
 def _forces(
     experiment: Experiment, run: Run, own: list[tuple[Segment, Forces]], state: State
-) -> Iterator[Explained]:
+) -> Iterator[Residuals]:
     """Wrench, then the readings of the force instrument against those nearest to them that balance
     the motion.
     """
@@ -178,7 +153,7 @@ def _forces(
         correction = np.concatenate(
             [b.correction[:, place] * f.sigmas(a, factors)[:, place] for a, f, b in parts]
         )
-        yield Explained(
+        yield Residuals(
             run.name,
             force_samples.name,
             quantity,
@@ -203,9 +178,9 @@ def _wrench(
     left_out: NDArray[np.bool_],
     *,
     static: bool,
-) -> Iterator[Explained]:
+) -> Iterator[Residuals]:
     for quantity, (place, unit) in _WRENCH.items():
-        yield Explained(
+        yield Residuals(
             run,
             PLATFORM,
             quantity,
@@ -227,7 +202,7 @@ def _motion(
     segments: list[Segment],
     calibration: Calibration,
     levels: Mapping[Source, float],
-) -> Iterator[Explained]:
+) -> Iterator[Residuals]:
     """Readings of the motion instruments, each quantity over all segments of the run."""
     found: dict[Source, list[tuple[Segment, Reading]]] = {}
     for segment in segments:
@@ -247,7 +222,7 @@ def _motion(
         else:
             measured, predicted = values, values - residual
             channels = tuple(_channels(experiment, instrument, quantity, k))
-        yield Explained(
+        yield Residuals(
             run.name,
             name,
             quantity,

@@ -28,8 +28,8 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.force_clock import carrying, likeliest, near, scanned
 from steelyard.identification.model.calibration_parameters import gather
-from steelyard.identification.solve.classical import NoBalanceError
-from steelyard.identification.solve.joint_study import joint_study
+from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.instruments import Instrument
 
 _LONG = 60.0
@@ -253,7 +253,7 @@ def _by_all_at_once(
     experiment, found = rough, dict(offsets)
     for _ in range(2):
         try:
-            joint = joint_study(
+            posterior = fit_jointly(
                 experiment,
                 lambda what, fraction: tell(f"finding the clocks: {what}", 0.5 + 0.5 * fraction),
             )
@@ -263,7 +263,7 @@ def _by_all_at_once(
         moved = 0.0
         calibration_parameters, deviation = (
             gather(experiment),
-            np.sqrt(np.diag(joint.study.solution.covariance))[10:],
+            posterior.deviations,
         )
         runs = []
         for run in experiment.runs:
@@ -275,7 +275,7 @@ def _by_all_at_once(
                 clock = experiment.instruments[offset.instruments[0]].clock or offset.instruments[0]
                 place = calibration_parameters.place(clock, "delay", run.name)
                 delay = float(
-                    joint.study.calibration.values[place][0] - calibration_parameters.mean[place][0]
+                    posterior.calibration.values[place][0] - calibration_parameters.mean[place][0]
                 )
                 sigma = float(deviation[place][0])
                 if not 0 < sigma < 0.5 * calibration_parameters.deviation[place][0]:

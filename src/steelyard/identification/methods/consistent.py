@@ -5,7 +5,7 @@ takes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,12 +18,13 @@ from steelyard.bodies.mass_region import Box, Ellipsoid
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, nothing_told
 from steelyard.experiment.model import Experiment
-from steelyard.identification.methods.least_squares import finished
-from steelyard.identification.solve.classical import NoBalanceError, study
-from steelyard.identification.solve.normal_equations import TEN, Blocks, Sums
+from steelyard.identification.methods.finished import finished
+from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.held_motion import fit_with_held_motion
+from steelyard.identification.solve.normal_equations import BorderEquations
 from steelyard.identification.solve.normal_equations import solve as solve_linear
-from steelyard.identification.solve.study import Progress, Study, plausible
-from steelyard.inertia import Inertia, body_jacobian
+from steelyard.identification.solve.posterior import Posterior, Progress, plausible
+from steelyard.inertia import TEN, Inertia, body_jacobian
 
 _FOLDS = 5
 _WEIGHTS = np.concatenate([[0.0], np.geomspace(0.01, 1000.0, 16)])
@@ -45,6 +46,12 @@ class Consistent:
     better."""
 
     name: ClassVar[str] = "consistent"
+    is_baseline: ClassVar[bool] = False
+
+    @staticmethod
+    def fit(experiment: Experiment, progress: Progress = None) -> Posterior:
+        """What the estimate is drawn from; see :func:`.fit_with_held_motion`."""
+        return fit_with_held_motion(experiment, progress)
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
         """Estimate.
@@ -54,15 +61,15 @@ class Consistent:
                 there is no nominal body to pull towards.
         """
         try:
-            return self.of(study(experiment, progress))
+            return self.of(self.fit(experiment, progress))
         except NoBalanceError as error:
             return nothing_told(self.name, str(error))
 
-    def of(self, found: Study, name: str = name) -> Estimate:
-        """Estimate from a study that is there already; raises as a call does.
+    def of(self, found: Posterior, name: str = name) -> Estimate:
+        """Estimate from a posterior that is there already; raises as a call does.
 
         Args:
-            found: The study.
+            found: The posterior.
             name: Of the method that it is the estimate of.
         """
         nominal = found.experiment.robot.platform
@@ -121,7 +128,7 @@ def body_problem(
 
 
 def _finished(
-    found: Study, problem: BodyProblem, body: ConsistentBody, weight: float | None, name: str
+    found: Posterior, problem: BodyProblem, body: ConsistentBody, weight: float | None, name: str
 ) -> Estimate:
     J = body_jacobian(body.parameters)
     spread = found.solution.covariance[:TEN, :TEN]
@@ -167,7 +174,7 @@ def _finished(
     )
 
 
-def _weight(found: Study, regions: Sequence[Box | Ellipsoid], nominal: Inertia) -> float:
+def _weight(found: Posterior, regions: Sequence[Box | Ellipsoid], nominal: Inertia) -> float:
     """Weight of the pull that predicts best what the estimate has not seen: run by run, or
     stretches of the only run.
     """
@@ -179,7 +186,6 @@ def _weight(found: Study, regions: Sequence[Box | Ellipsoid], nominal: Inertia) 
             found.prior,
             found.solution.estimated,
             plausible(found.parameters, found.size),
-            correct=True,
         )
         spread = solution.covariance[:TEN, :TEN] * found.noise_factor
         if solution.value[0] <= 0:
@@ -207,34 +213,26 @@ def _following(covariance: Array, others: NDArray[np.intp]) -> Array:
     )
 
 
-def _folds(found: Study) -> list[tuple[Sums, Array, Array]]:
+def _folds(found: Posterior) -> list[tuple[BorderEquations, Array, Array]]:
     """What is left when a run (or a stretch of the only run) is left out, and its own normal matrix
     and right-hand side.
     """
-    blocks: Blocks = found.blocks
-    total = found.total
+    blocks, total = found.blocks, found.total
     runs = np.unique(blocks.run)
     if len(runs) > 1:
         groups = [np.flatnonzero(blocks.run == run) for run in runs]
     else:
-        groups = [
-            g
-            for g in np.array_split(np.arange(len(blocks.right)), min(_FOLDS, len(blocks.right)))
-            if len(g)
-        ]
+        every = np.arange(len(blocks.right))
+        groups = [g for g in np.array_split(every, min(_FOLDS, len(every))) if len(g)]
     folds = []
     for group in groups:
-        normal, right = blocks.crossed[group].sum(axis=0), blocks.right[group].sum(axis=0)
+        normal, right = blocks.normal[group].sum(axis=0), blocks.right[group].sum(axis=0)
         share = len(group) / len(blocks.right)
-        left = replace(
-            total,
-            normal=total.normal - normal,
-            crossed=total.crossed - normal,
-            squared=total.squared - normal,
-            right=total.right - right,
-            plain_right=total.plain_right - right,
-            noise=total.noise * (1 - share),
-            freedom=total.freedom * (1 - share),
+        left = BorderEquations(
+            total.normal - normal,
+            total.right - right,
+            total.noise * (1 - share),
+            total.freedom * (1 - share),
         )
         folds.append((left, normal, right))
     return folds

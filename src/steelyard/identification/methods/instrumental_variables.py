@@ -2,35 +2,49 @@
 own one does not bias.
 
 Instruments come from sensors whose errors have nothing to do with those of the regressor: the
-command, where the platform follows it, or else the attitude instead of the gyro and the tracker
-instead of the accelerometer. The Durbin-Wu-Hausman test says whether least squares on the same data
-is biased [Hausman1978]_.
+command, where the platform follows it, or else the attitude and the tracker, where gyro and
+accelerometer tell the own motion. The Durbin-Wu-Hausman test says whether least squares on the same
+data is biased [Hausman1978]_.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from steelyard.errors import InputError
+from steelyard.arrays import Array
 from steelyard.estimates.estimate import Estimate, nothing_told
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.methods.least_squares import finished
-from steelyard.identification.model.calibration_parameters import Calibration
-from steelyard.identification.model.preparation import Samples, prepare
+from steelyard.identification.methods.finished import finished
+from steelyard.identification.model.force_residuals import (
+    Forces,
+    WhitenedBalance,
+    regressor_at,
+    whitened_balance,
+)
+from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
+from steelyard.identification.model.segment import Rows, accumulate
 from steelyard.identification.model.sources import Sources, choose_sources
-from steelyard.identification.solve.classical import NoBalanceError, study
-from steelyard.identification.solve.normal_equations import TEN, Solution, solve
-from steelyard.identification.solve.study import Progress, Study, plausible
+from steelyard.identification.solve.beginning import NoBalanceError, motion_task, read
+from steelyard.identification.solve.held_motion import fit_with_held_motion
+from steelyard.identification.solve.joint_fit import State, fit
+from steelyard.identification.solve.normal_equations import Solution, inverse_of, solve
+from steelyard.identification.solve.posterior import Posterior, Progress, plausible
+from steelyard.inertia import TEN
 from steelyard.instruments import Attitude, Command, Imu, Pose, Position
+from steelyard.instruments.pose import PoseNoise
 
 _BIASED = 1e-3
 """Probability below which the two estimates differ by more than noise."""
 _WEAK = 10.0
 """An estimate so many times less certain than least squares has weak instruments."""
+_COMMAND = PoseNoise(position=1e-4, rotation=1e-4)
+"""How closely the motion of the instruments follows a command [m], [rad]."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +52,12 @@ class InstrumentalVariables:
     """Instrumental variables from independent kinematics."""
 
     name: ClassVar[str] = "instrumental-variables"
+    is_baseline: ClassVar[bool] = False
+
+    @staticmethod
+    def fit(experiment: Experiment, progress: Progress = None) -> Posterior:
+        """Least squares, on which the estimate stands; see :func:`.fit_with_held_motion`."""
+        return fit_with_held_motion(experiment, progress)
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
         """Estimate; nothing is told where no run has independent kinematics.
@@ -45,43 +65,41 @@ class InstrumentalVariables:
         Raises:
             InputError: A run lacks what the method needs.
         """
-        without = [
-            run.name
-            for run in experiment.runs
-            if not run.static and independent_sources(experiment, run) is None
-        ]
-        if without or all(run.static for run in experiment.runs):
-            where = f"run '{without[0]}'" if without else "poses at rest"
-            return nothing_told(
-                self.name,
-                f"{where}: expected independent kinematics (a command, or a tracker or pose beside"
-                " the IMU), found none; use another method",
-            )
+        lack = _lack(experiment)
+        if lack:
+            return nothing_told(self.name, lack)
         try:
-            found = study(experiment, progress, instruments=_instruments)
+            return self.of(self.fit(experiment, progress))
         except NoBalanceError as error:
             return nothing_told(self.name, str(error))
-        chi, freedom = durbin_wu_hausman(found)
+
+    def of(self, posterior: Posterior) -> Estimate:
+        """Estimate from a posterior of :meth:`fit`."""
+        experiment = posterior.experiment
+        lack = _lack(experiment)
+        if lack:
+            return nothing_told(self.name, lack)
+        products = _products(posterior)
+        size = plausible(posterior.parameters, posterior.size)
+        plain = solve(posterior.total, posterior.prior, posterior.solution.estimated, size)
+        own = _solved(posterior, products)
+        found = replace(posterior, solution=own)
+        chi, freedom = durbin_wu_hausman(found, products, plain)
         probability = float(chi2.sf(chi, freedom))
-        plain = _least_squares(found)
+        deviation = np.sqrt(np.diag(own.covariance)[:TEN])
+        ratio = deviation / np.sqrt(np.maximum(np.diag(plain.covariance)[:TEN], 1e-300))
         further = []
-        ratio = np.sqrt(
-            np.diag(found.solution.covariance)[:TEN]
-            / np.maximum(np.diag(plain.covariance)[:TEN], 1e-300)
-        )
-        if ratio[found.told].max(initial=0.0) > _WEAK:
+        if ratio[found.identifiable].max(initial=0.0) > _WEAK:
             further.append(
                 f"the instruments are weak: {ratio.max():.0f} times less certain than least"
                 " squares; use another method"
             )
-        difference = np.abs(found.solution.value - plain.value)[:TEN] / np.sqrt(
-            np.diag(found.solution.covariance)[:TEN]
-        )
+        difference = np.abs(own.value - plain.value)[:TEN] / deviation
         verb = "is" if probability < _BIASED else "is not"
         note = (
             f"plain least squares on the same data, without correction, {verb} biased beyond chance"
             f" (Durbin-Wu-Hausman chi-square {chi:.1f} on {freedom}, p = {probability:.2g}), by at"
-            f" most {difference[found.told].max(initial=0.0):.2f} sigma"
+            f" most {difference[found.identifiable].max(initial=0.0):.2f} sigma"
         )
         return finished(
             found,
@@ -95,6 +113,19 @@ class InstrumentalVariables:
             },
             notes=[note],
         )
+
+
+def _lack(experiment: Experiment) -> str:
+    """Which run has no independent kinematics, in words; nothing where all have."""
+    moving = [run for run in experiment.runs if not run.static]
+    without = [run.name for run in moving if independent_sources(experiment, run) is None]
+    if moving and not without:
+        return ""
+    where = f"run '{without[0]}'" if without else "poses at rest"
+    return (
+        f"{where}: expected independent kinematics (a command, or a tracker or pose beside the IMU),"
+        " found none; use another method"
+    )
 
 
 def independent_sources(experiment: Experiment, run: Run) -> Sources | None:
@@ -140,63 +171,178 @@ def _named(experiment: Experiment, run: Run) -> dict[str, str]:
     return {"rotation": sources.rotation[0], "position": sources.position[0]}
 
 
-def _instruments(
-    experiment: Experiment, run: Run, samples: Samples, calibration: Calibration
-) -> Samples | None:
-    """The same instants as the independent kinematics have them; poses at rest have no noise to
-    speak of in their regressor.
-    """
-    if run.static:
-        return None
-    sources = independent_sources(experiment, run)
-    assert sources is not None
-    try:
-        other = prepare(
-            experiment,
-            run,
-            straight=True,
-            calibration=calibration,
-            sources=sources,
-            plan=samples.plan,
-            thin=True,
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """Products of the instruments with the columns of the border, motion eliminated."""
+
+    crossed: Array
+    """Instruments (and the other columns) with the columns, shape (k, k)."""
+    squared: Array
+    """Instruments (and the other columns) with each other, shape (k, k)."""
+    right: Array
+    """Instruments (and the other columns) with the target, shape (k,)."""
+
+
+def _independent_motion(experiment: Experiment) -> dict[str, list[Segment]]:
+    """Run -> the motion as the independent kinematics alone have it."""
+    instruments = dict(experiment.instruments)
+    runs = []
+    for run in experiment.runs:
+        sources = None if run.static else independent_sources(experiment, run)
+        if sources is None:
+            continue
+        names = {sources.force, *(name for name, _ in sources.used())}
+        for name in names:
+            instrument = instruments[name]
+            if isinstance(instrument, Command):
+                instruments[name] = instrument.model_copy(update={"noise": _COMMAND})
+        streams = {}
+        for name in names:
+            stream = run.streams[name]
+            wanted = {quantity for source, quantity in sources.used() if source == name}
+            kept = stream.values if name == sources.force else {q: stream.values[q] for q in wanted}
+            streams[name] = replace(stream, values=kept)
+        runs.append(replace(run, streams=streams))
+    alone = replace(experiment, instruments=instruments, runs=tuple(runs))
+    readings = read(alone, None, lambda what, fraction: None)
+    task = motion_task(readings)
+    # Errors of its calibration do no harm: it need only be like the motion, and independent.
+    task = replace(task, active=np.zeros_like(task.active))
+    state = fit(task, State(readings.segments, readings.calibration, None), beginning=True).state
+    found: dict[str, list[Segment]] = {}
+    for segment in state.segments:
+        found.setdefault(segment.run, []).append(segment)
+    return found
+
+
+def _products(posterior: Posterior) -> _Products:
+    """Products of all runs."""
+    state = posterior.fit.state
+    parameters = state.calibration.calibration_parameters
+    k = TEN + len(parameters)
+    motions = posterior.fit.motions
+    independent = _independent_motion(posterior.experiment)
+    normal, gradient = np.zeros((k + TEN, k + TEN)), np.zeros(k + TEN)
+    for segment, forces, motion in zip(
+        state.segments, posterior.force_samples, motions, strict=True
+    ):
+        rows = _rows(posterior, segment, forces, motion, independent.get(segment.run, ()))
+        equations = accumulate(len(segment.coefficients), k + TEN, rows, width=segment.width)
+        own, toward = segment.smooth(equations).reduced()
+        normal, gradient = normal + own, gradient + toward
+    assert state.parameters is not None
+    at = np.concatenate([state.parameters, np.zeros(k - TEN)])
+    order = np.concatenate([np.arange(k, k + TEN), np.arange(TEN, k)])
+    crossed = normal[np.ix_(order, np.arange(k))]
+    return _Products(crossed, normal[np.ix_(order, order)], gradient[order] + crossed @ at)
+
+
+def _rows(
+    posterior: Posterior,
+    segment: Segment,
+    forces: Forces,
+    motion: Array | None,
+    independent: Sequence[Segment],
+) -> list[Rows]:
+    """Rows of a segment over the border, and behind it the instruments of the ten."""
+    state, experiment = posterior.fit.state, posterior.experiment
+    assert state.parameters is not None
+    k = TEN + len(state.calibration.calibration_parameters)
+    column_of = np.arange(TEN, k, dtype=np.intp)
+    shared = experiment, segment
+    rows = list(motion_residuals(*shared, state.calibration, column_of, state.factors, Tally()))
+    for part in forces.parts():
+        balance = whitened_balance(
+            *shared,
+            part,
+            state.calibration,
+            column_of,
+            state.parameters,
+            state.factors,
+            Tally(),
+            motion,
         )
-    except InputError:
-        return None
-    return other if len(other) == len(samples) else None
+        instruments = _instruments(posterior, segment, balance, independent)
+        rows.append(
+            replace(
+                balance.rows,
+                by_errors=np.concatenate([balance.rows.by_errors, instruments], axis=2),
+                columns=np.concatenate([_columns(balance.rows, k), k + np.arange(TEN)]),
+            )
+        )
+    return rows
 
 
-def _least_squares(found: Study) -> Solution:
-    """Least squares on the same rows."""
-    total = found.total
-    plain = replace(total, crossed=total.normal, squared=total.normal, right=total.plain_right)
-    return solve(
+def _columns(rows: Rows, k: int) -> NDArray[np.intp]:
+    """Columns of the border that rows have."""
+    return np.arange(k, dtype=np.intp) if rows.columns is None else rows.columns
+
+
+def _instruments(
+    posterior: Posterior,
+    segment: Segment,
+    balance: WhitenedBalance,
+    independent: Sequence[Segment],
+) -> Array:
+    """Whitened regressor of the independent kinematics, zero where there are none, shape (n, 6, 10);
+    poses at rest have no noise to speak of in their own.
+    """
+    times, calibration = balance.at.time, posterior.fit.state.calibration
+    regressor = np.zeros((len(times), 6, TEN))
+    for each in [segment] if segment.static else independent:
+        inside = each.holds(times)
+        if inside.any():
+            regressor[inside] = regressor_at(posterior.experiment, each, times[inside], calibration)
+    return -(balance.at.whitener * balance.root[:, None, None]) @ regressor
+
+
+def _solved(posterior: Posterior, products: _Products) -> Solution:
+    """The estimate, with directions that are not identifiable held as in least squares."""
+    plain, prior = posterior.solution, posterior.prior
+    use = np.flatnonzero(plain.estimated)
+    size = plausible(posterior.parameters, posterior.size)
+    gain = np.zeros_like(plain.gain)
+    matrix = (products.crossed + prior.precision)[np.ix_(use, use)]
+    matrix[:TEN, :TEN] += plain.held
+    gain[np.ix_(use, use)] = inverse_of(matrix, size)
+    value = gain @ (products.right + prior.pull)
+    noise_part = gain @ products.squared @ gain.T
+    covariance = posterior.noise_factor * noise_part + gain @ prior.precision @ gain.T
+    covariance[:TEN, :TEN] += plain.wide @ plain.wide.T
+    total = posterior.total
+    return replace(
         plain,
-        found.prior,
-        found.solution.estimated,
-        plausible(found.parameters, found.size),
-        correct=False,
+        value=value,
+        covariance=(covariance + covariance.T) / 2,
+        gain=gain,
+        noise_part=noise_part,
+        bias=np.zeros_like(value),
+        scores=total.right - total.normal @ value,
     )
 
 
-def durbin_wu_hausman(found: Study) -> tuple[float, int]:
-    """Whether least squares on the same rows gives another body than noise explains: chi-square and
+def durbin_wu_hausman(found: Posterior, products: _Products, plain: Solution) -> tuple[float, int]:
+    """Whether least squares on the same data gives another body than noise explains: chi-square and
     its degrees of freedom.
 
     The covariance of the difference is that of two linear estimates from the same noise, so it
     cannot be indefinite.
+
+    Args:
+        found: With the estimate by instrumental variables.
+        products: That it was solved from.
+        plain: Least squares, without correction.
     """
-    total, plain, own = found.total, _least_squares(found), found.solution
+    own = found.solution
     difference = (own.value - plain.value)[:TEN]
-    mixed = own.gain @ total.crossed @ plain.gain.T
-    covariance = (
-        own.gain @ total.squared @ own.gain.T
-        - mixed
-        - mixed.T
-        + plain.gain @ total.normal @ plain.gain.T
+    mixed = own.gain @ products.crossed @ plain.gain.T
+    of_both = (
+        own.gain @ products.squared @ own.gain.T + plain.gain @ found.total.normal @ plain.gain.T
     )
     change = own.gain - plain.gain
-    covariance = found.noise_factor * covariance + change @ found.prior.precision @ change.T
-    part = np.flatnonzero(found.told)
+    covariance = found.noise_factor * (of_both - mixed - mixed.T)
+    covariance = covariance + change @ found.prior.precision @ change.T
+    part = np.flatnonzero(found.identifiable)
     scale = 1 / np.maximum(np.sqrt(np.abs(np.diag(own.covariance)[part])), 1e-300)
     scaled = covariance[np.ix_(part, part)] * np.outer(scale, scale)
     values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)

@@ -1,4 +1,4 @@
-"""Everything at once, in continuous time: motion, body and every systematic error from the raw
+"""Everything at once, in continuous time: motion, body and every calibration parameter from the raw
 readings of all instruments.
 
 No resampling, no filter, no derivative of noise: the pose is a spline in time that all readings
@@ -9,19 +9,16 @@ internal tension free.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar
-
-import numpy as np
+from dataclasses import dataclass
+from typing import ClassVar
 
 from steelyard.bodies.mass_region import Box, Ellipsoid
 from steelyard.estimates.estimate import Estimate, nothing_told
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.consistent import Consistent
-from steelyard.identification.solve.classical import NoBalanceError
-from steelyard.identification.solve.joint_study import Joint, joint_study
-from steelyard.identification.solve.study import Progress
-from steelyard.inertia import BODY_PARAMETERS
+from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.identification.solve.posterior import Posterior, Progress
 
 
 @dataclass(frozen=True)
@@ -35,6 +32,12 @@ class MaximumLikelihood:
     better."""
 
     name: ClassVar[str] = "maximum-likelihood"
+    is_baseline: ClassVar[bool] = False
+
+    @staticmethod
+    def fit(experiment: Experiment, progress: Progress = None) -> Posterior:
+        """What the estimate is drawn from; see :func:`.fit_jointly`."""
+        return fit_jointly(experiment, progress)
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
         """Estimate.
@@ -44,76 +47,10 @@ class MaximumLikelihood:
                 there is no nominal body to pull towards.
         """
         try:
-            return self.of(joint_study(experiment, progress))
+            return self.of(self.fit(experiment, progress))
         except NoBalanceError as error:
             return nothing_told(self.name, str(error))
 
-    def of(self, joint: Joint) -> Estimate:
-        """Estimate from a fit that is there already; raises as a call does."""
-        estimate = Consistent(self.regions, self.towards_nominal).of(joint.study, self.name)
-        return replace(
-            estimate,
-            details={**estimate.details, **_details(joint)},
-            notes=(*estimate.notes, *_notes(joint)),
-        )
-
-
-def _details(joint: Joint) -> dict[str, Any]:
-    fit = joint.fit
-    motion = {
-        segment.run: {
-            "knot_spacing": float(segment.knots[6] - segment.knots[5]),
-            "smoothness": dict(segment.smoothness or {}),
-        }
-        for segment in fit.state.segments
-        if not segment.static
-    }
-    first = fit.first_sigmas
-    noise: dict[str, dict[str, Any]] = {}
-    for (name, quantity), count in fit.tally.count.items():
-        factor = fit.state.factors.get((name, quantity), 1.0)
-        noise.setdefault(name, {})[quantity] = {
-            "stated": first[name, quantity] if (name, quantity) in fit.stated else None,
-            "used": first[name, quantity] * factor,
-            "found": (
-                first[name, quantity]
-                * factor
-                * float(np.sqrt(fit.ratios.get((name, quantity), 1.0)))
-            ),
-            "numbers": count,
-            "far": fit.tally.far.get((name, quantity), 0),
-        }
-    return {
-        "motion": motion,
-        "noise": noise,
-        "solver": {"converged": fit.converged, "steps": fit.turns},
-        "left_out": {
-            "contacts": {
-                run: [list(each) for each in contacts] for run, contacts in joint.contacts.items()
-            },
-            "single_readings": dict(joint.spikes),
-        },
-        "over_attainable": {
-            name: float(ours / best)
-            for name, ours, best in zip(
-                BODY_PARAMETERS,
-                np.sqrt(np.diag(joint.study.body_covariance)),
-                joint.bound.standard_deviation,
-                strict=True,
-            )
-        },
-    }
-
-
-def _notes(joint: Joint) -> list[str]:
-    notes = []
-    for run, contacts in joint.contacts.items():
-        when = ", ".join(f"{start:.2f} to {end:.2f} s" for start, end in contacts)
-        notes.append(
-            f"run '{run}': something else than the body pulled or pushed from {when}: left out"
-        )
-    for run, count in joint.spikes.items():
-        notes.append(
-            f"run '{run}': {count} force readings stand alone against all others: left out"
-        )
-    return notes
+    def of(self, posterior: Posterior) -> Estimate:
+        """Estimate from a posterior of :meth:`fit`; raises as a call does."""
+        return Consistent(self.regions, self.towards_nominal).of(posterior, self.name)

@@ -26,6 +26,7 @@ from steelyard.identification.methods.body_fit import BodyFit, finish, from_two_
 from steelyard.identification.methods.linear import LinearFit, block_sums, covariance_of, solve
 from steelyard.identification.model.preparation import Samples, prepare
 from steelyard.identification.model.sources import Acceleration, choose_sources
+from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments.equations import means, predict, terms_behind
 from steelyard.motion.state import State
@@ -53,6 +54,16 @@ class TwoStep:
     fit."""
 
     name: ClassVar[str] = "two-step"
+    fit: ClassVar[None] = None
+
+    @property
+    def is_baseline(self) -> bool:
+        """Whether it may fail beside better methods; not where one of its settings is asked for."""
+        return self.acceleration is None
+
+    def of(self, posterior: Posterior) -> Estimate:
+        """The two steps draw from samples, not from a posterior."""
+        return self(posterior.experiment)
 
     def __call__(
         self, experiment: Experiment, progress: Callable[[str, float], None] | None = None

@@ -36,7 +36,7 @@ from steelyard.identification.model.motion_residuals import (
 )
 from steelyard.identification.model.segment import Rows, covariance_of, motion_at, spread
 from steelyard.identification.model.sources import Source
-from steelyard.identification.solve.normal_equations import TEN
+from steelyard.inertia import TEN
 from steelyard.instruments.equations import following, sensitivity, solve_for
 from steelyard.motion.state import State, state_of_pose
 from steelyard.robot.cable_inertia import dragging_wrench

@@ -16,14 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import Calibration
 from steelyard.identification.model.force_residuals import Forces, force_residuals
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
 from steelyard.identification.model.segment import Rows, accumulate
-from steelyard.identification.solve.normal_equations import TEN
-from steelyard.identification.solve.study import Study
-from steelyard.inertia import BODY_PARAMETERS, body_jacobian
+from steelyard.inertia import BODY_PARAMETERS, TEN, body_jacobian
 
 _EXACT = 1e-9
 """1-sigma of what is known exactly."""
@@ -110,59 +108,6 @@ def known_information(known: Mapping[str, tuple[float, float]], jacobian: Array)
         ]
     ).reshape(-1, TEN)
     return np.asarray(rows.T @ rows)
-
-
-def attainable(found: Study) -> Bound | None:
-    """Bound of a recorded experiment, about its own estimate; None where only a part of it has been
-    looked at as a whole.
-
-    Args:
-        found: Its study.
-    """
-    experiment, calibration = found.experiment, found.calibration
-    moving = [run for run in experiment.runs if not run.static and run.name not in found.held_out]
-    segments = {
-        run.name: tuple(segment for segment in found.kinematics.segments if segment.run == run.name)
-        for run in moving
-    }
-    if found.part is not None or not all(segments.values()):
-        return None
-    forces = {
-        run.name: tuple(_forces(found, run, segment) for segment in segments[run.name])
-        for run in moving
-    }
-    at_rest = [
-        found.sums[run.name].normal
-        for run in experiment.runs
-        if run.static and run.name not in found.held_out
-    ]
-    try:
-        return cramer_rao(
-            experiment,
-            calibration,
-            segments,
-            forces,
-            found.parameters,
-            known=experiment.known,
-            further=sum(at_rest, start=0.0),
-        )
-    except np.linalg.LinAlgError:
-        return None
-
-
-def _forces(found: Study, run: Run, segment: Segment) -> Forces:
-    """Complete force readings within a segment."""
-    name = found.experiment.force_instrument(run)
-    assert name is not None
-    time = found.experiment.common_time(run, name, 0.0)
-    values = run.streams[name].values
-    use = np.all([np.isfinite(v).all(axis=1) for v in values.values()], axis=0)
-    use &= (time >= segment.knots[0]) & (time <= segment.knots[-1])
-    readings = {quantity: v[use] for quantity, v in values.items()}
-    sigma = found.sigma[run.name]
-    return Forces(
-        name, time[use], readings, sigma, np.zeros((int(use.sum()), len(sigma)), dtype=bool)
-    )
 
 
 def _all_rows(

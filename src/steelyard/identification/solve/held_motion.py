@@ -16,6 +16,7 @@ import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
 from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment
 from steelyard.identification.model.force_residuals import (
     Forces,
     balance_of,
@@ -31,9 +32,11 @@ from steelyard.identification.model.segment import (
     accumulate,
 )
 from steelyard.identification.model.sources import Source
+from steelyard.identification.solve.beginning import Tell, begin, read
+from steelyard.identification.solve.conclusion import Fitted, concluded, sound
 from steelyard.identification.solve.joint_fit import (
-    BORDER,
     Fit,
+    Linearised,
     State,
     Step,
     Task,
@@ -43,13 +46,57 @@ from steelyard.identification.solve.joint_fit import (
     larger,
     linearise,
     ratios_of,
+    smooth,
     step_of,
 )
-from steelyard.identification.solve.normal_equations import TEN
+from steelyard.identification.solve.posterior import Posterior, Progress
+from steelyard.inertia import TEN
 
 _ITERATIONS = 12
+_FEW_ITERATIONS = 4
+"""After so many the noise of the readings, and what noise of the motion does, are as they will be."""
+_ARRIVED = 0.1
+"""Promised decrease of the cost, a chi-square, at which the constants have arrived."""
+_LEAST_SHARE = 0.25
 _DRAWS = 2
 """Draws of the noise of the motion by which its mean effect is found; each is of all instants."""
+
+
+def fit_with_held_motion(
+    experiment: Experiment,
+    progress: Progress = None,
+    held_out: frozenset[str] = frozenset(),
+) -> Posterior:
+    """Fit body and calibration parameters over a motion that is held as its instruments give it.
+
+    Args:
+        experiment: With at least one run.
+        progress: Is called with what is being done and the fraction that is done.
+        held_out: Runs whose forces are not looked at; their motion is.
+
+    Raises:
+        InputError: A run lacks what the method needs.
+        NoBalanceError: Forces and motion cannot be balanced.
+    """
+    tell = progress or (lambda what, fraction: None)
+    return sound(lambda: _posterior(experiment, tell, held_out))
+
+
+def _posterior(experiment: Experiment, tell: Tell, held_out: frozenset[str]) -> Posterior:
+    readings = read(experiment, None, tell)
+    begun = begin(readings, tell, thorough=True)
+    looked_at = tuple(
+        None if segment.run in held_out else forces
+        for segment, forces in zip(begun.state.segments, readings.force_samples, strict=True)
+    )
+    task = replace(begun.task, force_samples=looked_at)
+    tell("balancing forces and motion", 0.5)
+    body = fit_held(replace(task, active=np.zeros_like(task.active)), begun.state)
+    found = fit_held(
+        task, body.state, lambda part: tell("balancing forces and motion", 0.5 + 0.3 * part)
+    )
+    fitted = Fitted(task, found, begun.motion, readings.force_samples, begun.lost, {}, {}, held_out)
+    return concluded(readings, fitted)
 
 
 def fit_held(
@@ -68,33 +115,38 @@ def fit_held(
     border = TEN + int(task.active.sum())
     column_of = np.where(task.active, TEN + np.cumsum(task.active) - 1, -1)
     unstated = Unstated(task, state)
-    motions: tuple[Array | None, ...] = (None,) * len(state.segments)
-    converged = False
-    turn = 0
+    parts, _ = linearise(_without_forces(task), state, column_of, border, None)
+    motions = _covariances(state, parts)
+    bias = np.zeros((len(state.segments), TEN))
+    share, last = 1.0, np.inf
     for turn in range(_ITERATIONS):
         parts, tally = linearise(task, state, column_of, border, motions)
-        by_motion = [s.smooth(each.motion) for s, each in zip(state.segments, parts, strict=True)]
-        equations = tuple(
-            each.forces + motion if each.forces is not None else motion
-            for each, motion in zip(parts, by_motion, strict=True)
-        )
-        if any(each is None for each in motions):
-            motions = tuple(each.inverse for each in by_motion)
-            continue
+        by_motion = smooth(state, [each.motion for each in parts])
+        equations = smooth(state, [each.all for each in parts])
         motions = tuple(each.inverse for each in by_motion)
-        bias = regressor_bias(task, state, motions, by_motion, equations)
+        if turn < _FEW_ITERATIONS:
+            bias = regressor_bias(task, state, motions, by_motion, equations)
         step = step_of(task, state, equations, follow=by_motion, further=bias.sum(axis=0))
-        followed = step_of(task, state, equations)
-        ratios = ratios_of(equations, _followed(task, state, followed, tally), task.stated)
-        factors = _of_forces(task, state, unstated(state, ratios))
+        if not np.isfinite(step.border).all():
+            raise np.linalg.LinAlgError
+        factors = state.factors
+        if turn < _FEW_ITERATIONS:
+            followed = step_of(task, state, equations)
+            ratios = ratios_of(equations, _followed(task, state, followed, tally), task.stated)
+            wanted = (
+                {**larger(task, state, ratios), **unstated(state, ratios)}
+                if turn
+                else unstated(state, ratios)
+            )
+            factors = _of_forces(task, state, wanted)
         settled = not changed(state.factors, factors)
-        arrived = settled and step.constant < BORDER
-        if arrived:
-            factors = _of_forces(task, state, larger(task, state, ratios))
-            converged = not changed(state.factors, factors)
+        converged = settled and step.constant < _ARRIVED
         if converged:
             break
-        state = replace(step.along(task, state, 1.0), factors=factors)
+        # Where what is left out of the curvature throws it to and fro, half of a step arrives.
+        share = max(share / 2, _LEAST_SHARE) if step.constant > last and settled else share
+        last = step.constant
+        state = replace(step.along(task, state, share), factors=factors)
         tell(min(0.95, turn / 5))
     return Fit(
         state,
@@ -109,6 +161,15 @@ def fit_held(
         motions,
         bias,
     )
+
+
+def _without_forces(task: Task) -> Task:
+    return replace(task, force_samples=(None,) * len(task.force_samples))
+
+
+def _covariances(state: State, parts: Sequence[Linearised]) -> tuple[Array, ...]:
+    """Covariance of the motion of every segment as its instruments alone leave it."""
+    return tuple(each.inverse for each in smooth(state, [part.motion for part in parts]))
 
 
 def _of_forces(task: Task, state: State, factors: Mapping[Source, float]) -> dict[Source, float]:
@@ -145,7 +206,7 @@ def _followed(task: Task, state: State, step: Step, tally: Tally) -> Tally:
 def regressor_bias(
     task: Task,
     state: State,
-    motions: Sequence[Array | None],
+    motions: Sequence[Array],
     by_motion: Sequence[NormalEquations],
     equations: Sequence[NormalEquations],
 ) -> Array:

@@ -29,7 +29,7 @@ from steelyard.identification.model.motion_residuals import (
 from steelyard.identification.model.segment import POSE, Label, NormalEquations, accumulate
 from steelyard.identification.model.smoothness import smoothness
 from steelyard.identification.model.sources import Source
-from steelyard.identification.solve.normal_equations import TEN
+from steelyard.inertia import TEN
 
 _TURNS, _TURNS_BEGINNING = 30, 12
 _SHORTER, _LEAST_SHARE = 0.3, 1e-3
@@ -138,7 +138,7 @@ def linearise(
     state: State,
     column_of: NDArray[np.intp],
     border: int,
-    motions: Sequence[Array | None],
+    motions: Sequence[Array] | None = None,
 ) -> tuple[tuple[Linearised, ...], Tally]:
     """Normal equations of every segment about a state, over columns of the border that may be more
     than are estimated.
@@ -148,13 +148,13 @@ def linearise(
         state: Where to linearise.
         column_of: Column of each calibration parameter in the border; -1: not there; shape (u,).
         border: Number of columns of the border.
-        motions: Covariance of the motion of each segment, where it is held, see
-            :func:`.force_residuals`.
+        motions: Covariance of the motion of each segment where it is held, see
+            :func:`.force_residuals`; None: it follows the forces.
     """
     tally = Tally()
     found = []
     for segment, force_samples, motion in zip(
-        state.segments, task.force_samples, motions, strict=True
+        state.segments, task.force_samples, motions or (None,) * len(state.segments), strict=True
     ):
         size = len(segment.coefficients), border
         rows = motion_residuals(
@@ -207,7 +207,7 @@ def fit(
     many = sum(segment.coefficients.size for segment in state.segments)
     turn = 0
     for turn in range(_TURNS_BEGINNING if beginning else _TURNS):
-        parts, tally = linearise(task, state, column_of, border, (None,) * len(state.segments))
+        parts, tally = linearise(task, state, column_of, border)
         readings = [each.all for each in parts]
         cost = tally.cost + _prior_cost(task, state)
         if accepted is not None and not cost < accepted[2] * (1 + _SAME):
@@ -379,6 +379,7 @@ def larger(task: Task, state: State, ratios: Mapping[Source, float]) -> dict[Sou
 
 
 def changed(old: Mapping[Source, float], new: Mapping[Source, float]) -> bool:
+    """Whether a level of noise has not settled yet."""
     return any(abs(np.log(level / old.get(source, 1.0))) > _LEVEL for source, level in new.items())
 
 
@@ -412,6 +413,8 @@ def border_system(task: Task, state: State, reduced: tuple[Array, Array]) -> tup
 
 @dataclass(frozen=True, eq=False)
 class Step:
+    """A step of Gauss and Newton."""
+
     border: Array
     """Of the border parameters."""
     motion: tuple[Array, ...]

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array, stretches
 from steelyard.experiment.model import Experiment, Run, is_motion
-from steelyard.identification.model.balance import force_sigma, least_sigma
 from steelyard.identification.model.calibration_parameters import Calibration, clock_of
+from steelyard.identification.model.force_noise import force_sigma, least_sigma
 from steelyard.identification.model.force_residuals import Forces
 from steelyard.identification.model.knot_spacing import Channelled, best_spacing
 from steelyard.identification.model.motion_residuals import PARTS, Reading, Segment, jerk_matrices

@@ -18,10 +18,9 @@ from scipy.stats import chi2, norm
 
 from steelyard.arrays import Array
 from steelyard.identification.model.calibration_parameters import DRAG, LAG, ROBOT
-from steelyard.identification.solve.normal_equations import TEN
-from steelyard.identification.solve.study import Study
+from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.diagnosis import diagnose
-from steelyard.inertia import body_jacobian
+from steelyard.inertia import TEN, body_jacobian
 
 FAMILY = 1e-3
 """Probability that any of the directed tests rejects a sound recording."""
@@ -74,17 +73,18 @@ class Finding:
         )
 
 
-def directed_tests(study: Study) -> tuple[Finding, ...]:
+def directed_tests(posterior: Posterior) -> tuple[Finding, ...]:
     """A score test for every number of the description that acts on the balance, largest first."""
-    # Of a long recording a part has looked at all of them.
-    study = study.part or study
-    return tuple(sorted([*_of_fixed(study), *_of_priors(study)], key=lambda f: -abs(f.z)))
+    return tuple(sorted([*_of_fixed(posterior), *_of_priors(posterior)], key=lambda f: -abs(f.z)))
 
 
-def _of_fixed(study: Study) -> Iterator[Finding]:
-    """Errors that were not estimated: known exactly, or passed on with their priors."""
-    solution, calibration_parameters = study.solution, study.calibration.calibration_parameters
-    total = study.total
+def _of_fixed(posterior: Posterior) -> Iterator[Finding]:
+    """Numbers of the description that were taken as exact."""
+    solution, calibration_parameters = (
+        posterior.solution,
+        posterior.calibration.calibration_parameters,
+    )
+    total = posterior.total
     tested = np.flatnonzero(~solution.estimated & (np.diag(total.normal) > 0))
     tested = tested[tested >= TEN]
     if not len(tested):
@@ -92,32 +92,28 @@ def _of_fixed(study: Study) -> Iterator[Finding]:
     use = np.flatnonzero(solution.estimated)
     follow = total.normal[np.ix_(tested, use)] @ solution.gain[np.ix_(use, use)]
     information = total.normal[np.ix_(tested, tested)] - follow @ total.normal[np.ix_(use, tested)]
-    score = solution.residual_scores[tested]
+    score = solution.scores[tested]
     # What the priors of the estimated pull is no evidence against those that are not.
     pulled = (
-        solution.residual_scores[use]
-        - (study.prior.precision @ solution.value - study.prior.pull)[use]
+        solution.scores[use]
+        - (posterior.prior.precision @ solution.value - posterior.prior.pull)[use]
     )
     score = score - follow @ pulled
     diagonal, own = np.diag(information), np.diag(total.normal)[tested]
-    noise = study.noise_factor * diagonal
-    # Noise that a column has in common with the target was taken off in the mean; it scatters as a
-    # sum of squares does.
-    noise = noise + 2 * np.abs(total.shared[tested])
+    noise = posterior.noise_factor * diagonal
     noise = np.maximum(
         noise,
         _by_blocks(
-            study,
+            posterior,
             tested,
             use,
             follow,
             np.where(diagonal > _ITS_OWN * own, score / np.maximum(diagonal, 1e-300), 0.0),
         ),
     )
-    passed_on = information @ study.prior.covariance[np.ix_(tested, tested)] @ information.T
-    z = score / np.sqrt(np.maximum(noise + np.diag(passed_on), 1e-300))
+    z = score / np.sqrt(np.maximum(noise, 1e-300))
     components = {TEN + place: unknown for place, unknown, _ in calibration_parameters.components()}
-    moves = -solution.gain[:TEN][:, use] @ total.crossed[np.ix_(use, tested)]
+    moves = -solution.gain[:TEN][:, use] @ total.normal[np.ix_(use, tested)]
     for i, column in enumerate(tested):
         if diagonal[i] < _ITS_OWN * own[i]:
             continue
@@ -128,29 +124,33 @@ def _of_fixed(study: Study) -> Iterator[Finding]:
             size=float(size),
             sigma=float(np.sqrt(noise[i]) / diagonal[i]),
             unit=unknown.unit,
-            shift=_shift(study, moves[:, i] * size),
+            shift=_shift(posterior, moves[:, i] * size),
             proposal=_proposal(unknown.owner, unknown.key),
         )
 
 
 def _by_blocks(
-    study: Study, tested: NDArray[np.intp], use: NDArray[np.intp], follow: Array, size: Array
+    posterior: Posterior,
+    tested: NDArray[np.intp],
+    use: NDArray[np.intp],
+    follow: Array,
+    size: Array,
 ) -> Array:
     """Variance of the scores as stretches of the recording show it, shape (t,).
 
     An error of the description is there throughout; a misfit of the model comes and goes, and must
     not be taken for one.
     """
-    blocks = study.blocks
+    blocks = posterior.blocks
     if len(blocks.right) < _FEWEST_BLOCKS:
         return np.zeros(len(tested))
-    scores = blocks.scores(study.solution.value)
+    scores = blocks.scores(posterior.solution.value)
     scores = scores[:, tested] - scores[:, use] @ follow.T
     # What an error of the size found would have put into each of them.
-    own = np.einsum("btt->bt", blocks.crossed[:, tested[:, None], tested])
-    shared = np.einsum("tu,but->bt", follow, blocks.crossed[:, use[:, None], tested])
+    own = np.einsum("btt->bt", blocks.normal[:, tested[:, None], tested])
+    shared = np.einsum("tu,but->bt", follow, blocks.normal[:, use[:, None], tested])
     estimated = np.einsum(
-        "tu,buv,tv->bt", follow, blocks.crossed[:, use[:, None], use], follow, optimize=True
+        "tu,buv,tv->bt", follow, blocks.normal[:, use[:, None], use], follow, optimize=True
     )
     explained = own - 2 * shared + estimated
     rest = scores - explained * size
@@ -159,38 +159,38 @@ def _by_blocks(
     return np.asarray(np.sum(rest**2, axis=0) * count / (count - 1))
 
 
-def _of_priors(study: Study) -> Iterator[Finding]:
-    """Errors that were estimated: whether they came out where their prior has them."""
+def _of_priors(posterior: Posterior) -> Iterator[Finding]:
+    """Calibration parameters that were estimated: whether they came out where their prior has them."""
     calibration_parameters, values = (
-        study.calibration.calibration_parameters,
-        study.calibration.values,
+        posterior.calibration.calibration_parameters,
+        posterior.calibration.values,
     )
-    posterior = np.diag(study.solution.covariance)[TEN:]
-    moves = study.solution.covariance[:TEN, TEN:]
+    variance = np.diag(posterior.solution.covariance)[TEN:]
+    moves = posterior.solution.covariance[:TEN, TEN:]
     for place, unknown, component in calibration_parameters.components():
         prior = unknown.deviation[component] ** 2
-        if not study.solution.estimated[TEN + place] or posterior[place] > _INFORMED * prior:
+        if not posterior.solution.estimated[TEN + place] or variance[place] > _INFORMED * prior:
             continue
         size = values[place] - unknown.mean[component]
         yield Finding(
             name=calibration_parameters.names[place],
-            z=float(size / np.sqrt(prior - posterior[place])),
+            z=float(size / np.sqrt(prior - variance[place])),
             size=float(size),
-            sigma=float(np.sqrt(posterior[place])),
+            sigma=float(np.sqrt(variance[place])),
             unit=unknown.unit,
             # Held at its prior, the estimate would move by so much.
-            shift=_shift(study, moves[:, place] / posterior[place] * size),
+            shift=_shift(posterior, moves[:, place] / variance[place] * size),
             proposal=_proposal(unknown.owner, unknown.key),
         )
 
 
-def _shift(study: Study, change: Array) -> float:
+def _shift(posterior: Posterior, change: Array) -> float:
     """Length of a change of the ten linear parameters in the 1-sigma of what is told."""
-    told = study.told
+    told = posterior.identifiable
     if not told.any():
         return 0.0
-    moved = (body_jacobian(study.parameters) @ change)[told]
-    covariance = study.body_covariance[np.ix_(told, told)]
+    moved = (body_jacobian(posterior.parameters) @ change)[told]
+    covariance = posterior.body_covariance[np.ix_(told, told)]
     scale = 1 / np.sqrt(np.diag(covariance))
     inverse = np.linalg.pinv(covariance * np.outer(scale, scale), hermitian=True)
     return float(np.sqrt(np.abs((moved * scale) @ inverse @ (moved * scale))))
@@ -224,41 +224,41 @@ def _proposal(owner: str, key: str) -> str:
     }.get(key, f"check how {owner} is described and mounted, or state a larger {where}")
 
 
-def reasons(study: Study, tests: Sequence[Finding] | None = None) -> list[str]:
+def reasons(posterior: Posterior, tests: Sequence[Finding] | None = None) -> list[str]:
     """Why not to rely on an estimate, in words and numbers; none for a sound recording.
 
     Args:
-        study: What the estimate stands on.
+        posterior: What the estimate stands on.
         tests: Its :func:`directed_tests`, where they have been made already.
     """
-    tests = directed_tests(study) if tests is None else tests
-    contradictions = [*_of_motion(study), *_of_forces(study)]
+    tests = directed_tests(posterior) if tests is None else tests
+    contradictions = [*_of_motion(posterior), *_of_forces(posterior)]
     return [
         *contradictions,
-        *(diagnose(study) if contradictions else ()),
-        *_of_runs(study),
+        *(diagnose(posterior) if contradictions else ()),
+        *_of_runs(posterior),
         *_of_description(tests, 1 if contradictions else _MOST_NAMED),
-        *_of_nominal(study),
-        *_of_bias(study),
+        *_of_nominal(posterior),
+        *_of_bias(posterior),
     ]
 
 
-def _of_motion(study: Study) -> Iterator[str]:
-    if not study.kinematics.converged:
+def _of_motion(posterior: Posterior) -> Iterator[str]:
+    if not posterior.motion_converged:
         yield (
             "the motion instruments contradict each other beyond repair; check their axes, signs,"
             " units and 'sync'"
         )
-    elif not study.settled:
+    elif not posterior.fit.converged:
         yield (
             "the estimate did not settle: the description is far from what the data show; check"
             " axes, signs, units and 'sync'"
         )
-    for (name, quantity), ratio in study.kinematics.ratios.items():
+    for (name, quantity), ratio in posterior.motion_ratios.items():
         stated = any(
             q.name == quantity and q.noise
-            for q in study.experiment.instruments[name].quantities(
-                study.calibration.calibration_parameters.m
+            for q in posterior.experiment.instruments[name].quantities(
+                posterior.calibration.calibration_parameters.m
             )
         )
         what = f"{quantity.replace('_', ' ')} of {name}"
@@ -274,25 +274,25 @@ def _of_motion(study: Study) -> Iterator[str]:
             )
 
 
-def _of_forces(study: Study) -> Iterator[str]:
-    total, solution = study.total, study.solution
+def _of_forces(posterior: Posterior) -> Iterator[str]:
+    total, solution = posterior.total, posterior.solution
     freedom = max(1.0, 6 * total.freedom - solution.spent)
     # Few equations scatter widely without anything being wrong.
     large, small = (
         chance(solution.ratio * freedom, freedom) < _BY_CHANCE for chance in (chi2.sf, chi2.cdf)
     )
-    if not study.stated and 6 * total.freedom < 2 * solution.spent:
+    if not posterior.stated and 6 * total.freedom < 2 * solution.spent:
         yield (
             f"too short: {6 * total.freedom:.0f} independent equations for {solution.spent:.0f}"
             " unknowns; record longer"
         )
-    if study.stated and solution.ratio > _TWICE and large:
+    if posterior.stated and solution.ratio > _TWICE and large:
         yield (
             f"forces and motion do not balance: the residual is {np.sqrt(solution.ratio):.1f} times"
             " what the stated noise explains; check the order and the unit of the force sensors,"
             " the geometry of the robot, and whether anything touched the platform"
         )
-    elif study.stated and solution.ratio < _MUCH_LESS and small:
+    elif posterior.stated and solution.ratio < _MUCH_LESS and small:
         yield (
             "forces and motion balance better than the stated noise allows"
             f" ({np.sqrt(max(solution.ratio, 0.0)):.2g} of it); check the unit of the forces and"
@@ -302,11 +302,11 @@ def _of_forces(study: Study) -> Iterator[str]:
         for name, factor in solution.inflation.items():
             if factor > _TWICE:
                 yield _INFLATED[name].format(factor=factor)
-    for run, weights in study.weights.items():
+    for run, weights in posterior.weights.items():
         outliers = float(np.mean(weights < 1))
         if outliers > _MOST_OUTLIERS:
             yield (
-                f"run '{run}': {outliers:.0%} of the samples stand out ({_when(study, run)}); check"
+                f"run '{run}': {outliers:.0%} of the samples stand out ({_when(posterior, run)}); check"
                 " whether anything touched the platform"
             )
 
@@ -328,26 +328,26 @@ _INFLATED = {
 }
 
 
-def _when(study: Study, run: str) -> str:
-    samples = next(s for s in study.samples if s.run == run)
-    out = samples.time[study.weights[run] < 1]
+def _when(posterior: Posterior, run: str) -> str:
+    samples = next(s for s in posterior.samples if s.run == run)
+    out = samples.time[posterior.weights[run] < 1]
     return f"between {out[0]:.2f} and {out[-1]:.2f} s"
 
 
-def _of_runs(study: Study) -> Iterator[str]:
+def _of_runs(posterior: Posterior) -> Iterator[str]:
     """Runs whose own estimates do not agree."""
-    sums = [each for name, each in study.sums.items() if name not in study.held_out]
-    if len(sums) < 2 or study.solution.inflation:
+    sums = [each for name, each in posterior.equations.items() if name not in posterior.held_out]
+    if len(sums) < 2 or posterior.solution.inflation:
         return
     # The scores of a run are what it would move the estimate by; they add up to what the priors
     # pull.
     by_run = np.array(
         [
-            study.blocks.scores(study.solution.value)[study.blocks.run == i].sum(axis=0)
-            for i in np.unique(study.blocks.run)
+            posterior.blocks.scores(posterior.solution.value)[posterior.blocks.run == i].sum(axis=0)
+            for i in np.unique(posterior.blocks.run)
         ]
     )
-    use = np.flatnonzero(study.told)
+    use = np.flatnonzero(posterior.identifiable)
     if not len(use):
         return
     chi = 0.0
@@ -357,7 +357,7 @@ def _of_runs(study: Study) -> Iterator[str]:
             scores[use] @ np.linalg.pinv(information, rcond=1e-10, hermitian=True) @ scores[use]
         )
     freedom = (len(sums) - 1) * len(use)
-    if chi2.sf(chi / study.noise_factor, freedom) < FAMILY / 10:
+    if chi2.sf(chi / posterior.noise_factor, freedom) < FAMILY / 10:
         yield (
             f"the runs contradict each other (chi-square {chi:.0f} on {freedom}); check whether the"
             " load or a sensor changed between them"
@@ -376,23 +376,23 @@ def _of_description(tests: Sequence[Finding], most: int) -> Iterator[str]:
         )
 
 
-def _of_nominal(study: Study) -> Iterator[str]:
-    nominal = study.experiment.robot.platform
-    if nominal is None or study.parameters[0] <= 0:
+def _of_nominal(posterior: Posterior) -> Iterator[str]:
+    nominal = posterior.experiment.robot.platform
+    if nominal is None or posterior.parameters[0] <= 0:
         return
-    factor = study.parameters[0] / nominal.mass
+    factor = posterior.parameters[0] / nominal.mass
     if not 1 / _FACTOR_OF_MASS < factor < _FACTOR_OF_MASS:
         yield (
-            f"the mass is {factor:.3g} times the nominal one ({study.parameters[0]:.4g} and"
+            f"the mass is {factor:.3g} times the nominal one ({posterior.parameters[0]:.4g} and"
             f" {nominal.mass:.4g} kg); check the unit of the forces, or correct 'platform' in the"
             " robot file"
         )
 
 
-def _of_bias(study: Study) -> Iterator[str]:
-    bias = body_jacobian(study.parameters) @ study.solution.bias[:TEN]
-    told = study.told
-    rest = np.diag(study.body_covariance) - bias**2
+def _of_bias(posterior: Posterior) -> Iterator[str]:
+    bias = body_jacobian(posterior.parameters) @ posterior.solution.bias[:TEN]
+    told = posterior.identifiable
+    rest = np.diag(posterior.body_covariance) - bias**2
     worst = float(
         np.max(
             np.abs(bias) / np.sqrt(np.maximum(rest, 1e-300)), where=told & (rest > 0), initial=0.0
@@ -405,30 +405,30 @@ def _of_bias(study: Study) -> Iterator[str]:
         )
 
 
-def priors_share(study: Study) -> Array:
+def priors_share(posterior: Posterior) -> Array:
     """Part of the variance of each of the ten body parameters that came from priors and not from
     the data, shape (10,).
     """
-    J = body_jacobian(study.parameters)
-    whole = np.diag(study.body_covariance)
-    noise = np.diag(J @ study.solution.noise_part[:TEN, :TEN] @ J.T) * study.noise_factor
+    J = body_jacobian(posterior.parameters)
+    whole = np.diag(posterior.body_covariance)
+    noise = np.diag(J @ posterior.solution.noise_part[:TEN, :TEN] @ J.T) * posterior.noise_factor
     return np.asarray(np.clip(1 - noise / np.maximum(whole, 1e-300), 0.0, 1.0))
 
 
-def label_mask(study: Study) -> NDArray[np.bool_]:
+def label_mask(posterior: Posterior) -> NDArray[np.bool_]:
     """Which of the ten body parameters were told by what was known about the body rather than by
     the data, shape (10,).
     """
-    if not study.experiment.known:
+    if not posterior.experiment.known:
         return np.zeros(TEN, dtype=bool)
-    J = body_jacobian(study.parameters)
-    use = np.flatnonzero(study.solution.estimated)
-    precision = study.prior.precision.copy()
+    J = body_jacobian(posterior.parameters)
+    use = np.flatnonzero(posterior.solution.estimated)
+    precision = posterior.prior.precision.copy()
     precision[:TEN, :TEN] = 0.0
-    matrix = study.total.normal[np.ix_(use, use)] + precision[np.ix_(use, use)]
+    matrix = posterior.total.normal[np.ix_(use, use)] + precision[np.ix_(use, use)]
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     alone = np.linalg.pinv(matrix * np.outer(scale, scale), rcond=1e-14, hermitian=True) * np.outer(
         scale, scale
     )
     without = np.diag(J @ alone[:TEN, :TEN] @ J.T)
-    return np.asarray(np.diag(study.body_covariance) < 0.5 * without)
+    return np.asarray(np.diag(posterior.body_covariance) < 0.5 * without)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import platform_regressor
 from steelyard.identification.model.preparation import Samples, prepare
-from steelyard.identification.solve.study import Study
+from steelyard.identification.solve.posterior import Posterior
 
 _MOST_SAMPLES = 400
 _OFFSET = 0.01
@@ -22,24 +22,24 @@ _MUCH_BETTER = 0.25
 _NEAR = 0.15
 
 
-def diagnose(study: Study) -> Iterator[str]:
+def diagnose(posterior: Posterior) -> Iterator[str]:
     """Mistakes of description that would explain a recording that does not balance, in words."""
-    yield from _accelerometer(study)
-    yield from _swap(study)
+    yield from _accelerometer(posterior)
+    yield from _swap(posterior)
 
 
-def _accelerometer(study: Study) -> Iterator[str]:
+def _accelerometer(posterior: Posterior) -> Iterator[str]:
     """What the accelerometers feel on average must be gravity: a platform goes nowhere in the long
     run.
     """
-    experiment = study.experiment
+    experiment = posterior.experiment
     gravity = experiment.robot.gravity
     for run in experiment.runs:
         if run.static or not any(
             "specific_force" in stream.values for stream in run.streams.values()
         ):
             continue
-        samples = prepare(experiment, run, thin=True)
+        samples = prepare(experiment, run, thin=True, commanded=True)
         if samples.rotation is None:
             continue
         force_samples = np.mean(
@@ -64,17 +64,21 @@ def _accelerometer(study: Study) -> Iterator[str]:
         return
 
 
-def _swap(study: Study) -> Iterator[str]:
+def _swap(posterior: Posterior) -> Iterator[str]:
     """Two force columns exchanged."""
-    experiment = study.experiment
+    experiment = posterior.experiment
     run = next(
-        (r for r, s in zip(experiment.runs, study.samples, strict=True) if s.structure is not None),
+        (
+            r
+            for r, s in zip(experiment.runs, posterior.samples, strict=True)
+            if s.structure is not None
+        ),
         None,
     )
     if run is None:
         return
     # As the description has it: what was estimated has been bent to bear the mistake.
-    samples = prepare(experiment, run, thin=True)
+    samples = prepare(experiment, run, thin=True, commanded=True)
     few = samples.part(slice(None, None, max(1, len(samples) // _MOST_SAMPLES)))
     assert few.tension is not None
     m = few.tension.shape[1]

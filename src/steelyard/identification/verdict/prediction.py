@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.dynamics import platform_wrench
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import plain
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.balance import wrench_noise
-from steelyard.identification.solve.classical import NoBalanceError, study
-from steelyard.identification.solve.study import Progress
+from steelyard.identification.model.force_residuals import balance_of
+from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.held_motion import fit_with_held_motion
+from steelyard.identification.solve.posterior import Progress
 
 AXES = ("force x", "force y", "force z", "torque x", "torque y", "torque z")
 
@@ -27,8 +27,7 @@ class Prediction:
     error: Array
     """Root mean square of measured minus predicted [N], [N m], shape (6,)."""
     noise: Array
-    """What the noise of the force sensors alone would leave of it after the same filter [N], [N m],
-    shape (6,)."""
+    """What the noise of the force sensors alone would leave of it [N], [N m], shape (6,)."""
     spread: Array
     """Standard deviation of the measured wrench [N], [N m], shape (6,)."""
 
@@ -78,24 +77,40 @@ def predict_held_out(
             " hold out fewer"
         )
     try:
-        found = study(experiment, progress, held_out=names)
+        found = fit_with_held_motion(experiment, progress, held_out=names)
     except NoBalanceError as error:
         raise InputError(f"--holdout: {error}") from error
+    state = found.fit.state
     predictions = []
-    for run, samples in zip(experiment.runs, found.samples, strict=True):
+    for run in experiment.runs:
         if run.name not in names:
             continue
-        predicted = platform_wrench(
-            found.parameters, samples.specific_force, samples.omega, samples.alpha
-        )
+        parts = [
+            (segment, forces)
+            for segment, forces in zip(state.segments, found.force_samples, strict=True)
+            if segment.run == run.name
+        ]
+        balances = [
+            balance_of(
+                experiment, segment, forces, state.calibration, found.parameters, state.factors
+            )
+            for segment, forces in parts
+        ]
+        noise = [
+            at.by_reading * forces.sigmas(segment, state.factors)[:, None, :]
+            for at, (segment, forces) in zip(balances, parts, strict=True)
+        ]
         predictions.append(
             Prediction(
                 run=run.name,
-                error=np.sqrt(np.mean((samples.wrench - predicted) ** 2, axis=0)),
-                noise=wrench_noise(
-                    experiment, run, samples, found.calibration, found.sigma[run.name]
-                ),
-                spread=np.std(samples.wrench, axis=0),
+                error=_rms([at.left_over for at in balances]),
+                noise=_rms([np.sqrt(np.sum(each**2, axis=2)) for each in noise]),
+                spread=np.std(np.concatenate([at.wrench for at in balances]), axis=0),
             )
         )
     return tuple(predictions)
+
+
+def _rms(parts: list[Array]) -> Array:
+    """Root mean square over all samples, shape (6,)."""
+    return np.asarray(np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0)))

@@ -1,0 +1,186 @@
+"""From a posterior to an estimate: what the data do not tell struck out, the rest judged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.estimates.estimate import Estimate, judge
+from steelyard.identification.model.calibration_parameters import as_tree
+from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.verdict.assessment import (
+    directed_tests,
+    label_mask,
+    priors_share,
+    reasons,
+)
+from steelyard.inertia import BODY_PARAMETERS, Inertia
+
+
+def finished(
+    found: Posterior,
+    method: str,
+    *,
+    value: Array | None = None,
+    covariance: Array | None = None,
+    further: Sequence[str] = (),
+    details: Mapping[str, Any] | None = None,
+    notes: Sequence[str] = (),
+) -> Estimate:
+    """The estimate of a posterior: what the data do not tell struck out, the rest judged.
+
+    Args:
+        found: What it stands on.
+        method: Its name.
+        value: The ten body parameters, where they are not those of the posterior, shape (10,).
+        covariance: Theirs, shape (10, 10).
+        further: Reasons against it that the posterior does not know.
+        details: How it was made, beyond what all share.
+        notes: What a reader should know, beyond what all share.
+    """
+    solution, calibration_parameters = found.solution, found.calibration.calibration_parameters
+    value = Inertia.from_parameters(found.parameters).body_parameters if value is None else value
+    covariance = found.body_covariance if covariance is None else covariance
+    told = found.identifiable
+    value = np.where(told, value, np.nan)
+    tests = directed_tests(found)
+    return Estimate(
+        method=method,
+        value=value,
+        covariance=np.where(np.outer(told, told), covariance, np.nan),
+        verdict=judge(
+            value,
+            reasons=[*further, *reasons(found, tests)],
+            by_prior=[bool(p) for p in label_mask(found)],
+        ),
+        calibration=as_tree(
+            found.experiment, calibration_parameters, found.calibration.values, found.deviations
+        ),
+        residuals=_residuals(found),
+        details={
+            "noise_ratio": float(np.sqrt(max(solution.ratio, 0.0))),
+            "covariance_enlarged_by": dict(solution.inflation),
+            "share_of_priors": dict(zip(BODY_PARAMETERS, priors_share(found), strict=True)),
+            "filter": {s.run: {"knot_spacing": s.spacing} for s in found.samples if not s.static},
+            "samples": {s.run: len(s) for s in found.samples},
+            "independent_samples": {run: each.freedom for run, each in found.equations.items()},
+            "directed_tests": {
+                "count": len(tests),
+                "largest": [
+                    {"name": t.name, "z": t.z, "size": t.size, "unit": t.unit} for t in tests[:5]
+                ],
+            },
+            **(details or {}),
+            **_of_fit(found),
+        },
+        notes=(*found.notes, *_notes(found), *notes, *_left_out(found)),
+    )
+
+
+def _residuals(found: Posterior) -> dict[str, Any]:
+    """Root mean square of the balance per axis, and of each motion instrument in units of its
+    noise.
+    """
+    residual = np.concatenate(
+        [found.unexplained(s) for s in found.samples if s.run not in found.held_out]
+    )
+    rms = np.sqrt(np.mean(residual**2, axis=0))
+    motion: dict[str, dict[str, float]] = {}
+    for (name, quantity), ratio in found.motion_ratios.items():
+        motion.setdefault(name, {})[quantity] = ratio
+    return {"force": rms[:3], "torque": rms[3:], "in_units_of_noise": motion}
+
+
+def _notes(found: Posterior) -> list[str]:
+    notes = []
+    untold = [
+        name for name, told in zip(BODY_PARAMETERS, found.identifiable, strict=True) if not told
+    ]
+    if untold:
+        notes.append(f"not told by these data: {', '.join(untold)} ({_motion(found)})")
+    for name, factor in found.solution.inflation.items():
+        notes.append(
+            f"1-sigma enlarged by {np.sqrt(factor):.2f} for what the {name} show beyond noise"
+        )
+    return notes
+
+
+def _motion(found: Posterior) -> str:
+    moving = [s for s in found.samples if not s.static]
+    if not moving:
+        return (
+            "poses at rest say nothing about the inertia, and each says where the centre of gravity"
+            " is only across gravity"
+        )
+    rates = np.sqrt(np.mean(np.concatenate([s.alpha**2 for s in moving]), axis=0))
+    return (
+        "angular acceleration about x, y, z was "
+        + ", ".join(f"{r:.2g}" for r in rates)
+        + " rad/s^2 rms"
+    )
+
+
+def _of_fit(found: Posterior) -> dict[str, Any]:
+    """How the fit was made: knots, noise as stated and as found, steps, what was left out."""
+    fit = found.fit
+    motion = {
+        segment.run: {
+            "knot_spacing": float(segment.knots[6] - segment.knots[5]),
+            "smoothness": dict(segment.smoothness or {}),
+        }
+        for segment in fit.state.segments
+        if not segment.static
+    }
+    first = fit.first_sigmas
+    noise: dict[str, dict[str, Any]] = {}
+    for (name, quantity), count in fit.tally.count.items():
+        factor = fit.state.factors.get((name, quantity), 1.0)
+        noise.setdefault(name, {})[quantity] = {
+            "stated": first[name, quantity] if (name, quantity) in fit.stated else None,
+            "used": first[name, quantity] * factor,
+            "found": (
+                first[name, quantity]
+                * factor
+                * float(np.sqrt(fit.ratios.get((name, quantity), 1.0)))
+            ),
+            "numbers": count,
+            "far": fit.tally.far.get((name, quantity), 0),
+        }
+    return {
+        "motion": motion,
+        "noise": noise,
+        "solver": {"converged": fit.converged, "steps": fit.turns},
+        "left_out": {
+            "contacts": {
+                run: [list(each) for each in contacts] for run, contacts in found.contacts.items()
+            },
+            "single_readings": dict(found.spikes),
+        },
+        "over_attainable": {
+            name: float(ours / best)
+            for name, ours, best in zip(
+                BODY_PARAMETERS,
+                np.sqrt(np.diag(found.body_covariance)),
+                found.bound.standard_deviation,
+                strict=True,
+            )
+        },
+    }
+
+
+def _left_out(found: Posterior) -> list[str]:
+    """What was left out of the forces, in words."""
+    notes = []
+    for run, contacts in found.contacts.items():
+        when = ", ".join(f"{start:.2f} to {end:.2f} s" for start, end in contacts)
+        notes.append(
+            f"run '{run}': something else than the body pulled or pushed from {when}: left out"
+        )
+    for run, count in found.spikes.items():
+        notes.append(
+            f"run '{run}': {count} force readings stand alone against all others: left out"
+        )
+    return notes

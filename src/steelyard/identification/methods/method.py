@@ -1,0 +1,37 @@
+"""What a method of estimation is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from steelyard.estimates.estimate import Estimate
+from steelyard.experiment.model import Experiment
+from steelyard.identification.solve.posterior import Posterior, Progress
+
+Fit = Callable[[Experiment, Progress], Posterior]
+"""From an experiment to what estimates are drawn from."""
+
+
+class Method(Protocol):
+    """A method with its settings."""
+
+    @property
+    def name(self) -> str:
+        """By which it is chosen, and under which its estimate is kept."""
+
+    @property
+    def fit(self) -> Fit | None:
+        """What its estimate is drawn from; methods with the same one share it; None: the method
+        stands alone.
+        """
+
+    @property
+    def is_baseline(self) -> bool:
+        """Whether it stands beside better ones, so that it need not succeed."""
+
+    def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
+        """Estimate."""
+
+    def of(self, posterior: Posterior) -> Estimate:
+        """Estimate from a posterior of its :attr:`fit`."""

@@ -1,0 +1,308 @@
+"""Where a fit begins: segments of all runs, the motion as its instruments alone give it, a first
+body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.dynamics import platform_regressor
+from steelyard.estimates.estimate import plausible_radius
+from steelyard.experiment.model import Experiment
+from steelyard.identification.model.calibration_parameters import (
+    ROBOT,
+    Calibration,
+    CalibrationParameters,
+    clock_of,
+    gather,
+)
+from steelyard.identification.model.force_residuals import Forces, balance_of, sample_weight
+from steelyard.identification.model.motion_residuals import (
+    AT_REST,
+    Segment,
+    reference_clocks,
+    time_of,
+)
+from steelyard.identification.model.preparation import Samples, prepare
+from steelyard.identification.model.sources import Source
+from steelyard.identification.solve.joint_fit import Fit, State, Task, fit
+from steelyard.identification.solve.lost_readings import STUCK_FAR, without_lost
+from steelyard.identification.solve.posterior import known_body, plausible
+from steelyard.identification.solve.segmentation import Recorded, recorded
+from steelyard.inertia import TEN
+from steelyard.instruments import Command
+
+Tell = Callable[[str, float], None]
+_FAR_OFF = 10.0
+"""Prior 1-sigma beyond which a calibration parameter is no beginning for another fit."""
+_BODY_ITERATIONS = 3
+
+
+class NoBalanceError(ArithmeticError):
+    """Forces and motion cannot be balanced, so that there is no estimate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """The runs of an experiment, cut into segments."""
+
+    experiment: Experiment
+    calibration: Calibration
+    """Values to begin with."""
+    samples: tuple[Samples, ...]
+    """Of all runs."""
+    records: tuple[Recorded, ...]
+    """Of all runs."""
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """Of all runs, one after the other."""
+        return tuple(segment for each in self.records for segment in each.segments)
+
+    @property
+    def force_samples(self) -> tuple[Forces, ...]:
+        """Of each segment."""
+        return tuple(forces for each in self.records for forces in each.force_samples)
+
+    @property
+    def notes(self) -> list[str]:
+        """What a reader should know of them."""
+        return [note for each in self.records for note in each.notes]
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """What a fit of motion and forces begins with."""
+
+    task: Task
+    """With all uncertain calibration parameters active, and no forces."""
+    motion: Fit
+    """Of the motion instruments alone."""
+    state: State
+    """With a first body, told in the time of the forces."""
+    lost: Sequence[str]
+    """Notes of instruments that have lost the motion."""
+
+
+def read(experiment: Experiment, start: Calibration | None, tell: Tell) -> Readings:
+    """Cut the runs of an experiment into segments.
+
+    Args:
+        experiment: With at least one run.
+        start: Values of the calibration parameters to begin with; None: as known beforehand.
+        tell: Is called with what is being done and the fraction that is done.
+
+    Raises:
+        InputError: A run lacks what the fit needs.
+    """
+    parameters = gather(experiment)
+    calibration = start or Calibration(parameters, parameters.mean)
+    samples = []
+    for i, run in enumerate(experiment.runs):
+        tell(f"reading {run.name}", 0.2 * i / len(experiment.runs))
+        samples.append(prepare(experiment, run, thin=True, calibration=calibration, commanded=True))
+    records = tuple(
+        recorded(experiment, run, each, calibration)
+        for run, each in zip(experiment.runs, samples, strict=True)
+    )
+    return Readings(experiment, calibration, tuple(samples), records)
+
+
+def begin(readings: Readings, tell: Tell, *, thorough: bool) -> Beginning:
+    """Fit the motion to its instruments alone, and a first body to the forces over it.
+
+    Args:
+        readings: Of the experiment.
+        tell: Is called with what is being done and the fraction that is done.
+        thorough: Whether the motion will be held; else it is only a beginning.
+
+    Raises:
+        NoBalanceError: No run has a segment.
+        numpy.linalg.LinAlgError: The motion is not determined, or there is no body.
+    """
+    segments = readings.segments
+    if not segments:
+        raise NoBalanceError("; ".join(readings.notes))
+    task = motion_task(readings)
+    state = State(segments, readings.calibration, None)
+    motion, state, lost = _motion(task, state, tell, beginning=not thorough)
+    return with_body(readings, Beginning(task, motion, state, lost))
+
+
+def motion_task(readings: Readings) -> Task:
+    """The fit of the motion to its instruments alone."""
+    experiment, segments = readings.experiment, readings.segments
+    parameters = readings.calibration.calibration_parameters
+    least = {
+        (name, quantity + rest): value
+        for each in readings.records
+        for (name, quantity), value in each.least.items()
+        for rest in ("", AT_REST)
+    }
+    return Task(
+        experiment,
+        parameters,
+        (None,) * len(segments),
+        _read_by(experiment, parameters, segments),
+        _stated(experiment),
+        plausible(np.ones(TEN), plausible_radius(experiment.robot)),
+        least=least,
+    )
+
+
+def with_body(readings: Readings, begun: Beginning) -> Beginning:
+    """A beginning of motion and forces, from a motion.
+
+    Raises:
+        numpy.linalg.LinAlgError: There is no body that balances it.
+    """
+    experiment, state = readings.experiment, begun.state
+    parameters = state.parameters
+    if parameters is None:
+        parameters = _first_body(experiment, state, readings.force_samples)
+    if not parameters[0] or not np.isfinite(parameters).all():
+        raise np.linalg.LinAlgError
+    size = plausible_radius(experiment.robot)
+    task = replace(
+        begun.task,
+        active=begun.task.calibration_parameters.deviation > 0,
+        sizes=plausible(parameters, size),
+        known=(lambda at: known_body(experiment, at, size)) if experiment.known else None,
+    )
+    segments = tuple(
+        _by_force_clock(experiment, segment, state.calibration) for segment in state.segments
+    )
+    state = replace(state, parameters=parameters, segments=segments)
+    return replace(begun, task=task, state=state)
+
+
+def _motion(
+    task: Task,
+    state: State,
+    tell: Tell,
+    *,
+    beginning: bool,
+) -> tuple[Fit, State, Sequence[str]]:
+    """Motion alone; where its instruments do not agree on one, the errors are begun with as known
+    beforehand.
+    """
+    tell("fitting the motion", 0.25)
+    motion = fit(
+        task,
+        state,
+        lambda part: tell("fitting the motion", 0.25 + 0.25 * part),
+        beginning=beginning,
+    )
+    found, lost = motion.state, list[str]()
+    if any(far >= STUCK_FAR for far in motion.tally.far.values()):
+        found, lost = without_lost(task.experiment, found, arrived=motion.converged)
+    if lost:
+        motion = fit(task, found, beginning=beginning)
+        found = motion.state
+    off = np.abs(found.calibration.values - task.calibration_parameters.mean)[task.active]
+    sound = bool(np.all(off < _FAR_OFF * task.calibration_parameters.deviation[task.active]))
+    if not sound and not (beginning and motion.converged):
+        found = replace(
+            state,
+            segments=tuple(
+                replace(a, readings=b.readings)
+                for a, b in zip(state.segments, found.segments, strict=True)
+            ),
+        )
+        if not beginning:
+            nothing = np.zeros_like(task.active)
+            motion = fit(replace(task, active=nothing), found, beginning=beginning)
+            found = motion.state
+    return motion, found, lost
+
+
+def _read_by(
+    experiment: Experiment,
+    calibration_parameters: CalibrationParameters,
+    segments: Sequence[Segment],
+) -> NDArray[np.bool_]:
+    """Calibration parameters that act on the readings of the motion and are not known exactly, shape (u,)."""
+    active = np.zeros(len(calibration_parameters), dtype=bool)
+    for segment in segments:
+        for reading in segment.readings:
+            name = reading.source[0]
+            for term in experiment.instruments[name].terms(calibration_parameters.m):
+                active[calibration_parameters.place(name, term.key, segment.run)] = True
+            if not segment.static:
+                active[
+                    calibration_parameters.place(clock_of(experiment, name), "delay", segment.run)
+                ] = True
+    active[calibration_parameters.places[ROBOT, "gravity", None]] = True
+    return active & (calibration_parameters.deviation > 0)
+
+
+def _stated(experiment: Experiment) -> frozenset[Source]:
+    """Quantities whose noise is stated; that of a command that stands in for a measurement is no
+    noise, and is not asked for either.
+    """
+    return frozenset(
+        (name, quantity.name + rest)
+        for rest in ("", AT_REST)
+        for name, instrument in experiment.instruments.items()
+        for quantity in instrument.quantities(experiment.robot.m)
+        if quantity.noise or isinstance(instrument, Command)
+    )
+
+
+def _first_body(experiment: Experiment, state: State, force_samples: Sequence[Forces]) -> Array:
+    """The ten linear parameters that balance forces and a given motion, samples that stand far
+    counting less.
+    """
+    parameters = np.zeros(TEN)
+    for _ in range(_BODY_ITERATIONS):
+        normal, right = np.zeros((TEN, TEN)), np.zeros(TEN)
+        for segment, forces in zip(state.segments, force_samples, strict=True):
+            at = balance_of(
+                experiment, segment, forces, state.calibration, parameters, state.factors
+            )
+            regressor = platform_regressor(
+                at.motion["specific_force"], at.motion["omega"], at.motion["alpha"]
+            )
+            residual = at.residual
+            weight = sample_weight(residual)
+            A = -at.whitener @ regressor
+            normal += np.einsum("nki,n,nkj->ij", A, weight, A, optimize=True)
+            right += np.einsum(
+                "nki,n,nk->i",
+                A,
+                weight,
+                np.einsum("nki,i->nk", A, parameters) - residual,
+                optimize=True,
+            )
+        scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        solution, *_ = np.linalg.lstsq(normal * np.outer(scale, scale), scale * right, rcond=1e-9)
+        parameters = scale * solution
+    return np.asarray(parameters)
+
+
+def _by_force_clock(experiment: Experiment, segment: Segment, calibration: Calibration) -> Segment:
+    """The same motion, told in the time of the forces."""
+    if segment.static:
+        return segment
+    calibration_parameters = calibration.calibration_parameters
+    name = experiment.force_instrument(
+        next(run for run in experiment.runs if run.name == segment.run)
+    )
+    assert name is not None
+    nothing = np.zeros(1)
+    (there,), *_ = time_of(
+        experiment,
+        segment,
+        calibration,
+        reference_clocks(experiment, calibration_parameters, segment),
+        name,
+        nothing,
+    )
+    told = replace(segment, reference=clock_of(experiment, name))
+    (here,), *_ = time_of(experiment, told, calibration, {}, name, nothing)
+    return replace(told, knots=segment.knots + (here - there))

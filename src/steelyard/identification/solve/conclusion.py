@@ -1,0 +1,439 @@
+"""From a fit to a posterior: normal equations over every calibration parameter, estimated or not,
+and all that follows from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.dynamics import platform_regressor
+from steelyard.estimates.estimate import plausible_radius
+from steelyard.identification.model.fitted_motion import FittedMotion, fitted_motion
+from steelyard.identification.model.force_residuals import (
+    Balance,
+    Forces,
+    WhitenedBalance,
+    balance_of,
+    whitened_balance,
+)
+from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
+from steelyard.identification.model.preparation import Samples
+from steelyard.identification.model.segment import POSE, NormalEquations, Rows, accumulate
+from steelyard.identification.model.sources import Source
+from steelyard.identification.solve.beginning import NoBalanceError, Readings
+from steelyard.identification.solve.bound import Bound
+from steelyard.identification.solve.joint_fit import Fit, State, Task
+from steelyard.identification.solve.normal_equations import (
+    Blocks,
+    BorderEquations,
+    enlarged,
+    solve,
+    summed,
+    together,
+)
+from steelyard.identification.solve.posterior import Posterior, plausible, prior_of
+from steelyard.identification.solve.segmentation import Recorded
+from steelyard.inertia import TEN, body_jacobian
+from steelyard.smoothing import DEGREE
+
+_BLOCK = 1.0
+"""Least length of the stretches that are held against each other [s]."""
+_BLOCK_SPACINGS = 5.0
+_MOST_BLOCKS = 60
+_LOOKED_AT = 500
+"""Samples that show how much noise the fitted motion has in the regressor."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A fit, and what was left out of it."""
+
+    task: Task
+    fit: Fit
+    motion: Fit
+    """Of the motion instruments alone."""
+    force_samples: tuple[Forces, ...]
+    """Of each segment, those of runs held out too."""
+    lost: Sequence[str]
+    """Notes of instruments that have lost the motion."""
+    contacts: Mapping[str, Sequence[tuple[float, float]]]
+    """Run -> stretches in which something touched the platform [s]."""
+    spikes: Mapping[str, int]
+    """Run -> force readings that stood alone."""
+    held_out: frozenset[str] = frozenset()
+    """Runs whose forces were not looked at."""
+
+    @property
+    def balances(self) -> tuple[Balance, ...]:
+        """Of every segment."""
+        state = self.fit.state
+        assert state.parameters is not None
+        return tuple(
+            balance_of(
+                self.task.experiment,
+                segment,
+                forces,
+                state.calibration,
+                state.parameters,
+                state.factors,
+            )
+            for segment, forces in zip(state.segments, self.force_samples, strict=True)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """One segment with its equations."""
+
+    segment: Segment
+    force_samples: Forces
+    balances: tuple[WhitenedBalance, ...]
+    """Some samples at a time."""
+    equations: BorderEquations
+    blocks: Blocks
+    covariance: Array
+    """Of the coefficients of the motion, lower banded form, shape (42, N)."""
+    followed: Array
+    """How these follow the border, with the opposite sign, shape (N, k)."""
+
+
+def sound(posterior: Callable[[], Posterior]) -> Posterior:
+    """A posterior whose numbers are numbers.
+
+    Raises:
+        NoBalanceError: They are not.
+    """
+    try:
+        # Numbers that end in nothing are looked at in the end, once.
+        with np.errstate(all="ignore"):
+            found = posterior()
+            usable = bool(found.parameters[0]) and np.isfinite(found.body_covariance).all()
+    except np.linalg.LinAlgError:
+        usable = False
+    if not usable:
+        raise NoBalanceError(
+            "forces and motion cannot be fitted at all; check the force columns, their units and"
+            " signs, and the geometry of the robot"
+        )
+    return found
+
+
+def concluded(readings: Readings, fitted: Fitted) -> Posterior:
+    """All that follows from a fit.
+
+    Args:
+        readings: What was fitted.
+        fitted: Where it ended.
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined.
+    """
+    experiment, task, found = readings.experiment, fitted.task, fitted.fit
+    state = found.state
+    assert state.parameters is not None
+    parts = list(_parts(fitted))
+    equations = _by_run(parts)
+    total = summed(list(equations.values()))
+    radius = plausible_radius(experiment.robot)
+    prior = prior_of(experiment, state.calibration, state.parameters, radius)
+    estimated = np.concatenate([np.ones(TEN, dtype=bool), task.active])
+    bias = found.bias.sum(axis=0) if len(found.bias) else None
+    solution = solve(total, prior, estimated, plausible(state.parameters, radius), bias)
+    sources = _force_sources(fitted)
+    blocks = together([part.blocks for part in parts])
+    notes = [
+        # A gap is left out by a filter; here the motion goes on across it, and what is left out has
+        # a note of its own.
+        *(note for each in readings.samples for note in each.notes if "gap" not in note),
+        *readings.notes,
+        *fitted.lost,
+    ]
+    result = Posterior(
+        experiment=experiment,
+        fit=found,
+        force_samples=fitted.force_samples,
+        samples=tuple(
+            _samples(prepared, [part for part in parts if part.segment.run == run.name], record)
+            for run, prepared, record in zip(
+                experiment.runs, readings.samples, readings.records, strict=True
+            )
+        ),
+        motion_ratios=_motion_ratios(fitted, sources),
+        motion_converged=fitted.motion.converged or (found.converged and not found.motions),
+        stated=sources <= task.stated,
+        equations=equations,
+        prior=prior,
+        solution=solution,
+        blocks=blocks,
+        bound=_bound(
+            solution.value[:TEN], solution.covariance - np.outer(solution.bias, solution.bias)
+        ),
+        weights=_weights(parts),
+        motion=(),
+        contacts={name: tuple(each) for name, each in fitted.contacts.items() if each},
+        spikes={name: count for name, count in fitted.spikes.items() if count},
+        held_out=fitted.held_out,
+        notes=tuple(dict.fromkeys(notes)),
+    )
+    solution = replace(solution, ratio=_force_ratio(found, sources, frozenset()))
+    freedom = max(total.freedom, 1.0)
+    wide = enlarged(solution, blocks, result.identifiable, freedom)
+    # What the verdict asks is how the forces compare with what was stated of them.
+    wide = replace(wide, ratio=_force_ratio(found, sources, task.stated))
+    covariance = np.where(np.outer(estimated, estimated), wide.covariance, 0.0)
+    motion = tuple(_motion_of(part, state, covariance) for part in parts if not part.segment.static)
+    return replace(result, solution=wide, motion=motion)
+
+
+def _parts(fitted: Fitted) -> Sequence[_Part]:
+    """Equations of every segment over all columns of the border."""
+    task, found = fitted.task, fitted.fit
+    names = [run.name for run in task.experiment.runs]
+    count = len(found.state.segments)
+    motions = found.motions or (None,) * count
+    return [
+        _part(fitted, segment, forces, motion, names.index(segment.run))
+        for segment, forces, motion in zip(
+            found.state.segments, fitted.force_samples, motions, strict=True
+        )
+    ]
+
+
+def _part(
+    fitted: Fitted,
+    segment: Segment,
+    forces: Forces,
+    motion: Array | None,
+    run: int,
+) -> _Part:
+    """Equations of one segment over all columns of the border."""
+    task, state = fitted.task, fitted.fit.state
+    assert state.parameters is not None
+    border = TEN + len(task.calibration_parameters)
+    column_of = TEN + np.arange(len(task.calibration_parameters), dtype=np.intp)
+    shared = task.experiment, segment
+    balances = tuple(
+        whitened_balance(
+            *shared,
+            part,
+            state.calibration,
+            column_of,
+            state.parameters,
+            state.factors,
+            Tally(),
+            motion,
+        )
+        for part in forces.parts()
+    )
+    rows = list(motion_residuals(*shared, state.calibration, column_of, state.factors, Tally()))
+    looked_at = segment.run not in fitted.held_out
+    if looked_at:
+        rows += [each.rows for each in balances]
+    functions = len(segment.coefficients)
+    every = segment.smooth(accumulate(functions, border, rows, width=segment.width))
+    normal, gradient = every.reduced()
+    at = np.concatenate([state.parameters, np.zeros(border - TEN)])
+    covariance = every.inverse if motion is None else motion
+    noise = np.zeros((TEN, TEN))
+    if looked_at and not segment.static:
+        noise = _regressor_noise(segment, balances, covariance, border, state.calibration.gravity)
+    freedom = float(np.sum(~forces.left_out.all(axis=1))) * looked_at
+    equations = BorderEquations(normal, gradient + normal @ at, noise, freedom)
+    blocks = _blocks(segment, rows, every, state.parameters, run)
+    return _Part(segment, forces, balances, equations, blocks, covariance, every.followed)
+
+
+def _by_run(parts: Sequence[_Part]) -> dict[str, BorderEquations]:
+    """Run -> its normal equations."""
+    found: dict[str, BorderEquations] = {}
+    for part in parts:
+        run = part.segment.run
+        found[run] = found[run] + part.equations if run in found else part.equations
+    return found
+
+
+def _force_sources(fitted: Fitted) -> frozenset[Source]:
+    """Quantities of the force instruments, as their noise is kept."""
+    return frozenset(
+        segment.label(forces.name, quantity)
+        for segment, forces in zip(fitted.fit.state.segments, fitted.force_samples, strict=True)
+        for quantity in forces.readings
+    )
+
+
+def _motion_ratios(fitted: Fitted, forces: frozenset[Source]) -> dict[Source, float]:
+    """Residuals of the motion instruments in units of what was stated of their noise."""
+    # Where the motion was held it alone says how its instruments agree.
+    fit = fitted.motion if fitted.fit.motions else fitted.fit
+    found = {}
+    for source, ratio in fit.ratios.items():
+        if source in forces:
+            continue
+        # A stated noise that did not hold counts as it is, but the verdict asks how it compares
+        # with what was stated.
+        stated = source in fitted.task.stated
+        found[source] = float(np.sqrt(ratio)) * (
+            fit.state.factors.get(source, 1.0) if stated else 1.0
+        )
+    return found
+
+
+def _bound(parameters: Array, covariance: Array) -> Bound:
+    """What can be known at best."""
+    J = body_jacobian(parameters)
+    return Bound(np.asarray(J @ covariance[:TEN, :TEN] @ J.T), covariance[TEN:, TEN:])
+
+
+def _weights(parts: Sequence[_Part]) -> dict[str, Array]:
+    """Run -> weight of every sample; those that have been left out and named are none that stand
+    out.
+    """
+    found: dict[str, list[Array]] = {}
+    for part in parts:
+        root = np.concatenate([each.root for each in part.balances])
+        inside = np.concatenate([part.segment.holds(each.at.time) for each in part.balances])
+        named = part.force_samples.left_out.any(axis=1) | ~inside
+        found.setdefault(part.segment.run, []).append(np.where(named, 1.0, root**2))
+    return {run: np.concatenate(each) for run, each in found.items()}
+
+
+def _motion_of(part: _Part, state: State, border: Array) -> FittedMotion:
+    """The motion of a segment in common time: the clock that tells it may have a delay of its own.
+
+    Args:
+        part: With its segment.
+        state: With the calibration.
+        border: Covariance of the border parameters, shape (k, k).
+    """
+    segment, parameters = part.segment, state.calibration.calibration_parameters
+    motion = fitted_motion(segment, part.covariance, part.followed, border)
+    assert segment.reference is not None
+    own = parameters.place(segment.reference, "delay", segment.run)
+    delay = float((state.calibration.values[own] - parameters.mean[own])[0])
+    return replace(motion, time=motion.time - delay)
+
+
+def _regressor_noise(
+    segment: Segment,
+    balances: Sequence[WhitenedBalance],
+    covariance: Array,
+    border: int,
+    gravity: Array,
+) -> Array:
+    """Mean product of the noise in the regressor with itself, summed over the samples: what a
+    motion of nothing but noise would tell, shape (10, 10).
+
+    A direction of the ten is identifiable where its information exceeds it. (Where nothing turns it
+    has a third of that, for what the motion takes of it; in a single move from rest to rest, which
+    tells the moments to a quarter, twice as much.)
+    """
+    count = sum(len(each.at.time) for each in balances)
+    few = slice(None, None, -(-count // _LOOKED_AT))
+    time = np.concatenate([each.at.time for each in balances])[few]
+    whitener = np.concatenate([each.at.whitener for each in balances])[few]
+    motion = {
+        key: np.concatenate([each.at.motion[key] for each in balances])[few]
+        for key in ("specific_force", "omega", "alpha")
+    }
+    followed = np.zeros((covariance.shape[1], border))
+    nothing = np.zeros((border, border))
+    sigma = fitted_motion(segment, covariance, followed, nothing, time).sigma
+    level = {name: float(np.sqrt(np.mean(each**2))) for name, each in sigma.items()}
+    by_tilt = np.linalg.norm(gravity) * level["rotation"]
+    noisy = {
+        "omega": level["angular_velocity"],
+        "alpha": level["angular_acceleration"],
+        "specific_force": float(np.hypot(level["acceleration"], by_tilt)),
+    }
+    rng = np.random.default_rng(0)
+    moved = {key: rng.standard_normal(each.shape) * noisy[key] for key, each in motion.items()}
+    there, back = (
+        platform_regressor(*(motion[key] + sign * each for key, each in moved.items()))
+        for sign in (1, -1)
+    )
+    white = whitener @ (there - back) / 2
+    return np.asarray(np.einsum("nki,nkj->ij", white, white) * count / len(white))
+
+
+def _blocks(
+    segment: Segment, rows: Sequence[Rows], equations: NormalEquations, parameters: Array, run: int
+) -> Blocks:
+    """Stretches of a segment, each with what it says about the border once the motion has followed."""
+    instants = (
+        len(segment.coefficients)
+        if segment.static
+        else len(segment.coefficients) - segment.width // POSE + 1
+    )
+    length = float(segment.knots[-1] - segment.knots[0])
+    spacing = length / max(instants, 1)
+    if segment.static:
+        count = min(instants, _MOST_BLOCKS)
+    else:
+        count = int(np.clip(length / max(_BLOCK, _BLOCK_SPACINGS * spacing), 1, _MOST_BLOCKS))
+    number = np.arange(instants) * count // instants
+    border = equations.side.shape[1]
+    normal, right = np.zeros((count, border, border)), np.zeros((count, border))
+    for part in rows:
+        if part.label is None:
+            continue
+        columns = np.arange(border) if part.columns is None else part.columns
+        order = np.argsort(part.first, kind="stable")
+        edges = np.searchsorted(part.first[order], np.arange(instants + 1))
+        for i in np.flatnonzero(np.diff(edges)):
+            own = order[edges[i] : edges[i + 1]]
+            motion = part.by_motion[own].reshape(-1, segment.width)
+            E = -motion @ equations.followed[i * POSE : i * POSE + segment.width]
+            E[:, columns] += part.by_errors[own].reshape(-1, len(columns))
+            normal[number[i]] += E.T @ E
+            right[number[i]] -= E.T @ part.residual[own].ravel()
+    at = np.concatenate([parameters, np.zeros(border - TEN)])
+    return Blocks(normal, right + normal @ at, np.full(count, run, dtype=np.intp))
+
+
+def _force_ratio(found: Fit, sources: frozenset[Source], stated: frozenset[Source]) -> float:
+    """Variance of what is left of the forces over what their noise explains, that of some
+    quantities as it was stated.
+    """
+    square = freedom = 0.0
+    for label in sources:
+        count = found.tally.count.get(label, 0.0)
+        level = found.state.factors.get(label, 1.0) if label in stated else 1.0
+        square += found.ratios.get(label, 1.0) * level**2 * count
+        freedom += count
+    return square / max(freedom, 1.0)
+
+
+def _samples(prepared: Samples, parts: Sequence[_Part], record: Recorded) -> Samples:
+    """Samples at the times of the force readings, with the fitted motion and the forces as they
+    were read.
+    """
+    own = [each.at for part in parts for each in part.balances]
+    if not own:
+        return prepared
+    grid = record.segments[0].knots
+    cables = own[0].structure is not None
+    motion = {name: np.concatenate([at.motion[name] for at in own]) for name in own[0].motion}
+    return replace(
+        prepared,
+        time=np.concatenate([at.time for at in own]),
+        wrench=np.concatenate([at.wrench for at in own]),
+        tension=np.concatenate([at.carried for at in own]) if cables else None,
+        structure=np.concatenate([_structure(at) for at in own]) if cables else None,
+        spacing=0.0 if prepared.static else float(grid[DEGREE + 1] - grid[DEGREE]),
+        share=1.0,
+        omega=motion["omega"],
+        alpha=motion["alpha"],
+        specific_force=motion["specific_force"],
+        position=motion["position"],
+        rotation=motion["rotation"],
+        velocity=motion["velocity"],
+    )
+
+
+def _structure(at: Balance) -> Array:
+    assert at.structure is not None
+    return at.structure

@@ -1,0 +1,182 @@
+"""Motion, body and calibration parameters at once, from the raw readings of all instruments.
+
+First the motion alone, then motion and forces; force readings that stand alone and stretches in
+which something touches the platform are left out; where forces and accelerometer feel a vibration
+that the knots do not follow, finer knots do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.experiment.model import Experiment
+from steelyard.identification.model.calibration_parameters import Calibration, clock_of
+from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.solve.beginning import (
+    Beginning,
+    Readings,
+    Tell,
+    begin,
+    motion_task,
+    read,
+    with_body,
+)
+from steelyard.identification.solve.coherence import coherence
+from steelyard.identification.solve.conclusion import Fitted, concluded, sound
+from steelyard.identification.solve.joint_fit import fit
+from steelyard.identification.solve.outliers import look
+from steelyard.identification.solve.posterior import Posterior, Progress
+from steelyard.identification.solve.segmentation import recorded, resampled
+from steelyard.smoothing import DEGREE
+
+_COHERENT = 0.3
+"""Correlation of what is left of forces and accelerometer that is a motion which the knots do not
+follow."""
+_MUCH_FINER = 0.7
+_ITERATIONS = 4
+"""Fits between which readings that stand out are left out."""
+
+
+@dataclass(frozen=True)
+class _Vibration:
+    """How a run is to be followed more closely."""
+
+    spacing: float
+    """Of the knots [s]."""
+    clock: str
+    lag: float
+    """By how much that clock is later than thought [s]."""
+
+
+def fit_jointly(
+    experiment: Experiment, progress: Progress = None, start: Calibration | None = None
+) -> Posterior:
+    """Fit an experiment as a whole.
+
+    Args:
+        experiment: With at least one run.
+        progress: Is called with what is being done and the fraction that is done.
+        start: Values of the calibration parameters to begin with; None: as known beforehand.
+
+    Raises:
+        InputError: A run lacks what the method needs.
+        NoBalanceError: Forces and motion cannot be fitted.
+    """
+
+    def tell(what: str, fraction: float) -> None:
+        if progress is not None:
+            progress(f"maximum-likelihood: {what}", fraction)
+
+    return sound(lambda: _posterior(experiment, tell, start))
+
+
+def _posterior(experiment: Experiment, tell: Tell, start: Calibration | None) -> Posterior:
+    readings = read(experiment, start, tell)
+    found = _fitted(readings, begin(readings, tell, thorough=False), tell, {})
+    if vibrations := _vibrations(readings, found):
+        tell("following a vibration", 0.4)
+        readings = _finer(readings, vibrations)
+        begun = with_body(readings, _again(readings, found, vibrations))
+        found = _fitted(readings, begun, tell, vibrations)
+    tell("how well it is known", 0.85)
+    return concluded(readings, found)
+
+
+def _finer(readings: Readings, vibrations: Mapping[str, _Vibration]) -> Readings:
+    """The readings on finer knots where something vibrates."""
+    experiment = readings.experiment
+    records = tuple(
+        recorded(experiment, run, each, readings.calibration, vibrations[run.name].spacing)
+        if run.name in vibrations
+        else record
+        for run, each, record in zip(
+            experiment.runs, readings.samples, readings.records, strict=True
+        )
+    )
+    return replace(readings, records=records)
+
+
+def _vibrations(readings: Readings, fitted: Fitted) -> dict[str, _Vibration]:
+    """Runs in which forces and accelerometer both feel what the knots do not follow."""
+    finest = {segment.run: each.finest for each in readings.records for segment in each.segments}
+    state = fitted.fit.state
+    assert state.parameters is not None
+    found = {}
+    for segment, at in zip(state.segments, fitted.balances, strict=True):
+        if segment.static:
+            continue
+        spacing = float(segment.knots[DEGREE + 1] - segment.knots[DEGREE])
+        if finest[segment.run] >= _MUCH_FINER * spacing:
+            continue
+        mass = float(state.parameters[0])
+        own = coherence(readings.experiment, segment, at, state.calibration, mass)
+        if own.correlation > _COHERENT:
+            clock = clock_of(readings.experiment, own.instrument)
+            found[segment.run] = _Vibration(finest[segment.run], clock, own.lag)
+    return found
+
+
+def _fitted(
+    readings: Readings, begun: Beginning, tell: Tell, vibrations: Mapping[str, _Vibration]
+) -> Fitted:
+    """Motion and forces, leaving out what stands alone."""
+    state, force_samples = begun.state, readings.force_samples
+    tell("motion and forces", 0.5)
+    task = replace(begun.task, force_samples=force_samples)
+    if vibrations:
+        # The vibration first, by these clocks: before it is there, nothing holds them.
+        active = task.active.copy()
+        for run, vibrating in vibrations.items():
+            active[task.calibration_parameters.place(vibrating.clock, "delay", run)] = False
+        state = fit(replace(task, active=active), state).state
+    contacts: dict[str, list[tuple[float, float]]] = {}
+    spikes: dict[str, int] = {}
+    for turn in range(_ITERATIONS):
+        task = replace(task, force_samples=force_samples)
+        found = fit(task, state, lambda part: tell("motion and forces", 0.5 + 0.3 * part))
+        state = found.state
+        fitted = Fitted(task, found, begun.motion, force_samples, begun.lost, contacts, spikes)
+        if turn == _ITERATIONS - 1 or (not vibrations and _vibrations(readings, fitted)):
+            # What is to be followed more closely need not be looked at for what stands out of it.
+            break
+        looked = [
+            look(at, forces, forces.sigmas(segment, state.factors))
+            for segment, at, forces in zip(
+                state.segments, fitted.balances, force_samples, strict=True
+            )
+        ]
+        if not any(each.changed for each in looked):
+            break
+        for segment, each in zip(state.segments, looked, strict=True):
+            contacts.setdefault(segment.run, []).extend(each.contacts)
+            spikes[segment.run] = spikes.get(segment.run, 0) + len(each.spikes)
+        force_samples = tuple(each.force_samples for each in looked)
+    return fitted
+
+
+def _again(readings: Readings, before: Fitted, vibrations: Mapping[str, _Vibration]) -> Beginning:
+    """What was found, on other knots; clocks where forces and accelerometers go together best, since
+    what vibrates fits at many lags.
+    """
+    state, parameters = before.fit.state, before.task.calibration_parameters
+    values = state.calibration.values.copy()
+    for run, each in vibrations.items():
+        place = parameters.place(each.clock, "delay", run)
+        values[place] += np.where(parameters.deviation[place] > 0, each.lag, 0.0)
+    moved = [
+        _on_knots_of(new, old) for old, new in zip(state.segments, readings.segments, strict=True)
+    ]
+    state = replace(
+        state, calibration=replace(state.calibration, values=values), segments=tuple(moved)
+    )
+    return Beginning(motion_task(readings), before.motion, state, before.lost)
+
+
+def _on_knots_of(new: Segment, old: Segment) -> Segment:
+    """The motion and the readings of a segment on the knots of another."""
+    if len(old.knots) == len(new.knots):
+        return old
+    return resampled(old, replace(new, reference=old.reference, readings=old.readings))
