@@ -3,11 +3,9 @@ circle."""
 
 import ast
 from graphlib import TopologicalSorter
-from pathlib import Path
 
 import pytest
-
-PACKAGE = Path(__file__).parents[1] / "src" / "steelyard"
+from places import PACKAGE, ROOT
 
 LAYERS = [
     {"arrays", "errors", "units", "digits", "display"},
@@ -89,7 +87,7 @@ def test_no_import_cycles():
 
 
 def test_every_room_is_described():
-    text = (PACKAGE.parents[1] / "docs" / "architecture.md").read_text()
+    text = (ROOT / "docs" / "architecture.md").read_text()
     for path in PACKAGE.iterdir():
         if path.is_dir() and path.name != "__pycache__":
             assert f"{path.name}/" in text

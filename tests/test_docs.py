@@ -11,7 +11,7 @@ from html.parser import HTMLParser
 
 import click
 import pytest
-from conftest import ROOT
+from places import ROOT
 
 import steelyard
 from steelyard.cli import app

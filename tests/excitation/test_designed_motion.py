@@ -2,11 +2,11 @@
 simulator."""
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from mujoco_cables import LAWS, chi_square, hung, point_robot, recorded
+from places import DATA
 
 from steelyard.dynamics import platform_wrench
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
@@ -14,7 +14,6 @@ from steelyard.motion.limits import motion_extremes
 from steelyard.motion.trajectory import Sampled
 from steelyard.simulation.trajectories import from_file
 
-DATA = Path(__file__).parent / "data"
 COMMANDS = (
     "designed-points",
     "designed-file",

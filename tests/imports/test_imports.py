@@ -4,13 +4,13 @@ and wrong input."""
 import json
 import math
 import re
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from places import DATA
 from scipy.spatial.transform import Rotation
 
 from steelyard.errors import InputError
@@ -19,7 +19,7 @@ from steelyard.inertia import BODY_PARAMETERS
 from steelyard.robot import pulley
 from steelyard.robot.file import read_robot
 
-CASPR = Path(__file__).parent / "data" / "caspr"
+CASPR = DATA / "caspr"
 MODELS = ("CAROCA", "CoGiRo", "IPAnema_1", "IPAnema_2")
 TOLERANCE = 1e-12  # relative to numbers of order one: rounding of a few operations
 SHEET = 0.025  # [kg m^2]: half a millimetre, to which the sheet gives the centre of gravity, times its first moment

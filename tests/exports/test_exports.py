@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
-from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
@@ -15,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from lxml import etree
+from places import DATA
 from ruamel.yaml import YAML
 from written_estimates import covariance, estimate_of, file_of
 
@@ -29,7 +29,7 @@ from steelyard.inertia import BODY_PARAMETERS, LINEAR_PARAMETERS
 from steelyard.robot.file import read_robot
 
 TOLERANCE = 1e-12  # of the largest of the numbers that belong together; only MuJoCo's axes need it
-SCHEMAS = Path(__file__).parent / "data" / "sdformat"
+SCHEMAS = DATA / "sdformat"
 WHOLE = [name for name, form in FORMATS.items() if form.whole]
 
 
