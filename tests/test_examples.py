@@ -148,7 +148,7 @@ import sys
 import nbclient, nbformat
 path, out = sys.argv[1:]
 notebook = nbformat.read(path, as_version=4)
-nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3").execute()
+nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3").execute()
 nbformat.write(notebook, out)
 """
 

@@ -3,18 +3,17 @@ do."""
 
 import os
 import re
-import signal
-import subprocess
 import sys
 
 import numpy as np
 import polars as pl
 import pytest
 from recordings import save, table, write_small
+from time_limits import bounded, finished
 
 from steelyard.cli import main
 
-LONGEST = 30  # [s] that a wrong input may take before it counts as hanging
+LONGEST = 30  # [s] of computing after which a wrong input counts as hanging
 
 IDENTIFY = "identify experiment.yaml --out results"
 SIMULATE = "simulate robot.yaml --duration 2 --out results"
@@ -1388,14 +1387,8 @@ def folder(tmp_path, monkeypatch):
 def limited():
     """A test that hangs fails instead."""
 
-    def ring(number, frame):
-        pytest.fail(f"hangs: not done after {LONGEST} s")
-
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.alarm(LONGEST)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
+    with bounded(LONGEST):
+        yield
 
 
 def assert_one_sentence(status, stdout, stderr, pattern):
@@ -1435,7 +1428,7 @@ def test_bad_input_ends_a_process_in_the_same_way(corrupt, pattern, arguments, f
     corrupt(folder)
     before = contents(tmp_path)
     command = [sys.executable, "-m", "steelyard", *arguments.split()]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False)
+    ended = finished(command, capture_output=True, text=True)
     assert_one_sentence(ended.returncode, ended.stdout, ended.stderr, pattern)
     assert contents(tmp_path) == before
 

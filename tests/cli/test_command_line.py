@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recordings import save, table, write_small
+from time_limits import finished
 
 from steelyard.experiment.read import read_experiment
 from steelyard.inertia import BODY_PARAMETERS, Inertia
@@ -98,9 +99,7 @@ sys.exit(f"imported {heavy}" if heavy else 0)
 
 
 def test_help_waits_for_no_heavy_import():
-    ended = subprocess.run(
-        [sys.executable, "-c", LIGHT], capture_output=True, text=True, timeout=60, check=False
-    )
+    ended = finished([sys.executable, "-c", LIGHT], capture_output=True, text=True)
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
@@ -415,9 +414,7 @@ def test_a_truth_that_makes_no_sense_is_none(run, small, text):
 
 def test_a_truth_that_never_ends_is_none(small):
     os.mkfifo(small.parent / "truth.json")
-    ended = subprocess.run(
-        [*PROCESS, "identify", str(small)], capture_output=True, text=True, timeout=10, check=False
-    )
+    ended = finished([*PROCESS, "identify", str(small)], capture_output=True, text=True)
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
@@ -544,9 +541,7 @@ def test_stderr_is_silent_where_nobody_looks(small, tmp_path):
         ["simulate", "cogiro", *QUICK, "--out", str(tmp_path / "out")],
         ["identify", str(small), "--out", str(tmp_path / "results")],
     ):
-        ended = subprocess.run(
-            [*PROCESS, *arguments], capture_output=True, text=True, timeout=60, check=False
-        )
+        ended = finished([*PROCESS, *arguments], capture_output=True, text=True)
         assert (ended.returncode, ended.stderr) == (0, "")
         assert ended.stdout
 
@@ -582,13 +577,8 @@ def test_progress_is_shown_to_a_person_only(tmp_path, quiet):
 def test_a_reader_that_has_gone_is_no_reason_to_complain():
     ours, theirs = os.pipe()
     os.close(ours)
-    ended = subprocess.run(
-        [*PROCESS, "robots", "cogiro"],
-        stdout=theirs,
-        stderr=subprocess.PIPE,
-        text=True,
-        timeout=60,
-        check=False,
+    ended = finished(
+        [*PROCESS, "robots", "cogiro"], stdout=theirs, stderr=subprocess.PIPE, text=True
     )
     os.close(theirs)
     assert ended.stderr == ""
@@ -604,7 +594,7 @@ def test_names_in_any_bytes_are_no_trouble(small, tmp_path):
         [b"identify", folder + b"/experiment.yaml", b"--out", folder + b"/results"],
         [b"simulate", b"cogiro", b"--duration", b"2", b"--out", folder + b"/virtual"],
     ):
-        ended = subprocess.run([*PROCESS, *arguments], capture_output=True, timeout=60, check=False)
+        ended = finished([*PROCESS, *arguments], capture_output=True)
         assert (ended.returncode, ended.stderr) == (0, b"")
 
 
@@ -614,7 +604,7 @@ def test_a_terminal_of_few_characters_is_no_trouble(small, encoding, option):
     small.write_text(small.read_text().replace("name: small", "name: Bücher → ☃"))
     environment = {**os.environ, "PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"}
     command = [*PROCESS, "identify", str(small), *option]
-    ended = subprocess.run(command, capture_output=True, timeout=60, check=False, env=environment)
+    ended = finished(command, capture_output=True, env=environment)
     assert (ended.returncode, ended.stderr) == (0, b"")
     if option:
         parsed(ended.stdout.decode(encoding))

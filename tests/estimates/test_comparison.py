@@ -4,7 +4,6 @@ import copy
 import json
 import os
 import re
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.special import gammaln, log_ndtr, logsumexp
+from time_limits import finished
 
 from steelyard.errors import InputError
 from steelyard.estimates.comparison import SIGNIFICANT, agreement, compare
@@ -747,9 +747,7 @@ def test_what_identify_wrote_can_be_compared(tmp_path):
         "--fail-above",
         "1",
     ]
-    ended = subprocess.run(
-        command, capture_output=True, text=True, cwd=tmp_path, timeout=60, check=False
-    )
+    ended = finished(command, capture_output=True, text=True, cwd=tmp_path)
     assert (ended.returncode, ended.stderr) == (0, "")
     assert "p = 1" in ended.stdout
     assert "experiments of one name" in ended.stdout

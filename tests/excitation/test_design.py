@@ -14,12 +14,14 @@ import numpy as np
 import polars as pl
 import pytest
 from scipy.signal import find_peaks
+from time_limits import HANGS
 
 from steelyard.errors import InputError
 from steelyard.excitation.appraisal import highest_frequency, natural_frequencies
 from steelyard.excitation.demands import Margin
 from steelyard.excitation.design import design
 from steelyard.excitation.ringing import softness_at
+from steelyard.excitation.search import Problem
 from steelyard.excitation.verification import bodies_within, verify
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.write import write_experiment, write_yaml
@@ -39,7 +41,30 @@ from steelyard.simulation.trajectories import from_file, repeated_move, workspac
 ROBOT = read_robot("cogiro")
 EXACT = {"anchor": 0.0, "attachment": 0.0, "gravity": 0.0}
 QUICK = ["--duration", "8", "--budget", "44", "--processes", "1"]
-"""Short motions, one start; as much time for it as there is: that only ends what is late."""
+"""Short motions, one start."""
+WITHOUT_HASTE = """
+from steelyard.excitation.search import Problem
+search = Problem.search
+Problem.search = lambda self, start, *, seconds, **further: search(self, start, seconds=1e4, **further)
+"""
+"""Begins a process whose searches are never cut short, however busy the machine is."""
+COMMAND_LINE = f"""{WITHOUT_HASTE}
+import sys
+from steelyard.cli import main
+sys.argv[0] = "steelyard"
+main()
+"""
+
+
+@pytest.fixture(autouse=True)
+def without_haste(monkeypatch):
+    """The same for the searches of this process: what they find depends on no clock."""
+    search = Problem.search
+
+    def patient(self, start, *, seconds, **further):
+        return search(self, start, seconds=1e4, **further)
+
+    monkeypatch.setattr(Problem, "search", patient)
 
 
 def planned(robot=ROBOT, **keys):
@@ -53,7 +78,7 @@ def written(tmp_path_factory):
     """One design as the command line writes it, and what it prints."""
     out = tmp_path_factory.mktemp("design") / "out"
     done = subprocess.run(
-        [sys.executable, "-m", "steelyard", "design", "cogiro", "--out", str(out), *QUICK],
+        [sys.executable, "-c", COMMAND_LINE, "design", "cogiro", "--out", str(out), *QUICK],
         check=False,
         capture_output=True,
         text=True,
@@ -259,20 +284,16 @@ def test_what_is_known_already_adds_to_what_a_motion_will_tell(run, tmp_path):
 # The same again, several runs, other robots
 
 
-WITHOUT_HASTE = """
+ONE_SEED = f"""{WITHOUT_HASTE}
 import sys
 import numpy as np
 from steelyard.excitation.design import design
-from steelyard.excitation.search import Problem
 from test_design import planned
-search = Problem.search
-Problem.search = lambda self, start, *, seconds, **further: search(self, start, seconds=1e4, **further)
 found = design(planned(), 8.0, budget=30.0, seed=int(sys.argv[1]))
 assert found.in_time
 np.save(sys.argv[2], found.trajectories["design"].derivative(np.linspace(0, 8, 801), 0))
 """
-"""A design whose search is never cut short, however busy the machine is: only then the seed alone
-decides."""
+"""Only where no search is cut short does the seed alone decide."""
 
 
 @pytest.mark.slow
@@ -284,7 +305,7 @@ def test_same_seed_gives_the_same_motion_and_another_another(tmp_path, told, com
         path = tmp_path / f"{i}.npy"
         places = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
         subprocess.run(
-            [sys.executable, "-c", WITHOUT_HASTE, seed, str(path)],
+            [sys.executable, "-c", ONE_SEED, seed, str(path)],
             check=True,
             env={**os.environ, "PYTHONPATH": places},
         )
@@ -614,6 +635,22 @@ def test_robot_without_limits_stays_about_the_middle_and_the_report_says_what_is
     assert "does not limit" not in "\n".join(statements(replace(found, experiment=planned())))
 
 
+def computed_by(process):
+    """[s] of processor time of each process that another one has started."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    for child in children:
+        fields = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
+        yield (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def wait_for_a_search(process):
+    """Until one of its processes has computed for a while, so that all have begun."""
+    end = time.monotonic() + HANGS
+    while process.poll() is None and max(computed_by(process), default=0.0) < 1.0:
+        assert time.monotonic() < end, "no search has begun"
+        time.sleep(0.2)
+
+
 def test_an_interrupted_search_ends_with_one_sentence_and_leaves_nothing(tmp_path):
     """Ctrl-C in a terminal reaches the searching processes too."""
     command = [
@@ -634,9 +671,9 @@ def test_an_interrupted_search_ends_with_one_sentence_and_leaves_nothing(tmp_pat
         stderr=subprocess.PIPE,
         text=True,
     )
-    time.sleep(8)
+    wait_for_a_search(process)
     os.killpg(process.pid, signal.SIGINT)
-    _, err = process.communicate(timeout=30)
+    _, err = process.communicate(timeout=HANGS)
     assert process.returncode == 130
     assert err.strip() == "steelyard: interrupted; nothing was written"
     assert not list(tmp_path.iterdir())
