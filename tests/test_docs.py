@@ -21,10 +21,11 @@ sys.path.insert(0, str(DOCS / "_extensions"))
 
 from session import CommandError, Session, block, blocks, part_of  # noqa: E402
 
-PAGES = sorted(DOCS.glob("*.md"))
+PAGES = sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts)
 EVERYWHERE = [
     *PAGES,
     ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
     ROOT / "examples" / "README.md",
     ROOT / "examples" / "kuka-tool" / "README.md",
 ]
@@ -232,6 +233,7 @@ class Resources(HTMLParser):
             self.found.append((tag, loads))
 
 
+@pytest.mark.integration
 def test_pages_load_nothing_from_elsewhere(built):
     pages = list(built.rglob("*.html"))
     assert len(pages) > len(PAGES)
@@ -247,6 +249,7 @@ def test_pages_load_nothing_from_elsewhere(built):
         ), sheet.name
 
 
+@pytest.mark.integration
 def test_mathematics_is_mathml(built):
     text = (built / "theory.html").read_text(encoding="utf-8")
     assert text.count("<math") > 50
@@ -256,6 +259,7 @@ def test_mathematics_is_mathml(built):
     assert not re.search(r"<mfrac[^>]*>\s*<mn>12</mn>", text)
 
 
+@pytest.mark.integration
 def test_every_verb_and_kind_has_its_place(built):
     commands, files = (
         (built / name).read_text(encoding="utf-8") for name in ("commands.html", "files.html")
@@ -267,5 +271,6 @@ def test_every_verb_and_kind_has_its_place(built):
     assert "generated:" not in commands + files
 
 
+@pytest.mark.integration
 def test_search_works_without_a_server(built):
     assert (built / "searchindex.js").read_text(encoding="utf-8").startswith("Search.setIndex(")

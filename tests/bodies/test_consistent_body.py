@@ -110,6 +110,7 @@ def test_an_estimate_that_is_a_body_stays_as_it_is(seed):
         assert (found.misfit, found.binding, found.status) == (0.0, (), "unchanged")
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize(
     "settings", [{}, {"spread": 3.0}, {"step": 30.0}, {"untold": 4}, {"spread": 2.0, "untold": 7}]

@@ -13,6 +13,8 @@ from time_limits import bounded, finished
 
 from steelyard.cli import main
 
+pytestmark = pytest.mark.integration
+
 LONGEST = 30  # [s] of computing after which a wrong input counts as hanging
 
 IDENTIFY = "identify experiment.yaml --out results"

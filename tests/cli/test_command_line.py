@@ -19,6 +19,8 @@ from steelyard.report import write
 from steelyard.robot.file import bundled_names, read_robot
 from steelyard.simulation import simulate as simulation
 
+pytestmark = pytest.mark.integration
+
 VERBS = ("demo", "robots", "simulate", "identify", "design", "compare", "export")
 PROCESS = [sys.executable, "-m", "steelyard"]
 QUICK = ["--duration", "2"]

@@ -27,6 +27,8 @@ from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.synchronisation import offsets_of, synchronise
 from steelyard.simulation.sensors import draw_errors
 
+pytestmark = pytest.mark.integration
+
 G = np.array([0, 0, -9.81])
 STEP = 1e-4  # [s], of differences
 LEVER = np.array([0.1, -0.2, 0.4])

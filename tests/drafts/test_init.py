@@ -247,6 +247,7 @@ def test_one_file_with_everything(tmp_path, run, streams):
     )
 
 
+@pytest.mark.integration
 def test_runs_by_folder_and_by_name(tmp_path, run):
     places = (
         ("a", "{}.csv"),
@@ -278,6 +279,7 @@ def test_runs_by_folder_and_by_name(tmp_path, run):
     assert all(set(each.streams) == {"cables", "imu", "tracker"} for each in experiment.runs)
 
 
+@pytest.mark.integration
 def test_a_real_recording_is_described_as_a_person_did(tmp_path, run, examples):
     """What is known of the tool on the wrist is found again: units, static poses, whose load is
     read, how the accelerometer is mounted."""
@@ -295,6 +297,7 @@ def test_a_real_recording_is_described_as_a_person_did(tmp_path, run, examples):
                 np.testing.assert_array_equal(one.streams[ours].values[quantity], values)
 
 
+@pytest.mark.integration
 def test_what_is_left_to_fill_in_is_there_as_a_comment(tmp_path, run, streams, examples):
     """Every key that stands in a comment fits the contract where it stands."""
     for out, arguments in (
@@ -321,6 +324,7 @@ def test_an_editor_finds_the_schema(tmp_path, run, streams):
     assert first == "# yaml-language-server: $schema=experiment.schema.json"
 
 
+@pytest.mark.integration
 def test_a_bag_is_a_stream_per_topic(tmp_path, run, streams):
     writer = pytest.importorskip("mcap.writer")
     with (tmp_path / "bag.mcap").open("wb") as file:
@@ -368,6 +372,7 @@ def test_a_bag_is_a_stream_per_topic(tmp_path, run, streams):
     )
 
 
+@pytest.mark.integration
 def test_groups_of_a_file_of_arrays(tmp_path, run, streams):
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "day.h5", "w") as file:
@@ -420,6 +425,7 @@ def test_columns_without_names():
     assert claims_of([f"[{i}]" for i in range(4)], 8, ["file"]) == []
 
 
+@pytest.mark.integration
 def test_logs_made_to_be_slow_are_bounded():
     names = [f"a{i}_{'1_' * 90}x{i}" for i in range(3000)]
     with bounded(3):
@@ -482,6 +488,7 @@ def test_nothing_usable(tmp_path, run, logs, message):
     assert not (tmp_path / "e.yaml").exists()
 
 
+@pytest.mark.integration
 def test_nothing_is_overwritten(tmp_path, run, streams):
     write_heap(tmp_path / "heap", streams)
     out = tmp_path / "e.yaml"

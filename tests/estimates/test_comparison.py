@@ -160,6 +160,7 @@ def test_chi_square_of_two_is_calibrated(rng, rank):
     assert stats.kstest([each.p_value for each in found], stats.uniform.cdf).pvalue > CHANCE
 
 
+@pytest.mark.integration
 def test_heterogeneity_is_cochrans_q_and_calibrated(rng):
     covariances = [
         covariance_of(seed) * scale for seed, scale in ((1, 1.0), (2, 4.0), (3, 0.3), (4, 1.5))
@@ -251,6 +252,7 @@ def regression(seed):
     )
 
 
+@pytest.mark.integration
 def test_methods_on_the_same_data_are_compared_by_the_difference_of_covariances():
     (best, C_best), (plain, C_plain) = regression(5)
     x = BEFORE.body_parameters
@@ -346,6 +348,7 @@ def test_the_payload_is_what_was_added():
     assert "accepted, of a body that can exist" in next(payload_statements(found))[0]
 
 
+@pytest.mark.integration
 def test_covariance_of_the_payload_is_that_of_many_draws(rng):
     """The clouds' composite with scattered parameters, taken apart by the linear parameters of
     Inertia."""
@@ -452,6 +455,7 @@ def test_a_body_that_cannot_exist_is_said_and_whether_it_may_be_chance():
     assert "not positive" in certain.estimate.verdict.reasons[0]
 
 
+@pytest.mark.integration
 def test_the_margin_of_a_thin_body_is_calibrated(rng):
     """Of a flat plate, on the edge of what can exist, about one in 740 lies three sigmas
     outside."""
@@ -732,6 +736,7 @@ def test_an_estimate_that_was_not_accepted_is_named(run, files):
     assert "\x1b" not in out
 
 
+@pytest.mark.integration
 def test_what_identify_wrote_can_be_compared(tmp_path):
     """A process of its own, of files that other code wrote."""
     ideal = contents()

@@ -38,6 +38,8 @@ from steelyard.simulation.sensors import paper_sensors
 from steelyard.simulation.simulate import simulate
 from steelyard.simulation.trajectories import from_file, repeated_move, workspace_of
 
+pytestmark = pytest.mark.integration
+
 ROBOT = read_robot("cogiro")
 EXACT = {"anchor": 0.0, "attachment": 0.0, "gravity": 0.0}
 QUICK = ["--duration", "8", "--budget", "44", "--processes", "1"]

@@ -24,7 +24,7 @@ LARGEST = 29.6  # of the chi-square of ten parameters: one in a thousand is larg
 
 robot = point_robot()
 both_laws = pytest.mark.parametrize("law", LAWS)
-pytestmark = pytest.mark.parametrize("name", COMMANDS)
+pytestmark = [pytest.mark.mujoco, pytest.mark.parametrize("name", COMMANDS)]
 
 
 @cache

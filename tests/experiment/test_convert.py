@@ -17,6 +17,8 @@ from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.instruments import Attitude
 
+pytestmark = pytest.mark.integration
+
 SAME = 1e-9
 """Relative: times are shifted once, rotations go through quaternions."""
 

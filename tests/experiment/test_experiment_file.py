@@ -422,6 +422,7 @@ def assert_near(estimate, other):
     assert (np.abs(estimate.value - other.value) < 2 * sigma).all()
 
 
+@pytest.mark.integration
 def test_missing_repeated_and_uneven_samples_change_little(small):
     whole = result(small)
     rng = np.random.default_rng(8)
@@ -584,6 +585,7 @@ def test_without_sync_common_time_counts_from_the_first_force_sample(small, orig
         )
 
 
+@pytest.mark.integration
 def test_clocks_that_agree_need_no_sync(small):
     whole = result(small)
     sync = read_experiment(small).runs[0].sync

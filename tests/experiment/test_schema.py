@@ -50,6 +50,7 @@ def test_examples(examples):
         check("experiment", read_yaml(path).data)
 
 
+@pytest.mark.integration
 def test_what_the_verbs_write(tmp_path, run, examples):
     assert (
         run(

@@ -22,6 +22,8 @@ from steelyard.robot.file import read_robot, robot_file
 from steelyard.simulation.forward_dynamics import CablePlatform
 from steelyard.yaml_file import to_yaml
 
+pytestmark = pytest.mark.mujoco
+
 TENSIONS = 1e-6  # relative; what a user is promised. They agree to 1e-10
 POINTS = point_robot()
 ROLLERS = read_robot("cogiro").with_straight_cables()

@@ -126,6 +126,7 @@ def compiled_body(text):
     return body.mass[0], body.ipos, R @ np.diag(body.inertia) @ R.T
 
 
+@pytest.mark.mujoco
 @pytest.mark.parametrize("cloud", CLOUDS)
 def test_mjcf_compiled_by_mujoco_is_the_same_body(tmp_path, cloud):
     mass, cog, inertia = compiled_body(text_of(tmp_path, cloud, "mjcf"))
@@ -134,6 +135,7 @@ def test_mjcf_compiled_by_mujoco_is_the_same_body(tmp_path, cloud):
     same(inertia, cloud.about_cog)
 
 
+@pytest.mark.mujoco
 def test_urdf_compiled_by_mujoco_is_the_same_body_as_mjcf(tmp_path):
     text = text_of(tmp_path, CLOUD, "urdf").replace(
         '<robot name="platform">',
@@ -454,6 +456,7 @@ def test_what_is_not_accepted_is_refused_unless_anyway(tmp_path, form, reasons):
     assert export(exported, form, anyway=True)
 
 
+@pytest.mark.mujoco
 @pytest.mark.parametrize("accepted", [True, False])
 @pytest.mark.parametrize("form", FORMATS)
 def test_a_body_that_cannot_exist_is_refused_unless_anyway_and_told_loudly(
@@ -589,6 +592,7 @@ def hostile_file(folder, text):
     return exported_of(each)
 
 
+@pytest.mark.mujoco
 @pytest.mark.parametrize("text", HOSTILE)
 def test_text_of_files_stays_text(tmp_path, text):
     exported = hostile_file(tmp_path, text)

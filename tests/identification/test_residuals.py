@@ -14,6 +14,8 @@ from steelyard.identification.methods.maximum_likelihood import MaximumLikelihoo
 from steelyard.identification.residuals import PLATFORM, explained
 from steelyard.robot.kinematics import cables_at
 
+pytestmark = pytest.mark.integration
+
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory):

@@ -1267,6 +1267,7 @@ PIECES = st.sampled_from(
 )
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("name", FUZZED)
 @settings(
     max_examples=60,

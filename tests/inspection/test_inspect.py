@@ -18,6 +18,8 @@ from steelyard.inspection.picture import pictures
 from steelyard.report.inspection_document import inspection_document
 from steelyard.report.markdown import markdown
 
+pytestmark = pytest.mark.integration
+
 # Others of the list are tried by `make bench` on more recordings; these take a second each.
 TRIED = (
     "accelerometer in g", "gravity removed", "accelerometer upside down", "ax with the wrong sign", "ay and az exchanged", "gyro in deg/s",

@@ -45,6 +45,8 @@ from steelyard.simulation.sensors import draw_errors, read_sensors, record
 from steelyard.simulation.simulate import simulate
 from steelyard.simulation.trajectories import feasible_multisine
 
+pytestmark = pytest.mark.integration
+
 ROBOT = read_robot("cogiro")  # hanging cables over rollers
 STRAIGHT = ROBOT.with_straight_cables()
 POINTS = replace(ROBOT, pulley_radius=np.zeros(8))

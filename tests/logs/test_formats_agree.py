@@ -16,6 +16,8 @@ from steelyard.identification.identify import identify
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.two_step import TwoStep
 
+pytestmark = pytest.mark.integration
+
 AGREEMENT = 1e-9
 """Relative; numbers are exact in all formats, and times are in whole microseconds."""
 

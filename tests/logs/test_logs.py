@@ -187,6 +187,7 @@ def test_several_topics(small, name):
     assert "expected a topic '/gyro', found /cables" in refused(path, "/gyro")
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("name", "what"), [("a.h5", "group"), ("v5.mat", "structure"), ("v73.mat", "structure")]
 )
@@ -325,6 +326,7 @@ def numbers_of(store, message, name, label):
     return values
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("ros1", [False, True])
 def test_decoder_agrees_with_rosbags_on_every_common_type(ros1):
     rng = np.random.default_rng(11)
@@ -556,6 +558,7 @@ def test_hostile_json(tmp_path, text, sentence):
 # Arrays
 
 
+@pytest.mark.integration
 def test_trees_of_hdf5(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         group = file.create_group("data/run")
@@ -603,6 +606,7 @@ def test_datasets_of_other_lengths(tmp_path):
         assert len(log.read(["t", "x"])["x"]) == 5
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("version", ["4", "5"])
 def test_variables_of_matlab(tmp_path, version):
     variables = {
@@ -682,6 +686,7 @@ def test_objects_of_matlab_are_named(tmp_path):
     assert "found text: char; save numbers" in refused(tmp_path / "b.mat")
 
 
+@pytest.mark.integration
 def test_waveforms_of_tdms(tmp_path):
     start = np.datetime64("2024-05-06T07:08:09.25", "us")
 
@@ -836,6 +841,7 @@ def test_cut_off_anywhere(small, tmp_path_factory, name):
     check()
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("name", APART)
 @pytest.mark.parametrize("fraction", [0.0, 0.3, 0.999])
 def test_cut_off(small, tmp_path, name, fraction):
@@ -868,6 +874,7 @@ def test_changed_anywhere(small, tmp_path_factory, name):
     check()
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("name", APART)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_changed(small, tmp_path, name, seed):
@@ -1040,6 +1047,7 @@ def test_hostile_chunks(tmp_path, compression, size, packed, sentence):
     assert sentence in hostile(path)
 
 
+@pytest.mark.integration
 def test_many_small_messages(tmp_path):
     """A few kilobytes that unpack to messages without end."""
     messages = [("/a", 10**9, b"{}")] * 600_000
@@ -1338,6 +1346,7 @@ def odd_names(file):
     file["b\n/x"] = np.arange(3.0)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
@@ -1354,6 +1363,7 @@ def test_hostile_hdf5(tmp_path, make, sentence):
     assert sentence in hostile(tmp_path / "a.h5")
 
 
+@pytest.mark.integration
 def test_chunk_that_unpacks_to_more_than_it_is(tmp_path):
     """A chunk of eight kilobytes, by its form, whose packed bytes go on and on."""
     packer = zlib.compressobj(9)
@@ -1382,6 +1392,7 @@ def mat_matrix(number, shape, name, *parts):
 MAT_HEADER = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     "content",
     [
@@ -1490,6 +1501,7 @@ def test_hostile_arrays(tmp_path, content, sentence):
     assert sentence in hostile(tmp_path / "a.npz")
 
 
+@pytest.mark.integration
 def test_archive_that_unpacks_to_too_much(tmp_path):
     with (
         zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive,
@@ -1502,6 +1514,7 @@ def test_archive_that_unpacks_to_too_much(tmp_path):
     assert "that unpack to more than" in hostile(tmp_path / "a.npz")
 
 
+@pytest.mark.integration
 def test_archive_of_many_arrays(tmp_path):
     content = io.BytesIO()
     np.lib.format.write_array(content, np.zeros(1))
@@ -1529,6 +1542,7 @@ def test_reader_that_fails_altogether(small, tmp_path, monkeypatch):
     assert "on which its library fails" in refused(*small["a.h5"])
 
 
+@pytest.mark.integration
 def test_readers_print_nothing(small, tmp_path, capfd):
     for path, topic in small.values():
         damaged = tmp_path / path.name

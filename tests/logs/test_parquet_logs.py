@@ -103,6 +103,7 @@ def test_a_part_is_what_all_of_it_has_there(path):
     np.testing.assert_array_equal(read(path, "f", Part("t", 50, 60)), values[inside])
 
 
+@pytest.mark.integration
 def test_ever_the_same_number_does_not_fill_the_memory(path):
     pl.select(pl.repeat(0.0, 40_000_000).alias("f")).write_parquet(path)
     assert path.stat().st_size < 1_000_000

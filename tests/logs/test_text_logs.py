@@ -343,6 +343,7 @@ def test_the_line_of_a_row_is_that_of_the_file(tmp_path):
             log.read(["t", "f1"], part)
 
 
+@pytest.mark.integration
 def test_a_part_is_what_all_of_it_has_there(tmp_path):
     rng = np.random.default_rng(0)
     time = np.arange(200_000) * 1e-3
@@ -608,6 +609,7 @@ def test_any_table_in_any_dialect_comes_back(tmp_path, file):
                 np.testing.assert_array_equal(log.read([name])[name], values[:, j])
 
 
+@pytest.mark.integration
 @settings(EASY, max_examples=150)
 @given(file=files(), data=st.data())
 def test_a_damaged_table_gives_numbers_or_a_sentence(tmp_path, file, data):
@@ -764,6 +766,7 @@ HOSTILE = {
 }  # fmt: skip
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("content", HOSTILE.values(), ids=HOSTILE.keys())
 def test_harm_is_refused(tmp_path, content):
     made = content()
@@ -773,6 +776,7 @@ def test_harm_is_refused(tmp_path, content):
     assert len(str(caught.value)) < 600
 
 
+@pytest.mark.integration
 def test_many_empty_lines_are_nothing(tmp_path):
     content = forces("\n" * 1_000_000 + "t,f1,f2\n" + "\n" * 1_000_000)
     assert len(tension(written(tmp_path, content))) == 12
@@ -788,6 +792,7 @@ def test_names_may_be_long_and_full_of_signs(tmp_path):
     assert len(tension(written(tmp_path, content))) == 12
 
 
+@pytest.mark.integration
 def test_ten_thousand_columns_are_read(tmp_path):
     names = ",".join(["t", "f1", "f2", *(f"c{i}" for i in range(9_997))])
     content = names + "\n" + "".join(f"{t:g}," + ",".join(["1"] * 9_999) + "\n" for t in TIMES)

@@ -9,6 +9,8 @@ from recordings import write_small
 
 import steelyard
 
+pytestmark = pytest.mark.integration
+
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):

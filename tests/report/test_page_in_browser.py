@@ -20,6 +20,8 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.report.page import page
 
+pytestmark = pytest.mark.browser
+
 ROBOT = "document.getElementById('figure-robot')"
 SCENE = f"drawn.get({ROBOT}).scene"
 EYE = f"const eye = {ROBOT}._fullLayout.scene.camera.eye; return [eye.x, eye.y, eye.z]"

@@ -31,6 +31,8 @@ from steelyard.report.sections.platform import _hull, box_of
 from steelyard.report.summary import summarise
 from steelyard.report.write import write_report
 
+pytestmark = pytest.mark.integration
+
 HOSTILE = "<script>alert(1)</script>"
 
 

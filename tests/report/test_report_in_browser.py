@@ -14,6 +14,8 @@ from steelyard.report.compose import document_of
 from steelyard.report.page import page
 from steelyard.report.summary import summarise
 
+pytestmark = pytest.mark.browser
+
 NAME = "<script>alert(1)</script>\"'&<img src=x onerror=alert(2)>"
 EYE = (
     "const eye = document.getElementById('figure-robot')._fullLayout.scene.camera.eye; return"

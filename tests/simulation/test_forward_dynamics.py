@@ -16,6 +16,7 @@ DURATION = 5.0
 FINE = 1e-9  # of the integrator, where differences divide its error by small times
 
 
+@pytest.mark.mujoco
 def test_pose_agrees_with_mujoco_over_five_seconds():
     robot = point_robot(damping_ratio=0.0)
     trajectory = multisine(

@@ -15,6 +15,8 @@ from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.solve.classical import study
 from steelyard.inertia import Inertia, body_jacobian
 
+pytestmark = pytest.mark.integration
+
 AGREEMENT = 1e-6  # of the two solvers, in sigmas per (1 + distance)
 SEEDS = (0, 1, 2)
 

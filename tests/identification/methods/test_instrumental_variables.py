@@ -18,6 +18,8 @@ from steelyard.identification.solve.classical import study
 from steelyard.identification.solve.normal_equations import TEN, Prior, Rows, solve, sums_of
 from steelyard.inertia import Inertia
 
+pytestmark = pytest.mark.integration
+
 LIMIT = chi2.isf(1e-3, TEN)  # reached by one sound recording of a thousand
 METHOD = InstrumentalVariables()
 

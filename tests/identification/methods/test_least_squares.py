@@ -33,6 +33,8 @@ from steelyard.identification.solve import long_recording
 from steelyard.identification.solve.classical import study
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
+pytestmark = pytest.mark.integration
+
 RARE = 1e-3  # of sound recordings whose chi-square of ten parameters is larger than LIMIT
 LIMIT = chi2.isf(RARE, 10)
 SEEDS = range(8)

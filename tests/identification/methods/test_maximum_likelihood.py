@@ -19,6 +19,8 @@ from steelyard.identification.solve.joint_study import joint_study
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments import Attitude, Length, Pose
 
+pytestmark = pytest.mark.integration
+
 LIMIT = chi2.isf(1e-3, 10)
 SEEDS = range(6)
 METHOD = MaximumLikelihood()

@@ -14,6 +14,8 @@ from steelyard.simulation.sensors import Sensors, ideal_sensors
 from steelyard.simulation.simulate import simulate
 from steelyard.simulation.trajectories import feasible_multisine
 
+pytestmark = pytest.mark.integration
+
 MOMENTS = 0.01  # of the moments: what the issue asks of ideal sensors
 EQUAL = 1e-4  # relative: two ways to the same body on noise-free data differ by interpolation only
 

@@ -232,6 +232,7 @@ def draws():
     return np.array(found).T
 
 
+@pytest.mark.integration
 def test_the_true_intensity_is_found_within_chance(draws):
     off, sigma = draws
     # Beside chance, a search that ends somewhere within its tolerance.

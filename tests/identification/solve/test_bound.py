@@ -35,6 +35,8 @@ from steelyard.instruments import Imu, Position, Tension
 from steelyard.motion.trajectory import multisine
 from steelyard.smoothing import DEGREE, knots
 
+pytestmark = pytest.mark.integration
+
 DIFFERENCES = (
     1e-4  # relative: central differences, and a Fisher matrix of a condition of many orders
 )

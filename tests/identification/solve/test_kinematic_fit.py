@@ -21,6 +21,8 @@ from steelyard.simulation.sensors import draw_errors, ideal_sensors, paper_senso
 from steelyard.simulation.trajectories import feasible_multisine
 from steelyard.smoothing import DEGREE, knots
 
+pytestmark = pytest.mark.integration
+
 SEEDS = 12
 RARE = 1e-4  # of sound data that would fail; seeds are fixed, so that none of them does by chance
 DURATION = 8.0  # [s]

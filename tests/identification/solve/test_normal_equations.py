@@ -38,6 +38,8 @@ from steelyard.identification.solve.normal_equations import (
     together,
 )
 
+pytestmark = pytest.mark.integration
+
 ROUNDING = 1e-8  # relative: normal equations lose half of the digits of stacked rows
 ONES = np.ones(TEN)
 

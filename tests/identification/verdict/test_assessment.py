@@ -35,6 +35,8 @@ from steelyard.identification.verdict.assessment import (
 from steelyard.inertia import Inertia
 from steelyard.simulation.trajectories import feasible_multisine
 
+pytestmark = pytest.mark.integration
+
 SEEDS = range(8)
 METHOD = LeastSquares()
 BRIEF = Recorder(feasible_multisine(ROBOT, 8.0))  # what does not settle takes its time

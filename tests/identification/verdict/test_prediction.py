@@ -15,6 +15,8 @@ from steelyard.identification.solve.classical import study
 from steelyard.identification.verdict.prediction import AXES, predict_held_out
 from steelyard.inertia import Inertia
 
+pytestmark = pytest.mark.integration
+
 HELD = frozenset({"b"})
 
 
