@@ -44,8 +44,6 @@ from steelyard.robot.model import Robot
 from steelyard.simulation.sensors import paper_sensors
 from steelyard.smoothing import DEGREE
 
-pytestmark = pytest.mark.integration
-
 HEAVY = read_robot("cogiro")
 STRAIGHT = HEAVY.with_straight_cables()
 BODY = HEAVY.platform
@@ -595,6 +593,7 @@ def assert_information(found, expected, relative):
     np.testing.assert_allclose(found / scale, expected / scale, rtol=0, atol=relative)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("which", ELSEWHERE)
 def test_the_balance_of_forces_tells_what_it_tells_the_estimators(which):
     view, known = plan(which).elsewhere, plan(which).known
@@ -666,6 +665,7 @@ def test_what_is_seen_changes_along_the_command_as_differences_say(which):
 # What a motion will tell
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("which", ["unsure", "late", *ELSEWHERE])
 def test_a_motion_tells_what_the_bound_of_its_rehearsal_says(which):
     found = plan(which)
@@ -683,6 +683,7 @@ def test_a_motion_tells_what_the_bound_of_its_rehearsal_says(which):
     np.testing.assert_allclose(errors, np.sqrt(np.diag(bound.calibration)[active]), rtol=relative)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("which", ["unsure", "tight", "bare"])
 def test_information_changes_along_the_commands_as_differences_say(which):
     found, rng = plan(which), np.random.default_rng(6)
@@ -746,6 +747,7 @@ def dense(band):
     return found
 
 
+@pytest.mark.integration
 def test_all_that_is_told_of_a_parameter_is_told_at_some_instant_or_was_known_or_is_smoothness():
     found = plan("bare")
     target, margin = Target.default(BODY), Margin(0.2, 1.0)
@@ -852,6 +854,7 @@ def demanded(commands, level=0.0):
     return {name: values[:, names == name] for name in dict.fromkeys(names)}
 
 
+@pytest.mark.integration
 def test_a_command_demands_its_part_of_every_limit():
     commands = random_commands(20)
     commands[:, 18:] = 0.0
@@ -886,6 +889,7 @@ def test_a_command_demands_its_part_of_every_limit():
     ]  # fmt: skip
 
 
+@pytest.mark.integration
 def test_cables_are_fed_as_fast_as_their_lengths_change_in_time():
     commands = random_commands(20)
     found = demanded(commands)["cable speed"]
@@ -928,6 +932,7 @@ def bodies_around(n, seed=8):
         )
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("level", [0.0, TIGHT])
 @pytest.mark.parametrize("name", ["tension", "tension at rest"])
 def test_bodies_within_the_margin_are_moved_by_the_tensions_that_are_demanded(name, level):
@@ -963,6 +968,7 @@ def test_bodies_within_the_margin_are_moved_by_the_tensions_that_are_demanded(na
     np.testing.assert_allclose(highest, most, rtol=0, atol=0.02 * unit)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("level", [0.0, TIGHT])
 def test_demands_change_along_the_command_as_differences_say(level):
     commands = random_commands(10, seed=9)[:, :AT]
@@ -1010,6 +1016,7 @@ def test_a_platform_swings_as_its_stiffness_and_its_mass_let_it():
     np.testing.assert_allclose(natural_frequencies(LIMITED, START, 0.0), expected, rtol=0.02)
 
 
+@pytest.mark.integration
 def test_ringing_is_what_the_bent_cables_add_in_the_band_of_their_resonance():
     found, commands = ringing(), ringing_commands()
     position, R, _, _, omega, alpha, s = motions(commands)
@@ -1069,6 +1076,7 @@ def beginning():
     return problem().course.near(motion)
 
 
+@pytest.mark.integration
 def test_the_objective_changes_with_the_course_as_differences_say():
     x, rng = beginning(), np.random.default_rng(11)
     value, slope = problem().objective(x)
@@ -1082,6 +1090,7 @@ def test_the_objective_changes_with_the_course_as_differences_say():
         )
 
 
+@pytest.mark.integration
 def test_the_constraints_change_with_the_course_as_differences_say():
     x = beginning()
     value, jacobian = problem().constraints(x)
@@ -1117,6 +1126,7 @@ def searched():
     )
 
 
+@pytest.mark.integration
 def test_a_search_of_a_few_steps_makes_the_experiment_better_within_the_limits():
     found, told = searched()
     before = problem().objective(beginning())[0]
@@ -1140,6 +1150,7 @@ def test_a_search_of_a_few_steps_makes_the_experiment_better_within_the_limits()
     assert demands().values(commands).max() < 1.02
 
 
+@pytest.mark.integration
 def test_the_same_start_ends_in_the_same_course_to_the_last_bit():
     found, _ = searched()
     again = problem().search(beginning(), steps=STEPS, seconds=600.0)

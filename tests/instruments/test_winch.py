@@ -45,8 +45,6 @@ from steelyard.simulation.sensors import draw_errors, read_sensors, record
 from steelyard.simulation.simulate import simulate
 from steelyard.simulation.trajectories import feasible_multisine
 
-pytestmark = pytest.mark.integration
-
 ROBOT = read_robot("cogiro")  # hanging cables over rollers
 STRAIGHT = ROBOT.with_straight_cables()
 POINTS = replace(ROBOT, pulley_radius=np.zeros(8))
@@ -222,6 +220,7 @@ def test_paying_out_lowers_the_reading_and_hauling_in_raises_it():
     )
 
 
+@pytest.mark.integration
 def test_sag_and_stretch_change_a_rate_by_little():
     # What the winches of a platform that moves in earnest feed, against straight cables: less than
     # v, and hundredths of the rate.
@@ -242,6 +241,7 @@ STEP = 1e-6
 DIFFERENCES = 1e-6  # relative to the largest
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("robot", [STRAIGHT, ROBOT, HEAVY])
 def test_the_tension_at_the_platform_follows_pose_and_rate_as_differences_say(robot):
     rng = np.random.default_rng(2)
@@ -442,6 +442,7 @@ def test_the_truth_is_within_what_is_stated(method):
     assert rollers < chi2.ppf(1 - RARE, 8 * len(seeds))
 
 
+@pytest.mark.integration
 def test_the_bound_is_that_of_the_joint_fit():
     experiment, _, found = sound(1)
     alone = identify(experiment, [LeastSquares()]).bound.standard_deviation
@@ -542,6 +543,7 @@ def turned():
 NOTHING = dict.fromkeys(("specific_force", "alpha", "wrench", "gravity"))
 
 
+@pytest.mark.integration
 def test_the_noise_of_velocities_is_in_the_tensions_where_rollers_turn_around():
     at, _ = balanced()
     drawn = 16 * np.mean([off**2 for off, _ in turned()], axis=0)
@@ -579,12 +581,14 @@ def test_that_noise_is_in_the_columns_of_gains_and_frictions_too():
     )
 
 
+@pytest.mark.integration
 def test_forces_of_a_run_left_out_are_predicted():
     experiment, _ = recorded(RUBBING, 8, {"a": rig(), "b": rig()})
     (found,) = predict_held_out(experiment, frozenset({"b"}))
     assert (found.error / found.noise).max() < 2.0
 
 
+@pytest.mark.integration
 def test_rollers_at_rest_hold_nothing_in_the_mean():
     rng = np.random.default_rng(4)
     poses = np.hstack(

@@ -21,8 +21,6 @@ from steelyard.simulation.sensors import draw_errors, ideal_sensors, paper_senso
 from steelyard.simulation.trajectories import feasible_multisine
 from steelyard.smoothing import DEGREE, knots
 
-pytestmark = pytest.mark.integration
-
 SEEDS = 12
 RARE = 1e-4  # of sound data that would fail; seeds are fixed, so that none of them does by chance
 DURATION = 8.0  # [s]
@@ -170,6 +168,7 @@ def draws(recorder):
     return calibration_parameters, own, found
 
 
+@pytest.mark.integration
 def test_it_converges(draws):
     assert all(fit.converged for *_, fit in draws[2])
 
@@ -312,6 +311,7 @@ def test_what_says_nothing_keeps_its_prior_exactly(recorder):
         )
 
 
+@pytest.mark.integration
 def test_all_clocks_together_tell_no_time(recorder):
     # Only differences of clocks are told; a motion that happens later looks the same.
     own = {
@@ -336,6 +336,7 @@ def test_all_clocks_together_tell_no_time(recorder):
         assert error @ np.linalg.solve(covariance, error) < chi2.isf(RARE, 2)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("left", ["imu", "imu and tracker without an accelerometer"])
 def test_clocks_that_cannot_be_compared_keep_their_prior(recorder, left):
     own = {
@@ -401,6 +402,7 @@ def stated_readings(pose, rate, acceleration, errors, robot, instruments):
     }
 
 
+@pytest.mark.integration
 def test_another_solver_finds_the_same(recorder):
     experiment, _ = recorder(1)
     run = replace(experiment.runs[0], window=WINDOW)
@@ -495,6 +497,7 @@ def test_another_solver_finds_the_same(recorder):
 # Noise, spikes, ideal data
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("quantity", ["angular_velocity", "specific_force", "orientation"])
 def test_noise_of_twice_the_stated_size_is_noticed(recorder, quantity):
     imu = recorder.instruments["imu"]
@@ -529,6 +532,7 @@ def spiked(stream, size, rng):
     return Stream(stream.time, values, stream.source)
 
 
+@pytest.mark.integration
 def test_spikes_do_no_harm(recorder):
     experiment, _ = recorder(7)
     calibration_parameters, clean, (samples,) = fitted(experiment)
@@ -551,6 +555,7 @@ def test_spikes_do_no_harm(recorder):
         assert ratio == pytest.approx(clean.ratios[source], rel=0.15)
 
 
+@pytest.mark.integration
 def test_ideal_data_show_no_errors(recorder):
     ideal = {
         name: changed(i, rate=250.0)
@@ -601,6 +606,7 @@ def test_an_experiment_without_an_imu(recorder):
     np.testing.assert_allclose(sigma(fit, kept), calibration_parameters.deviation[kept], rtol=0.05)
 
 
+@pytest.mark.integration
 def test_a_pose_and_a_gyro_tell_the_clock_between_them(recorder):
     calibration = {
         "target": 0.0,
@@ -640,6 +646,7 @@ def test_poses_at_rest_have_nothing_to_be_compared(recorder):
     np.testing.assert_array_equal(fit.covariance, np.diag(calibration_parameters.deviation**2))
 
 
+@pytest.mark.integration
 def test_poses_at_rest_beside_a_motion_change_nothing(recorder):
     experiment, _ = recorder(2)
     run = experiment.runs[0]
@@ -658,6 +665,7 @@ def test_poses_at_rest_beside_a_motion_change_nothing(recorder):
     )
 
 
+@pytest.mark.integration
 def test_several_runs_share_what_is_constant_and_have_clocks_of_their_own(recorder):
     experiment, drawn = recorder(9, runs=("one", "two"))
     calibration_parameters, fit, _ = fitted(experiment)
@@ -676,6 +684,7 @@ def test_several_runs_share_what_is_constant_and_have_clocks_of_their_own(record
     )
 
 
+@pytest.mark.integration
 def test_a_short_stretch_before_a_gap_does_not_end_the_comparison(recorder):
     experiment, _ = recorder(2)
     calibration_parameters, whole, (samples,) = fitted(experiment)

@@ -38,8 +38,6 @@ from steelyard.identification.solve.normal_equations import (
     together,
 )
 
-pytestmark = pytest.mark.integration
-
 ROUNDING = 1e-8  # relative: normal equations lose half of the digits of stacked rows
 ONES = np.ones(TEN)
 
@@ -163,6 +161,7 @@ def test_sums_are_those_of_the_weighted_rows(rng):
     assert len(together([blocks, blocks]).right) == 2 * len(blocks.right)
 
 
+@pytest.mark.integration
 def test_what_is_not_estimated_passes_its_uncertainty_on(rng):
     n, k, draws = 30, TEN + 6, 4000
     A = rng.normal(size=(n, 6, k))
@@ -212,6 +211,7 @@ def eiv_draws(rng, *, n=300, noise=0.2, draws=200):
     return {key: np.array(value) for key, value in found.items()}, body, noise
 
 
+@pytest.mark.integration
 def test_noise_in_the_regressor_biases_least_squares_and_not_the_others(rng):
     found, body, noise = eiv_draws(rng)
     means = {key: errors.mean(axis=0) for key, errors in found.items()}
@@ -227,6 +227,7 @@ def test_noise_in_the_regressor_biases_least_squares_and_not_the_others(rng):
         assert np.linalg.norm(means[key]) < 0.2 * np.linalg.norm(means["plain"])
 
 
+@pytest.mark.integration
 def test_the_covariance_of_instruments_is_that_of_their_scatter(rng):
     n, k = 40, TEN + 2
     A = rng.normal(size=(n, 6, k))
@@ -352,6 +353,7 @@ def different(A, block, rng):
     return white(A, block, rng) + A @ (0.3 * rng.normal(size=A.shape[2]))
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("runs", [1, 4])
 def test_white_noise_is_rarely_taken_for_more(rng, runs):
     count = 300
@@ -363,6 +365,7 @@ def test_white_noise_is_rarely_taken_for_more(rng, runs):
     assert all(1 < factor < 2.5 for s in seen for factor in s.values())
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("residual", "runs", "name"), [(coloured, 1, "blocks"), (different, 6, "runs")]
 )
@@ -522,6 +525,7 @@ ANOTHER = {
 }
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("owner_key", ANOTHER, ids=lambda k: ".".join(k))
 def test_the_balance_follows_an_error_of_a_motion_instrument_as_another_description_would(
     ideal, owner_key
@@ -554,6 +558,7 @@ def test_the_balance_follows_an_error_of_a_motion_instrument_as_another_descript
         np.testing.assert_allclose(found[:, :, i], expected, atol=0.01 * size)
 
 
+@pytest.mark.integration
 def test_the_wrench_follows_the_errors_of_the_force_sensors(ideal):
     experiment, known, samples = ideal
     run = experiment.runs[0]
@@ -599,6 +604,7 @@ def test_the_wrench_follows_the_readings(ideal):
         )
 
 
+@pytest.mark.integration
 def test_the_wrench_follows_where_a_cable_is_fixed(ideal):
     experiment, known, samples = ideal
     found = by_geometry(experiment, samples)
@@ -702,6 +708,7 @@ def firm_draws():
     return found
 
 
+@pytest.mark.integration
 def test_whitened_force_noise_is_of_as_many_numbers_as_the_filter_has_let_through(firm_draws):
     scatter, experiment, samples, known = firm_draws["forces"]
     equations = balance(experiment, experiment.runs[0], samples, known, np.full(8, 5.0))
@@ -811,6 +818,7 @@ def gain_rows(experiment, known, motion, W, tension, sigma):
     return equations, L, columns, np.einsum("nij,nj->ni", L, samples.wrench)
 
 
+@pytest.mark.integration
 def test_noise_that_gains_share_with_the_target_is_as_stated(with_gains, rng):
     experiment, known = with_gains
     motion, W, tension, _ = hanging(rng)
@@ -829,6 +837,7 @@ def test_noise_that_gains_share_with_the_target_is_as_stated(with_gains, rng):
     np.testing.assert_array_equal(stated[:8], 0.0)  # offsets are the same whatever is read
 
 
+@pytest.mark.integration
 def test_gains_are_not_biased_by_the_noise_that_they_multiply(with_gains, rng):
     experiment, known = with_gains
     motion, W, tension, _ = hanging(rng)
