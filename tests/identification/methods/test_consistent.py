@@ -187,14 +187,7 @@ def test_there_must_be_a_nominal_body_to_pull_towards():
         Consistent(towards_nominal=True).of(found)
 
 
-# What is not told
-
-
-def test_what_the_data_do_not_tell_stays_null():
-    estimate = Consistent()(moving([1, 1, 1, 0, 0, 0])(0))
-    assert np.isnan(estimate.value[4:]).all()
-    assert np.isfinite(estimate.value[:4]).all()
-    assert estimate.verdict.parameters["Jxx"] == "unidentifiable"
+# Noise and regions
 
 
 def test_strong_noise_still_gives_a_body():
