@@ -7,11 +7,13 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from html.parser import HTMLParser
 
 import click
 import pytest
 from places import ROOT
+from ruamel.yaml import YAML
 
 import steelyard
 from steelyard.cli import app
@@ -191,6 +193,34 @@ def test_citations_of_the_code_are_defined():
         for key in re.findall(r"\[([A-Z][A-Za-z]+\d{4})\]_", path.read_text(encoding="utf-8"))
     }
     assert cited <= defined
+
+
+def test_the_citation_is_of_this_version():
+    citation = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
+    assert citation["title"] == project["name"]
+    assert str(citation["version"]) == project["version"]
+    assert citation["license"] == project["license"]
+    assert [author["name"] for author in citation["authors"]] == [
+        author["name"] for author in project["authors"]
+    ]
+
+
+def test_decisions_are_numbered_and_have_one_form():
+    pages = sorted((DOCS / "decisions").glob("[0-9]*.md"))
+    assert [int(page.name[:4]) for page in pages] == list(range(1, len(pages) + 1))
+    for number, page in enumerate(pages, start=1):
+        text = page.read_text(encoding="utf-8")
+        assert text.startswith(f"# {number}. "), page.name
+        headings = re.findall(r"^## (.*)$", text, flags=re.MULTILINE)
+        assert headings == ["Context", "Decision", "Consequences"], page.name
+
+
+def test_architecture_leads_to_every_decision():
+    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    for page in (DOCS / "decisions").glob("[0-9]*.md"):
+        assert f"decisions/{page.name}" in text, page.name
 
 
 # What is built
