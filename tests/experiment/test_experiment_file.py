@@ -132,6 +132,7 @@ def test_aliases_and_merges_of_yaml_are_followed(small, original):
     assert experiment.instruments == original.instruments
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     "name", ["[2024-05-01] run", "all*", "what?", "{a,b}", "50%", "~", "Übung ☃", "a;b", "-"]
 )

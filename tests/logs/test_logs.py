@@ -852,6 +852,7 @@ def test_cut_off(small, tmp_path, name, fraction):
     assert not attempt(cut, topic)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("name", HERE)
 def test_changed_anywhere(small, tmp_path_factory, name):
     path, topic = small[name]
@@ -1177,6 +1178,7 @@ def rosbag_chunk(path, packed, size, compression):
     )
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("compression", "size", "packed", "sentence"),
     [
@@ -1303,6 +1305,7 @@ def plugin(file, folder):
     h5py.h5d.create(file.id, b"x", h5py.h5t.NATIVE_DOUBLE, h5py.h5s.create_simple((8,)), creation)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("make", "left"),
     [

@@ -410,6 +410,7 @@ def outcome(path, part):
         return str(error), []
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("content", IN_PIECES.values(), ids=IN_PIECES.keys())
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "gzip"])
 @pytest.mark.parametrize("part", [None, Part("t", 20.0, 30.0)], ids=["all", "part"])

@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from steelyard.dynamics import platform_wrench
 from steelyard.identification.methods.two_step import TwoStep, estimate_two_step
@@ -171,6 +172,7 @@ def test_median_over_runs_ignores_one_bad_run_and_pooling_does_not():
     np.testing.assert_allclose(median.runs["bad"].value[0], 200.0, rtol=1e-9)
 
 
+@pytest.mark.integration
 def test_covariance_holds_over_seeds_of_white_noise():
     # Errors in the wrench alone, at which the stated covariance aims: the part of both steps that
     # noise reaches linearly.

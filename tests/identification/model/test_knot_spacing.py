@@ -197,6 +197,7 @@ def test_the_stream_that_moves_fastest_decides():
     )
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("unit", [1e-4, 1e-2, 1e2, 1e4])
 @pytest.mark.parametrize("order", [0, 2])
 @pytest.mark.parametrize("frequency", [0.2, 1.0, 4.0])

@@ -179,6 +179,7 @@ def test_the_likeliest_intensity_is_found(intensity, sigma, seed):
     assert np.log(found) == pytest.approx(expected, abs=SETTLED)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("intensity", "sigma", "seed"), [(0.1, 1e-2, 5), (1e-3, 1e-2, 0), (1e-3, 1e-2, 2)]
 )
