@@ -3,25 +3,33 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-slow check bench docs tutorial clean
+.PHONY: demo check unit test test-slow bench docs tutorial clean
+
+# One thread each: many small matrices, and as many processes as cores.
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile
+MARKED := integration or mujoco or browser
 
 demo: $(VENV)/.installed
 	$(BIN)/steelyard demo --force
 
-test: $(VENV)/.installed-test
+# Below a minute: style, types and the unit tier (tests without a mark).
+check: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile -m "not slow"
+	$(PYTEST) -m "not (slow or $(MARKED))"
+
+# The unit tier alone, for instance of another Python: make unit PYTHON=python3.13 VENV=.venv-3.13
+unit: $(VENV)/.installed-test
+	$(PYTEST) -m "not (slow or $(MARKED))"
+
+# `check` first, then whole experiments, MuJoCo and a browser.
+test: check
+	$(PYTEST) -m "not slow and ($(MARKED))"
 
 # What `test` leaves out since it takes long: examples, more designs, longer recordings.
 test-slow: $(VENV)/.installed-test
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile -m slow
-
-# What `test` runs, without the slow part.
-check: $(VENV)/.installed-test
-	$(BIN)/ruff check .
-	$(BIN)/mypy
+	$(PYTEST) -m slow
 
 bench: $(VENV)/.installed
 	$(BIN)/python benchmarks/run.py
@@ -50,4 +58,4 @@ $(VENV)/.installed-docs: $(VENV)/.installed
 	touch $@
 
 clean:
-	rm -rf $(VENV) docs/_build steelyard-demo .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) .venv-* docs/_build steelyard-demo .pytest_cache .mypy_cache .ruff_cache

@@ -26,8 +26,8 @@ _FLAGS = (
     # WebGL without a graphics card.
     "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
 )  # fmt: skip
-PATIENCE = 60.0
-"""[s] for anything to appear; machines in CI are slow."""
+PATIENCE = 300.0
+"""[s] for anything to appear: only what never comes fails, however busy the machine is."""
 TABBABLE = "a[href], button, select, input, [tabindex='0']"
 
 

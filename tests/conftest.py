@@ -3,7 +3,6 @@
 import json
 import os
 import sys
-from pathlib import Path
 
 # Many small matrices: threads of their own cost more than they do, the more so beside other work.
 # Before NumPy is loaded.
@@ -12,17 +11,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import pytest
 from browser import browser
+from places import DATA, ROOT
 
 from steelyard.cli import main
 from steelyard.inertia import Inertia
-
-ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="session")
 def recordings():
     """Simulated recordings of another simulator (tests/data/README.md)."""
-    return Path(__file__).parent / "data"
+    return DATA
 
 
 @pytest.fixture(scope="session")

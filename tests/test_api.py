@@ -303,6 +303,7 @@ def test_methods_by_name():
         chosen_methods(["best"])
 
 
+@pytest.mark.integration
 def test_read_identify_show(tmp_path):
     experiment = steelyard.read_experiment(str(write_small(tmp_path)))
     found = steelyard.identify(experiment, "least-squares")
@@ -311,6 +312,7 @@ def test_read_identify_show(tmp_path):
     np.testing.assert_array_equal(found.estimate.value, again.estimate.value)
 
 
+@pytest.mark.integration
 def test_simulate_and_write(tmp_path):
     virtual = steelyard.simulate("cogiro", duration=DURATION, seed=3)
     robot = steelyard.read_robot("cogiro")
@@ -388,6 +390,7 @@ def test_compare_and_payload():
     assert lines[1].split() == ["mass", "kg", "20.00", "±", "0.54"]
 
 
+@pytest.mark.integration
 def test_an_inspection_is_short():
     text = repr(steelyard.inspect(simulated()))
     assert text.startswith(f"Inspection of '{simulated().name}': no mistakes, no contacts")

@@ -7,11 +7,13 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from html.parser import HTMLParser
 
 import click
 import pytest
-from conftest import ROOT
+from places import ROOT
+from ruamel.yaml import YAML
 
 import steelyard
 from steelyard.cli import app
@@ -21,10 +23,11 @@ sys.path.insert(0, str(DOCS / "_extensions"))
 
 from session import CommandError, Session, block, blocks, part_of  # noqa: E402
 
-PAGES = sorted(DOCS.glob("*.md"))
+PAGES = sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts)
 EVERYWHERE = [
     *PAGES,
     ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
     ROOT / "examples" / "README.md",
     ROOT / "examples" / "kuka-tool" / "README.md",
 ]
@@ -192,6 +195,34 @@ def test_citations_of_the_code_are_defined():
     assert cited <= defined
 
 
+def test_the_citation_is_of_this_version():
+    citation = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
+    assert citation["title"] == project["name"]
+    assert str(citation["version"]) == project["version"]
+    assert citation["license"] == project["license"]
+    assert [author["name"] for author in citation["authors"]] == [
+        author["name"] for author in project["authors"]
+    ]
+
+
+def test_decisions_are_numbered_and_have_one_form():
+    pages = sorted((DOCS / "decisions").glob("[0-9]*.md"))
+    assert [int(page.name[:4]) for page in pages] == list(range(1, len(pages) + 1))
+    for number, page in enumerate(pages, start=1):
+        text = page.read_text(encoding="utf-8")
+        assert text.startswith(f"# {number}. "), page.name
+        headings = re.findall(r"^## (.*)$", text, flags=re.MULTILINE)
+        assert headings == ["Context", "Decision", "Consequences"], page.name
+
+
+def test_architecture_leads_to_every_decision():
+    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    for page in (DOCS / "decisions").glob("[0-9]*.md"):
+        assert f"decisions/{page.name}" in text, page.name
+
+
 # What is built
 
 
@@ -232,6 +263,7 @@ class Resources(HTMLParser):
             self.found.append((tag, loads))
 
 
+@pytest.mark.integration
 def test_pages_load_nothing_from_elsewhere(built):
     pages = list(built.rglob("*.html"))
     assert len(pages) > len(PAGES)
@@ -247,6 +279,7 @@ def test_pages_load_nothing_from_elsewhere(built):
         ), sheet.name
 
 
+@pytest.mark.integration
 def test_mathematics_is_mathml(built):
     text = (built / "theory.html").read_text(encoding="utf-8")
     assert text.count("<math") > 50
@@ -256,6 +289,7 @@ def test_mathematics_is_mathml(built):
     assert not re.search(r"<mfrac[^>]*>\s*<mn>12</mn>", text)
 
 
+@pytest.mark.integration
 def test_every_verb_and_kind_has_its_place(built):
     commands, files = (
         (built / name).read_text(encoding="utf-8") for name in ("commands.html", "files.html")
@@ -267,5 +301,6 @@ def test_every_verb_and_kind_has_its_place(built):
     assert "generated:" not in commands + files
 
 
+@pytest.mark.integration
 def test_search_works_without_a_server(built):
     assert (built / "searchindex.js").read_text(encoding="utf-8").startswith("Search.setIndex(")

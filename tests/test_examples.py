@@ -11,7 +11,7 @@ import sys
 import nbformat
 import numpy as np
 import pytest
-from conftest import ROOT
+from places import DATA, ROOT
 
 pytestmark = pytest.mark.slow
 SIGMAS = 4.0
@@ -137,7 +137,7 @@ def test_a_new_robot(output, tmp_path):
     attributed = (ROOT / "examples" / "new-robot" / "README.md").read_text()
     assert "CASPR" in attributed
     assert "BSD-3-Clause" in attributed
-    for file in (ROOT / "tests" / "data" / "caspr" / "CAROCA").iterdir():
+    for file in (DATA / "caspr" / "CAROCA").iterdir():
         assert (
             ROOT / "examples" / "new-robot" / "caspr" / file.name
         ).read_bytes() == file.read_bytes()
@@ -148,7 +148,7 @@ import sys
 import nbclient, nbformat
 path, out = sys.argv[1:]
 notebook = nbformat.read(path, as_version=4)
-nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3").execute()
+nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3").execute()
 nbformat.write(notebook, out)
 """
 

@@ -191,6 +191,7 @@ def test_pinocchio_holds_the_same_ten_numbers():
     np.testing.assert_allclose(back.inertia, CLOUD.inertia, rtol=TOLERANCE)
 
 
+@pytest.mark.mujoco
 def test_mujoco_compiles_the_same_body():
     mass, pos, full = CLOUD.to_mujoco()
     numbers = {

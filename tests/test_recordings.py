@@ -10,6 +10,8 @@ from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.two_step import TwoStep
 
+pytestmark = pytest.mark.integration
+
 
 def errors(recordings, recorded_truth, name, method):
     estimate = method(read_experiment(recordings / name / "experiment.yaml"))

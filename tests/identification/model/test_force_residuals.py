@@ -1,0 +1,654 @@
+"""The balance of forces along an arc against differences of itself, and against a dense constrained
+least-squares problem."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+from simulated import BODY, EXACT, ROBOT
+
+from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.identification.model.calibration_parameters import DRAG, LAG, Calibration, gather
+from steelyard.identification.model.force_residuals import (
+    BALANCE,
+    Forces,
+    balance_of,
+    force_residuals,
+    sample_weight,
+)
+from steelyard.identification.model.motion_residuals import Reading, Segment, Tally, limit
+from steelyard.identification.model.segment import POSE
+from steelyard.instruments import Attitude, Tension, Wrench
+from steelyard.robot.file import read_robot
+from steelyard.robot.model import Robot
+from steelyard.smoothing import DEGREE, knots
+
+START, END, SPACING = 0.2, 3.0, 0.4  # [s]
+GRID = knots(START, END, SPACING)
+STEP = 1e-5  # of central differences, of a coefficient, a parameter in its size, a systematic error
+DIFFERENCES = 2e-6  # relative to the largest; what curves over a metre, a second, a radian, in wrenches of a kN
+BALANCED = 1e-8  # [N], [N m]; rounding of sums of forces of a kN
+CONSTRAINED = 1e-5  # in 1-sigma; where SciPy's general solver ends
+RARE = 1e-4  # of sound data that would fail
+
+POINTS = replace(
+    ROBOT, name="points", pulley_radius=np.zeros(8)
+)  # cables leave from points: directions in one line
+BARE = Robot("sensor", np.zeros((0, 3)), np.zeros((0, 3)))
+SIGMAS = np.array([3.0, 5.0, 4.0, 6.0, 5.0, 2.0, 5.0, 8.0])  # [N]
+TENSION = {"kind": "tension", "clock": "recorder", "calibration": {"offset": 5.0}}
+WRENCH = {
+    "kind": "wrench",
+    "clock": "recorder",
+    "position": (0.02, -0.01, 0.1),
+    "rpy_deg": (5, -10, 30),
+    "calibration": {
+        "offset": {"force": 5.0, "torque": 1.0},
+        "position": 0.001,
+        "misalignment": 0.01,
+    },
+}
+FORCES = {
+    "platform end": Tension.model_validate(TENSION),
+    "winch end": Tension.model_validate({**TENSION, "end": "winch"}),
+    "wrench": Wrench.model_validate(WRENCH),
+    "wrench on the sensor": Wrench.model_validate({**WRENCH, "acts_on": "sensor"}),
+}
+ATTITUDE = Attitude.model_validate({"kind": "attitude", "noise": 0.01})
+
+
+class Case:
+    """An arc, forces along it, a body, and systematic errors that are not zero; forces and motion
+    balance exactly."""
+
+    def __init__(self, force, robot=None, *, n=6, static=False, reference=None, seed=5):
+        rng = np.random.default_rng(seed)
+        instrument = FORCES[force]
+        self.robot = robot or (POINTS if instrument.kind == "tension" else BARE)
+        suite = {"forces": instrument, "attitude": ATTITUDE}
+        streams = {name: Stream(np.arange(3.0), {}, name) for name in suite}
+        sync = dict.fromkeys(suite, 0.0)
+        self.experiment = Experiment(
+            "forces",
+            self.robot,
+            suite,
+            (Run("run", streams, sync, static=static),),
+            uncertainty=EXACT,
+        )
+        self.calibration_parameters = gather(self.experiment)
+        values = self.calibration_parameters.mean + 0.01 * rng.normal(
+            size=len(self.calibration_parameters)
+        )
+        for key, place in self.calibration_parameters.places.items():
+            if key[1] == LAG:
+                values[place] = 0.0
+        self.calibration = Calibration(self.calibration_parameters, values)
+        if static:
+            coefficients, self.time = somewhere(n, rng), np.arange(float(n))
+        else:
+            coefficients, self.time = (
+                somewhere(len(GRID) - DEGREE - 1, rng),
+                np.sort(rng.uniform(0.5, 2.7, n)),
+            )
+        attitude = Reading(
+            ("attitude", "orientation"), self.time, np.tile(np.eye(3), (n, 1, 1)), 1.0
+        )
+        grid = self.time if static else GRID
+        self.segment = Segment(
+            "run", grid, (attitude,), coefficients, static=static, reference=reference
+        )
+        self.parameters = BODY.parameters
+        if self.robot.m:
+            guess = {"tension": 700 + 150 * rng.normal(size=(n, self.robot.m))}
+            sigma = SIGMAS
+        else:
+            guess = {"force": np.zeros((n, 3)), "torque": np.zeros((n, 3))}
+            sigma = np.array([2.0, 3.0, 2.5, 0.1, 0.3, 0.2])
+        self.forces = self.force_samples(guess, sigma)
+        # What is left over is linear in the readings of straight cables, and nearly so where they
+        # sag.
+        for _ in range(8):
+            at = self.balance()
+            off = np.einsum("nri,ni->nr", np.linalg.pinv(at.by_reading), at.left_over)
+            self.forces = self.force_samples(self.changed(-off), sigma)
+        assert np.abs(self.balance().left_over).max() < BALANCED
+
+    def force_samples(self, readings, sigma, left_out=None):
+        n = len(self.time)
+        none = np.zeros((n, len(sigma)), dtype=bool)
+        return Forces("forces", self.time, readings, sigma, none if left_out is None else left_out)
+
+    def changed(self, by):
+        """Readings with something added, shape (n, r)."""
+        ends = np.cumsum([v.shape[1] for v in self.forces.readings.values()])[:-1]
+        parts = np.split(by, ends, axis=1)
+        return {
+            q: v + part for (q, v), part in zip(self.forces.readings.items(), parts, strict=True)
+        }
+
+    def balance(
+        self, *, coefficients=None, values=None, parameters=None, forces=None, factors=None
+    ):
+        segment = (
+            self.segment
+            if coefficients is None
+            else replace(self.segment, coefficients=coefficients)
+        )
+        calibration = (
+            self.calibration if values is None else Calibration(self.calibration_parameters, values)
+        )
+        own = self.parameters if parameters is None else parameters
+        return balance_of(
+            self.experiment, segment, forces or self.forces, calibration, own, factors or {}
+        )
+
+    def rows(self, *, forces=None, factors=None, tally=None):
+        """With a border of the body and every systematic error."""
+        columns = 10 + np.arange(len(self.calibration_parameters))
+        return force_residuals(
+            self.experiment, self.segment, forces or self.forces, self.calibration, columns, self.parameters, factors or {},
+            tally or Tally(),
+        )  # fmt: skip
+
+    def noisy(self, seed, size=1.0):
+        rng = np.random.default_rng(seed)
+        noise = size * rng.normal(size=self.forces.left_out.shape) * self.forces.sigma
+        return replace(self.forces, readings=self.changed(noise))
+
+
+def somewhere(count, rng):
+    """Poses within the robot, about a metre and some tenths of a radian apart; quaternions of any
+    length near one."""
+    position = np.array([0.3, -0.2, 2.0]) + 0.2 * rng.normal(size=(count, 3))
+    quaternion = np.array([1.05, 0.05, -0.05, 0.1]) + 0.05 * rng.normal(size=(count, 4))
+    return np.hstack([position, quaternion])
+
+
+def central_differences(function, x, directions):
+    """Derivative along directions, shape (n, 6, directions)."""
+    return np.stack(
+        [(function(x + STEP * d) - function(x - STEP * d)) / (2 * STEP) for d in directions], axis=2
+    )
+
+
+def assert_derivatives(found, expected):
+    np.testing.assert_allclose(found, expected, atol=DIFFERENCES * np.abs(expected).max())
+
+
+CASES = {
+    **{force: {"force": force} for force in FORCES},
+    "rollers": {"force": "platform end", "robot": ROBOT},
+    "in the time of the forces": {"force": "platform end", "reference": "recorder"},
+    "platform end at rest": {"force": "platform end", "static": True},
+    "wrench at rest": {"force": "wrench", "static": True},
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    """A case, its rows, and the whitener, which is held in differences."""
+    found = Case(**CASES[request.param])
+    return found, found.rows(), found.balance().whitener
+
+
+def test_balanced_forces_leave_nothing(case):
+    found, rows, _ = case
+    np.testing.assert_allclose(rows.residual, 0, atol=1e-8)
+    np.testing.assert_allclose(found.balance().correction, 0, atol=1e-8)
+    assert rows.label == found.segment.label("forces", BALANCE)
+
+
+def test_derivatives_by_the_motion_are_those_of_differences(case):
+    found, rows, whitener = case
+    x = found.segment.coefficients
+    ways = np.random.default_rng(1).normal(size=(12, *x.shape))
+    expected = whitener @ central_differences(
+        lambda c: found.balance(coefficients=c).left_over, x, ways
+    )
+    own = rows.first[:, None] + np.arange(rows.by_motion.shape[2] // POSE)
+    along = np.einsum("nki,dni->nkd", rows.by_motion, ways[:, own].reshape(len(ways), len(own), -1))
+    assert_derivatives(along, expected)
+
+
+def test_derivatives_by_the_body_are_those_of_differences(case):
+    found, rows, whitener = case
+    expected = whitener @ central_differences(
+        lambda p: found.balance(parameters=p).left_over, found.parameters, 100 * np.eye(10)
+    )
+    full = np.zeros((*rows.residual.shape, 10 + len(found.calibration_parameters)))
+    full[:, :, rows.columns] = rows.by_errors
+    assert_derivatives(100 * full[:, :, :10], expected)
+
+
+def test_derivatives_by_every_systematic_error_are_those_of_differences(case):
+    found, rows, whitener = case
+    full = np.zeros((*rows.residual.shape, 10 + len(found.calibration_parameters)))
+    full[:, :, rows.columns] = rows.by_errors
+    rng, acting = np.random.default_rng(2), set()
+    for (owner, key, run), place in found.calibration_parameters.places.items():
+        way = np.zeros(len(found.calibration_parameters))
+        way[place] = rng.normal(size=len(way[place]))
+        if key == LAG:
+            # Forces that lag look at an earlier instant.
+            def left_over(lag):
+                late = replace(found.forces, time=found.forces.time - lag)
+                return found.balance(forces=late).left_over
+
+            expected = central_differences(left_over, 0.0, [way[place][0]])
+        else:
+            expected = central_differences(
+                lambda v: found.balance(values=v).left_over, found.calibration.values, [way]
+            )
+        expected = whitener @ expected
+        along = full[:, :, 10:] @ way
+        np.testing.assert_allclose(
+            along[:, :, None],
+            expected,
+            atol=DIFFERENCES * max(np.abs(expected).max(), 0.1),
+            err_msg=f"{owner} {key} {run}",
+        )
+        if np.abs(expected).max() > 0:
+            acting.add((owner, key))
+    # So that nothing was compared with nothing.
+    terms = {
+        ("forces", term.key) for term in found.experiment.instruments["forces"].terms(found.robot.m)
+    }
+    clocks = set() if found.segment.static else {("forces", LAG)}
+    if not found.segment.static and found.segment.reference is None:
+        clocks |= {("recorder", "delay"), ("attitude", "delay")}
+    fixed = {("robot", "anchor"), ("robot", "attachment")} if found.robot.m else set()
+    assert acting == terms | clocks | fixed | {("robot", "gravity")}
+
+
+# Cables that have weight
+
+STRETCHED = 1e-5  # relative: a cable of a length under tension is a little shorter without
+SAGGING = 0.02  # relative: how sag changes with pose and geometry is of no account by the module's own word
+
+
+@pytest.fixture(scope="module")
+def heavy():
+    found = Case("platform end", replace(read_robot("cogiro"), pulley_radius=np.zeros(8)), n=4)
+    return found, found.rows(), found.balance().whitener
+
+
+def test_cables_with_inertia_are_dragged_along(heavy):
+    found, rows, whitener = heavy
+    place = found.calibration_parameters.places["robot", DRAG, None]
+    way = np.zeros(len(found.calibration_parameters))
+    way[place] = 1.0
+    expected = whitener @ central_differences(
+        lambda v: found.balance(values=v).left_over, found.calibration.values, [way]
+    )
+    assert np.abs(expected).max() > 0.1
+    assert_derivatives(rows.by_errors[:, :, rows.columns == 10 + place.start], expected)
+
+
+def test_what_cables_drag_is_what_a_third_of_them_weighs_across(heavy):
+    # Point masses at the attachments, felt across the cable only.
+    found, _, _ = heavy
+    values = found.calibration.values.copy()
+    place = found.calibration_parameters.places["robot", DRAG, None]
+    still, dragging = (
+        found.balance(values=np.where(np.arange(len(values)) == place.start, each, values))
+        for each in (0.0, 1.0)
+    )
+    motion, robot, n = still.motion, found.robot, len(still.time)
+    R, omega, alpha = motion["rotation"], motion["omega"], motion["alpha"]
+    gravity = values[found.calibration_parameters.places["robot", "gravity", None]]
+    expected = np.zeros((n, 6))
+    for anchor, corner in zip(robot.anchors, robot.attachments, strict=True):
+        line = anchor - motion["position"] - R @ corner
+        length = np.linalg.norm(line, axis=1, keepdims=True)
+        along = np.einsum("nji,nj->ni", R, line / length)
+        moved = motion["specific_force"] + np.einsum("nji,j->ni", R, gravity)
+        moved = moved + np.cross(alpha, corner) + np.cross(omega, np.cross(omega, corner))
+        across = moved - along * np.sum(along * moved, axis=1, keepdims=True)
+        force = -robot.cable.linear_density * length / 3 * across
+        expected += np.hstack([force, np.cross(corner, force)])
+    np.testing.assert_allclose(
+        dragging.left_over - still.left_over, expected, atol=STRETCHED * np.abs(expected).max()
+    )
+
+
+def test_derivatives_with_heavy_cables_are_nearly_those_of_differences(heavy):
+    found, rows, whitener = heavy
+    full = np.zeros((*rows.residual.shape, 10 + len(found.calibration_parameters)))
+    full[:, :, rows.columns] = rows.by_errors
+    rng = np.random.default_rng(2)
+    for key in (
+        ("forces", "offset", None),
+        ("forces", "gain", None),
+        ("robot", "anchor", None),
+        ("robot", "gravity", None),
+    ):
+        way = np.zeros(len(found.calibration_parameters))
+        place = found.calibration_parameters.places[key]
+        way[place] = rng.normal(size=len(way[place]))
+        expected = whitener @ central_differences(
+            lambda v: found.balance(values=v).left_over, found.calibration.values, [way]
+        )
+        np.testing.assert_allclose(
+            (full[:, :, 10:] @ way)[:, :, None],
+            expected,
+            atol=SAGGING * np.abs(expected).max(),
+            err_msg=str(key),
+        )
+
+
+def test_cables_that_rest_drag_nothing():
+    found = Case(
+        "platform end", replace(read_robot("cogiro"), pulley_radius=np.zeros(8)), n=3, static=True
+    )
+    place = found.calibration_parameters.places["robot", DRAG, None]
+    values = found.calibration.values.copy()
+    values[place] += 1.0
+    np.testing.assert_array_equal(found.balance(values=values).left_over, found.balance().left_over)
+    rows = found.rows()
+    assert not np.any(rows.by_errors[:, :, rows.columns == 10 + place.start])
+
+
+# Readings that are corrected until they balance
+
+
+def stated_motion(found):
+    """Pose, rate and acceleration at the times of the forces, and omega and alpha in platform
+    axes."""
+    e = {
+        (o, k): found.calibration.values[p]
+        for (o, k, _), p in found.calibration_parameters.places.items()
+    }
+    # The motion is told in the time of the attitude's clock, as it is known beforehand.
+    time = found.time - e["recorder", "delay"] + e["attitude", "delay"]
+    pose, rate, acceleration = (
+        BSpline(GRID, found.segment.coefficients, DEGREE)(time, nu=k) for k in range(3)
+    )
+    q, dq, ddq = pose[:, 3:], rate[:, 3:], acceleration[:, 3:]
+
+    def vector_part(a, b):
+        return a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
+
+    square = np.sum(q**2, axis=1, keepdims=True)
+    R = Rotation.from_quat(q, scalar_first=True).as_matrix()
+    omega = 2 * vector_part(q, dq) / square
+    alpha = (
+        2 * vector_part(q, ddq) / square
+        - 2 * np.sum(q * dq, axis=1, keepdims=True) / square * omega
+    )
+    return pose, rate, acceleration, R, omega, alpha
+
+
+def stated_balance(found):
+    """Structure matrices and the wrenches that move the body, written out once more in NumPy;
+    shapes (n, 6, m), (n, 6)."""
+    e = {
+        (o, k): found.calibration.values[p]
+        for (o, k, _), p in found.calibration_parameters.places.items()
+    }
+    pose, _, acceleration, R, omega, alpha = stated_motion(found)
+    s = np.einsum("nji,nj->ni", R, acceleration[:, :3] - e["robot", "gravity"])
+    J, h, m = BODY.inertia_about_origin, BODY.first_moment, BODY.mass
+    force = m * s + np.cross(alpha, h) + np.cross(omega, np.cross(omega, h))
+    torque = np.cross(h, s) + alpha @ J + np.cross(omega, omega @ J)
+    moving = np.hstack([force, torque])
+    if not found.robot.m:
+        return None, moving
+    anchors, corners = e["robot", "anchor"].reshape(-1, 3), e["robot", "attachment"].reshape(-1, 3)
+    line = anchors - pose[:, None, :3] - np.einsum("nij,mj->nmi", R, corners)
+    pull = np.einsum("nji,nmj->nmi", R, line / np.linalg.norm(line, axis=2, keepdims=True))
+    return np.concatenate([pull, np.cross(corners, pull)], axis=2).transpose(0, 2, 1), moving
+
+
+def gains(found):
+    """Reading over tension but for the offset, by the contract: at the winch the rollers take their
+    part, shape (n, m)."""
+    e = {
+        k: found.calibration.values[p]
+        for (o, k, _), p in found.calibration_parameters.places.items()
+        if o == "forces"
+    }
+    gain = np.tile(e["gain"] * e["common_gain"], (len(found.time), 1))
+    if "friction" not in e:
+        return gain
+    pose, rate, _, R, omega, _ = stated_motion(found)
+    arms = np.einsum("nij,mj->nmi", R, found.robot.attachments)
+    away = pose[:, None, :3] + arms - found.robot.anchors
+    moving = rate[:, None, :3] + np.cross(np.einsum("nij,nj->ni", R, omega)[:, None], arms)
+    paid_out = np.sum(away * moving, axis=2) / np.linalg.norm(away, axis=2)
+    return gain * (1 - e["friction"] * np.tanh(paid_out / 0.01))
+
+
+def as_tension(found, readings):
+    """Tensions that readings say, by the contract, shape (n, m)."""
+    return (
+        readings
+        - found.calibration.values[found.calibration_parameters.places["forces", "offset", None]]
+    ) / gains(found)
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize("force", ["platform end", "winch end"])
+def test_readings_are_corrected_as_a_constrained_least_squares_problem_has_it(force):
+    found = Case(force)
+    forces = found.noisy(3)
+    at = found.balance(forces=forces)
+    W, moving = stated_balance(found)
+    size = np.array([100.0] * 3 + [50.0] * 3)
+    for i, readings in enumerate(forces.readings["tension"]):
+
+        def unbalanced(correction, i=i, readings=readings):
+            return (W[i] @ as_tension(found, readings - SIGMAS * correction)[i] - moving[i]) / size
+
+        solved = minimize(
+            lambda c: c @ c, np.zeros(8), jac=lambda c: 2 * c, method="SLSQP",
+            constraints={"type": "eq", "fun": unbalanced}, options={"ftol": 1e-14, "maxiter": 200},
+        )  # fmt: skip
+        assert np.abs(unbalanced(solved.x)).max() < 1e-8
+        np.testing.assert_allclose(at.correction[i], solved.x, atol=CONSTRAINED)
+        np.testing.assert_allclose(
+            at.carried[i],
+            as_tension(found, readings - SIGMAS * solved.x)[i],
+            atol=CONSTRAINED * SIGMAS.max(),
+        )
+
+
+@pytest.mark.parametrize("force", ["platform end", "winch end"])
+def test_what_is_carried_moves_the_body_and_leaves_the_inner_tension_free(force):
+    found = Case(force)
+    forces = found.noisy(4)
+    at = found.balance(forces=forces)
+    W, moving = stated_balance(found)
+    np.testing.assert_allclose(np.einsum("nkm,nm->nk", W, at.carried), moving, atol=1e-6)
+    # A tension that only tightens the platform is not corrected.
+    inner = np.array([np.linalg.svd(w)[2][-1] for w in W])
+    tighter = {"tension": forces.readings["tension"] + 80 * inner * gains(found)}
+    again = found.balance(forces=replace(forces, readings=tighter))
+    np.testing.assert_allclose(again.left_over, at.left_over, atol=1e-6)
+    np.testing.assert_allclose(again.correction, at.correction, atol=1e-6)
+
+
+def test_a_wrench_that_is_read_is_corrected_to_the_one_that_moves_the_body():
+    found = Case("wrench")
+    forces = found.noisy(5)
+    at = found.balance(forces=forces)
+    _, moving = stated_balance(found)
+    np.testing.assert_allclose(at.carried, moving, atol=1e-6)
+    # Six readings, six equations: the correction is the error itself.
+    error = np.hstack([forces.readings[q] - found.forces.readings[q] for q in ("force", "torque")])
+    np.testing.assert_allclose(at.correction, error / forces.sigma, atol=1e-6)
+    assert at.structure is None
+
+
+@pytest.mark.parametrize("force", ["platform end", "wrench"])
+def test_the_cost_is_the_squared_length_of_the_correction(force):
+    found = Case(force)
+    forces, tally = found.noisy(6), Tally()
+    at, rows = found.balance(forces=forces), found.rows(forces=forces, tally=tally)
+    whitened = np.einsum("nij,nj->ni", at.whitener, at.left_over)
+    np.testing.assert_allclose(
+        np.sum(at.correction**2, axis=1), np.sum(whitened**2, axis=1), rtol=1e-8
+    )
+    np.testing.assert_allclose(rows.residual, whitened, rtol=1e-8)
+    assert tally.cost == pytest.approx(np.sum(at.correction**2), rel=1e-8)
+
+
+@pytest.mark.parametrize("force", ["platform end", "wrench"])
+def test_the_whitener_makes_the_noise_of_the_readings_white(force):
+    found = Case(force)
+    factors = {("forces", quantity): 1.7 for quantity in found.forces.readings}
+    for given, factor in (({}, 1.0), (factors, 1.7)):
+        at = found.balance(factors=given)
+        noise = at.by_reading * found.forces.sigma * factor
+        white = at.whitener @ (noise @ noise.transpose(0, 2, 1)) @ at.whitener.transpose(0, 2, 1)
+        np.testing.assert_allclose(white, np.tile(np.eye(6), (len(white), 1, 1)), atol=1e-8)
+
+
+@pytest.mark.parametrize("force", ["platform end", "wrench"])
+def test_what_is_left_over_follows_the_readings_as_stated(force):
+    found = Case(force)
+    forces, rng = found.noisy(7), np.random.default_rng(8)
+    change = rng.normal(size=forces.left_out.shape)
+    one = found.balance(forces=forces)
+    other = found.balance(forces=replace(forces, readings=found.changed(change)))
+    base = found.balance()
+    expected = np.einsum("nkr,nr->nk", base.by_reading, change)
+    np.testing.assert_allclose(other.left_over - base.left_over, expected, atol=1e-7)
+    np.testing.assert_allclose(one.by_reading, base.by_reading, rtol=1e-9, atol=1e-12)
+
+
+# Readings that are left out
+
+LOUD = 1000.0  # [N]
+HARDLY = (
+    0.5  # in 1-sigma of six numbers: how far a reading that is left out may move what is left over
+)
+MUTE = 1e-3  # in 1-sigma: how far it may pull at the body
+
+
+@pytest.mark.parametrize("cable", range(8))
+def test_a_reading_that_is_left_out_has_no_say(cable):
+    found = Case("platform end")
+    left_out = np.zeros((len(found.time), 8), dtype=bool)
+    left_out[2, cable] = True
+    quiet = replace(found.noisy(9), left_out=left_out)
+    loud = {"tension": quiet.readings["tension"] + LOUD * left_out}
+    before, after = found.rows(forces=quiet), found.rows(forces=replace(quiet, readings=loud))
+    change = after.residual - before.residual
+    np.testing.assert_allclose(
+        change, np.where(np.arange(len(change)) == 2, change.T, 0.0).T, atol=1e-9
+    )
+    assert np.abs(change).max() < HARDLY
+    # What pulls at the parameters, in units of the noise that pulls at them anyway.
+    ten = before.by_errors[:, :, np.isin(before.columns, np.arange(10))]
+    pull = np.einsum("nkc,nk->c", ten, change) / np.sqrt(np.einsum("nkc,nkc->c", ten, ten))
+    assert np.abs(pull).max() < MUTE
+
+
+def test_a_cable_that_is_left_out_is_told_by_the_others():
+    found = Case("platform end")
+    left_out = np.zeros((len(found.time), 8), dtype=bool)
+    left_out[:, 3] = True
+    wrong = {"tension": found.forces.readings["tension"] + LOUD * left_out}
+    at = found.balance(forces=replace(found.forces, readings=wrong, left_out=left_out))
+    expected = as_tension(found, found.forces.readings["tension"])
+    # Inner tension is what cannot be told: it stays as the others say.
+    np.testing.assert_allclose(at.carried, expected, atol=0.01)
+
+
+def test_a_sample_that_is_left_out_as_a_whole_says_next_to_nothing():
+    found = Case("wrench")
+    left_out = np.zeros((len(found.time), 6), dtype=bool)
+    left_out[1] = True
+    rows = found.rows(forces=replace(found.noisy(10), left_out=left_out))
+    whole = found.rows(forces=found.noisy(10))
+    # Its 1-sigma is then a hundred times the largest reading.
+    assert np.abs(rows.by_motion[1]).max() < 1e-2 * np.abs(whole.by_motion[1]).max()
+    np.testing.assert_array_equal(rows.by_motion[[0, 2]], whole.by_motion[[0, 2]])
+
+
+# What counts how much
+
+
+def test_a_push_pulls_no_more_than_noise_may():
+    found = Case("platform end")
+    at = found.balance()
+    push = np.zeros((len(found.time), 6))
+    push[3] = [300.0, 0.0, 100.0, 0.0, 50.0, 0.0]
+    off = np.einsum("nri,ni->nr", np.linalg.pinv(at.by_reading), push)
+    rows, calm = found.rows(forces=replace(found.forces, readings=found.changed(off))), found.rows()
+    size = np.linalg.norm(at.whitener[3] @ push[3])
+    assert size > 3 * limit(6)
+    assert np.linalg.norm(rows.residual[3]) == pytest.approx(np.sqrt(size * limit(6)))
+    # Pull on the motion: derivative times residual, both under the root of the weight; tensions
+    # differ by what has pushed.
+    unit = at.whitener[3] @ push[3] / size
+    by_body = np.isin(rows.columns, np.arange(10))
+    pull = rows.by_errors[3][:, by_body].T @ rows.residual[3]
+    np.testing.assert_allclose(
+        pull, limit(6) * calm.by_errors[3][:, by_body].T @ unit, rtol=1e-6, atol=1e-9
+    )
+    np.testing.assert_allclose(rows.residual[[0, 1, 2, 4, 5]], 0, atol=1e-8)
+
+
+def test_samples_weigh_as_huber_has_it():
+    size = np.array([0.0, 0.5, 1.0, 2.0, 50.0]) * limit(6)
+    residual = size[:, None] * np.eye(6)[2]
+    np.testing.assert_allclose(sample_weight(residual), [1.0, 1.0, 1.0, 0.5, 0.02])
+
+
+def test_forces_outside_the_arc_count_nothing():
+    found = Case("platform end")
+    time = found.time.copy()
+    time[0], time[-1] = START - 1, END + 1
+    tally = Tally()
+    rows = found.rows(forces=replace(found.noisy(11), time=time), tally=tally)
+    for each in (rows.residual, rows.by_motion, rows.by_errors):
+        np.testing.assert_array_equal(each[[0, -1]], 0.0)
+        assert np.all(np.any(each[1:-1], axis=(1,) if each.ndim == 2 else (1, 2)))
+    assert tally.count["forces", "tension"] == 6 * (len(time) - 2)
+
+
+@pytest.mark.parametrize("force", ["platform end", "wrench"])
+def test_corrections_are_as_large_as_they_are_counted(force):
+    found = Case(force, n=400)
+    tally = Tally()
+    found.rows(forces=found.noisy(12), tally=tally)
+    sizes = {q: v.shape[1] for q, v in found.forces.readings.items()}
+    assert tally.count == {
+        ("forces", q): 400 * 6 * k / sum(sizes.values()) for q, k in sizes.items()
+    }
+    low, high = chi2.ppf([RARE, 1 - RARE], 400 * 6)
+    assert low < sum(tally.square.values()) < high
+    assert tally.cost == pytest.approx(sum(tally.square.values()), rel=1e-3)
+
+
+def test_a_noise_that_is_larger_than_it_counts_as_shows_as_such():
+    found, tally = Case("platform end", n=400), Tally()
+    found.rows(forces=found.noisy(12, 2.0), tally=tally)
+    # Twofold, fourfold in variance, within what four hundred samples scatter by.
+    assert 3.6 < tally.square["forces", "tension"] / tally.count["forces", "tension"] < 4.4
+
+
+def test_where_most_samples_stand_far_none_is_the_exception():
+    found, tally = Case("platform end", n=400), Tally()
+    found.rows(forces=found.noisy(12, 10.0), tally=tally)
+    assert tally.count["forces", "tension"] > 6 * 300
+    assert tally.square["forces", "tension"] / tally.count["forces", "tension"] == pytest.approx(
+        100, rel=0.1
+    )
+
+
+def test_a_reading_that_is_left_out_takes_an_equation_with_it():
+    found = Case("platform end", n=400)
+    left_out = np.zeros((400, 8), dtype=bool)
+    left_out[:, 2] = True
+    noisy, tally = found.noisy(13), Tally()
+    found.rows(forces=replace(noisy, left_out=left_out), tally=tally)
+    assert tally.count["forces", "tension"] == 5 * 400
+    low, high = chi2.ppf([RARE, 1 - RARE], 5 * 400)
+    assert low < tally.square["forces", "tension"] < high
+    assert tally.far["forces", "tension"] == 400

@@ -1,0 +1,62 @@
+"""Units and names as people read them."""
+
+import pytest
+from rich.console import Console
+
+from steelyard.report.document import Grid
+from steelyard.report.sections.shown import line_colour, shown_unit, slug, words
+from steelyard.report.terminal import drawn_grid
+from steelyard.units import FACTORS
+
+
+@pytest.mark.parametrize(
+    ("unit", "quantity", "name", "log"),
+    [
+        ("rad", "", "°", "deg"),
+        ("rad/s", "", "°/s", "deg/s"),
+        ("m", "error", "mm", "mm"),
+        ("s", "error", "ms", "ms"),
+    ],
+)
+def test_factors_are_the_inverse_of_those_of_logs(unit, quantity, name, log):
+    shown = shown_unit(unit, quantity)
+    assert shown.name == name
+    assert shown.factor * FACTORS[unit][log] == pytest.approx(1.0, rel=1e-15)
+
+
+def test_other_units_are_only_written_better():
+    assert shown_unit("kg m^2") == ("kg m²", 1.0)
+    assert shown_unit("m") == ("m", 1.0)
+    assert shown_unit("N") == ("N", 1.0)
+    assert words("angular_velocity") == "angular velocity"
+
+
+def test_names_for_links_are_safe_and_differ():
+    found = [
+        slug("a", "b"),
+        slug("a-b"),
+        slug("ä<b>"),
+        slug("ä b "),
+        slug("x" * 100),
+        slug("\ud800"),
+    ]
+    assert len(set(found)) == len(found)
+    assert all(c.isascii() and (c.isalnum() or c == "-") for each in found for c in each)
+    assert slug("a", "b") == slug("a", "b")
+
+
+def test_colours_of_lines_begin_again():
+    assert len({line_colour(i) for i in range(20)}) == 8
+    assert line_colour(0) == line_colour(8)
+
+
+def test_a_table_in_a_terminal_holds_its_texts_as_they_are():
+    grid = Grid("caption", ("name", "value"), (("[red]a", "1.5"), ("b", "22")), right=(1,))
+    console = Console(width=60)
+    with console.capture() as captured:
+        console.print(drawn_grid(grid))
+    lines = captured.get().splitlines()
+    assert lines[0].strip() == "caption"
+    assert any("[red]a" in line for line in lines)
+    first, second = (next(line for line in lines if text in line) for text in ("1.5", "22"))
+    assert first.index("1.5") + 3 == second.index("22") + 2

@@ -1,0 +1,41 @@
+"""JSON as data: what the standard library writes comes back, everything else is one sentence."""
+
+import json
+import math
+
+import pytest
+
+from steelyard.errors import InputError
+from steelyard.json_file import read_json
+
+
+def test_what_was_written_comes_back(tmp_path):
+    data = {"a": [1.5, -2e-300, None, True], "ä": {"b": "x"}}
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(data))
+    assert read_json(path) == data
+
+
+def test_whole_numbers_are_floats_however_long(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(f"[3, 1{'0' * 5000}]")
+    three, huge = read_json(path)
+    assert isinstance(three, float)
+    assert math.isinf(huge)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"{", r"a\.json:1: expected JSON, found a mistake in it \(expecting property name"),
+        (b"[1,\n2,,]", r"a\.json:2: expected JSON"),
+        (b"\xff", "expected UTF-8 text, found a byte that is not at 0"),
+        (b"[NaN]", "found NaN, which JSON does not have"),
+        (b"[" * 100_000, "lists too deep"),
+    ],
+)
+def test_mistakes_are_one_sentence(tmp_path, content, message):
+    path = tmp_path / "a.json"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        read_json(path)
