@@ -110,7 +110,7 @@ def test_nothing_in_common_is_no_agreement():
     assert np.isnan(found.p_value)
     assert comparison.exceeding(1e6) == ("a and b: nothing that both know can be compared",)
     assert "nothing that they all know" in " ".join(
-        text for text, _ in comparison_statements(comparison)
+        each.text for each in comparison_statements(comparison)
     )
 
 
@@ -343,7 +343,7 @@ def test_the_payload_is_what_was_added():
     assert found.estimate.verdict.accepted
     assert found.estimate.physical
     assert found.possible
-    assert "accepted, of a body that can exist" in next(payload_statements(found))[0]
+    assert "accepted, of a body that can exist" in next(payload_statements(found)).text
 
 
 def test_covariance_of_the_payload_is_that_of_many_draws(rng):

@@ -608,10 +608,12 @@ def test_robot_without_limits_stays_about_the_middle_and_the_report_says_what_is
     middle, reach = workspace_of(robot)
     assert np.all(np.abs(poses - middle) <= reach * 1.0001)
     assert found.feasible
-    said = "\n".join(statements(found))
+    said = "\n".join(each.text for each in statements(found))
     assert "does not limit speed, acceleration, angular speed, angular acceleration" in said
     # With the robot's own limits there is nothing to say.
-    assert "does not limit" not in "\n".join(statements(replace(found, experiment=planned())))
+    assert "does not limit" not in "\n".join(
+        each.text for each in statements(replace(found, experiment=planned()))
+    )
 
 
 def test_an_interrupted_search_ends_with_one_sentence_and_leaves_nothing(tmp_path):

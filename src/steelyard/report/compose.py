@@ -23,3 +23,8 @@ def document_of(summary: Summary) -> Document:
     return Document(
         summary.table.title, lead(summary), tuple(each for each in found if each is not None)
     )
+
+
+def brief_of(summary: Summary) -> Document:
+    """What a terminal shows of a report: its first section."""
+    return Document(summary.table.title, lead(summary), (result(summary),))

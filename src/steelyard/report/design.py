@@ -8,16 +8,15 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
-from rich.console import Console
-from rich.text import Text
 
+from steelyard.arrays import Array
 from steelyard.digits import LABELS
 from steelyard.excitation.appraisal import Appraisal, Told
 from steelyard.excitation.verification import Verified
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.motion.limits import Use
-from steelyard.report.document import Grid
-from steelyard.report.terminal import console, drawn_grid
+from steelyard.report.document import Grid, Statement
+from steelyard.report.parameter_grid import ParameterTexts, parameter_grid
 
 _BARS = "▁▂▃▄▅▆▇█"
 _PARTS = 40
@@ -37,32 +36,35 @@ def grids(appraisal: Appraisal) -> tuple[Grid, ...]:
 
 
 def _precision(appraisal: Appraisal) -> Grid:
+    """1-sigma of the ten against those that are wanted, and when the motion informs about each."""
     runs = list(appraisal.trajectories)
-    several = len(runs) > 1 or not np.allclose(
-        appraisal.each[runs[0]], appraisal.standard_deviation, equal_nan=True
-    )
-    heading = [
-        "",
-        "unit",
-        *(("one run", "in all") if several else ("1-sigma",)),
-        "wanted",
-        "share",
-        "told over time",
+    alone, total = appraisal.each[runs[0]], appraisal.standard_deviation
+    wanted = appraisal.target.each
+    if len(runs) > 1 or not np.allclose(alone, total, equal_nan=True):
+        columns = [
+            ParameterTexts("one run", _sigmas(alone)),
+            ParameterTexts("in all", _sigmas(total)),
+        ]
+    else:
+        columns = [ParameterTexts("1-sigma", _sigmas(total))]
+    shares = ["" if np.isnan(share) else f"{share:.2f}" for share in total / wanted]
+    over_time = [
+        "  ".join(drawn_over_time(appraisal.told[run], parameter) for run in runs)
+        for parameter in range(len(LABELS))
     ]
-    rows = []
-    for i, (label, unit, factor) in enumerate(LABELS):
-        alone, total = float(appraisal.each[runs[0]][i]), float(appraisal.standard_deviation[i])
-        wanted = float(appraisal.target.each[i])
-        values = (alone, total) if several else (total,)
-        share = "" if np.isnan(total) else f"{total / wanted:.2f}"
-        drawn = "  ".join(drawn_over_time(appraisal.told[run], i) for run in runs)
-        shown = ("not told" if np.isnan(v) else f"{v * factor:.3g}" for v in values)
-        rows.append((label, unit, *shown, f"{wanted * factor:.3g}", share, drawn))
-    title = (
-        f"What {'a motion' if len(runs) == 1 else f'{len(runs)} motions'} of {_seconds(appraisal)}"
-        " will tell"
-    )
-    return Grid(title, tuple(heading), tuple(rows), frozenset(range(2, len(heading) - 1)))
+    columns += [
+        ParameterTexts("wanted", _sigmas(wanted)),
+        ParameterTexts("share", shares),
+        ParameterTexts("told over time", over_time, right=False),
+    ]
+    motions = "a motion" if len(runs) == 1 else f"{len(runs)} motions"
+    return parameter_grid(f"What {motions} of {_seconds(appraisal)} will tell", columns)
+
+
+def _sigmas(deviations: Array) -> list[str]:
+    """1-sigma of the ten in the units of :data:`LABELS`, from SI, shape (10,)."""
+    pairs = zip(deviations.tolist(), LABELS, strict=True)
+    return ["not told" if np.isnan(v) else f"{v * factor:.3g}" for v, (_, _, factor) in pairs]
 
 
 def drawn_over_time(told: Told, parameter: int) -> str:
@@ -147,68 +149,65 @@ def _seconds(appraisal: Appraisal) -> str:
     return " and ".join(f"{length:g} s" for length in lengths)
 
 
-def statements(appraisal: Appraisal) -> Iterator[str]:
+def statements(appraisal: Appraisal) -> Iterator[Statement]:
     """What there is to say about it, one sentence each."""
+    yield from _reached(appraisal)
+    for name, verified in appraisal.verified.items():
+        for text in verified.violations:
+            yield Statement(f"'{name}': the robot cannot do it: {text}", "bad")
+    yield from _ringing(appraisal)
+    limits = appraisal.experiment.robot.limits
+    free = [name.replace("_", " ") for name in _RATES if getattr(limits, name) is None]
+    if free:
+        yield Statement(
+            f"the robot file does not limit {', '.join(free)}: check that the robot can do what the"
+            " table says, or add 'limits' to it"
+        )
+    if appraisal.experiment.robot.m:
+        text = f"tensions are those nearest to {appraisal.level:g} N"
+        if appraisal.feasible:
+            text += (
+                "; they stay within the limits for a body up to"
+                f" {appraisal.margin.share:.0%} lighter or heavier with its centre of gravity up to"
+                f" {appraisal.margin.off * 1e3:.0f} mm off"
+            )
+        yield Statement(text)
+
+
+def _reached(appraisal: Appraisal) -> Iterator[Statement]:
+    """The parameter that is known worst, and those that are not identifiable."""
+    labels = [label for label, *_ in LABELS]
     parameter, ratio = appraisal.worst
-    label = dict(zip(BODY_PARAMETERS, (label for label, *_ in LABELS), strict=True))[parameter]
     if np.isfinite(ratio):
         verdict = (
             "reaches all that is wanted"
             if ratio <= 1
             else "does not reach what is wanted; a longer motion or more runs would"
         )
-        yield f"worst known: {label}, {ratio:.2f} of the wanted 1-sigma: {verdict}"
-    untold = [
-        name
-        for name, told in zip(
-            (label for label, *_ in LABELS), np.isnan(appraisal.standard_deviation), strict=True
-        )
-        if told
-    ]
+        label = labels[BODY_PARAMETERS.index(parameter)]
+        yield Statement(f"worst known: {label}, {ratio:.2f} of the wanted 1-sigma: {verdict}")
+    lacking = np.isnan(appraisal.standard_deviation)
+    untold = [label for label, lacks in zip(labels, lacking, strict=True) if lacks]
     if untold:
-        yield (
-            f"cannot tell {', '.join(untold)}: the motion does not show"
-            f" {'it' if len(untold) == 1 else 'them'}"
-        )
-    for name, verified in appraisal.verified.items():
-        for text in verified.violations:
-            yield f"'{name}': the robot cannot do it: {text}"
+        them = "it" if len(untold) == 1 else "them"
+        text = f"cannot tell {', '.join(untold)}: the motion does not show {them}"
+        yield Statement(text, "bad")
+
+
+def _ringing(appraisal: Appraisal) -> Iterator[Statement]:
+    """How near the motion comes to the natural frequencies of the platform on its cables."""
+    highest = appraisal.highest_frequency
     if len(appraisal.natural_frequencies):
         swings = ", ".join(f"{each:.2g}" for each in appraisal.natural_frequencies[:3])
-        yield (
+        yield Statement(
             f"the platform swings on its cables at {swings} Hz and above (where it begins; the"
-            " stiffness is known to a factor only), the motion is below"
-            f" {appraisal.highest_frequency:.2g} Hz"
+            f" stiffness is known to a factor only), the motion is below {highest:.2g} Hz"
         )
-        if appraisal.highest_frequency > _NEAR * appraisal.natural_frequencies[0]:
-            yield "that is near: the platform may ring on its cables"
+        if highest > _NEAR * appraisal.natural_frequencies[0]:
+            yield Statement("that is near: the platform may ring on its cables")
     elif appraisal.experiment.robot.m:
-        yield (
+        yield Statement(
             "the stiffness of the cables is not known: how the platform swings on them was not"
-            f" looked at; the motion is below {appraisal.highest_frequency:.2g} Hz (add 'cable:"
+            f" looked at; the motion is below {highest:.2g} Hz (add 'cable:"
             " {axial_stiffness: …}' to the robot file)"
         )
-    limits = appraisal.experiment.robot.limits
-    free = [name.replace("_", " ") for name in _RATES if getattr(limits, name) is None]
-    if free:
-        yield (
-            f"the robot file does not limit {', '.join(free)}: check that the robot can do what the"
-            " table says, or add 'limits' to it"
-        )
-    if appraisal.experiment.robot.m:
-        yield (
-            f"tensions are those nearest to {appraisal.level:g} N; they stay within the limits for"
-            f" a body up to {appraisal.margin.share:.0%} lighter or heavier with its centre of"
-            f" gravity up to {appraisal.margin.off * 1e3:.0f} mm off"
-            if appraisal.feasible
-            else f"tensions are those nearest to {appraisal.level:g} N"
-        )
-
-
-def show_design(appraisal: Appraisal) -> None:
-    """Print to standard output."""
-    screen: Console = console()
-    for grid in grids(appraisal):
-        screen.print(drawn_grid(grid, whole_names=True))
-    for text in statements(appraisal):
-        screen.print(Text(text, style="red" if "cannot" in text else ""))

@@ -36,9 +36,7 @@ _INSTANTS_A_SECOND = 20.0
 
 def design_document(appraisal: Appraisal) -> Document:
     """Everything that there is to say and to see of a planned experiment."""
-    said = tuple(
-        Statement(text, "bad" if "cannot" in text else "") for text in statements(appraisal)
-    )
+    said = tuple(statements(appraisal))
     precision, *uses = grids(appraisal)
     columns = {run: _thinned(motion_columns(appraisal, run)) for run in appraisal.trajectories}
     told = [_told(run, each) for run, each in columns.items()]

@@ -7,15 +7,14 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 
 import numpy as np
-from rich.text import Text
 
 from steelyard.digits import LABELS
 from steelyard.inspection.agreement import BAD
 from steelyard.inspection.contact import Contact
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
-from steelyard.report.document import Grid
-from steelyard.report.terminal import console, drawn_grid
+from steelyard.report.document import Grid, Statement
+from steelyard.report.parameter_grid import ParameterTexts, parameter_grid
 
 _MOST_FAULTS = 12
 """Faults of one stream that are listed one by one."""
@@ -129,20 +128,18 @@ def _agreements(found: Inspection) -> Grid:
 
 
 def _body(found: Inspection) -> Grid:
+    """How well the ten parameters can be known from the recording."""
     assert found.excitation is not None
-    head = ("", "unit", "about", "1-sigma at best", "told by")
-    rows = []
-    for finding, (label, unit, factor) in zip(found.excitation.body, LABELS, strict=True):
-        rows.append(
-            (
-                label,
-                unit,
-                _number(finding.value * factor),
-                _number(finding.sigma * factor),
-                finding.told,
-            )
-        )
-    return Grid("What this recording can tell of the body", head, tuple(rows), frozenset({2, 3}))
+    body = found.excitation.body
+    factors = [factor for _, _, factor in LABELS]
+    values = [_number(each.value * factor) for each, factor in zip(body, factors, strict=True)]
+    sigmas = [_number(each.sigma * factor) for each, factor in zip(body, factors, strict=True)]
+    columns = [
+        ParameterTexts("about", values),
+        ParameterTexts("1-sigma at best", sigmas),
+        ParameterTexts("told by", [each.told for each in body], right=False),
+    ]
+    return parameter_grid("What this recording can tell of the body", columns)
 
 
 def _calibration(found: Inspection) -> Grid:
@@ -176,45 +173,52 @@ def _range(values: Iterable[float | None]) -> str:
     return "-" if not shown else shown[0] if shown[0] == shown[-1] else f"{shown[0]} to {shown[-1]}"
 
 
-def statements(found: Inspection) -> Iterator[tuple[str, str]]:
-    """What there is to say, one sentence each, with its colour: first what is wrong."""
-    runs = {each.run for each in found.streams}
-    for mistake, where in zip(found.mistakes, found.runs_of, strict=True):
-        a = mistake.amendment
-        which = f" (run{'s' if len(where) > 1 else ''} {', '.join(where)})" if len(runs) > 1 else ""
-        others = f"; it may also be: {' / '.join(mistake.others)}" if mistake.others else ""
-        yield (
-            (
-                f"mistake: {a.subject}: {a.what}{which}. Change: {a.proposal}. Evidence:"
-                f" {mistake.evidence}{others}"
-            ),
-            "red",
-        )
+def statements(found: Inspection) -> Iterator[Statement]:
+    """What there is to say, one sentence each: first what is wrong."""
+    yield from _mistakes(found)
     for contact in found.contacts:
-        yield contact_words(contact), "yellow"
+        yield Statement(contact_words(contact), "note")
     for remark in found.remarks:
-        yield remark, "yellow"
+        yield Statement(remark, "note")
     for each in found.streams:
-        yield from ((text, "yellow") for text in fault_words(each))
+        for text in fault_words(each):
+            yield Statement(text, "note")
     if not found.mistakes and not any(a.worst > BAD for _, a in found.agreements):
-        yield (
+        yield Statement(
             "no mistake of sign, unit, axis or order was found: all instruments agree as described",
-            "green",
+            "good",
         )
-    if found.excitation is not None:
-        untold = [
-            label
-            for f, (label, *_) in zip(found.excitation.body, LABELS, strict=True)
-            if f.told == "not at all"
-        ]
-        if untold:
-            yield (
-                (
-                    f"this motion does not tell {', '.join(untold)}; `steelyard design` finds one"
-                    " that does"
-                ),
-                "",
-            )
+    yield from _unidentifiable(found)
+
+
+def _mistakes(found: Inspection) -> Iterator[Statement]:
+    """What to change in the description, and why."""
+    several = len({each.run for each in found.streams}) > 1
+    for mistake, runs in zip(found.mistakes, found.runs_of, strict=True):
+        amendment = mistake.amendment
+        where = f" (run{'s' if len(runs) > 1 else ''} {', '.join(runs)})" if several else ""
+        others = f"; it may also be: {' / '.join(mistake.others)}" if mistake.others else ""
+        yield Statement(
+            f"mistake: {amendment.subject}: {amendment.what}{where}. Change: {amendment.proposal}."
+            f" Evidence: {mistake.evidence}{others}",
+            "bad",
+        )
+
+
+def _unidentifiable(found: Inspection) -> Iterator[Statement]:
+    """Parameters of the body that the motion does not excite."""
+    if found.excitation is None:
+        return
+    labels = [
+        label
+        for each, (label, *_) in zip(found.excitation.body, LABELS, strict=True)
+        if each.told == "not at all"
+    ]
+    if labels:
+        yield Statement(
+            f"not identifiable from this motion: {', '.join(labels)}; `steelyard design` finds one"
+            " from which they are"
+        )
 
 
 def contact_words(contact: Contact) -> str:
@@ -240,12 +244,3 @@ def fault_words(report: StreamReport) -> Iterator[str]:
             f"run '{report.run}': {report.instrument}: {len(report.faults) - _MOST_FAULTS} further"
             " faults"
         )
-
-
-def show_inspection(found: Inspection) -> None:
-    """Print to standard output."""
-    screen = console()
-    for grid in grids(found):
-        screen.print(drawn_grid(grid))
-    for text, style in statements(found):
-        screen.print(Text(text, style=style))

@@ -13,7 +13,7 @@ from steelyard.inspection.agreement import BAD, Agreement
 from steelyard.inspection.contact import Residual
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
-from steelyard.report.document import Document, Figure, Section, Statement, Statements, Tone
+from steelyard.report.document import Document, Figure, Section, Statement, Statements
 from steelyard.report.inspection import grids, statements
 
 _MOST_POINTS = 3000
@@ -21,14 +21,11 @@ _MOST_POINTS = 3000
 _MOST_RUNS = 4
 """That are drawn."""
 _MARKS = {"gap": "var(--muted)", "stuck": "var(--bad)"}
-_TONES: dict[str, Tone] = {"red": "bad", "yellow": "note", "green": "good"}
 
 
 def inspection_document(found: Inspection) -> Document:
     """Everything that there is to say and to see."""
-    said = Statements(
-        tuple(Statement(text, _TONES.get(style, "")) for text, style in statements(found))
-    )
+    said = Statements(tuple(statements(found)))
     tables = tuple(grid for grid in grids(found) if grid.rows)
     return Document(
         f"{found.experiment.name}: what is in the recordings",

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.digits import LABELS, number
+from steelyard.digits import LABELS
 from steelyard.estimates.estimate import Estimate
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
@@ -32,7 +32,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class ParameterTable:
     """Columns of ten values."""
 
     title: str
@@ -43,8 +43,8 @@ class Table:
 class Summary:
     """Everything that is shown."""
 
-    table: Table
-    runs: tuple[Table, ...]
+    table: ParameterTable
+    runs: tuple[ParameterTable, ...]
     """What each run says alone, a table per method."""
     statements: tuple[str, ...]
     """Verdicts, then remarks, one sentence each."""
@@ -117,7 +117,7 @@ def tabulate(
     if identification.bound is not None:
         columns.append(_attainable(identification.bound.standard_deviation, shown))
     runs = tuple(
-        Table(
+        ParameterTable(
             f"{name}, each run alone",
             tuple(_estimated(run, e, None) for run, e in estimate.runs.items()),
         )
@@ -125,7 +125,7 @@ def tabulate(
         if estimate.runs
     )
     return Summary(
-        table=Table(title or identification.experiment, tuple(columns)),
+        table=ParameterTable(title or identification.experiment, tuple(columns)),
         runs=runs,
         statements=(
             *_statements(shown),
@@ -196,11 +196,3 @@ def _statements(estimates: Mapping[str, Estimate]) -> list[str]:
     ]
     lines += dict.fromkeys(notes)
     return lines
-
-
-def cell(column: Column, row: int) -> str:
-    """Text of one cell."""
-    value = column.values[row]
-    if column.deviations is None:
-        return "-" if value is None else f"{value:.6g}"
-    return number(value, column.deviations[row])

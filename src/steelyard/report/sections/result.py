@@ -10,8 +10,9 @@ from typing import Any
 from steelyard.digits import LABELS, number
 from steelyard.report.document import Figure, Grid, Section, Statement, Statements, Tone
 from steelyard.report.evidence import Body, Number
+from steelyard.report.parameter_grid import ParameterTexts, parameter_grid
 from steelyard.report.sections.shown import line_colour
-from steelyard.report.summary import Summary, Table, cell
+from steelyard.report.summary import ParameterTable, Summary
 
 COVERED = 1.96
 """Of a normal distribution: 95 % within so many 1-sigma."""
@@ -107,24 +108,32 @@ def _verdicts(summary: Summary) -> Iterator[Statement]:
         yield Statement(text, tone)
 
 
-def grid_of(table: Table) -> Grid:
+def grid_of(table: ParameterTable) -> Grid:
     """A table of ten parameters, with the difference from the truth where that is known."""
-    head, rows = ["parameter", "unit"], [[label, unit] for label, unit, _ in LABELS]
+    columns = []
     for column in table.columns:
-        head.append(f"{column.heading} ± 1-sigma" if column.deviations else column.heading)
-        for row, cells in enumerate(rows):
-            cells.append(cell(column, row))
+        deviations = column.deviations
+        if deviations is None:
+            columns.append(ParameterTexts(column.heading, [_given(v) for v in column.values]))
+        else:
+            pairs = zip(column.values, deviations, strict=True)
+            texts = [number(value, deviation) for value, deviation in pairs]
+            columns.append(ParameterTexts(f"{column.heading} ± 1-sigma", texts))
         if column.errors is not None:
-            head.append("error")
-            for row, cells in enumerate(rows):
-                deviation = column.deviations[row] if column.deviations else None
-                cells.append(number(column.errors[row], deviation, sign=True).split(" ± ")[0])
-    return Grid(
-        table.title,
-        tuple(head),
-        tuple(tuple(cells) for cells in rows),
-        frozenset(range(2, len(head))),
-    )
+            errors = zip(column.errors, deviations or (None,) * len(LABELS), strict=True)
+            texts = [_error(error, deviation) for error, deviation in errors]
+            columns.append(ParameterTexts("error", texts, secondary=True))
+    return parameter_grid(table.title, columns)
+
+
+def _given(value: Number) -> str:
+    return "-" if value is None else f"{value:.6g}"
+
+
+def _error(value: Number, deviation: Number) -> str:
+    """A difference from the truth with the digits that its 1-sigma leaves."""
+    text, _, _ = number(value, deviation, sign=True).partition(" ± ")
+    return text
 
 
 def _intervals(summary: Summary) -> Figure:
