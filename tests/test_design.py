@@ -124,7 +124,7 @@ def test_report_says_what_it_will_tell_and_what_it_takes(written):
     report = (out / "design.md").read_text()
     for text in (printed, report):
         for words in (
-            "What a motion of 8 s will tell",
+            "Expected uncertainty after a motion of 8 s",
             "centre of gravity x",
             "angular acceleration",
             "swings on its cables",
@@ -222,7 +222,7 @@ def test_check_says_what_a_motion_cannot_tell_and_what_it_exceeds(run, tmp_path)
     assert found["feasible"] is False
     assert any("acceleration" in text for text in found["violations"])
     status, out, _ = run("design", "cogiro", "--check", str(tmp_path / "own.csv"))
-    assert "cannot tell" in out
+    assert "not identifiable: " in out
     assert "the robot cannot do it" in out
 
 

@@ -104,7 +104,7 @@ def export(
             "accepted": exported.estimate.verdict.accepted,
             "physical": exported.estimate.physical,
             "reasons": list(exported.doubts),
-            "unknown": list(exported.untold),
+            "unknown": list(exported.unidentifiable),
         }
         if hanging is not None:
             values["robot"] = _robot(hanging)

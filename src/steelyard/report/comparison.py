@@ -7,14 +7,17 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from steelyard.digits import ten_numbers
-from steelyard.estimates.comparison import SIGNIFICANT, USUAL, Agreement, Comparison, Pair
-from steelyard.estimates.estimate_file import NamedEstimate
+from steelyard.estimates.chi_square import ChiSquareTest
+from steelyard.estimates.comparison import Comparison, Pair
+from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.estimates.payload import Payload
-from steelyard.report.document import Document, Grid, Section, Statement, Statements, Tone
+from steelyard.report.document import Grid, ReportDocument, Section, Statement, Statements, Tone
 from steelyard.report.parameter_grid import ParameterTexts, parameter_grid
 
 
-def comparison_document(comparison: Comparison, *, fail_above: float | None = None) -> Document:
+def comparison_document(
+    comparison: Comparison, *, fail_above: float | None = None
+) -> ReportDocument:
     """Estimates, their differences from the first, and whether they agree.
 
     Args:
@@ -26,7 +29,7 @@ def comparison_document(comparison: Comparison, *, fail_above: float | None = No
     grids = [_difference(first, other, pair) for other, pair in zip(others, of_first, strict=True)]
     statements = Statements(tuple(comparison_statements(comparison, fail_above)))
     section = Section("differences", "Differences", (*grids, statements))
-    return Document("Estimates side by side", _lead(comparison), (section,))
+    return ReportDocument("Estimates side by side", _lead(comparison), (section,))
 
 
 def _lead(comparison: Comparison) -> Statement:
@@ -38,9 +41,9 @@ def _lead(comparison: Comparison) -> Statement:
     if not tested:
         return Statement("The estimates have no parameters in common that can be compared.", "note")
     worst = max(tested, key=lambda each: each.sigmas)
-    if worst.sigmas <= USUAL:
+    if worst.sigmas <= worst.settings.usual:
         text = "The estimates agree within their uncertainty."
-    elif worst.sigmas <= SIGNIFICANT:
+    elif worst.sigmas <= worst.settings.significant:
         text = "The estimates differ more than is usual."
     else:
         text = "The estimates disagree."
@@ -68,7 +71,7 @@ def comparison_statements(
             yield Statement(f"nothing differs by more than {fail_above:g} sigmas", "good")
 
 
-def payload_document(payload: Payload) -> Document:
+def payload_document(payload: Payload) -> ReportDocument:
     """What was added between two estimates."""
     named = (
         (payload.before.name, payload.before.estimate),
@@ -87,7 +90,7 @@ def payload_document(payload: Payload) -> Document:
         f" {'accepted' if accepted else 'not accepted'}.",
         "good" if accepted else "bad",
     )
-    return Document("Payload", lead, (Section("payload", "Payload", (grid, statements)),))
+    return ReportDocument("Payload", lead, (Section("payload", "Payload", (grid, statements)),))
 
 
 def payload_statements(payload: Payload) -> Iterator[Statement]:
@@ -99,7 +102,9 @@ def payload_statements(payload: Payload) -> Iterator[Statement]:
             True: ", of a body that can exist",
             None: "; whether such a body can exist is not known",
         }
-        within = f"; a body that can exist lies within {SIGNIFICANT:g} sigmas of it"
+        within = (
+            f"; a body that can exist lies within {payload.settings.significant:g} sigmas of it"
+        )
         yield Statement(f"payload: accepted{can.get(physical, within)}", "good")
     for reason in verdict.reasons:
         yield Statement(f"payload: not accepted: {reason}", "bad")
@@ -118,7 +123,7 @@ def _difference(first: NamedEstimate, second: NamedEstimate, pair: Pair) -> Grid
     difference = ten_numbers(pair.difference, pair.standard_deviation, sign=True)
     columns.append(ParameterTexts("difference", difference))
     sigmas = [_sigmas(float(z)) for z in pair.z]
-    far = [bool(abs(z) > SIGNIFICANT) for z in pair.z]
+    far = [bool(abs(z) > pair.agreement.settings.significant) for z in pair.z]
     columns.append(ParameterTexts("in sigmas", sigmas, marked=far))
     return parameter_grid(f"{second.name}, compared with {first.name}", columns)
 
@@ -139,9 +144,9 @@ def _doubted(estimates: Sequence[NamedEstimate]) -> Iterator[Statement]:
             yield Statement(text, "bad")
 
 
-def _tone(found: Agreement) -> Tone:
+def _tone(found: ChiSquareTest) -> Tone:
     if np.isnan(found.p_value):
         return ""
-    if found.sigmas <= USUAL:
+    if found.sigmas <= found.settings.usual:
         return "good"
-    return "note" if found.sigmas <= SIGNIFICANT else "bad"
+    return "note" if found.sigmas <= found.settings.significant else "bad"

@@ -4,27 +4,27 @@ from.
 
 from __future__ import annotations
 
-from steelyard.report.document import Document
+from steelyard.report.document import ReportDocument
 from steelyard.report.sections.calibration import calibration
 from steelyard.report.sections.correlation import correlation
 from steelyard.report.sections.made import made
 from steelyard.report.sections.platform import platform
-from steelyard.report.sections.readings import readings, wrench
+from steelyard.report.sections.residuals import residuals, wrench
 from steelyard.report.sections.result import lead, result
 from steelyard.report.summary import Summary
 
-SECTIONS = (result, platform, wrench, readings, calibration, correlation, made)
+SECTIONS = (result, platform, wrench, residuals, calibration, correlation, made)
 """In the order in which they are shown; each is left out where it has nothing to say."""
 
 
-def document_of(summary: Summary) -> Document:
+def document_of(summary: Summary) -> ReportDocument:
     """The report as values."""
     found = (section(summary) for section in SECTIONS)
-    return Document(
+    return ReportDocument(
         summary.table.title, lead(summary), tuple(each for each in found if each is not None)
     )
 
 
-def brief_of(summary: Summary) -> Document:
+def brief_of(summary: Summary) -> ReportDocument:
     """What a terminal shows of a report: its first section."""
-    return Document(summary.table.title, lead(summary), (result(summary),))
+    return ReportDocument(summary.table.title, lead(summary), (result(summary),))

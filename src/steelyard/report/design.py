@@ -1,5 +1,5 @@
-"""A planned experiment for people: what it will tell, what it takes of the robot, and when it tells
-what.
+"""A planned experiment for people: its expected uncertainty, the use of the robot's limits, and when
+each parameter is excited.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ _PARTS = 40
 _RATES = ("speed", "acceleration", "angular_speed", "angular_acceleration")
 """Limits that a design should have."""
 _NEAR = 0.3
-"""Lowest natural frequency over which a motion should not come near, as a part of it."""
+"""Part of the lowest natural frequency that a motion should stay below: there an undamped platform
+moves a tenth more than it is commanded to."""
 
 
 def grids(appraisal: Appraisal) -> tuple[Grid, ...]:
@@ -36,14 +37,14 @@ def grids(appraisal: Appraisal) -> tuple[Grid, ...]:
 
 
 def _precision(appraisal: Appraisal) -> Grid:
-    """1-sigma of the ten against those that are wanted, and when the motion informs about each."""
+    """1-sigma of the ten against their targets, and when the motion informs about each."""
     runs = list(appraisal.trajectories)
     alone, total = appraisal.each[runs[0]], appraisal.standard_deviation
     wanted = appraisal.target.each
     if len(runs) > 1 or not np.allclose(alone, total, equal_nan=True):
         columns = [
             ParameterTexts("one run", _sigmas(alone)),
-            ParameterTexts("in all", _sigmas(total)),
+            ParameterTexts("all runs", _sigmas(total)),
         ]
     else:
         columns = [ParameterTexts("1-sigma", _sigmas(total))]
@@ -53,22 +54,24 @@ def _precision(appraisal: Appraisal) -> Grid:
         for parameter in range(len(LABELS))
     ]
     columns += [
-        ParameterTexts("wanted", _sigmas(wanted)),
-        ParameterTexts("share", shares),
-        ParameterTexts("told over time", over_time, right=False),
+        ParameterTexts("target", _sigmas(wanted)),
+        ParameterTexts("1-sigma / target", shares),
+        ParameterTexts("information over time", over_time, right=False),
     ]
     motions = "a motion" if len(runs) == 1 else f"{len(runs)} motions"
-    return parameter_grid(f"What {motions} of {_seconds(appraisal)} will tell", columns)
+    return parameter_grid(f"Expected uncertainty after {motions} of {_seconds(appraisal)}", columns)
 
 
 def _sigmas(deviations: Array) -> list[str]:
     """1-sigma of the ten in the units of :data:`LABELS`, from SI, shape (10,)."""
     pairs = zip(deviations.tolist(), LABELS, strict=True)
-    return ["not told" if np.isnan(v) else f"{v * factor:.3g}" for v, (_, _, factor) in pairs]
+    return [
+        "not identifiable" if np.isnan(v) else f"{v * factor:.3g}" for v, (_, _, factor) in pairs
+    ]
 
 
 def drawn_over_time(told: Told, parameter: int) -> str:
-    """Share of a parameter that each part of a run tells, as a row of bars."""
+    """Information on a parameter from each part of a run, as a row of bars."""
     edges = np.linspace(0, len(told.time), min(_PARTS, len(told.time)) + 1).astype(int)
     parts = np.array([told.share[a:b, parameter].mean() for a, b in pairwise(edges)])
     largest = parts.max()
@@ -78,54 +81,40 @@ def drawn_over_time(told: Told, parameter: int) -> str:
 
 
 def _use(name: str, verified: Verified, appraisal: Appraisal) -> Grid:
+    """What a run takes of each limit, as commanded and, where it is known, on elastic cables."""
     elastic = {use.name: use for use in verified.elastic}
-    heading = (
-        "",
-        "unit",
-        "commanded",
-        *(("on elastic cables",) if elastic else ()),
-        "allowed",
-        "used",
-    )
+    head = ["", "unit", "commanded"]
+    if elastic:
+        head.append("on elastic cables")
+    head += ["allowed", "used"]
     rows: list[tuple[str, ...]] = []
     for use in verified.commanded:
-        real = elastic.get(use.name)
-        most = max(use.fraction, real.fraction if real else 0.0)
-        used = "" if use.limit is None else f"{most:.0%}"
-        columns = [
-            _shown(use.extremes),
-            *([_shown(real.extremes)] if real else []),
-            _shown(use.limit),
-        ]
-        labels = [use.name] if len(columns[0]) == 1 else _axes(use)
-        for i, label in enumerate(labels):
-            rows.append(
-                (
-                    label,
-                    use.unit,
-                    *(column[i] if column else "" for column in columns),
-                    used if not i else "",
-                )
-            )
+        rows += _rows_of(use, elastic.get(use.name))
         if use.name == "tension" and verified.bodies is not None:
-            share = f"tension, body within {appraisal.margin.share:.0%}"
-            bodies = verified.bodies
-            rows.append(
-                (
-                    share,
-                    bodies.unit,
-                    _shown(bodies.extremes)[0],
-                    *(("",) if elastic else ()),
-                    columns[-1][0],
-                    "",
-                )
-            )
-    title = (
-        "What it takes of the robot"
-        if len(appraisal.verified) == 1
-        else f"What '{name}' takes of the robot"
-    )
-    return Grid(title, heading, tuple(rows), frozenset(range(2, len(heading))))
+            bodies, share = verified.bodies, f"{appraisal.margin.share:.0%}"
+            extremes, limit = _shown(bodies.extremes)[0], _shown(use.limit)[0]
+            middle = ("",) if elastic else ()
+            label = f"tension, body within {share}"
+            rows.append((label, bodies.unit, extremes, *middle, limit, ""))
+    title = "Use of the robot's limits"
+    if len(appraisal.verified) > 1:
+        title += f" by '{name}'"
+    return Grid(title, tuple(head), tuple(rows), frozenset(range(2, len(head))))
+
+
+def _rows_of(use: Use, real: Use | None) -> Iterator[tuple[str, ...]]:
+    """A row for each axis of a limit; ``real``: on elastic cables."""
+    columns = [_shown(use.extremes)]
+    most = use.fraction
+    if real is not None:
+        columns.append(_shown(real.extremes))
+        most = max(most, real.fraction)
+    columns.append(_shown(use.limit))
+    used = "" if use.limit is None else f"{most:.0%}"
+    labels = [use.name] if len(columns[0]) == 1 else _axes(use)
+    for i, label in enumerate(labels):
+        cells = [column[i] if column else "" for column in columns]
+        yield (label, use.unit, *cells, used if i == 0 else "")
 
 
 def _axes(use: Use) -> list[str]:
@@ -175,23 +164,23 @@ def statements(appraisal: Appraisal) -> Iterator[Statement]:
 
 
 def _reached(appraisal: Appraisal) -> Iterator[Statement]:
-    """The parameter that is known worst, and those that are not identifiable."""
+    """The least certain parameter, and those that are not identifiable."""
     labels = [label for label, *_ in LABELS]
     parameter, ratio = appraisal.worst
     if np.isfinite(ratio):
         verdict = (
-            "reaches all that is wanted"
+            "all targets are reached"
             if ratio <= 1
-            else "does not reach what is wanted; a longer motion or more runs would"
+            else "not all targets are reached; a longer motion or more runs would"
         )
         label = labels[BODY_PARAMETERS.index(parameter)]
-        yield Statement(f"worst known: {label}, {ratio:.2f} of the wanted 1-sigma: {verdict}")
+        yield Statement(f"least certain: {label}, {ratio:.2f} of its target 1-sigma: {verdict}")
     lacking = np.isnan(appraisal.standard_deviation)
-    untold = [label for label, lacks in zip(labels, lacking, strict=True) if lacks]
-    if untold:
-        them = "it" if len(untold) == 1 else "them"
-        text = f"cannot tell {', '.join(untold)}: the motion does not show {them}"
-        yield Statement(text, "bad")
+    unidentifiable = [label for label, lacks in zip(labels, lacking, strict=True) if lacks]
+    if unidentifiable:
+        names = ", ".join(unidentifiable)
+        text = f"not identifiable: {names}: the motion has no information on"
+        yield Statement(f"{text} {'it' if len(unidentifiable) == 1 else 'them'}", "bad")
 
 
 def _ringing(appraisal: Appraisal) -> Iterator[Statement]:

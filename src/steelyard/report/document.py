@@ -72,7 +72,7 @@ class Figure:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class Replay:
     """A motion to replay, n instants."""
 
     name: str
@@ -93,7 +93,7 @@ class Scene:
     """
 
     figure: Figure
-    courses: tuple[Course, ...] = ()
+    courses: tuple[Replay, ...] = ()
     """None: all points are drawn as they are given."""
 
 
@@ -111,7 +111,7 @@ class Section:
 
 
 @dataclass(frozen=True, eq=False)
-class Document:
+class ReportDocument:
     """A whole report."""
 
     title: str

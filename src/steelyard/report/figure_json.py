@@ -156,6 +156,7 @@ def _shared(value: Any, arrays: dict[str, tuple[int, Any]]) -> Any:
 
 
 def _bytes(numbers: Array) -> dict[str, str]:
+    """An array as Plotly takes it, in single precision where that costs nothing."""
     finite = numbers[np.isfinite(numbers)]
     with np.errstate(over="ignore"):  # beyond single precision all is lost
         single: NDArray[np.float32] = numbers.astype("<f4")

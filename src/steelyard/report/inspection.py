@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 
 import numpy as np
@@ -43,6 +43,7 @@ def grids(found: Inspection) -> tuple[Grid, ...]:
 
 
 def _streams(found: Inspection) -> Grid:
+    """Rates and faults, a row a stream."""
     head = (
         "run",
         "instrument",
@@ -57,28 +58,13 @@ def _streams(found: Inspection) -> Grid:
     )
     rows = []
     for each in found.streams:
-        t = each.timing
+        timing: tuple[str, ...] = ("at rest", "", "", "", "", "")
+        if (t := each.timing) is not None:
+            counts = (t.dropped, t.late, t.repeated, len(t.gaps))
+            timing = (f"{t.rate:.4g}", f"{t.jitter * 1e3:.2g}", *map(_count, counts))
         faults = sum(f.kind in {"stuck", "clipped", "held"} for f in each.faults)
-        rows.append(
-            (
-                each.run,
-                each.instrument,
-                str(each.samples),
-                *(
-                    ("at rest", "", "", "", "", "")
-                    if t is None
-                    else (
-                        f"{t.rate:.4g}",
-                        f"{t.jitter * 1e3:.2g}",
-                        _count(t.dropped),
-                        _count(t.late),
-                        _count(t.repeated),
-                        _count(len(t.gaps)),
-                    )
-                ),
-                _count(faults),
-            )
-        )
+        first = (each.run, each.instrument, str(each.samples))
+        rows.append((*first, *timing, _count(faults)))
     return Grid("Streams", head, tuple(rows), frozenset(range(2, 10)))
 
 
@@ -102,29 +88,28 @@ def _number(value: float | None) -> str:
 
 
 def _delays(found: Inspection) -> Grid:
-    head = ("run", "clock of", "late by [ms]", "1-sigma [ms]", "beforehand [ms]", "by")
+    """Delays of the clocks as the recordings say, beside their priors."""
+    head = ("run", "clock of", "delay [ms]", "1-sigma [ms]", "prior [ms]", "from")
     rows = []
     for each in found.delays:
         value = (
             (f"{each.value * 1e3:.2f}", f"{each.sigma * 1e3:.2g}")
             if each.told
-            else ("not told", "")
+            else ("not identifiable", "")
         )
         prior = f"{each.prior[0] * 1e3:.3g} ± {each.prior[1] * 1e3:.3g}"
         rows.append((each.run, ", ".join(each.instruments), *value, prior, each.how))
-    return Grid("Clocks against that of the forces", head, tuple(rows), frozenset({2, 3, 4}))
+    return Grid("Clock delays relative to the force clock", head, tuple(rows), frozenset({2, 3, 4}))
 
 
 def _agreements(found: Inspection) -> Grid:
-    head = ("run", "between", "worst", "left / allowed", "")
+    head = ("run", "between", "worst channel", "residual / allowed", "")
     rows = []
     for run, each in found.agreements:
         i = int(np.argmax(each.ratio))
         verdict = "contradict each other" if each.worst > BAD else "agree"
         rows.append((run, each.name, each.channels[i], f"{each.worst:.2g}", verdict))
-    return Grid(
-        "What the instruments say of each other, as described", head, tuple(rows), frozenset({3})
-    )
+    return Grid("Agreement of the instruments, as described", head, tuple(rows), frozenset({3}))
 
 
 def _body(found: Inspection) -> Grid:
@@ -135,36 +120,34 @@ def _body(found: Inspection) -> Grid:
     values = [_number(each.value * factor) for each, factor in zip(body, factors, strict=True)]
     sigmas = [_number(each.sigma * factor) for each, factor in zip(body, factors, strict=True)]
     columns = [
-        ParameterTexts("about", values),
-        ParameterTexts("1-sigma at best", sigmas),
-        ParameterTexts("told by", [each.told for each in body], right=False),
+        ParameterTexts("estimate, about", values),
+        ParameterTexts("smallest 1-sigma", sigmas),
+        ParameterTexts("determined by", [each.told for each in body], right=False),
     ]
-    return parameter_grid("What this recording can tell of the body", columns)
+    return parameter_grid("Identifiability of the body from this recording", columns)
 
 
 def _calibration(found: Inspection) -> Grid:
+    """How well calibration parameters can be known, a row for those of one kind."""
     assert found.excitation is not None
-    head = ("systematic error", "unit", "1-sigma at best", "beforehand", "told by")
+    head = ("parameter", "unit", "smallest 1-sigma", "prior 1-sigma", "determined by")
     rows = []
     for name, each in groupby(found.excitation.calibration, key=lambda finding: finding.group):
         group = list(each)
-        told = Counter(finding.told for finding in group)
         count = f" ({len(group)})" if len(group) > 1 else ""
-        by = (
-            next(iter(told))
-            if len(told) == 1
-            else ", ".join(f"{number} {what}" for what, number in told.items())
-        )
-        rows.append(
-            (
-                name + count,
-                group[0].unit,
-                _range(f.sigma for f in group),
-                _range(f.prior for f in group),
-                by,
-            )
-        )
-    return Grid("And of the systematic errors", head, tuple(rows), frozenset({2, 3}))
+        sigma, prior = _range(f.sigma for f in group), _range(f.prior for f in group)
+        by = _counted([finding.told for finding in group])
+        rows.append((name + count, group[0].unit, sigma, prior, by))
+    title = "Identifiability of the calibration parameters"
+    return Grid(title, head, tuple(rows), frozenset({2, 3}))
+
+
+def _counted(words: Sequence[str]) -> str:
+    """Words with how often they stand; one alone without."""
+    counts = Counter(words)
+    if len(counts) == 1:
+        return words[0]
+    return ", ".join(f"{count} {word}" for word, count in counts.items())
 
 
 def _range(values: Iterable[float | None]) -> str:

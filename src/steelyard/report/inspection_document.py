@@ -13,21 +13,21 @@ from steelyard.inspection.agreement import BAD, Agreement
 from steelyard.inspection.contact import Residual
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
-from steelyard.report.document import Document, Figure, Section, Statement, Statements
+from steelyard.report.document import Figure, ReportDocument, Section, Statement, Statements
 from steelyard.report.inspection import grids, statements
 
 _MOST_POINTS = 3000
-"""Of a line."""
+"""Of a line: more than a screen has columns of pixels."""
 _MOST_RUNS = 4
-"""That are drawn."""
+"""Runs that are drawn, to keep the page small."""
 _MARKS = {"gap": "var(--muted)", "stuck": "var(--bad)"}
 
 
-def inspection_document(found: Inspection) -> Document:
+def inspection_document(found: Inspection) -> ReportDocument:
     """Everything that there is to say and to see."""
     said = Statements(tuple(statements(found)))
     tables = tuple(grid for grid in grids(found) if grid.rows)
-    return Document(
+    return ReportDocument(
         f"{found.experiment.name}: what is in the recordings",
         _lead(found),
         (
@@ -39,10 +39,11 @@ def inspection_document(found: Inspection) -> Document:
 
 
 def _lead(found: Inspection) -> Statement:
+    """Whether the description agrees with the recordings."""
     if found.mistakes:
         count = len(found.mistakes)
         which = "a mistake" if count == 1 else f"{count} mistakes"
-        return Statement(f"The description has {which}; below stands what to change.", "bad")
+        return Statement(f"The description has {which}; see below what to change.", "bad")
     if any(each.worst > BAD for _, each in found.agreements):
         return Statement(
             "The instruments contradict each other, and no simple mistake explains it.", "bad"
@@ -65,12 +66,12 @@ def _pictures(found: Inspection) -> Iterator[Section]:
     shown = (
         (
             "attainable",
-            "How well it can be known",
+            "Identifiability",
             (_bars(found),) if found.excitation is not None else (),
         ),
         (
             "balance",
-            "Forces that no body explains",
+            "Residuals of the force balance",
             tuple(_balance(found, each, i) for i, each in enumerate(found.residuals[:_MOST_RUNS])),
         ),
         (
@@ -105,6 +106,7 @@ def _axes(x: str, y: str) -> dict[str, Any]:
 def _lines(
     x: Array, columns: Array, names: list[str], *, dash: str = "solid"
 ) -> Iterator[dict[str, Any]]:
+    """A line a column of shape (n, k) over x of shape (n,), thinned evenly."""
     few = slice(None, None, -(-len(x) // _MOST_POINTS) or 1)
     for i, name in enumerate(names):
         line = {"color": f"var(--line-{i % 8 + 1})", "width": 1.2, "dash": dash}
@@ -134,6 +136,7 @@ def _stretch(start: float, end: float, colour: str) -> dict[str, Any]:
 
 
 def _bars(found: Inspection) -> Figure:
+    """How much of the prior uncertainty of each calibration parameter is left at best."""
     assert found.excitation is not None
     shares: dict[str, list[float]] = {}
     for each in found.excitation.calibration:
@@ -143,19 +146,20 @@ def _bars(found: Inspection) -> Figure:
     bar = {"type": "bar", "x": list(shares), "y": [float(np.median(of)) for of in shares.values()]}
     return Figure(
         "attainable",
-        "1-sigma at best of the systematic errors, as a part of what was known beforehand",
-        "A bar per systematic error: at one the recording tells nothing of it.",
+        "Smallest 1-sigma of the calibration parameters, as a part of their prior 1-sigma",
+        "A bar per calibration parameter: at one the recording has no information on it.",
         (bar,),
         {"yaxis": {"type": "log"}},
     )
 
 
 def _balance(found: Inspection, residual: Residual, place: int) -> Figure:
+    """Residuals of the force balance over time, contacts marked."""
     contacts = [each for each in found.contacts if each.run == residual.run]
     return Figure(
         f"balance-{place + 1}",
         f"run {residual.run}: {residual.instrument}",
-        f"What is left of forces and torques over time; {len(contacts)} contacts are marked.",
+        f"Residuals of forces and torques over time; {len(contacts)} contacts are marked.",
         tuple(_lines(residual.time, residual.left, list(residual.names))),
         {
             **_axes("common time [s]", "force [N], torque [N m]"),
@@ -165,6 +169,7 @@ def _balance(found: Inspection, residual: Residual, place: int) -> Figure:
 
 
 def _agreement(run: str, agreement: Agreement, place: int) -> Figure:
+    """What one instrument measured over what the others predict."""
     width = agreement.measured.shape[1]
     axes = (
         list(agreement.channels[:width])
@@ -180,14 +185,15 @@ def _agreement(run: str, agreement: Agreement, place: int) -> Figure:
     return Figure(
         f"agreement-{place + 1}",
         f"run {run}: {agreement.name}",
-        f"Measured lines and, dotted, what the others predict; at worst {agreement.worst:.2g} of"
-        " what may be left between them.",
+        f"Measured lines and, dotted, as predicted by the others; the residual is at most"
+        f" {agreement.worst:.2g} of what is allowed.",
         tuple(lines),
         _axes("instant", agreement.unit),
     )
 
 
 def _stream(found: Inspection, run: Run, report: StreamReport, place: int) -> Figure:
+    """All channels of a stream over time, gaps and stuck stretches marked."""
     stream = run.streams[report.instrument]
     time = found.experiment.common_time(run, report.instrument)
     lines: list[dict[str, Any]] = []
@@ -215,6 +221,7 @@ def _stream(found: Inspection, run: Run, report: StreamReport, place: int) -> Fi
 
 
 def _spectra(streams: list[StreamReport]) -> Figure:
+    """Amplitude densities of all quantities."""
     lines = [
         {
             "type": "scatter",

@@ -20,7 +20,7 @@ FORMAT: Literal["steelyard-report/1"] = "steelyard-report/1"
 
 
 @dataclass(frozen=True)
-class _File:
+class _ReportFile:
     """What stands in the file."""
 
     format: Literal["steelyard-report/1"]
@@ -28,13 +28,13 @@ class _File:
 
 
 @cache
-def _form() -> TypeAdapter[_File]:
-    return TypeAdapter(_File)
+def _form() -> TypeAdapter[_ReportFile]:
+    return TypeAdapter(_ReportFile)
 
 
 def write_summary(summary: Summary, path: Path) -> None:
     """Write a summary as JSON, the same bytes for the same values."""
-    path.write_bytes(_form().dump_json(_File(FORMAT, summary)) + b"\n")
+    path.write_bytes(_form().dump_json(_ReportFile(FORMAT, summary)) + b"\n")
 
 
 def read_summary(folder: Path) -> Summary:

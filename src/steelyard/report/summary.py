@@ -14,13 +14,13 @@ from steelyard.digits import LABELS
 from steelyard.estimates.estimate import Estimate
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
-from steelyard.report.evidence import Body, Evidence, Made, Number
-from steelyard.report.gather import body_of, evidence_of, numbers
+from steelyard.report.evidence import EstimatedBody, Evidence, Made, Number, numbers
+from steelyard.report.gather import body_of, evidence_of
 from steelyard.report.made import steelyard_version
 
 
 @dataclass(frozen=True)
-class Column:
+class ParameterColumn:
     """Ten values under one heading, in the units of :data:`LABELS`."""
 
     heading: str
@@ -36,7 +36,7 @@ class ParameterTable:
     """Columns of ten values."""
 
     title: str
-    columns: tuple[Column, ...]
+    columns: tuple[ParameterColumn, ...]
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Summary:
     """Verdicts, then remarks, one sentence each."""
     result: str
     """Heading of the best estimate, which the report is about."""
-    bodies: tuple[Body, ...]
+    bodies: tuple[EstimatedBody, ...]
     """All that are shown."""
     nominal: tuple[Number, ...] | None
     """The ten of :data:`steelyard.inertia.BODY_PARAMETERS`, SI."""
@@ -61,7 +61,7 @@ class Summary:
     made: Made
 
     @property
-    def best(self) -> Body:
+    def best(self) -> EstimatedBody:
         """The estimate that the report is about."""
         return next(body for body in self.bodies if body.name == self.result)
 
@@ -154,22 +154,25 @@ def _scaled(values: Array | Sequence[float]) -> tuple[float | None, ...]:
     )
 
 
-def _given(heading: str, values: Array) -> Column:
-    return Column(heading, _scaled(values), None)
+def _given(heading: str, values: Array) -> ParameterColumn:
+    return ParameterColumn(heading, _scaled(values), None)
 
 
-def _attainable(deviations: Array, shown: Mapping[str, Estimate]) -> Column:
-    """The smallest 1-sigma that any method could have, of what is told at all; three digits are
+def _attainable(deviations: Array, shown: Mapping[str, Estimate]) -> ParameterColumn:
+    """The smallest 1-sigma that any method could have, of what is identifiable; three digits are
     plenty.
     """
-    told = np.any([np.isfinite(estimate.value) for estimate in shown.values()], axis=0)
-    rounded = [float(f"{d:.3g}") if t else np.nan for d, t in zip(deviations, told, strict=True)]
-    return Column("attainable 1-sigma", _scaled(rounded), None)
+    identifiable = np.any([np.isfinite(estimate.value) for estimate in shown.values()], axis=0)
+    pairs = zip(deviations, identifiable, strict=True)
+    rounded = [float(f"{d:.3g}") if known else np.nan for d, known in pairs]
+    return ParameterColumn("attainable 1-sigma", _scaled(rounded), None)
 
 
-def _estimated(heading: str, estimate: Estimate, truth: Array | None) -> Column:
+def _estimated(heading: str, estimate: Estimate, truth: Array | None) -> ParameterColumn:
     errors = None if truth is None else _scaled(estimate.value - truth)
-    return Column(heading, _scaled(estimate.value), _scaled(estimate.standard_deviation), errors)
+    return ParameterColumn(
+        heading, _scaled(estimate.value), _scaled(estimate.standard_deviation), errors
+    )
 
 
 def _clocks(identification: Identification) -> Iterator[str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from steelyard.digits import LABELS, number
 from steelyard.report.document import Figure, Grid, Section, Statement, Statements, Tone
-from steelyard.report.evidence import Body, Number
+from steelyard.report.evidence import EstimatedBody, Number
 from steelyard.report.parameter_grid import ParameterTexts, parameter_grid
 from steelyard.report.sections.shown import line_colour
 from steelyard.report.summary import ParameterTable, Summary
@@ -41,19 +41,19 @@ def lead(summary: Summary) -> Statement:
     return Statement(f"{known[:1].upper()}{known[1:]} (1-sigma), by {best.name}: accepted.", "good")
 
 
-def _said(body: Body, name: str, place: slice) -> str:
+def _said(body: EstimatedBody, name: str, place: slice) -> str:
     values, deviations = body.value[place], deviations_of(body)[place]
     unit, factor = LABELS[place.start][1:]
     if all(value is None for value in values):
-        return f"{name} not told"
+        return f"{name} not identifiable"
     texts = [
-        number(scaled(v, factor), scaled(d, factor)) if v is not None else "not told"
+        number(scaled(v, factor), scaled(d, factor)) if v is not None else "not identifiable"
         for v, d in zip(values, deviations, strict=True)
     ]
     return f"{name} {texts[0]} {unit}" if len(texts) == 1 else f"{name} ({', '.join(texts)}) {unit}"
 
 
-def deviations_of(body: Body) -> list[Number]:
+def deviations_of(body: EstimatedBody) -> list[Number]:
     """1-sigma of the ten."""
     return [
         None if row[i] is None else max(row[i] or 0.0, 0.0) ** 0.5
@@ -73,24 +73,22 @@ def result(summary: Summary) -> Section:
     blocks.append(grid_of(summary.table))
     if any(value is not None for body in summary.bodies for value in body.value):
         blocks.append(_intervals(summary))
-    untold = [
-        label for label, each in zip(LABELS, best.labels, strict=True) if each == "unidentifiable"
-    ]
-    prior = [label[0] for label, each in zip(LABELS, best.labels, strict=True) if each == "prior"]
+    unidentifiable = _labelled(best, "unidentifiable")
+    prior = _labelled(best, "prior")
     remarks = []
-    if untold:
-        names = ", ".join(label[0] for label in untold)
+    if unidentifiable:
         remarks.append(
             Statement(
-                f"Not told by these data, and therefore left out: {names}. Other motion would tell"
-                " them: see 'steelyard design'.",
+                "Not identifiable from these data, and therefore left out:"
+                f" {', '.join(unidentifiable)}. Another motion would excite them: see 'steelyard"
+                " design'.",
                 "note",
             )
         )
     if prior:
         remarks.append(
             Statement(
-                f"Told by what was known beforehand rather than by the data: {', '.join(prior)}.",
+                f"Determined by prior knowledge rather than by the data: {', '.join(prior)}.",
                 "note",
             )
         )
@@ -98,6 +96,11 @@ def result(summary: Summary) -> Section:
         blocks.append(Statements(tuple(remarks)))
     blocks += [grid_of(table) for table in summary.runs]
     return Section("result", "Result", tuple(blocks))
+
+
+def _labelled(body: EstimatedBody, label: str) -> list[str]:
+    """Names of the parameters that were determined in one way."""
+    return [name for (name, *_), each in zip(LABELS, body.labels, strict=True) if each == label]
 
 
 def _verdicts(summary: Summary) -> Iterator[Statement]:
@@ -137,8 +140,8 @@ def _error(value: Number, deviation: Number) -> str:
 
 
 def _intervals(summary: Summary) -> Figure:
-    """Ten panels, a method a row: 95 % intervals against nominal, truth and what could be known at
-    best.
+    """Ten panels, a method a row: 95 % intervals against nominal, truth and the smallest possible
+    ones.
     """
     data: list[dict[str, Any]] = []
     layout: dict[str, Any] = {
@@ -152,9 +155,9 @@ def _intervals(summary: Summary) -> Figure:
         suffix = "" if i == 0 else str(i + 1)
         column, row = i // rows, i % rows
         top = 1 - row / rows
-        told = any(body.value[i] is not None for body in bodies)
+        identifiable = any(body.value[i] is not None for body in bodies)
         layout[f"xaxis{suffix}"] = {
-            "visible": told,
+            "visible": identifiable,
             "domain": [0.54 * column, 0.46 + 0.54 * column],
             "anchor": f"y{suffix}",
             "nticks": 5,
@@ -165,13 +168,13 @@ def _intervals(summary: Summary) -> Figure:
             "anchor": f"x{suffix}",
             "range": [-0.7, most - 0.3],
             "showticklabels": False,
-            "visible": told,
+            "visible": identifiable,
             "zeroline": False,
             "showgrid": False,
         }
         layout["annotations"].append(
             {
-                "text": f"{label} [{unit}]" if told else f"{label}: not told",
+                "text": f"{label} [{unit}]" if identifiable else f"{label}: not identifiable",
                 "x": 0.54 * column,
                 "y": top - 0.02,
                 "xref": "paper",
@@ -217,7 +220,9 @@ def _intervals(summary: Summary) -> Figure:
     )
 
 
-def _range(summary: Summary, bodies: Sequence[Body], i: int, factor: float) -> list[float] | None:
+def _range(
+    summary: Summary, bodies: Sequence[EstimatedBody], i: int, factor: float
+) -> list[float] | None:
     """What a panel shows: the best interval well, others as far as that allows; None: all there
     is.
     """
@@ -239,6 +244,7 @@ def _range(summary: Summary, bodies: Sequence[Body], i: int, factor: float) -> l
 def _interval(
     name: str, colour: str, value: Number, deviation: Number, y: float, suffix: str, *, first: bool
 ) -> dict[str, Any]:
+    """A value with its 95 % interval, in one of the ten panels."""
     shown = [] if value is None else [value]
     return {
         "type": "scatter",
@@ -264,6 +270,7 @@ def _interval(
 def _line(
     name: str, value: Number, most: int, dash: str, suffix: str, *, first: bool
 ) -> dict[str, Any]:
+    """A line across all rows of a panel."""
     x: Sequence[Number] = [value, value]
     return {
         "type": "scatter",

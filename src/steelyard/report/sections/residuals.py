@@ -1,5 +1,5 @@
-"""Measured against predicted: what the platform feels, then every instrument, with what is left
-over and its spectrum.
+"""Measured against predicted: the wrench on the platform, then every instrument, with residuals and
+their spectra.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from steelyard.report.sections.shown import Unit, line_colour, shown_unit, slug,
 from steelyard.report.summary import Summary
 
 _EQUATIONS = 6
-"""Of a body."""
+"""Of motion of a body."""
 _HIGH = 1.5
-"""Residuals of so many 1-sigma, root mean square, are said to be more than the noise."""
+"""Root mean square of residuals in 1-sigma from which on they are said to exceed the noise: twice
+its variance."""
 
 
 def wrench(summary: Summary) -> Section | None:
@@ -27,18 +28,18 @@ def wrench(summary: Summary) -> Section | None:
     if not traces:
         return None
     text = (
-        "Force and torque of all that carries the platform, about its origin in its own axes: as"
-        " the force sensors say with everything that was found about them, and as the estimated"
-        " body needs them for the motion."
+        "Force and torque on the platform about its origin, in the platform frame: measured by the"
+        " force sensors with their estimated calibration, and predicted from the estimated body and"
+        " motion (Newton-Euler)."
     )
     return Section(
         "wrench",
-        "What carries the platform",
+        "Wrench on the platform",
         (Statements((Statement(text),)), *map(_figure, traces)),
     )
 
 
-def readings(summary: Summary) -> Section | None:
+def residuals(summary: Summary) -> Section | None:
     """Every instrument; None where there is none to show."""
     evidence = summary.evidence
     traces = [each for each in evidence.traces if each.instrument != PLATFORM]
@@ -53,22 +54,23 @@ def readings(summary: Summary) -> Section | None:
         blocks.append(_noise(summary))
     blocks += [_figure(each) for each in traces]
     blocks += list(_spectra(evidence.traces))
-    return Section("readings", "Readings and what is left of them", tuple(blocks))
+    return Section("residuals", "Measurements and residuals", tuple(blocks))
 
 
 def _expected(traces: Sequence[Trace]) -> Iterator[Statement]:
-    """What is left of forces that enter fewer equations than there are readings."""
+    """How large residuals of tensions may be: they enter fewer equations than there are cables."""
     m = max((len(each.channels) for each in traces if each.quantity == "tension"), default=0)
     if m > _EQUATIONS:
         yield Statement(
-            "Predicted tensions are those nearest to the measured ones that carry the platform."
-            f" {m} cables enter {_EQUATIONS} equations: where all is as it is taken to be,"
-            f" {np.sqrt(_EQUATIONS / m):.2f} of their noise is left, and all of that of the other"
-            " instruments."
+            "Predicted tensions are those nearest to the measured ones that balance the platform."
+            f" {m} cables enter {_EQUATIONS} equations: where all assumptions hold, the residuals of"
+            f" tensions have {np.sqrt(_EQUATIONS / m):.2f} of the size of their noise, those of the"
+            " other instruments its full size."
         )
 
 
 def _remarks(summary: Summary, traces: Sequence[Trace]) -> Iterator[Statement]:
+    """Contacts, outliers, and residuals that exceed the noise."""
     evidence = summary.evidence
     for run, start, end in evidence.contacts:
         yield Statement(
@@ -80,15 +82,15 @@ def _remarks(summary: Summary, traces: Sequence[Trace]) -> Iterator[Statement]:
         if each.outliers:
             yield Statement(
                 f"Run '{each.run}', {each.instrument}, {words(each.quantity)}: {each.outliers}"
-                f" reading{'s' if each.outliers > 1 else ''} beyond 5 1-sigma or left out, of"
+                f" sample{'s' if each.outliers > 1 else ''} beyond 5 sigma or left out, of"
                 f" {each.samples * len(each.channels)}.",
                 "note",
             )
         ratio = _ratio(each)
         if ratio is not None and ratio > _HIGH:
             yield Statement(
-                f"Run '{each.run}', {each.instrument}, {words(each.quantity)}: what is left over is"
-                f" {ratio:.1f} times the noise that it is taken to have.",
+                f"Run '{each.run}', {each.instrument}, {words(each.quantity)}: the"
+                f" residuals are {ratio:.1f} times the assumed noise.",
                 "bad",
             )
     if evidence.not_drawn:
@@ -106,6 +108,7 @@ def _ratio(each: Trace) -> Number:
 
 
 def _table(traces: Sequence[Trace]) -> Grid:
+    """Sizes of the residuals, a row a quantity."""
     rows = []
     for each in traces:
         unit = shown_unit(each.unit, each.quantity)
@@ -130,17 +133,16 @@ def _table(traces: Sequence[Trace]) -> Grid:
         "quantity",
         "unit",
         "samples",
-        "left over, rms by channel",
+        "rms of the residuals by channel",
         "in 1-sigma",
-        "largest in 1-sigma",
+        "largest, in 1-sigma",
         "outliers",
     )
-    return Grid(
-        "What is left over: measured less predicted", head, tuple(rows), frozenset({4, 6, 7, 8})
-    )
+    return Grid("Residuals: measured minus predicted", head, tuple(rows), frozenset({4, 6, 7, 8}))
 
 
 def _noise(summary: Summary) -> Grid:
+    """Noise as stated, as the fit assumes it, and as estimated from the data."""
     rows = []
     for each in summary.evidence.noise:
         unit = shown_unit(each.unit, each.quantity)
@@ -150,21 +152,21 @@ def _noise(summary: Summary) -> Grid:
         ]
         rows.append((each.instrument, words(each.quantity), unit.name, *values))
     return Grid(
-        "Noise of single readings, 1-sigma",
-        ("instrument", "quantity", "unit", "stated", "used", "found"),
+        "Noise of single samples, 1-sigma",
+        ("instrument", "quantity", "unit", "stated", "assumed", "estimated"),
         tuple(rows),
         frozenset({3, 4, 5}),
     )
 
 
 def _figure(each: Trace) -> Figure:
-    """Measured and predicted over time, and below what is left over."""
+    """Measured and predicted over time, and below their residuals."""
     unit = shown_unit(each.unit, each.quantity)
     measured = np.array(each.measured, dtype=np.float64) * unit.factor
     over = np.array(each.residual, dtype=np.float64)
     predicted = measured - over * unit.factor
     scale = np.array(each.sigma)[:, None] if each.sigma is not None else 1.0 / unit.factor
-    data = [*_lines(each, measured, predicted), *_left_over(each, over / scale)]
+    data = [*_lines(each, measured, predicted), *_residual_lines(each, over / scale)]
     what = "number of the pose" if each.static else "time [s]"
     layout = {
         "xaxis": {"title": {"text": what}, "anchor": "y2"},
@@ -172,7 +174,7 @@ def _figure(each: Trace) -> Figure:
         "yaxis2": {
             "title": {
                 "text": (
-                    "left over [1-sigma]" if each.sigma is not None else f"left over [{unit.name}]"
+                    "residual [1-sigma]" if each.sigma is not None else f"residual [{unit.name}]"
                 )
             },
             "domain": [0.0, 0.32],
@@ -184,7 +186,7 @@ def _figure(each: Trace) -> Figure:
     title = f"Run {each.run}: {who}, {words(each.quantity)} ({drawn}{thin})"
     text = (
         f"{words(each.quantity)} of {who} in run {each.run}, channels {', '.join(each.channels)},"
-        f" measured and predicted, and below what is left over; {_summed(each, unit)}"
+        f" measured and predicted, and below their residuals; {_summed(each, unit)}"
     )
     return Figure(
         slug("trace", each.run, each.instrument, each.quantity),
@@ -201,7 +203,7 @@ def _summed(each: Trace, unit: Unit) -> str:
     return (
         f"root mean square {max(rms) * unit.factor:.3g} {unit.name} at most."
         if rms
-        else "nothing was read."
+        else "nothing was measured."
     )
 
 
@@ -241,7 +243,8 @@ def _lines(each: Trace, measured: Any, predicted: Any) -> Iterator[dict[str, Any
         }
 
 
-def _left_over(each: Trace, over: Any) -> Iterator[dict[str, Any]]:
+def _residual_lines(each: Trace, over: Any) -> Iterator[dict[str, Any]]:
+    """Residuals below the readings; those that the fit leaves out are marked."""
     time = np.array(each.time)
     out = np.zeros(over.shape, dtype=bool)
     for channel, sample in each.left_out:
@@ -250,7 +253,7 @@ def _left_over(each: Trace, over: Any) -> Iterator[dict[str, Any]]:
         yield {
             "type": "scatter",
             "mode": "markers" if each.static else "lines",
-            "name": f"{name}, left over",
+            "name": f"{name}, residual",
             "legendgroup": name,
             "showlegend": False,
             "x": each.time,
@@ -297,13 +300,13 @@ def _spectra(traces: Sequence[Trace]) -> Iterator[Figure]:
             "yaxis": {"title": {"text": "power over that of white noise"}, "type": "log"},
         }
         text = (
-            f"Spectra of what is left over in run {run}. White noise of the stated size is flat at"
-            " 1; a peak is a motion or a vibration that the fit does not follow. Cables: six"
-            " equations for all of them, so that less than 1 is left."
+            f"Spectra of the residuals in run {run}. White noise of the assumed size is flat at 1; a"
+            " peak is a motion or a vibration that the model does not follow. Cables enter six"
+            " equations together, so that theirs are below 1."
         )
         yield Figure(
             slug("spectra", run),
-            f"Run {run}: spectra of what is left over (1: white noise as it is taken to be)",
+            f"Run {run}: spectra of the residuals (1: white noise of the assumed size)",
             text,
             tuple(data),
             layout,
