@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from steelyard.digits import number
 from steelyard.report.document import Block, Figure, Grid, Section, Statement, Statements
 from steelyard.report.evidence import CalibrationEstimate
-from steelyard.report.sections.shown import shown_unit
+from steelyard.report.sections.shown import scaled, shown_unit
 from steelyard.report.summary import Summary
 
 _DETERMINED = 0.5
@@ -23,27 +25,11 @@ def calibration(summary: Summary) -> Section | None:
     if evidence.clocks:
         blocks.append(_clocks(summary))
     if evidence.errors:
-        far = [
-            e
-            for e in evidence.errors
-            if e.value is not None
-            and e.prior
-            and abs(e.value - (e.expected or 0.0)) > _FAR * e.prior
-        ]
         text = (
             "Calibration parameters are estimated together with the body; where the data have no"
             " information on one, its prior value stays."
         )
-        statements = [Statement(text)]
-        for each in far:
-            statements.append(
-                Statement(
-                    f"{each.instrument}, {each.name}: {_value(each)} is more than {_FAR:g} prior"
-                    " 1-sigma from the value of the experiment file; check it.",
-                    "bad",
-                )
-            )
-        blocks.append(Statements(tuple(statements)))
+        blocks.append(Statements((Statement(text), *_far(evidence.errors))))
         blocks.append(_posteriors(evidence.errors[:_MOST_DRAWN]))
         blocks.append(_errors(evidence.errors))
     if evidence.tests:
@@ -51,22 +37,28 @@ def calibration(summary: Summary) -> Section | None:
     return Section("calibration", "Clocks and calibration", tuple(blocks)) if blocks else None
 
 
+def _far(errors: tuple[CalibrationEstimate, ...]) -> Iterator[Statement]:
+    """Estimates that contradict their priors."""
+    for each in errors:
+        if each.value is None or not each.prior:
+            continue
+        if abs(each.value - (each.expected or 0.0)) > _FAR * each.prior:
+            yield Statement(
+                f"{each.instrument}, {each.name}: {_value(each)} is more than {_FAR:g} prior"
+                " 1-sigma from the value of the experiment file; check it.",
+                "bad",
+            )
+
+
 def _clocks(summary: Summary) -> Grid:
     """Delays of the clocks, with what was known of them before."""
     rows = []
     for each in summary.evidence.clocks:
-        late = None if each.delay is None else each.delay * 1e3
-        sigma = None if each.deviation is None else each.deviation * 1e3
-        prior = "defines the time" if not each.prior else f"± {each.prior * 1e3:.3g}"
-        rows.append(
-            (
-                each.run,
-                each.instruments,
-                number(late, sigma) if each.prior else "0",
-                prior,
-                each.found or "-",
-            )
-        )
+        delay, prior = "0", "defines the time"
+        if each.prior:
+            delay = number(scaled(each.delay, 1e3), scaled(each.deviation, 1e3))
+            prior = f"± {each.prior * 1e3:.3g}"
+        rows.append((each.run, each.instruments, delay, prior, each.found or "-"))
     head = (
         "run",
         "instruments of the clock",
@@ -78,12 +70,10 @@ def _clocks(summary: Summary) -> Grid:
 
 
 def _value(each: CalibrationEstimate) -> str:
+    """An estimate with its 1-sigma and unit."""
     unit = shown_unit(each.unit, "error")
-    value = None if each.value is None else each.value * unit.factor
-    deviation = None if each.deviation is None else each.deviation * unit.factor
-    return (
-        f"{number(value, deviation)} {unit.name}" if unit.name != "-" else number(value, deviation)
-    )
+    text = number(scaled(each.value, unit.factor), scaled(each.deviation, unit.factor))
+    return text if unit.name == "-" else f"{text} {unit.name}"
 
 
 def _errors(errors: tuple[CalibrationEstimate, ...]) -> Grid:
@@ -91,24 +81,14 @@ def _errors(errors: tuple[CalibrationEstimate, ...]) -> Grid:
     rows = []
     for each in errors:
         unit = shown_unit(each.unit, "error")
-        value, deviation, expected, prior = (
-            None if v is None else v * unit.factor
-            for v in (each.value, each.deviation, each.expected, each.prior)
-        )
-        rows.append(
-            (
-                f"{each.instrument}, {each.name}",
-                unit.name,
-                number(value, deviation),
-                "-" if expected is None else f"{expected:.4g} ± {prior:.3g}",
-            )
-        )
-    return Grid(
-        "Calibration parameters of the instruments",
-        ("parameter", "unit", "estimate ± 1-sigma", "prior ± 1-sigma"),
-        tuple(rows),
-        frozenset({2, 3}),
-    )
+        found = number(scaled(each.value, unit.factor), scaled(each.deviation, unit.factor))
+        prior = "-"
+        if each.expected is not None and each.prior is not None:
+            prior = f"{each.expected * unit.factor:.4g} ± {each.prior * unit.factor:.3g}"
+        rows.append((f"{each.instrument}, {each.name}", unit.name, found, prior))
+    head = ("parameter", "unit", "estimate ± 1-sigma", "prior ± 1-sigma")
+    title = "Calibration parameters of the instruments"
+    return Grid(title, head, tuple(rows), frozenset({2, 3}))
 
 
 def _posteriors(errors: tuple[CalibrationEstimate, ...]) -> Figure:

@@ -11,7 +11,7 @@ from steelyard.digits import LABELS, number
 from steelyard.report.document import Figure, Grid, Section, Statement, Statements, Tone
 from steelyard.report.evidence import EstimatedBody, Number
 from steelyard.report.parameter_grid import ParameterTexts, parameter_grid
-from steelyard.report.sections.shown import line_colour
+from steelyard.report.sections.shown import line_colour, scaled
 from steelyard.report.summary import ParameterTable, Summary
 
 COVERED = 1.96
@@ -59,11 +59,6 @@ def deviations_of(body: EstimatedBody) -> list[Number]:
         None if row[i] is None else max(row[i] or 0.0, 0.0) ** 0.5
         for i, row in enumerate(body.covariance)
     ]
-
-
-def scaled(value: Number, factor: float) -> Number:
-    """A number in another unit."""
-    return None if value is None else value * factor
 
 
 def result(summary: Summary) -> Section:

@@ -34,6 +34,11 @@ def shown_unit(unit: str, quantity: str = "") -> Unit:
     return Unit(_NAMES.get(unit, unit), 1.0)
 
 
+def scaled(value: float | None, factor: float) -> float | None:
+    """A number in another unit."""
+    return None if value is None else value * factor
+
+
 def words(name: str) -> str:
     """A name of the contract as people would write it."""
     return name.replace("_", " ")
