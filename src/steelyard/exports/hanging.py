@@ -138,9 +138,9 @@ def hang(robot: Robot, body: Inertia, pose: ArrayLike | None = None) -> Hanging:
     structures = cables_at(
         robot.with_straight_cables(), poses[:, :3], rotations, np.ones(robot.m)
     ).structure
-    carried = -np.einsum("nji,j->ni", rotations, robot.gravity)
-    still = np.zeros_like(carried)
-    wrenches = platform_wrench(body.parameters, carried, still, still)
+    specific_force = -np.einsum("nji,j->ni", rotations, robot.gravity)  # (n, 3), in P
+    still = np.zeros_like(specific_force)
+    wrenches = platform_wrench(body.parameters, specific_force, still, still)
     for place, rotation, structure, wrench in zip(
         poses, rotations, structures, wrenches, strict=True
     ):

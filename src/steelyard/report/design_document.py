@@ -26,6 +26,7 @@ from steelyard.report.document import (
     Statements,
 )
 from steelyard.report.gather import shape_of
+from steelyard.report.plot import axes, line
 from steelyard.report.robot_scene import robot_scene
 from steelyard.report.sections.shown import line_colour, slug
 from steelyard.report.thinning import THINNING
@@ -177,44 +178,19 @@ def _lines(
     levels: Sequence[float] = (),
 ) -> Figure:
     """Columns over time; ``limit``: of their length, ``levels``: where lines are drawn across."""
-    data: list[dict[str, Any]] = [
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "name": name,
-            "x": columns["t"],
-            "y": columns[name] * factor,
-            "line": {"color": line_colour(i), "width": 1.5},
-        }
-        for i, name in enumerate(names)
-    ]
+    time = columns["t"]
+    data: list[dict[str, Any]] = []
+    for i, name in enumerate(names):
+        style = {"color": line_colour(i), "width": 1.5}
+        data.append(line(name, time, columns[name] * factor, style))
     if limit is not None:
         length = np.sqrt(sum(columns[name] ** 2 for name in names))
-        data.append(
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": "length",
-                "x": columns["t"],
-                "y": length,
-                "line": {"color": "var(--muted)", "width": 1},
-            }
-        )
+        data.append(line("length", time, length, {"color": "var(--muted)", "width": 1}))
         levels = [limit]
-    ends = columns["t"][[0, -1]]
+    dashed = {"color": "var(--bad)", "width": 1.5, "dash": "dash"}
     for i, level in enumerate(levels):
-        data.append(
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": "limit",
-                "showlegend": i == 0,
-                "x": ends,
-                "y": [level, level],
-                "line": {"color": "var(--bad)", "width": 1.5, "dash": "dash"},
-            }
-        )
-    layout = {"xaxis": {"title": {"text": "time [s]"}}, "yaxis": {"title": {"text": axis}}}
+        data.append(line("limit", time[[0, -1]], [level, level], dashed, showlegend=i == 0))
+    layout = axes("time [s]", axis)
     text = f"{what} over time: {', '.join(names)}" + (
         ", with the allowed limit." if len(levels) else "."
     )

@@ -120,7 +120,7 @@ def _body(found: Inspection) -> Grid:
     values = [_number(each.value * factor) for each, factor in zip(body, factors, strict=True)]
     sigmas = [_number(each.sigma * factor) for each, factor in zip(body, factors, strict=True)]
     columns = [
-        ParameterTexts("estimate, about", values),
+        ParameterTexts("rough estimate", values),
         ParameterTexts("smallest 1-sigma", sigmas),
         ParameterTexts("determined by", [each.told for each in body], right=False),
     ]

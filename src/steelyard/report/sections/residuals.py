@@ -12,6 +12,7 @@ import numpy as np
 from steelyard.identification.residuals import PLATFORM
 from steelyard.report.document import Block, Figure, Grid, Section, Statement, Statements
 from steelyard.report.evidence import Number, Trace
+from steelyard.report.plot import axes, line
 from steelyard.report.sections.shown import Unit, line_colour, shown_unit, slug, words
 from steelyard.report.summary import Summary
 
@@ -113,7 +114,6 @@ def _table(traces: Sequence[Trace]) -> Grid:
     for each in traces:
         unit = shown_unit(each.unit, each.quantity)
         ratio = _ratio(each)
-        left = [f"{r * unit.factor:.3g}" if r is not None else "-" for r in each.rms]
         rows.append(
             (
                 each.run,
@@ -121,7 +121,7 @@ def _table(traces: Sequence[Trace]) -> Grid:
                 words(each.quantity),
                 unit.name,
                 str(each.samples),
-                ", ".join(left),
+                ", ".join(_short(rms, unit) for rms in each.rms),
                 "-" if ratio is None else f"{ratio:.2f}",
                 "-" if each.worst is None else f"{each.worst:.1f}",
                 str(each.outliers),
@@ -138,7 +138,8 @@ def _table(traces: Sequence[Trace]) -> Grid:
         "largest, in 1-sigma",
         "outliers",
     )
-    return Grid("Residuals: measured minus predicted", head, tuple(rows), frozenset({4, 6, 7, 8}))
+    title = "Residuals: measured minus predicted"
+    return Grid(title, head, tuple(rows), frozenset({4, 6, 7, 8}))
 
 
 def _noise(summary: Summary) -> Grid:
@@ -146,132 +147,105 @@ def _noise(summary: Summary) -> Grid:
     rows = []
     for each in summary.evidence.noise:
         unit = shown_unit(each.unit, each.quantity)
-        values = [
-            ("-" if v is None else f"{v * unit.factor:.3g}")
-            for v in (each.stated, each.used, each.found)
-        ]
+        values = [_short(v, unit) for v in (each.stated, each.used, each.found)]
         rows.append((each.instrument, words(each.quantity), unit.name, *values))
-    return Grid(
-        "Noise of single samples, 1-sigma",
-        ("instrument", "quantity", "unit", "stated", "assumed", "estimated"),
-        tuple(rows),
-        frozenset({3, 4, 5}),
-    )
+    head = ("instrument", "quantity", "unit", "stated", "assumed", "estimated")
+    return Grid("Noise of single samples, 1-sigma", head, tuple(rows), frozenset({3, 4, 5}))
+
+
+def _short(value: Number, unit: Unit) -> str:
+    return "-" if value is None else f"{value * unit.factor:.3g}"
 
 
 def _figure(each: Trace) -> Figure:
     """Measured and predicted over time, and below their residuals."""
     unit = shown_unit(each.unit, each.quantity)
     measured = np.array(each.measured, dtype=np.float64) * unit.factor
-    over = np.array(each.residual, dtype=np.float64)
-    predicted = measured - over * unit.factor
-    scale = np.array(each.sigma)[:, None] if each.sigma is not None else 1.0 / unit.factor
-    data = [*_lines(each, measured, predicted), *_residual_lines(each, over / scale)]
-    what = "number of the pose" if each.static else "time [s]"
+    residual = np.array(each.residual, dtype=np.float64)
+    predicted = measured - residual * unit.factor
+    if each.sigma is None:
+        shown, residual_unit = residual * unit.factor, unit.name
+    else:
+        shown, residual_unit = residual / np.array(each.sigma)[:, None], "1-sigma"
+    quantity = words(each.quantity)
+    across = "number of the pose" if each.static else "time [s]"
     layout = {
-        "xaxis": {"title": {"text": what}, "anchor": "y2"},
-        "yaxis": {"title": {"text": f"{words(each.quantity)} [{unit.name}]"}, "domain": [0.4, 1.0]},
-        "yaxis2": {
-            "title": {
-                "text": (
-                    "residual [1-sigma]" if each.sigma is not None else f"residual [{unit.name}]"
-                )
-            },
-            "domain": [0.0, 0.32],
-        },
+        "xaxis": {"title": {"text": across}, "anchor": "y2"},
+        "yaxis": {"title": {"text": f"{quantity} [{unit.name}]"}, "domain": [0.4, 1.0]},
+        "yaxis2": {"title": {"text": f"residual [{residual_unit}]"}, "domain": [0.0, 0.32]},
     }
     who = "the platform" if each.instrument == PLATFORM else each.instrument
     drawn = "points measured, rings predicted" if each.static else "measured thin, predicted dashed"
-    thin = f", {len(each.time)} of {each.samples} samples" if len(each.time) < each.samples else ""
-    title = f"Run {each.run}: {who}, {words(each.quantity)} ({drawn}{thin})"
+    if len(each.time) < each.samples:
+        drawn += f", {len(each.time)} of {each.samples} samples"
     text = (
-        f"{words(each.quantity)} of {who} in run {each.run}, channels {', '.join(each.channels)},"
+        f"{quantity} of {who} in run {each.run}, channels {', '.join(each.channels)},"
         f" measured and predicted, and below their residuals; {_summed(each, unit)}"
     )
     return Figure(
         slug("trace", each.run, each.instrument, each.quantity),
-        title,
+        f"Run {each.run}: {who}, {quantity} ({drawn})",
         text,
-        tuple(data),
+        (*_lines(each, measured, predicted), *_residual_lines(each, shown)),
         layout,
         height=440,
     )
 
 
 def _summed(each: Trace, unit: Unit) -> str:
+    """The largest root mean square of the residuals."""
     rms = [r for r in each.rms if r is not None]
-    return (
-        f"root mean square {max(rms) * unit.factor:.3g} {unit.name} at most."
-        if rms
-        else "nothing was measured."
-    )
+    if not rms:
+        return "nothing was measured."
+    return f"root mean square {max(rms) * unit.factor:.3g} {unit.name} at most."
 
 
 def _lines(each: Trace, measured: Any, predicted: Any) -> Iterator[dict[str, Any]]:
-    """Poses at rest have nothing between them: points, and rings about them."""
+    """Measured and predicted, shape (k, n); poses at rest have nothing between them: points, and
+    rings about them.
+    """
     for i, (name, values) in enumerate(zip(each.channels, measured, strict=True)):
-        colour = line_colour(i)
-        drawn = (
-            {"mode": "markers", "marker": {"size": 5, "color": colour}}
-            if each.static
-            else {"mode": "lines", "line": {"width": 1, "color": colour}}
-        )
-        yield {
-            "type": "scatter",
-            "name": name,
-            "legendgroup": name,
-            "x": each.time,
-            "y": values,
-            "opacity": 0.75,
-            **drawn,
-        }
+        yield {**_drawn(each, name, values, i, size=5, width=1), "opacity": 0.75}
     for i, (name, values) in enumerate(zip(each.channels, predicted, strict=True)):
-        colour = line_colour(i)
-        drawn = (
-            {"mode": "markers", "marker": {"size": 11, "symbol": "circle-open", "color": colour}}
-            if each.static
-            else {"mode": "lines", "line": {"width": 1.5, "dash": "dash", "color": colour}}
-        )
-        yield {
-            "type": "scatter",
-            "name": f"{name}, predicted",
-            "legendgroup": name,
-            "showlegend": False,
-            "x": each.time,
-            "y": values,
-            **drawn,
-        }
+        drawn = _drawn(each, f"{name}, predicted", values, i, size=11, width=1.5)
+        if each.static:
+            drawn["marker"]["symbol"] = "circle-open"
+        else:
+            drawn["line"]["dash"] = "dash"
+        yield {**drawn, "legendgroup": name, "showlegend": False}
 
 
-def _residual_lines(each: Trace, over: Any) -> Iterator[dict[str, Any]]:
-    """Residuals below the readings; those that the fit leaves out are marked."""
-    time = np.array(each.time)
-    out = np.zeros(over.shape, dtype=bool)
+def _drawn(
+    each: Trace, name: str, values: Any, channel: int, *, size: int, width: float
+) -> dict[str, Any]:
+    """A channel as a line, or as points where the platform rests."""
+    colour = line_colour(channel)
+    drawn = line(name, each.time, values, {"width": width, "color": colour}, legendgroup=name)
+    if each.static:
+        del drawn["line"]
+        drawn |= {"mode": "markers", "marker": {"size": size, "color": colour}}
+    return drawn
+
+
+def _residual_lines(each: Trace, residual: Any) -> Iterator[dict[str, Any]]:
+    """Residuals below the measurements, shape (k, n); those that the fit leaves out are marked."""
+    out = np.zeros(residual.shape, dtype=bool)
     for channel, sample in each.left_out:
         out[channel, sample] = True
-    for i, (name, values, lost) in enumerate(zip(each.channels, over, out, strict=True)):
-        yield {
-            "type": "scatter",
-            "mode": "markers" if each.static else "lines",
-            "name": f"{name}, residual",
-            "legendgroup": name,
-            "showlegend": False,
-            "x": each.time,
-            "y": np.where(lost, np.nan, values),
-            "yaxis": "y2",
-            "line": {"width": 1, "color": line_colour(i)},
-            "marker": {"size": 5, "color": line_colour(i)},
-        }
+    used = np.where(out, np.nan, residual)
+    for i, (name, values) in enumerate(zip(each.channels, used, strict=True)):
+        drawn = _drawn(each, f"{name}, residual", values, i, size=5, width=1)
+        yield {**drawn, "legendgroup": name, "showlegend": False, "yaxis": "y2"}
     if out.any():
         channels, samples = np.nonzero(out)
         # What is left out may be far off the scale: it is marked where it happened.
-        limit = float(np.nanmax(np.abs(np.where(out, np.nan, over)), initial=1.0))
+        limit = float(np.nanmax(np.abs(used), initial=1.0))
         yield {
             "type": "scatter",
             "mode": "markers",
             "name": "left out",
-            "x": time[samples],
-            "y": np.clip(over[channels, samples], -limit, limit),
+            "x": np.array(each.time)[samples],
+            "y": np.clip(residual[channels, samples], -limit, limit),
             "yaxis": "y2",
             "marker": {"size": 7, "symbol": "x-thin-open", "color": "var(--bad)"},
         }
@@ -280,25 +254,14 @@ def _residual_lines(each: Trace, over: Any) -> Iterator[dict[str, Any]]:
 def _spectra(traces: Sequence[Trace]) -> Iterator[Figure]:
     """Of every run one figure."""
     for run in dict.fromkeys(each.run for each in traces):
-        own = [each for each in traces if each.run == run and each.spectrum is not None]
-        if not own:
+        data = []
+        for each in traces:
+            if each.run == run and each.spectrum is not None:
+                name = f"{each.instrument}, {words(each.quantity)}"
+                spectrum = each.spectrum
+                data.append(line(name, spectrum.frequency, spectrum.power, {"width": 1.5}))
+        if not data:
             continue
-        data = [
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": f"{each.instrument}, {words(each.quantity)}",
-                "x": each.spectrum.frequency,
-                "y": each.spectrum.power,
-                "line": {"width": 1.5},
-            }
-            for each in own
-            if each.spectrum is not None
-        ]
-        layout = {
-            "xaxis": {"title": {"text": "frequency [Hz]"}, "type": "log"},
-            "yaxis": {"title": {"text": "power over that of white noise"}, "type": "log"},
-        }
         text = (
             f"Spectra of the residuals in run {run}. White noise of the assumed size is flat at 1; a"
             " peak is a motion or a vibration that the model does not follow. Cables enter six"
@@ -309,6 +272,6 @@ def _spectra(traces: Sequence[Trace]) -> Iterator[Figure]:
             f"Run {run}: spectra of the residuals (1: white noise of the assumed size)",
             text,
             tuple(data),
-            layout,
+            axes("frequency [Hz]", "power over that of white noise", "log"),
             height=380,
         )
