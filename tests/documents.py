@@ -3,10 +3,10 @@
 import numpy as np
 
 from steelyard.report.document import (
+    Document,
     Figure,
     Grid,
     Replay,
-    ReportDocument,
     Scene,
     Section,
     Statement,
@@ -136,7 +136,7 @@ def sample():
             Statement("`steelyard design` finds a motion that tells more"),
         )
     )  # fmt: skip
-    return ReportDocument(
+    return Document(
         "cogiro, twenty seconds",
         Statement("The platform has 161.18 ± 0.38 kg; all ten parameters are known, and the estimate is accepted.", "good"),
         (
@@ -173,7 +173,7 @@ def hostile():
     courses = tuple(Replay(name, np.array([0.0, 1.0]), *still) for name in names)
     scene = Scene(Figure("s", whole, whole, (points,), {"scene": titles}), courses)
     return (
-        ReportDocument(
+        Document(
             whole, Statement(whole, "note"), (Section("a", whole, (said, grid, flat, scene)),)
         ),
         names,

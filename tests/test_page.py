@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from documents import TIME, heat, hostile, lines, sample, table, view
 
-from steelyard.report.document import Figure, ReportDocument, Section, Statement, Statements
+from steelyard.report.document import Document, Figure, Section, Statement, Statements
 from steelyard.report.figure_json import figure_json
 from steelyard.report.markdown import escaped, markdown
 from steelyard.report.page import page
 
-ONLY_TEXT = ReportDocument("t", Statement("all is well", "good"), (Section("a", "A", (table(),)),))
+ONLY_TEXT = Document("t", Statement("all is well", "good"), (Section("a", "A", (table(),)),))
 
 
 class Tree(HTMLParser):
@@ -274,7 +274,7 @@ class TestMarkdown:
 
     @pytest.mark.parametrize("text", ["1. first", "- dash", "+ plus", "12) twelve", "=== rule"])
     def test_a_line_is_no_list(self, text):
-        said = ReportDocument(
+        said = Document(
             "t", Statement(text), (Section("a", "A", (Statements((Statement(text),)),)),)
         )
         _, _, lead, _, _, _, bullet = markdown(said).splitlines()

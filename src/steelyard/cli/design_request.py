@@ -31,6 +31,7 @@ from steelyard.simulation.trajectories import repeated_move, trajectories
 _MARGINS = 0.0, 0.9
 """Shares of mass and inertia; a body of no mass cannot be held."""
 _MOST_RUNS = 20
+"""A design of so many motions takes hours."""
 _BUDGETS = 5.0, 3600.0
 """[s]: less finds nothing, more is a mistake of the unit."""
 _MOST_RATE = 10_000.0

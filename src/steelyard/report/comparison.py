@@ -11,13 +11,11 @@ from steelyard.estimates.chi_square import ChiSquareTest
 from steelyard.estimates.comparison import Comparison, Pair
 from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.estimates.payload import Payload
-from steelyard.report.document import Grid, ReportDocument, Section, Statement, Statements, Tone
+from steelyard.report.document import Document, Grid, Section, Statement, Statements, Tone
 from steelyard.report.parameter_grid import ParameterTexts, parameter_grid
 
 
-def comparison_document(
-    comparison: Comparison, *, fail_above: float | None = None
-) -> ReportDocument:
+def comparison_document(comparison: Comparison, *, fail_above: float | None = None) -> Document:
     """Estimates, their differences from the first, and whether they agree.
 
     Args:
@@ -29,7 +27,7 @@ def comparison_document(
     grids = [_difference(first, other, pair) for other, pair in zip(others, of_first, strict=True)]
     statements = Statements(tuple(comparison_statements(comparison, fail_above)))
     section = Section("differences", "Differences", (*grids, statements))
-    return ReportDocument("Estimates side by side", _lead(comparison), (section,))
+    return Document("Estimates side by side", _lead(comparison), (section,))
 
 
 def _lead(comparison: Comparison) -> Statement:
@@ -71,7 +69,7 @@ def comparison_statements(
             yield Statement(f"nothing differs by more than {fail_above:g} sigmas", "good")
 
 
-def payload_document(payload: Payload) -> ReportDocument:
+def payload_document(payload: Payload) -> Document:
     """What was added between two estimates."""
     named = (
         (payload.before.name, payload.before.estimate),
@@ -90,7 +88,7 @@ def payload_document(payload: Payload) -> ReportDocument:
         f" {'accepted' if accepted else 'not accepted'}.",
         "good" if accepted else "bad",
     )
-    return ReportDocument("Payload", lead, (Section("payload", "Payload", (grid, statements)),))
+    return Document("Payload", lead, (Section("payload", "Payload", (grid, statements)),))
 
 
 def payload_statements(payload: Payload) -> Iterator[Statement]:

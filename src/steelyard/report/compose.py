@@ -4,7 +4,7 @@ from.
 
 from __future__ import annotations
 
-from steelyard.report.document import ReportDocument
+from steelyard.report.document import Document
 from steelyard.report.sections.calibration import calibration
 from steelyard.report.sections.correlation import correlation
 from steelyard.report.sections.made import made
@@ -17,14 +17,14 @@ SECTIONS = (result, platform, wrench, residuals, calibration, correlation, made)
 """In the order in which they are shown; each is left out where it has nothing to say."""
 
 
-def document_of(summary: Summary) -> ReportDocument:
+def document_of(summary: Summary) -> Document:
     """The report as values."""
     found = (section(summary) for section in SECTIONS)
-    return ReportDocument(
+    return Document(
         summary.table.title, lead(summary), tuple(each for each in found if each is not None)
     )
 
 
-def brief_of(summary: Summary) -> ReportDocument:
+def brief_of(summary: Summary) -> Document:
     """What a terminal shows of a report: its first section."""
-    return ReportDocument(summary.table.title, lead(summary), (result(summary),))
+    return Document(summary.table.title, lead(summary), (result(summary),))

@@ -18,9 +18,9 @@ from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.design import grids, statements
 from steelyard.report.document import (
     Block,
+    Document,
     Figure,
     Replay,
-    ReportDocument,
     Section,
     Statement,
     Statements,
@@ -35,7 +35,7 @@ _MOST_POINTS = 1000
 """Of a line: about one for each column of pixels."""
 
 
-def design_document(appraisal: Appraisal) -> ReportDocument:
+def design_document(appraisal: Appraisal) -> Document:
     """Everything that there is to say and to see of a planned experiment."""
     said = tuple(statements(appraisal))
     precision, *uses = grids(appraisal)
@@ -50,7 +50,7 @@ def design_document(appraisal: Appraisal) -> ReportDocument:
         )
     for run, each in columns.items():
         blocks += list(_motion(run, each, appraisal))
-    return ReportDocument(
+    return Document(
         f"{appraisal.experiment.name}: a planned experiment",
         _lead(appraisal),
         (

@@ -111,7 +111,7 @@ class Section:
 
 
 @dataclass(frozen=True, eq=False)
-class ReportDocument:
+class Document:
     """A whole report."""
 
     title: str

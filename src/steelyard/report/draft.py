@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from steelyard.display import printable
-from steelyard.report.document import Grid, ReportDocument, Section, Statement, Statements
+from steelyard.report.document import Document, Grid, Section, Statement, Statements
 
 _HEAD = ("run", "instrument", "log", "columns", "units", "rate", "samples")
 _NUMBERS = frozenset({5, 6})
@@ -16,7 +16,7 @@ _FEW_COLUMNS = 4
 """Columns of a stream that are all named."""
 
 
-def draft_document(values: Mapping[str, Any]) -> ReportDocument:
+def draft_document(values: Mapping[str, Any]) -> Document:
     """What was guessed of the instruments, and what to check.
 
     Args:
@@ -26,7 +26,7 @@ def draft_document(values: Mapping[str, Any]) -> ReportDocument:
     lead = Statement(f"{place}: a draft of an experiment file; check what follows.", "note")
     grid = Grid(place, _HEAD, tuple(_rows(values)), _NUMBERS)
     said = Statements(tuple(_statements(values)))
-    return ReportDocument(place, lead, (Section("draft", "What was guessed", (grid, said)),))
+    return Document(place, lead, (Section("draft", "What was guessed", (grid, said)),))
 
 
 def _rows(values: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:

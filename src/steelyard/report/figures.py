@@ -13,7 +13,7 @@ from steelyard.errors import InputError
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.report.compose import document_of
-from steelyard.report.document import Figure, Replay, ReportDocument, Scene
+from steelyard.report.document import Document, Figure, Replay, Scene
 from steelyard.report.page import palette
 from steelyard.report.summary import summarise
 
@@ -61,7 +61,7 @@ def figure(found: Identification, name: str, truth: Inertia | None = None) -> go
     return _plotly(blocks[chosen])
 
 
-def _blocks(document: ReportDocument) -> dict[str, Figure | Scene]:
+def _blocks(document: Document) -> dict[str, Figure | Scene]:
     found = [
         block
         for section in document.sections

@@ -13,7 +13,7 @@ from steelyard.inspection.agreement import BAD, Agreement
 from steelyard.inspection.contact import Residual
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
-from steelyard.report.document import Figure, ReportDocument, Section, Statement, Statements
+from steelyard.report.document import Document, Figure, Section, Statement, Statements
 from steelyard.report.inspection import grids, statements
 from steelyard.report.plot import axes, line, stretch
 from steelyard.report.sections.shown import line_colour, words
@@ -27,11 +27,11 @@ _LEAST_DENSITY = 1e-12
 _MARKS = {"gap": "var(--muted)", "stuck": "var(--bad)"}
 
 
-def inspection_document(found: Inspection) -> ReportDocument:
+def inspection_document(found: Inspection) -> Document:
     """Everything that there is to say and to see."""
     said = Statements(tuple(statements(found)))
     tables = tuple(grid for grid in grids(found) if grid.rows)
-    return ReportDocument(
+    return Document(
         f"{found.experiment.name}: what is in the recordings",
         _lead(found),
         (

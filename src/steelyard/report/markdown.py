@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from steelyard.report.document import Block, Figure, Grid, ReportDocument, Scene, Statements
+from steelyard.report.document import Block, Document, Figure, Grid, Scene, Statements
 
 _SPECIAL = {ord(character): f"&#{ord(character)};" for character in "\\|<>&*_`[]#~"}
 _START = re.compile(r"^(?:[-+=]|\d+[.)])")
@@ -17,7 +17,7 @@ def escaped(text: str) -> str:
     return " ".join(text.translate(_SPECIAL).split())
 
 
-def markdown(document: ReportDocument) -> str:
+def markdown(document: Document) -> str:
     """Markdown of a document; the same bytes for the same input."""
     lines = [f"# {escaped(document.title)}", "", _line(document.lead.text)]
     for section in document.sections:

@@ -10,14 +10,14 @@ import re
 from functools import cache
 from importlib.resources import files
 
-from steelyard.report.document import Block, Figure, Grid, ReportDocument, Scene, Statements
+from steelyard.report.document import Block, Document, Figure, Grid, Scene, Statements
 from steelyard.report.figure_json import figure_json
 
 _SIGNS = {"good": ("✓", "good"), "bad": ("✗", "problem"), "note": ("!", "note")}
 """Tone -> sign, and the word for those who hear the page."""
 
 
-def page(document: ReportDocument) -> str:
+def page(document: Document) -> str:
     """HTML of a document; the same bytes for the same input.
 
     Names of the style sheet's colours may stand in figures where colours do: ``var(--good)``,

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from steelyard.display import printable
-from steelyard.report.document import Grid, ReportDocument, Statement, Statements
+from steelyard.report.document import Document, Grid, Statement, Statements
 
 _PIPED_WIDTH = 160
 """Characters; nothing is cut where a file or a pipe reads along."""
@@ -26,7 +26,7 @@ _STYLES = {"good": "green", "bad": "red", "note": "yellow", "": ""}
 """Tone of a statement -> style."""
 
 
-def show(document: ReportDocument) -> None:
+def show(document: Document) -> None:
     """Print to standard output: the result, then all tables, then all other sentences, so that what
     is to be done stands where a reader looks at last.
     """

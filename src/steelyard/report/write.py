@@ -9,7 +9,7 @@ from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.output import results_folder, write_json
 from steelyard.report.compose import document_of
-from steelyard.report.document import ReportDocument
+from steelyard.report.document import Document
 from steelyard.report.made import made_of
 from steelyard.report.markdown import markdown
 from steelyard.report.motion_table import FILE_NAME as MOTION
@@ -70,7 +70,7 @@ def draw_report(summary: Summary, folder: Path) -> None:
     write_document(document_of(summary), folder, "report")
 
 
-def write_document(document: ReportDocument, folder: Path, name: str) -> None:
+def write_document(document: Document, folder: Path, name: str) -> None:
     """Write a document as a page and as Markdown.
 
     Args:
