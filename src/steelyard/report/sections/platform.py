@@ -23,7 +23,7 @@ from steelyard.report.document import (
 )
 from steelyard.report.evidence import EstimatedBody, MotionTrack, Shape
 from steelyard.report.robot_scene import edges_of, equal_scales, hull_edges, marks, robot_scene
-from steelyard.report.sections.result import deviations_of
+from steelyard.report.sections.shown import deviations_of
 from steelyard.report.summary import Summary
 
 _WITHIN = float(np.sqrt(7.815))
