@@ -38,7 +38,7 @@ def show(document: Document) -> None:
     for block in blocks:
         if isinstance(block, Grid) and block.rows:
             for columns in _parts(block, screen.width):
-                screen.print(_drawn(block, columns))
+                screen.print(drawn_grid(block, columns))
     for block in blocks:
         if isinstance(block, Statements):
             for each in block.items:
@@ -98,8 +98,15 @@ def _cells(grid: Grid, column: int) -> list[str]:
     return [printable(row[column]) for row in grid.rows]
 
 
-def _drawn(grid: Grid, columns: Sequence[int]) -> Table:
-    """Some columns of a table."""
+def drawn_grid(grid: Grid, columns: Sequence[int] | None = None) -> Table:
+    """A table for a terminal.
+
+    Args:
+        grid: The whole one.
+        columns: Those that are drawn; None: all.
+    """
+    if columns is None:
+        columns = range(len(grid.head))
     drawn = Table(
         title=Text(printable(grid.caption)),
         title_justify="left",
