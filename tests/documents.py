@@ -3,10 +3,10 @@
 import numpy as np
 
 from steelyard.report.document import (
-    Course,
     Document,
     Figure,
     Grid,
+    Replay,
     Scene,
     Section,
     Statement,
@@ -85,8 +85,8 @@ def view():
     position = np.stack([np.cos(TIME), np.sin(TIME), 1.5 + 0 * TIME], axis=1)
     rotation = np.stack([np.cos(angle / 2), 0 * TIME, 0 * TIME, np.sin(angle / 2)], axis=1)
     courses = (
-        Course("round", TIME, position, rotation),
-        Course(
+        Replay("round", TIME, position, rotation),
+        Replay(
             "up",
             TIME[:2] / 5,
             np.array([[0, 0, 1.0], [0, 0, 3.0]]),
@@ -170,7 +170,7 @@ def hostile():
         "x": [0, 1, 2, 3, 4, 5, 6], "y": [0, 1, 0, 1, 0, 1, 0], "z": [0, 0, 0, 0, 0, 0, 1], "meta": {"moves": [True] * 7},
     }  # fmt: skip
     still = np.zeros((2, 3)), np.array([[1.0, 0, 0, 0]] * 2)
-    courses = tuple(Course(name, np.array([0.0, 1.0]), *still) for name in names)
+    courses = tuple(Replay(name, np.array([0.0, 1.0]), *still) for name in names)
     scene = Scene(Figure("s", whole, whole, (points,), {"scene": titles}), courses)
     return (
         Document(

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from steelyard.estimates.comparison import compare as compare
     from steelyard.estimates.estimate import Estimate as Estimate
     from steelyard.estimates.estimate import Verdict as Verdict
-    from steelyard.estimates.estimate_file import NamedEstimate as NamedEstimate
     from steelyard.estimates.estimate_file import read_estimates as read_estimates
+    from steelyard.estimates.named_estimate import NamedEstimate as NamedEstimate
     from steelyard.estimates.payload import Payload as Payload
     from steelyard.estimates.payload import payload as payload
     from steelyard.excitation.design import Design as Design

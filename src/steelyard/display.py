@@ -25,18 +25,10 @@ class Display:
 
     def text(self) -> str:
         """For a terminal; lines have no blanks at their ends."""
-        grid = [
-            [printable(cell) for cell in row]
-            for row in (*((self.head,) if self.head else ()), *self.rows)
-        ]
+        rows = [self.head, *self.rows] if self.head else list(self.rows)
+        grid = [[printable(cell) for cell in row] for row in rows]
         widths = [max(map(len, column)) for column in zip(*grid, strict=True)]
-        lines = [
-            "  ".join(
-                cell.ljust(width) if i < _NUMBERS else cell.rjust(width)
-                for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-            ).rstrip()
-            for row in grid
-        ]
+        lines = [_aligned(row, widths) for row in grid]
         return "\n".join([printable(self.title), *lines, *map(printable, self.sentences)])
 
     def html(self) -> str:
@@ -48,6 +40,14 @@ class Display:
         caption = f'<caption style="text-align: left">{_escaped(self.title)}</caption>'
         below = "".join(f"<div>{_escaped(each)}</div>" for each in self.sentences)
         return f"<div><table>{caption}{head}<tbody>{body}</tbody></table>{below}</div>"
+
+
+def _aligned(cells: Sequence[str], widths: Sequence[int]) -> str:
+    """A line of a table: words to the left, numbers to the right."""
+    padded = []
+    for i, (cell, width) in enumerate(zip(cells, widths, strict=True)):
+        padded.append(cell.ljust(width) if i < _NUMBERS else cell.rjust(width))
+    return "  ".join(padded).rstrip()
 
 
 def _row(tag: str, cells: Sequence[str]) -> str:

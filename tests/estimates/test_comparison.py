@@ -15,9 +15,12 @@ from scipy.special import gammaln, log_ndtr, logsumexp
 from time_limits import finished
 
 from steelyard.errors import InputError
-from steelyard.estimates.comparison import SIGNIFICANT, agreement, compare
+from steelyard.estimates.chi_square import agreement
+from steelyard.estimates.comparison import compare
+from steelyard.estimates.comparison_settings import SETTINGS
 from steelyard.estimates.estimate import FORMAT, Estimate, judge
-from steelyard.estimates.estimate_file import NamedEstimate, read_estimate_file, read_estimates
+from steelyard.estimates.estimate_file import read_estimate_file, read_estimates
+from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.estimates.payload import payload
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.report.comparison import comparison_statements, payload_statements
@@ -108,9 +111,11 @@ def test_nothing_in_common_is_no_agreement():
     found = comparison.pairs[0].agreement
     assert (found.freedom, found.parameters) == (0, ())
     assert np.isnan(found.p_value)
-    assert comparison.exceeding(1e6) == ("a and b: nothing that both know can be compared",)
-    assert "nothing that they all know" in " ".join(
-        text for text, _ in comparison_statements(comparison)
+    assert comparison.exceeding(1e6) == (
+        "a and b: no parameter is known to both, so that nothing can be compared",
+    )
+    assert "no parameter is known to all of them" in " ".join(
+        each.text for each in comparison_statements(comparison)
     )
 
 
@@ -318,7 +323,7 @@ def test_notes_say_what_makes_a_comparison_doubtful():
     notes = " | ".join(compare([a, b]).notes)
     assert "different recordings are taken as independent" in notes
     assert "a and b: experiments of one name ('lab')" in notes
-    assert "a and b: mass were known beforehand" in notes
+    assert "a and b: prior knowledge determines mass" in notes
     assert "b: the file has no covariance" in notes
     assert "one name" not in " ".join(compare([a, replace(b, experiment="other")]).notes)
     singular = covariance_of(1, rank=5)
@@ -345,7 +350,7 @@ def test_the_payload_is_what_was_added():
     assert found.estimate.verdict.accepted
     assert found.estimate.physical
     assert found.possible
-    assert "accepted, of a body that can exist" in next(payload_statements(found))[0]
+    assert "accepted, of a body that can exist" in next(payload_statements(found)).text
 
 
 @pytest.mark.integration
@@ -381,7 +386,7 @@ def test_a_payload_below_its_uncertainty_has_no_place():
     found = payload(named(BEFORE.body_parameters, C, "a"), named(AFTER.body_parameters, C, "b"))
     mass = found.estimate.value[0]
     assert mass == pytest.approx(ADDED.mass)
-    assert mass < SIGNIFICANT * found.estimate.standard_deviation[0]
+    assert mass < SETTINGS.significant * found.estimate.standard_deviation[0]
     assert found.estimate.standard_deviation[0] == pytest.approx(np.sqrt(2) * 40)
     assert np.isnan(found.estimate.value[1:]).all()
     assert np.isnan(found.estimate.covariance[1:, 1:]).all()

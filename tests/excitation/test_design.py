@@ -151,7 +151,7 @@ def test_report_says_what_it_will_tell_and_what_it_takes(written):
     report = (out / "design.md").read_text()
     for text in (printed, report):
         for words in (
-            "What a motion of 8 s will tell",
+            "Expected uncertainty after a motion of 8 s",
             "centre of gravity x",
             "angular acceleration",
             "swings on its cables",
@@ -249,7 +249,7 @@ def test_check_says_what_a_motion_cannot_tell_and_what_it_exceeds(run, tmp_path)
     assert found["feasible"] is False
     assert any("acceleration" in text for text in found["violations"])
     status, out, _ = run("design", "cogiro", "--check", str(tmp_path / "own.csv"))
-    assert "cannot tell" in out
+    assert "not identifiable: " in out
     assert "the robot cannot do it" in out
 
 
@@ -631,10 +631,12 @@ def test_robot_without_limits_stays_about_the_middle_and_the_report_says_what_is
     middle, reach = workspace_of(robot)
     assert np.all(np.abs(poses - middle) <= reach * 1.0001)
     assert found.feasible
-    said = "\n".join(statements(found))
+    said = "\n".join(each.text for each in statements(found))
     assert "does not limit speed, acceleration, angular speed, angular acceleration" in said
     # With the robot's own limits there is nothing to say.
-    assert "does not limit" not in "\n".join(statements(replace(found, experiment=planned())))
+    assert "does not limit" not in "\n".join(
+        each.text for each in statements(replace(found, experiment=planned()))
+    )
 
 
 def computed_by(process):

@@ -19,16 +19,17 @@ from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.inertia import Inertia
-from steelyard.report import gather
 from steelyard.report.compose import document_of
 from steelyard.report.document import Figure, Grid, Scene
-from steelyard.report.gather import MOST_RUNS, evidence_of, thinned
+from steelyard.report.gather import evidence_of
 from steelyard.report.made import made_of
 from steelyard.report.markdown import markdown
 from steelyard.report.page import page
 from steelyard.report.report_file import read_summary, write_summary
-from steelyard.report.sections.platform import _hull, box_of
+from steelyard.report.robot_scene import hull_edges
+from steelyard.report.sections.platform import box_of
 from steelyard.report.summary import summarise
+from steelyard.report.thinning import THINNING, thinned
 from steelyard.report.write import write_report
 
 pytestmark = pytest.mark.integration
@@ -102,7 +103,7 @@ def test_all_sections_are_there(document):
         "result",
         "platform",
         "wrench",
-        "readings",
+        "residuals",
         "calibration",
         "correlation",
         "made",
@@ -305,10 +306,10 @@ def test_what_is_not_told_is_no_number(summary):
     )  # fmt: skip
     document = document_of(replace(summary, bodies=(body,), result=body.name))
     assert "correlation" not in {section.name for section in document.sections}
-    assert "mass not told" in document.lead.text
+    assert "mass not identifiable" in document.lead.text
     text = markdown(document)
-    assert "Not told by these data" in text
-    assert "nan" not in text.lower().replace("nan=", "")
+    assert "Not identifiable from these data" in text
+    assert "nan" not in text.lower().replace("nan=", "").replace("provenance", "")
 
 
 def test_two_steps_alone_have_a_report_too(experiment):
@@ -324,19 +325,21 @@ def test_many_runs_are_bounded(experiment):
     """Numbers of the first runs are kept, however many there are."""
     many = replace(
         experiment,
-        runs=tuple(replace(experiment.runs[0], name=f"run {i}") for i in range(MOST_RUNS + 3)),
+        runs=tuple(
+            replace(experiment.runs[0], name=f"run {i}") for i in range(THINNING.most_runs + 3)
+        ),
     )
     evidence = evidence_of(identify(many, [TwoStep()]))
     assert evidence.not_drawn == 3
-    assert len({each.run for each in evidence.traces}) == MOST_RUNS
+    assert len({each.run for each in evidence.traces}) == THINNING.most_runs
 
 
 @pytest.mark.parametrize("method", [LeastSquares, MaximumLikelihood])
-def test_runs_that_are_not_shown_do_no_harm(experiment, monkeypatch, method):
-    monkeypatch.setattr(gather, "MOST_RUNS", 1)
+def test_runs_that_are_not_shown_do_no_harm(experiment, method):
     run = experiment.runs[0]
     evidence = evidence_of(
-        identify(replace(experiment, runs=(run, replace(run, name="again"))), [method()])
+        identify(replace(experiment, runs=(run, replace(run, name="again"))), [method()]),
+        replace(THINNING, most_runs=1),
     )
     assert (
         {each.run for each in evidence.traces}
@@ -377,12 +380,12 @@ def test_the_box_has_the_inertia_of_the_body():
 
 def test_edges_of_what_attachments_span():
     cube = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
-    assert len(_hull(cube)) == 12
-    assert all(np.isclose(np.linalg.norm(cube[i] - cube[j]), 1.0) for i, j in _hull(cube))
+    assert len(hull_edges(cube)) == 12
+    assert all(np.isclose(np.linalg.norm(cube[i] - cube[j]), 1.0) for i, j in hull_edges(cube))
     flat = cube[::2]
-    assert len(_hull(flat)) == 4
-    assert all(np.isclose(np.linalg.norm(flat[i] - flat[j]), 1.0) for i, j in _hull(flat))
-    assert _hull(cube[:1]) == [(0, 0)]
+    assert len(hull_edges(flat)) == 4
+    assert all(np.isclose(np.linalg.norm(flat[i] - flat[j]), 1.0) for i, j in hull_edges(flat))
+    assert hull_edges(cube[:1]) == [(0, 0)]
 
 
 def test_a_summary_with_an_infinite_number_is_refused(summary, tmp_path):

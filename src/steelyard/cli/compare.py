@@ -1,18 +1,16 @@
-"""The verb that puts estimates side by side."""
+"""The verb `compare`."""
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Sequence
 
-import numpy as np
+import click
 
+from steelyard.cli.options import common
+from steelyard.cli.printing import print_json
 from steelyard.errors import InputError
-from steelyard.estimates.comparison import compare
-from steelyard.estimates.estimate_file import read_estimates
-from steelyard.estimates.payload import payload
-from steelyard.output import to_json
-from steelyard.report.comparison import show_comparison, show_payload
 
 EXCEEDED = 1
 """Exit status where differences exceed what was asked for."""
@@ -20,17 +18,53 @@ _MOST = 20
 """Estimates at once; every two of them are compared."""
 
 
-def run_comparison(
-    places: Sequence[str],
-    *,
-    method: str | None,
+@click.command()
+@click.argument("estimates", nargs=-1, required=True, metavar="ESTIMATE ESTIMATE...")
+@click.option(
+    "--payload", is_flag=True, help="What was added between two estimates: before, after."
+)
+@click.option(
+    "--fail-above",
+    type=float,
+    metavar="SIGMAS",
+    help="Exit status 1 where a parameter, or all as a whole, differ by more.",
+)
+@click.option(
+    "--method", metavar="NAME", help="Which estimate of each file, or all. Default: its result."
+)
+@common
+def compare(
+    estimates: tuple[str, ...],
+    payload: bool,
     fail_above: float | None,
+    method: str | None,
     as_json: bool,
+    quiet: bool,
+) -> None:
+    """Put estimates side by side: differences in units of their uncertainty, and whether they
+    agree.
+
+    ESTIMATE is an estimate.json or a folder with one, with :METHOD behind it for one of its methods
+    (:all for every one).
+    """
+    if payload:
+        _payload(estimates, method, fail_above, as_json=as_json)
+    else:
+        _comparison(estimates, method, fail_above, as_json=as_json)
+
+
+def _comparison(
+    places: Sequence[str], method: str | None, fail_above: float | None, *, as_json: bool
 ) -> None:
     """Compare estimates; ends the process with status 1 where they differ by more sigmas than
     ``fail_above``.
     """
-    if fail_above is not None and not (np.isfinite(fail_above) and fail_above > 0):
+    from steelyard.estimates.comparison import compare as compared
+    from steelyard.estimates.estimate_file import read_estimates
+    from steelyard.report.comparison import comparison_document
+    from steelyard.report.terminal import show
+
+    if fail_above is not None and not (math.isfinite(fail_above) and fail_above > 0):
         raise InputError(
             f"--fail-above: expected a number of sigmas above 0, found {fail_above:g}; correct it"
         )
@@ -39,23 +73,28 @@ def run_comparison(
         raise InputError(
             f"compare: expected at most {_MOST} estimates, found {len(estimates)}; name fewer"
         )
-    comparison = compare(estimates)
+    comparison = compared(estimates)
     exceeding = comparison.exceeding(fail_above) if fail_above is not None else ()
     if as_json:
-        verdict = (
-            {} if fail_above is None else {"fail_above": fail_above, "exceeding": list(exceeding)}
-        )
-        print(to_json({**comparison.to_dict(), **verdict}, ascii_only=True))
+        values = comparison.to_dict()
+        if fail_above is not None:
+            values |= {"fail_above": fail_above, "exceeding": list(exceeding)}
+        print_json(values)
     else:
-        show_comparison(comparison, fail_above=fail_above)
+        show(comparison_document(comparison, fail_above=fail_above))
     if exceeding:
         sys.exit(EXCEEDED)
 
 
-def run_payload(
-    places: Sequence[str], *, method: str | None, fail_above: float | None, as_json: bool
+def _payload(
+    places: Sequence[str], method: str | None, fail_above: float | None, *, as_json: bool
 ) -> None:
-    """What was added between two estimates."""
+    """Say what was added between two estimates."""
+    from steelyard.estimates.estimate_file import read_estimates
+    from steelyard.estimates.payload import payload
+    from steelyard.report.comparison import payload_document
+    from steelyard.report.terminal import show
+
     if fail_above is not None:
         raise InputError(
             "--fail-above: expected none with --payload, whose estimates are meant to differ; leave"
@@ -69,6 +108,6 @@ def run_payload(
         )
     found = payload(*estimates)
     if as_json:
-        print(to_json(found.to_dict(), ascii_only=True))
+        print_json(found.to_dict())
     else:
-        show_payload(found)
+        show(payload_document(found))

@@ -1,31 +1,44 @@
-"""The verb that drafts a first experiment file from logs."""
+"""The verb `init`."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
-from rich.text import Text
+import click
 
+from steelyard.cli.options import common, force_option, out_option
+from steelyard.cli.printing import print_json
 from steelyard.cli.progress import progress
-from steelyard.cli.verbs import print_json
-from steelyard.drafts.draft import Draft, describe, draft
-from steelyard.drafts.text import SCHEMA, as_text
 from steelyard.errors import InputError
-from steelyard.experiment.read import read_experiment
-from steelyard.output import check_file_target, results_file
-from steelyard.report.terminal import console
-from steelyard.robot.file import bundled_names, read_robot
-from steelyard.robot.model import Robot
+
+if TYPE_CHECKING:
+    from steelyard.drafts.draft import Draft
+    from steelyard.robot.model import Robot
 
 
-def run_init(
-    logs: Sequence[Path], robot: str, out: Path, *, force: bool, as_json: bool, quiet: bool
+@click.command()
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=click.Path(path_type=Path))
+@click.option("--robot", required=True, help="A bundled name or a robot file.")
+@out_option("Experiment file to write.", required=True)
+@force_option("Replace the file.")
+@common
+def init(
+    logs: tuple[Path, ...], robot: str, out: Path, force: bool, as_json: bool, quiet: bool
 ) -> None:
-    """Guess the experiment that logs were recorded in, and write its file."""
+    """Draft a first experiment file from logs: guess instruments, columns, units and rates, and say
+    what to check.
+
+    LOG is a file of any format, or a folder with files in it or one level below.
+    """
+    from steelyard.drafts.draft import draft
+    from steelyard.experiment.read import read_experiment
+    from steelyard.output import check_file_target, results_file
+    from steelyard.report.draft import draft_document
+    from steelyard.report.terminal import show
+    from steelyard.robot.file import read_robot
+
     check_file_target(out, force=force)
     model = read_robot(robot)
     with progress(quiet=quiet) as tell:
@@ -49,11 +62,14 @@ def run_init(
     if as_json:
         print_json(values)
     else:
-        _show(values)
+        show(draft_document(values))
 
 
 def _text(found: Draft, model: Robot, robot: str, out: Path, folder: Path) -> str:
     """The file, with paths as of a folder."""
+    from steelyard.drafts.text import SCHEMA, as_text
+    from steelyard.robot.file import bundled_names
+
     home = out.resolve().parent
     paths = {found_in.place.path for run in found.runs for found_in in run.streams.values()}
     return as_text(
@@ -83,6 +99,9 @@ def _relative(path: Path, folder: Path) -> str:
 
 
 def _values(found: Draft, out: Path) -> dict[str, Any]:
+    """What was guessed, as plain values."""
+    from steelyard.drafts.draft import describe
+
     return {
         "experiment": str(out),
         "instruments": {name: dict(keys) for name, keys in found.instruments.items()},
@@ -97,63 +116,3 @@ def _values(found: Draft, out: Path) -> dict[str, Any]:
         },
         "unused": [{"log": each.log, "what": each.what} for each in found.unused],
     }
-
-
-def _show(values: dict[str, Any]) -> None:
-    screen = console()
-    table = Table(
-        title=Text(f"{values['experiment']}"),
-        title_justify="left",
-        title_style="bold",
-        header_style="bold",
-    )
-    for heading in ("run", "instrument", "log", "columns", "units", "rate", "samples"):
-        table.add_column(heading, justify="right" if heading in {"rate", "samples"} else "left")
-    checks: dict[str, None] = {}
-    for run, entry in values["runs"].items():
-        for name, stream in entry["streams"].items():
-            log = stream["log"] if stream["topic"] is None else f"{stream['log']} {stream['topic']}"
-            units = ", ".join(dict.fromkeys(stream["units"].values())) or "SI"
-            rate = (
-                "at rest"
-                if entry["static"]
-                else ""
-                if stream["rate"] is None
-                else f"{stream['rate']:g} Hz"
-            )
-            cells = [
-                run,
-                f"{name} ({stream['kind']})",
-                log,
-                _columns(stream["columns"]),
-                units,
-                rate,
-                str(stream["samples"]),
-            ]
-            table.add_row(*(Text(_seen(cell)) for cell in cells))
-            checks.update(dict.fromkeys(f"{name}: {check}" for check in stream["check"]))
-        if not entry["static"]:
-            word = "the clocks agree" if entry["clocks_agree"] else "sync: auto"
-            checks[f"run '{run}': {word}: {entry['why']}"] = None
-    screen.print(table)
-    for each in values["unused"]:
-        screen.print(Text(_seen(f"not used: {each['log']}: {each['what']}")))
-    for check in checks:
-        screen.print(Text(_seen(f"check: {check}")))
-    screen.print(
-        Text(
-            _seen(
-                "Fill in where the instruments sit (position, rpy_deg, target), then: steelyard"
-                " inspect " + values["experiment"]
-            )
-        )
-    )
-
-
-def _columns(names: Sequence[str]) -> str:
-    return " ".join(names) if len(names) < 5 else f"{names[0]} {names[1]} … {names[-1]}"
-
-
-def _seen(text: str) -> str:
-    """Text of a file with nothing in it that steers a terminal."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)[:400]

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from steelyard.cli.verbs import print_json
+import click
+
+from steelyard.cli.options import common
+from steelyard.cli.printing import print_json
 from steelyard.errors import InputError
-from steelyard.output import results_folder
-from steelyard.report.report_file import read_summary
-from steelyard.report.write import DRAWN, draw_report
 
 
-def run_report(folder: Path, *, as_json: bool) -> None:
-    """Draw the report of a folder again."""
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@common
+def report(folder: Path, as_json: bool, quiet: bool) -> None:
+    """Draw the report of DIR, a folder that identify wrote, again: report.html and report.md from
+    its report.json.
+    """
+    from steelyard.output import results_folder
+    from steelyard.report.report_file import read_summary
+    from steelyard.report.write import DRAWN, draw_report
+
     if not folder.is_dir():
         found = "a file" if folder.exists() else "nothing"
         raise InputError(

@@ -1,18 +1,29 @@
-"""The verb that tells editors what the files may hold."""
+"""The verb `schema`."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from steelyard.experiment.schema import Which, schema
-from steelyard.output import check_file_target, results_file, to_json
+import click
+
+from steelyard.cli.options import force_option, out_option
 
 
-def run_schema(which: Which, out: Path | None, *, force: bool) -> None:
-    """Print or write the JSON schema of a file."""
+@click.command()
+@click.argument("which", type=click.Choice(["experiment", "robot"]), default="experiment")
+@out_option("File to write. Default: print it.")
+@force_option("Replace the file.")
+def schema(which: Any, out: Path | None, force: bool) -> None:
+    """Print the JSON schema of experiment or robot files: editors complete and check YAML with
+    it.
+    """
+    from steelyard.experiment.schema import schema as json_schema
+    from steelyard.output import check_file_target, results_file, to_json
+
     if out is not None:
         check_file_target(out, force=force)
-    text = to_json(schema(which), ascii_only=True) + "\n"
+    text = to_json(json_schema(which), ascii_only=True) + "\n"
     if out is None:
         print(text, end="")
         return

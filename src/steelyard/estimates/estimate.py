@@ -17,15 +17,6 @@ from steelyard.robot.model import Robot
 from steelyard.tables import Tabular
 
 FORMAT = "steelyard-estimate/1"
-METHODS = (
-    "two-step",
-    "least-squares",
-    "instrumental-variables",
-    "consistent",
-    "maximum-likelihood",
-    "recursive",
-)
-"""Names of the contract."""
 BEST_FIRST = (
     "maximum-likelihood",
     "consistent",
@@ -59,7 +50,7 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Estimate(Tabular):
-    """Ten parameters of a body with their covariance; NaN where the data cannot tell.
+    """Ten parameters of a body with their covariance; NaN where the data do not determine one.
 
     It shows itself as a table: values with 1-sigma, what the data alone did not determine, and the
     verdict.
@@ -111,7 +102,7 @@ class Estimate(Tabular):
 
     @property
     def physical(self) -> bool | None:
-        """Whether such a body can exist; None where the numbers that are known cannot tell."""
+        """Whether such a body can exist; None where too few numbers are known."""
         if self.body is not None:
             return self.body.is_physical
         known = self.value[
@@ -162,6 +153,7 @@ class Estimate(Tabular):
         return self._display().html()
 
     def _display(self) -> Display:
+        """A table of the ten and the verdict."""
         numbers = ten_numbers(self.value, self.standard_deviation)
         labels = [self.verdict.parameters.get(name, "") for name in BODY_PARAMETERS]
         rows = zip(LABELS, numbers, labels, strict=True)
@@ -200,10 +192,9 @@ def plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-_UNTOLD = 0.5
-"""A parameter whose 1-sigma exceeds this part of its plausible size is not told by the data."""
-
-
+_IDENTIFIABLE = 0.5
+"""Part of its plausible size that the 1-sigma of an identifiable parameter stays below: with more,
+the data hardly say more than what is plausible anyway."""
 _BODY_ON_SENSOR = 0.3
 """Plausible radius of a body on a wrench sensor [m]; a platform on cables shows its own."""
 
@@ -234,7 +225,9 @@ def told_by(mass: float, covariance: Array, size: float) -> NDArray[np.bool_]:
         covariance: Of the ten of :data:`steelyard.inertia.BODY_PARAMETERS`, shape (10, 10).
         size: Plausible radius of the body [m].
     """
-    known: NDArray[np.bool_] = np.sqrt(np.diag(covariance)) < _UNTOLD * plausible_sizes(mass, size)
+    known: NDArray[np.bool_] = np.sqrt(np.diag(covariance)) < _IDENTIFIABLE * plausible_sizes(
+        mass, size
+    )
     # Without the mass there is no body to say anything about.
     return known if known[0] else np.zeros(10, dtype=bool)
 
@@ -255,14 +248,14 @@ def judge(
     """The checks that every method's result goes through, added to its own reasons.
 
     Args:
-        value: The ten, NaN where the data cannot tell, shape (10,).
+        value: The ten, NaN where the data do not determine one, shape (10,).
         reasons: Why else not to accept it.
-        by_prior: Which of the ten what was known about the body has told rather than the data,
+        by_prior: Which of the ten prior knowledge of the body determines rather than the data,
             shape (10,).
     """
     found = list(reasons)
     if np.isnan(value[0]):
-        found.append("the mass cannot be told from these data")
+        found.append("the mass is not identifiable from these data")
     elif value[0] <= 0:
         found.append(f"the mass is not positive: {value[0]:.4g} kg")
     elif (value[4:7] <= 0).any():

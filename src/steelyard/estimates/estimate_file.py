@@ -3,55 +3,35 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from steelyard.arrays import Array
 from steelyard.display import printable
 from steelyard.errors import InputError
+from steelyard.estimates.covariance_check import ROUNDED, covariance_problem
 from steelyard.estimates.estimate import FORMAT, Estimate, Label, Verdict
+from steelyard.estimates.estimate_names import FILE_NAME, LONGEST_NAME, short_names, shortened
+from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six
 from steelyard.json_file import read_json
 from steelyard.yaml_file import Document, FileModel, require_file, validate
 
-FILE_NAME = "estimate.json"
-"""What `identify` writes into its folder."""
 ALL = "all"
 """Stands for every method of a file."""
 
-_MOST_VALUES = 100_000  # beside what is passed over; an estimate has some two hundred
+_MOST_VALUES = 100_000
+"""Beside what is passed over; an estimate has some two hundred."""
 _DEEPEST = 16
-_LONGEST_NAME = 60
-_LEAST_VARIANCE = 1e-40  # of any parameter, SI
-_ROUNDED = 1e-6
-"""Part of the sigmas by which a matrix may fail to be symmetric or semidefinite: others may write
-fewer digits."""
+"""Lists in each other; a covariance has five."""
 
 Number = float | None
 Triple = tuple[Number, Number, Number]
-
-
-@dataclass(frozen=True, eq=False)
-class NamedEstimate:
-    """An estimate among others."""
-
-    name: str
-    """Short and unlike the others'."""
-    estimate: Estimate
-    experiment: str = ""
-    """Name of the experiment; empty: not known."""
-    source: str = ""
-    """Estimates of equal sources are made from the same recordings: the path of their file; empty:
-    of its own."""
-    correlated: bool = True
-    """Whether the covariance is known, and not the 1-sigmas alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,19 +65,19 @@ class EstimateFile:
         return (self.estimates[method or self.result],)
 
 
-class _Form(FileModel):
+class _LenientForm(FileModel):
     """The contract lets a file hold more than is read here."""
 
     model_config = ConfigDict(extra="ignore")
 
 
-class _Body(_Form):
+class _BodyForm(_LenientForm):
     mass: Number
     center_of_gravity: Triple
     inertia: tuple[Triple, Triple, Triple]
 
 
-class _Nominal(_Form):
+class _NominalForm(_LenientForm):
     mass: float
     center_of_gravity: tuple[float, float, float]
     inertia: tuple[
@@ -105,29 +85,29 @@ class _Nominal(_Form):
     ]
 
 
-class _Covariance(_Form):
+class _CovarianceForm(_LenientForm):
     parameters: tuple[str, ...]
     matrix: tuple[tuple[Number, ...], ...]
 
 
-class _Verdict(_Form):
+class _VerdictForm(_LenientForm):
     accepted: bool
     reasons: tuple[str, ...] = ()
     parameters: dict[Literal[BODY_PARAMETERS], Label] = Field(default_factory=dict)  # type: ignore[valid-type]
 
 
-class _Entry(_Body):
-    standard_deviation: _Body
-    covariance: _Covariance | None = None
-    verdict: _Verdict
+class _EntryForm(_BodyForm):
+    standard_deviation: _BodyForm
+    covariance: _CovarianceForm | None = None
+    verdict: _VerdictForm
     notes: tuple[str, ...] = ()
 
 
-class _File(_Form):
+class _FileForm(_LenientForm):
     experiment: str
-    nominal: _Nominal | None = None
+    nominal: _NominalForm | None = None
     result: str
-    estimates: dict[str, _Entry]
+    estimates: dict[str, _EntryForm]
 
 
 def read_estimate_file(path: Path) -> EstimateFile:
@@ -150,7 +130,7 @@ def read_estimate_file(path: Path) -> EstimateFile:
         )
     if document.data.get("format") != FORMAT:
         found = (
-            json.dumps(document.data["format"])[:_LONGEST_NAME]
+            json.dumps(document.data["format"])[:LONGEST_NAME]
             if "format" in document.data
             else "no such key"
         )
@@ -159,7 +139,7 @@ def read_estimate_file(path: Path) -> EstimateFile:
         )
     values = _wanted(document.data)
     _check_extent(document, values)
-    form = validate(_File, document, values)
+    form = validate(_FileForm, document, values)
     if form.result not in form.estimates:
         raise document.error(
             ("result",),
@@ -195,18 +175,16 @@ def read_estimates(places: Sequence[str], method: str | None = None) -> tuple[Na
         path, own = _split(place)
         found += read_estimate_file(path).chosen(own or method)
     return tuple(
-        replace(each, name=name) for each, name in zip(found, _short_names(found), strict=True)
+        replace(each, name=name) for each, name in zip(found, short_names(found), strict=True)
     )
 
 
 def _split(place: str) -> tuple[Path, str | None]:
     """Path and method; a path that is there is a path, whatever colons it has."""
-    path, colon, method = place.rpartition(":")
-    return (
-        (Path(path), method)
-        if colon and path and method and not _exists(place)
-        else (Path(place), None)
-    )
+    path, _, method = place.rpartition(":")
+    if path and method and not _exists(place):
+        return Path(path), method
+    return Path(place), None
 
 
 def _exists(place: str) -> bool:
@@ -216,50 +194,20 @@ def _exists(place: str) -> bool:
         return False
 
 
-def _short_names(found: Sequence[NamedEstimate]) -> list[str]:
-    """What tells the estimates apart: method, experiment, both, and where that is not enough the
-    file.
-    """
-    methods, experiments = [e.estimate.method for e in found], [e.experiment for e in found]
-    places = [_place(e.source) for e in found]
-    forms = (
-        methods if len(set(experiments)) == 1 else [],
-        experiments if len(set(methods)) == 1 else [],
-        [f"{e}, {m}" for e, m in zip(experiments, methods, strict=True)],
-        places if len(set(methods)) == 1 else [],
-        [f"{p}, {m}" for p, m in zip(places, methods, strict=True)],
-    )
-    for form in forms:
-        names = [_cut(name) for name in form]
-        if names and all(names) and len(set(names)) == len(names):
-            return names
-    again = Counter(names)
-    return [f"{n} #{names[: i + 1].count(n)}" if again[n] > 1 else n for i, n in enumerate(names)]
-
-
-def _place(source: str) -> str:
-    path = Path(source)
-    return printable(path.parent.name if path.name == FILE_NAME and path.parent.name else path.stem)
-
-
-def _cut(name: str) -> str:
-    return name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…"
-
-
 def _wanted(data: dict[str, Any]) -> dict[str, Any]:
     """The keys that are read."""
-    values = {key: data[key] for key in _File.model_fields if key in data}
+    values: dict[str, Any] = _some(data, _FileForm)
     entries = values.get("estimates")
     if isinstance(entries, dict):
-        values["estimates"] = {
-            name: (
-                {key: entry[key] for key in _Entry.model_fields if key in entry}
-                if isinstance(entry, dict)
-                else entry
-            )
-            for name, entry in entries.items()
-        }
+        values["estimates"] = {name: _some(entry, _EntryForm) for name, entry in entries.items()}
     return values
+
+
+def _some(entry: Any, form: type[FileModel]) -> Any:
+    """The keys of a mapping that a form has; anything else as it is."""
+    if not isinstance(entry, dict):
+        return entry
+    return {key: entry[key] for key in form.model_fields if key in entry}
 
 
 def _check_extent(document: Document, values: dict[str, Any]) -> None:
@@ -267,29 +215,32 @@ def _check_extent(document: Document, values: dict[str, Any]) -> None:
     level: list[Any] = [values]
     count = depth = 0
     while level:
-        count, depth = count + len(level), depth + 1
-        if count > _MOST_VALUES or depth > _DEEPEST:
-            what = (
-                f"{_MOST_VALUES} values"
-                if count > _MOST_VALUES
-                else f"{_DEEPEST} lists in each other"
-            )
-            raise document.error(
-                (), f"expected at most {what}, found more; let identify write the file again"
-            )
-        level = [
-            inner
-            for each in level
-            if isinstance(each, dict | list)
-            for inner in (each.values() if isinstance(each, dict) else each)
-        ]
+        count += len(level)
+        depth += 1
+        if count > _MOST_VALUES:
+            what = f"{_MOST_VALUES} values"
+        elif depth > _DEEPEST:
+            what = f"{_DEEPEST} lists in each other"
+        else:
+            level = [inner for each in level for inner in _inner(each)]
+            continue
+        raise document.error(
+            (), f"expected at most {what}, found more; let identify write the file again"
+        )
+
+
+def _inner(value: Any) -> Iterable[Any]:
+    """What a list or a mapping holds."""
+    if isinstance(value, dict):
+        return value.values()
+    return value if isinstance(value, list) else ()
 
 
 def _kind(value: Any) -> str:
     return "a list" if isinstance(value, list) else "nothing" if value is None else "a single value"
 
 
-def _nominal(document: Document, form: _Nominal | None) -> Inertia | None:
+def _nominal(document: Document, form: _NominalForm | None) -> Inertia | None:
     if form is None:
         return None
     try:
@@ -298,7 +249,8 @@ def _nominal(document: Document, form: _Nominal | None) -> Inertia | None:
         raise document.error(("nominal",), f"{error}; correct it") from None
 
 
-def _estimate(document: Document, name: str, entry: _Entry) -> Estimate:
+def _estimate(document: Document, name: str, entry: _EntryForm) -> Estimate:
+    """An estimate of the file, refused where its numbers are no estimate."""
     key = ("estimates", name)
     value = _ten(document, key, entry)
     deviation = _ten(document, (*key, "standard_deviation"), entry.standard_deviation)
@@ -314,14 +266,15 @@ def _estimate(document: Document, name: str, entry: _Entry) -> Estimate:
     )
     known = np.flatnonzero(np.isfinite(np.diag(covariance)))
     block = np.ix_(known, known)
-    problem = _no_covariance(covariance[block], [BODY_PARAMETERS[j] for j in known])
+    problem = covariance_problem(covariance[block], [BODY_PARAMETERS[j] for j in known])
     if problem is not None:
         raise document.error(
             (*key, "covariance", "matrix") if entry.covariance else key, f"{problem}; correct it"
         )
     covariance[block] = (covariance[block] + covariance[block].T) / 2
-    untold = np.isnan(value) | np.isnan(np.diag(covariance))
-    covariance[untold, :] = covariance[:, untold] = np.nan
+    unknown = np.isnan(value) | np.isnan(np.diag(covariance))
+    covariance[unknown, :] = np.nan
+    covariance[:, unknown] = np.nan
     for array in (value, covariance):
         array.setflags(write=False)
     return Estimate(
@@ -337,11 +290,11 @@ def _estimate(document: Document, name: str, entry: _Entry) -> Estimate:
     )
 
 
-def _ten(document: Document, key: tuple[str, ...], body: _Body) -> Array:
+def _ten(document: Document, key: tuple[str, ...], body: _BodyForm) -> Array:
     """The ten of :data:`BODY_PARAMETERS`, NaN for null."""
     inertia = np.array(body.inertia, dtype=np.float64)
     if not np.allclose(
-        inertia, inertia.T, rtol=0, atol=_ROUNDED * _largest(inertia), equal_nan=True
+        inertia, inertia.T, rtol=0, atol=ROUNDED * _largest(inertia), equal_nan=True
     ):
         raise document.error(
             (*key, "inertia"), f"expected a symmetric matrix, found {_rows(inertia)}; correct it"
@@ -349,13 +302,13 @@ def _ten(document: Document, key: tuple[str, ...], body: _Body) -> Array:
     return np.array([body.mass, *body.center_of_gravity, *six(inertia)], dtype=np.float64)
 
 
-def _matrix(document: Document, key: tuple[str, ...], form: _Covariance) -> Array:
+def _matrix(document: Document, key: tuple[str, ...], form: _CovarianceForm) -> Array:
     """The numbers of a covariance, NaN for null."""
     if form.parameters != BODY_PARAMETERS:
         raise document.error(
             (*key, "covariance", "parameters"),
             f"expected {', '.join(BODY_PARAMETERS)}, found"
-            f" {_cut(', '.join(form.parameters)) or 'none'}; put them in this order",
+            f" {shortened(', '.join(form.parameters)) or 'none'}; put them in this order",
         )
     key = (*key, "covariance", "matrix")
     lengths = {len(row) for row in form.matrix} or {0}
@@ -366,49 +319,6 @@ def _matrix(document: Document, key: tuple[str, ...], form: _Covariance) -> Arra
             f" {max(lengths - {10}, default=10)}; correct it",
         )
     return np.array(form.matrix, dtype=np.float64)
-
-
-def _no_covariance(matrix: Array, names: Sequence[str]) -> str | None:
-    """Why a matrix of shape (n, n) with numbers on its diagonal is not the covariance of n
-    parameters; None: it is one.
-    """
-
-    def first(wrong: NDArray[np.bool_]) -> str:
-        return " and ".join(names[j] for j in np.argwhere(wrong)[0])
-
-    variance = np.diag(matrix)
-    if (variance < 0).any():
-        return (
-            f"expected no variance below 0, found {variance.min():g} of"
-            f" {names[int(variance.argmin())]}"
-        )
-    tiny = (variance > 0) & (variance < _LEAST_VARIANCE)
-    if tiny.any():
-        return (
-            f"expected variances of 0 or of a possible size, found {variance[tiny][0]:.3g} of"
-            f" {names[int(tiny.argmax())]}"
-        )
-    if np.isnan(matrix).any():
-        return (
-            f"expected a number for {first(np.isnan(matrix))}, which both have a variance, found"
-            " null"
-        )
-    # By magnitude first: where one is exact, nothing is left to divide by.
-    product = np.outer(np.sqrt(variance), np.sqrt(variance))
-    beyond = np.abs(matrix) > (1 + _ROUNDED) * product
-    if beyond.any():
-        return f"expected correlations from -1 to 1, found one beyond between {first(beyond)}"
-    scaled = np.divide(matrix, product, out=np.eye(len(names)), where=product > 0)
-    skew = np.abs(scaled - scaled.T) > _ROUNDED
-    if skew.any():
-        return f"expected a symmetric matrix, found two different numbers for {first(skew)}"
-    lowest = float(np.linalg.eigvalsh((scaled + scaled.T) / 2).min(initial=1.0))
-    if lowest < -_ROUNDED * len(names):
-        return (
-            f"expected a matrix without negative eigenvalues, found {lowest:.3g} in units of the"
-            " 1-sigmas"
-        )
-    return None
 
 
 def _largest(matrix: Array) -> float:

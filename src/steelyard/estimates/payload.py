@@ -8,20 +8,14 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.estimates.comparison import (
-    BOUND_NOTE,
-    INDEPENDENT_NOTE,
-    SAME,
-    SIGNIFICANT,
-    described,
-    doubts,
-    same_source,
-)
+from steelyard.estimates.comparison_notes import BOUND_NOTE, INDEPENDENT_NOTE, doubts
+from steelyard.estimates.comparison_settings import SETTINGS, ComparisonSettings
 from steelyard.estimates.estimate import Estimate, judge
-from steelyard.estimates.estimate_file import NamedEstimate
+from steelyard.estimates.named_estimate import NamedEstimate, same_source
 from steelyard.inertia import BODY_PARAMETERS, symmetric
 
 _STEP = 1e-200
+"""Of complex-step derivatives: its square is 0 in double precision, so that they are exact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +25,13 @@ class Payload:
     before: NamedEstimate
     after: NamedEstimate
     estimate: Estimate
-    """Of the payload, in the platform frame; NaN where it cannot be told, with the reason in its
-    verdict."""
+    """Of the payload, in the platform frame; NaN where it is not identifiable, with the reason in
+    its verdict."""
     possible: bool | None
-    """Whether a body that can exist lies within :data:`SIGNIFICANT` sigmas; None: not known."""
+    """Whether a body that can exist lies within the significant number of sigmas; None: not
+    known."""
+    settings: ComparisonSettings = SETTINGS
+    """Levels that it was made with."""
 
     def __repr__(self) -> str:
         return f"added between {self.before.name} and {self.after.name}, by {self.estimate!r}"
@@ -42,13 +39,18 @@ class Payload:
     def to_dict(self) -> dict[str, Any]:
         """Plain values; the payload in the shape of an estimate of the contract."""
         return {
-            "before": described(self.before),
-            "after": described(self.after),
+            "before": self.before.to_dict(),
+            "after": self.after.to_dict(),
             "payload": {**self.estimate.to_dict(), "possible": self.possible},
         }
 
 
-def payload(before: NamedEstimate | Estimate, after: NamedEstimate | Estimate) -> Payload:
+def payload(
+    before: NamedEstimate | Estimate,
+    after: NamedEstimate | Estimate,
+    *,
+    settings: ComparisonSettings = SETTINGS,
+) -> Payload:
     """The body that was added between two estimates.
 
     Mass, first moment and inertia about the platform origin of bodies that are fixed to each other
@@ -58,71 +60,68 @@ def payload(before: NamedEstimate | Estimate, after: NamedEstimate | Estimate) -
     Args:
         before: Without the payload; an estimate without a name is of recordings of its own.
         after: With it; likewise.
+        settings: Levels and tolerances.
     """
     before = before if isinstance(before, NamedEstimate) else NamedEstimate("before", before)
     after = after if isinstance(after, NamedEstimate) else NamedEstimate("after", after)
     a, b = before.estimate, after.estimate
+    mass = float(b.value[0] - a.value[0])
+    nothing = _no_mass(a, b, settings)
     value, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
-    reasons, notes = (
-        [],
-        [
-            BOUND_NOTE if same_source(before, after) else INDEPENDENT_NOTE,
-            *doubts((before, after)),
-        ],
-    )
-    mass, variance = float(b.value[0] - a.value[0]), float(a.covariance[0, 0] + b.covariance[0, 0])
-    nothing = _no_mass(mass, variance, largest=max(abs(a.value[0]), abs(b.value[0])))
     physical: tuple[str, ...] = ()
+    reasons = []
     if nothing is not None:
-        value[0], covariance[0, 0] = mass, variance
+        value[0], covariance[0, 0] = mass, a.covariance[0, 0] + b.covariance[0, 0]
         reasons.append(nothing)
     else:
         if np.isfinite(mass):
             value, covariance = _difference_body(a, b)
         physical = judge(value).reasons
-    if mass < 0 and nothing is None:
-        reasons.append(
-            "mass was taken off, not added; name the estimates in the other order to see what"
-        )
-    possible = _possible(value, covariance) if not reasons else None
+        if mass < 0:
+            reasons.append(
+                "mass was taken off, not added; name the estimates in the other order to see what"
+            )
+    notes = [
+        BOUND_NOTE if same_source(before, after) else INDEPENDENT_NOTE,
+        *doubts((before, after)),
+    ]
+    possible = None if reasons else _possible(value, covariance, settings.significant)
     if possible:
-        notes += [
-            f"{text}, but within {SIGNIFICANT:g} sigmas there is a body that can exist"
-            for text in physical
-        ]
+        within = f"but within {settings.significant:g} sigmas there is a body that can exist"
+        notes += [f"{text}, {within}" for text in physical]
     else:
         reasons += physical
-    untold = [name for name, v in zip(BODY_PARAMETERS, value, strict=True) if np.isnan(v)]
-    if untold and len(untold) < 10 and not reasons:
-        notes.append(
-            f"not told, since one of the estimates lacks what it takes: {', '.join(untold)}"
-        )
+    lacking = [name for name, v in zip(BODY_PARAMETERS, value, strict=True) if np.isnan(v)]
+    if lacking and len(lacking) < 10 and not reasons:
+        names = ", ".join(lacking)
+        notes.append(f"not identifiable, since one of the estimates lacks what it takes: {names}")
     for array in (value, covariance):
         array.setflags(write=False)
     verdict = replace(judge(value), accepted=not reasons, reasons=tuple(reasons))
-    return Payload(
-        before,
-        after,
-        Estimate("difference", value, covariance, verdict, notes=tuple(notes)),
-        possible,
-    )
+    estimate = Estimate("difference", value, covariance, verdict, notes=tuple(notes))
+    return Payload(before, after, estimate, possible, settings)
 
 
-def _no_mass(mass: float, variance: float, *, largest: float) -> str | None:
-    """Why nothing but its mass can be said about a payload of this mass [kg]; None: it is told from
-    nothing, or not known.
+def _no_mass(a: Estimate, b: Estimate, settings: ComparisonSettings) -> str | None:
+    """Why nothing but its mass can be said about what b is more than a; None: its mass differs from
+    zero, or is not known.
     """
+    mass = float(b.value[0] - a.value[0])
+    variance = float(a.covariance[0, 0] + b.covariance[0, 0])
+    largest = max(abs(a.value[0]), abs(b.value[0]))
     if np.isnan(mass):
         return None
     if np.isnan(variance):
         found = "its uncertainty is not known"
-    elif abs(mass) < SIGNIFICANT * np.sqrt(variance) or abs(mass) <= SAME * largest:
-        found = f"less than {SIGNIFICANT:g} sigmas"
+    elif (
+        abs(mass) < settings.significant * np.sqrt(variance) or abs(mass) <= settings.same * largest
+    ):
+        found = f"less than {settings.significant:g} sigmas"
     else:
         return None
     return (
-        f"the mass differs by {mass:.3g} kg, {found}: where such a payload sits and how it resists"
-        " turning cannot be told"
+        f"the mass differs by {mass:.3g} kg, {found}: centre of gravity and inertia of such a"
+        " payload are not identifiable"
     )
 
 
@@ -146,11 +145,11 @@ def _difference_body(a: Estimate, b: Estimate) -> tuple[Array, Array]:
     spread[:10, :10], spread[10:, 10:] = a.covariance, b.covariance
     value = body(both)
     jacobian = np.column_stack([body(both + 1j * _STEP * e).imag / _STEP for e in np.eye(20)])
-    told = np.isfinite(value)
-    value[~told] = np.nan
-    jacobian[~told] = 0.0
+    finite = np.isfinite(value)
+    value[~finite] = np.nan
+    jacobian[~finite] = 0.0
     needed = jacobian != 0
-    known = told & ~needed[:, np.isnan(np.diag(spread))].any(axis=1)
+    known = finite & ~needed[:, np.isnan(np.diag(spread))].any(axis=1)
     covariance = jacobian @ np.nan_to_num(spread) @ jacobian.T
     return value, np.where(np.outer(known, known), covariance, np.nan)
 
@@ -169,7 +168,7 @@ def _moments(mass: Any, c: Any) -> Any:
     return mass * np.array([y * y + z * z, x * x + z * z, x * x + y * y, -y * z, -x * z, -x * y])
 
 
-def _possible(value: Array, covariance: Array) -> bool | None:
+def _possible(value: Array, covariance: Array, significant: float) -> bool | None:
     """Whether the least second moment of the mass about its centre, tr(J) / 2 - J, may be positive.
 
     For a positive mass that is what a body needs to exist [Wensing2018]_; to first order about the
@@ -182,4 +181,4 @@ def _possible(value: Array, covariance: Array) -> bool | None:
     v = directions[:, 0]
     slope = np.array([np.trace(E) / 2 - v @ E @ v for E in (symmetric(e) for e in np.eye(6))])
     sigma = float(np.sqrt(max(0.0, slope @ covariance[4:, 4:] @ slope)))
-    return bool(moments[0] > 0 or moments[0] > -SIGNIFICANT * sigma)
+    return bool(moments[0] > 0 or moments[0] > -significant * sigma)

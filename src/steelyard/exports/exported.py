@@ -12,7 +12,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, judge
-from steelyard.estimates.estimate_file import ALL, NamedEstimate, read_estimates
+from steelyard.estimates.estimate_file import ALL, read_estimates
+from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
 
@@ -56,19 +57,22 @@ class Exported:
         if body is None:
             raise InputError(
                 f"{self.where}: expected all ten parameters of a body, found none for"
-                f" {', '.join(self.untold)}; choose another --method, or record more motion"
+                f" {', '.join(self.unidentifiable)}; choose another --method, or record more motion"
             )
         return body
 
     @property
-    def untold(self) -> tuple[str, ...]:
+    def unidentifiable(self) -> tuple[str, ...]:
         """Of :data:`steelyard.inertia.BODY_PARAMETERS` those without a number."""
-        told = np.isfinite(self.estimate.value) & np.isfinite(np.diag(self.estimate.covariance))
-        return tuple(name for name, known in zip(BODY_PARAMETERS, told, strict=True) if not known)
+        variance = np.diag(self.estimate.covariance)
+        known = np.isfinite(self.estimate.value) & np.isfinite(variance)
+        return tuple(
+            name for name, is_known in zip(BODY_PARAMETERS, known, strict=True) if not is_known
+        )
 
     @property
     def impossible(self) -> tuple[str, ...]:
-        """Why no body has these numbers; empty: one can, or what is known of it cannot tell."""
+        """Why no body has these numbers; empty: one can, or too little is known of it."""
         return judge(self.estimate.value).reasons if self.estimate.physical is False else ()
 
     @property
@@ -139,8 +143,8 @@ def check(exported: Exported, *, title: str, whole: bool, anyway: bool) -> None:
         InputError: The estimate is not a body or not accepted, and ``anyway`` is not given or does
             not help.
     """
-    untold = exported.untold
-    if untold and (whole or not anyway):
+    unidentifiable = exported.unidentifiable
+    if unidentifiable and (whole or not anyway):
         help_ = (
             f"--anyway does not help, {title} has no place for what is not known"
             if whole
@@ -148,8 +152,8 @@ def check(exported: Exported, *, title: str, whole: bool, anyway: bool) -> None:
         )
         raise InputError(
             f"{exported.where}: expected all ten parameters of a body, found that the data do not"
-            f" tell {', '.join(untold)}; choose another --method or record more motion ('steelyard"
-            f" design' finds it); {help_}"
+            f" tell {', '.join(unidentifiable)}; choose another --method or record more motion"
+            f" ('steelyard design' finds it); {help_}"
         )
     if exported.doubts and not anyway:
         raise InputError(

@@ -12,7 +12,7 @@ from steelyard.exports.hanging import Hanging
 
 
 @dataclass(frozen=True)
-class Format:
+class ExportFormat:
     """A form in which a body is written."""
 
     title: str
@@ -28,27 +28,31 @@ _MATRIX = (
 )
 
 FORMATS = {
-    "urdf": Format(urdf.TITLE, f"link frame = platform frame, {_MATRIX}", urdf.write, whole=True),
-    "sdf": Format(sdf.TITLE, f"link frame = platform frame, {_MATRIX}", sdf.write, whole=True),
-    "mjcf": Format(
+    "urdf": ExportFormat(
+        urdf.TITLE, f"link frame = platform frame, {_MATRIX}", urdf.write, whole=True
+    ),
+    "sdf": ExportFormat(
+        sdf.TITLE, f"link frame = platform frame, {_MATRIX}", sdf.write, whole=True
+    ),
+    "mjcf": ExportFormat(
         mjcf.TITLE,
         f"body frame = platform frame, {_MATRIX}, order xx yy zz xy xz yz",
         mjcf.write,
         whole=True,
     ),
-    "yaml": Format(
+    "yaml": ExportFormat(
         "YAML",
         f"as 'platform' of a robot file, {_MATRIX}, order xx yy zz yz xz xy",
         plain.write_yaml,
         whole=False,
     ),
-    "json": Format(
+    "json": ExportFormat(
         "JSON",
         f"as 'platform' of a robot file, {_MATRIX}, order xx yy zz yz xz xy",
         plain.write_json,
         whole=False,
     ),
-    "c": Format(
+    "c": ExportFormat(
         c_header.TITLE,
         f"platform frame, {_MATRIX}, order xx yy zz yz xz xy",
         c_header.write,

@@ -27,7 +27,8 @@ LEAST_CABLES = 6
 """With fewer a pose cannot be chosen."""
 ASSUMED_STRAIN = 1e-3
 """Of the tightest cable at rest, where the robot file says no stiffness."""
-_TIME_STEPS = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)  # [s]
+_TIME_STEPS = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)
+"""Round ones to choose from [s]."""
 _PHASE_A_STEP = 0.1
 """Largest product of angular frequency and time step; Runge-Kutta of fourth order is stable up to
 2.8 and keeps energy to 1e-6 a swing here."""
@@ -137,9 +138,9 @@ def hang(robot: Robot, body: Inertia, pose: ArrayLike | None = None) -> Hanging:
     structures = cables_at(
         robot.with_straight_cables(), poses[:, :3], rotations, np.ones(robot.m)
     ).structure
-    carried = -np.einsum("nji,j->ni", rotations, robot.gravity)
-    still = np.zeros_like(carried)
-    wrenches = platform_wrench(body.parameters, carried, still, still)
+    specific_force = -np.einsum("nji,j->ni", rotations, robot.gravity)  # (n, 3), in P
+    still = np.zeros_like(specific_force)
+    wrenches = platform_wrench(body.parameters, specific_force, still, still)
     for place, rotation, structure, wrench in zip(
         poses, rotations, structures, wrenches, strict=True
     ):
@@ -165,6 +166,16 @@ def hang(robot: Robot, body: Inertia, pose: ArrayLike | None = None) -> Hanging:
 def _hanging(
     robot: Robot, body: Inertia, position: Array, rotation: Array, structure: Array, tension: Array
 ) -> Hanging:
+    """The body at rest with known tensions, and what each cable is as a spring.
+
+    Args:
+        robot: As in its file.
+        body: At rest.
+        position: Of the platform origin [m], shape (3,).
+        rotation: R_world_platform, shape (3, 3).
+        structure: Structure matrix there, shape (6, m).
+        tension: [N], shape (m,).
+    """
     axial_stiffness = robot.cable.axial_stiffness or float(tension.max()) / ASSUMED_STRAIN
     elastic = replace(robot, cable=replace(robot.cable, axial_stiffness=axial_stiffness))
     leave, length, on_roller = _shapes(elastic, position, rotation, tension)

@@ -33,7 +33,7 @@ CONVENTION = (
         "linear: the same body about the origin of P: first moment mass times centre of gravity [kg"
         " m], inertia about the origin [kg m^2]."
     ),
-    "null: the data do not tell it.",
+    "null: not identifiable from the data.",
 )
 
 
@@ -57,6 +57,7 @@ def write_json(exported: Exported) -> str:
 
 
 def _values(exported: Exported) -> Mapping[str, Any]:
+    """What both formats hold."""
     estimate = exported.estimate
     linear = exported.linear_parameters
     return {

@@ -10,14 +10,14 @@ from textwrap import wrap
 
 from steelyard.exports.exported import Exported
 from steelyard.imports.sources import printable
-from steelyard.inertia import BODY_PARAMETERS
-
-UNITS = ("kg", *["m"] * 3, *["kg m^2"] * 6)
-"""Of :data:`steelyard.inertia.BODY_PARAMETERS`."""
+from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS
 
 _WIDTH = 110
+"""Characters of a line."""
 _LONGEST_NAME = 200
+"""Characters of a name from a file."""
 _LONGEST_REASON = 2000
+"""Characters of a reason from a file."""
 
 
 def number(value: float) -> str:
@@ -57,14 +57,14 @@ def remarks(exported: Exported, convention: Sequence[str]) -> list[str]:
 
 def _wrapped(text: str) -> list[str]:
     """A paragraph in lines, a table row as it is; what follows a dash is indented."""
-    return (
-        [text]
-        if text.startswith(" ")
-        else wrap(text, _WIDTH, subsequent_indent="  " if text[:2] == "- " else "")
-    )
+    if text.startswith(" "):
+        return [text]
+    indent = "  " if text.startswith("- ") else ""
+    return wrap(text, _WIDTH, subsequent_indent=indent)
 
 
 def _paragraphs(exported: Exported) -> Iterator[str]:
+    """Origin, verdict, and the ten with their 1-sigma."""
     estimate = exported.estimate
     experiment = (
         f", experiment '{printable(exported.experiment, _LONGEST_NAME)}'"
@@ -96,7 +96,7 @@ def _paragraphs(exported: Exported) -> Iterator[str]:
     )
     sigma = estimate.standard_deviation
     for name, value, deviation, unit in zip(
-        BODY_PARAMETERS, estimate.value, sigma, UNITS, strict=True
+        BODY_PARAMETERS, estimate.value, sigma, BODY_UNITS, strict=True
     ):
         label = estimate.verdict.parameters.get(name, "not said")
         known = (

@@ -9,11 +9,11 @@ from steelyard.report.sections.calibration import calibration
 from steelyard.report.sections.correlation import correlation
 from steelyard.report.sections.made import made
 from steelyard.report.sections.platform import platform
-from steelyard.report.sections.readings import readings, wrench
+from steelyard.report.sections.residuals import residuals, wrench
 from steelyard.report.sections.result import lead, result
 from steelyard.report.summary import Summary
 
-SECTIONS = (result, platform, wrench, readings, calibration, correlation, made)
+SECTIONS = (result, platform, wrench, residuals, calibration, correlation, made)
 """In the order in which they are shown; each is left out where it has nothing to say."""
 
 
@@ -23,3 +23,8 @@ def document_of(summary: Summary) -> Document:
     return Document(
         summary.table.title, lead(summary), tuple(each for each in found if each is not None)
     )
+
+
+def brief_of(summary: Summary) -> Document:
+    """What a terminal shows of a report: its first section."""
+    return Document(summary.table.title, lead(summary), (result(summary),))

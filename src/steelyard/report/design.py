@@ -1,5 +1,5 @@
-"""A planned experiment for people: what it will tell, what it takes of the robot, and when it tells
-what.
+"""A planned experiment for people: its expected uncertainty, the use of the robot's limits, and when
+each parameter is excited.
 """
 
 from __future__ import annotations
@@ -8,16 +8,15 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
-from rich.console import Console
-from rich.text import Text
 
+from steelyard.arrays import Array
 from steelyard.digits import LABELS
 from steelyard.excitation.appraisal import Appraisal, Told
 from steelyard.excitation.verification import Verified
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.motion.limits import Use
-from steelyard.report.document import Grid
-from steelyard.report.terminal import console, drawn_grid
+from steelyard.report.document import Grid, Statement
+from steelyard.report.parameter_grid import ParameterTexts, parameter_grid
 
 _BARS = "▁▂▃▄▅▆▇█"
 _PARTS = 40
@@ -25,7 +24,8 @@ _PARTS = 40
 _RATES = ("speed", "acceleration", "angular_speed", "angular_acceleration")
 """Limits that a design should have."""
 _NEAR = 0.3
-"""Lowest natural frequency over which a motion should not come near, as a part of it."""
+"""Part of the lowest natural frequency that a motion should stay below: there an undamped platform
+moves a tenth more than it is commanded to."""
 
 
 def grids(appraisal: Appraisal) -> tuple[Grid, ...]:
@@ -37,36 +37,41 @@ def grids(appraisal: Appraisal) -> tuple[Grid, ...]:
 
 
 def _precision(appraisal: Appraisal) -> Grid:
+    """1-sigma of the ten against their targets, and when the motion informs about each."""
     runs = list(appraisal.trajectories)
-    several = len(runs) > 1 or not np.allclose(
-        appraisal.each[runs[0]], appraisal.standard_deviation, equal_nan=True
-    )
-    heading = [
-        "",
-        "unit",
-        *(("one run", "in all") if several else ("1-sigma",)),
-        "wanted",
-        "share",
-        "told over time",
+    alone, total = appraisal.each[runs[0]], appraisal.standard_deviation
+    wanted = appraisal.target.each
+    if len(runs) > 1 or not np.allclose(alone, total, equal_nan=True):
+        columns = [
+            ParameterTexts("one run", _sigmas(alone)),
+            ParameterTexts("all runs", _sigmas(total)),
+        ]
+    else:
+        columns = [ParameterTexts("1-sigma", _sigmas(total))]
+    shares = ["" if np.isnan(share) else f"{share:.2f}" for share in total / wanted]
+    over_time = [
+        "  ".join(drawn_over_time(appraisal.told[run], parameter) for run in runs)
+        for parameter in range(len(LABELS))
     ]
-    rows = []
-    for i, (label, unit, factor) in enumerate(LABELS):
-        alone, total = float(appraisal.each[runs[0]][i]), float(appraisal.standard_deviation[i])
-        wanted = float(appraisal.target.each[i])
-        values = (alone, total) if several else (total,)
-        share = "" if np.isnan(total) else f"{total / wanted:.2f}"
-        drawn = "  ".join(drawn_over_time(appraisal.told[run], i) for run in runs)
-        shown = ("not told" if np.isnan(v) else f"{v * factor:.3g}" for v in values)
-        rows.append((label, unit, *shown, f"{wanted * factor:.3g}", share, drawn))
-    title = (
-        f"What {'a motion' if len(runs) == 1 else f'{len(runs)} motions'} of {_seconds(appraisal)}"
-        " will tell"
-    )
-    return Grid(title, tuple(heading), tuple(rows), frozenset(range(2, len(heading) - 1)))
+    columns += [
+        ParameterTexts("target", _sigmas(wanted)),
+        ParameterTexts("1-sigma / target", shares),
+        ParameterTexts("information over time", over_time, right=False),
+    ]
+    motions = "a motion" if len(runs) == 1 else f"{len(runs)} motions"
+    return parameter_grid(f"Expected uncertainty after {motions} of {_seconds(appraisal)}", columns)
+
+
+def _sigmas(deviations: Array) -> list[str]:
+    """1-sigma of the ten in the units of :data:`LABELS`, from SI, shape (10,)."""
+    pairs = zip(deviations.tolist(), LABELS, strict=True)
+    return [
+        "not identifiable" if np.isnan(v) else f"{v * factor:.3g}" for v, (_, _, factor) in pairs
+    ]
 
 
 def drawn_over_time(told: Told, parameter: int) -> str:
-    """Share of a parameter that each part of a run tells, as a row of bars."""
+    """Information on a parameter from each part of a run, as a row of bars."""
     edges = np.linspace(0, len(told.time), min(_PARTS, len(told.time)) + 1).astype(int)
     parts = np.array([told.share[a:b, parameter].mean() for a, b in pairwise(edges)])
     largest = parts.max()
@@ -76,54 +81,40 @@ def drawn_over_time(told: Told, parameter: int) -> str:
 
 
 def _use(name: str, verified: Verified, appraisal: Appraisal) -> Grid:
+    """What a run takes of each limit, as commanded and, where it is known, on elastic cables."""
     elastic = {use.name: use for use in verified.elastic}
-    heading = (
-        "",
-        "unit",
-        "commanded",
-        *(("on elastic cables",) if elastic else ()),
-        "allowed",
-        "used",
-    )
+    head = ["", "unit", "commanded"]
+    if elastic:
+        head.append("on elastic cables")
+    head += ["allowed", "used"]
     rows: list[tuple[str, ...]] = []
     for use in verified.commanded:
-        real = elastic.get(use.name)
-        most = max(use.fraction, real.fraction if real else 0.0)
-        used = "" if use.limit is None else f"{most:.0%}"
-        columns = [
-            _shown(use.extremes),
-            *([_shown(real.extremes)] if real else []),
-            _shown(use.limit),
-        ]
-        labels = [use.name] if len(columns[0]) == 1 else _axes(use)
-        for i, label in enumerate(labels):
-            rows.append(
-                (
-                    label,
-                    use.unit,
-                    *(column[i] if column else "" for column in columns),
-                    used if not i else "",
-                )
-            )
+        rows += _rows_of(use, elastic.get(use.name))
         if use.name == "tension" and verified.bodies is not None:
-            share = f"tension, body within {appraisal.margin.share:.0%}"
-            bodies = verified.bodies
-            rows.append(
-                (
-                    share,
-                    bodies.unit,
-                    _shown(bodies.extremes)[0],
-                    *(("",) if elastic else ()),
-                    columns[-1][0],
-                    "",
-                )
-            )
-    title = (
-        "What it takes of the robot"
-        if len(appraisal.verified) == 1
-        else f"What '{name}' takes of the robot"
-    )
-    return Grid(title, heading, tuple(rows), frozenset(range(2, len(heading))))
+            bodies, share = verified.bodies, f"{appraisal.margin.share:.0%}"
+            extremes, limit = _shown(bodies.extremes)[0], _shown(use.limit)[0]
+            middle = ("",) if elastic else ()
+            label = f"tension, body within {share}"
+            rows.append((label, bodies.unit, extremes, *middle, limit, ""))
+    title = "Use of the robot's limits"
+    if len(appraisal.verified) > 1:
+        title += f" by '{name}'"
+    return Grid(title, tuple(head), tuple(rows), frozenset(range(2, len(head))))
+
+
+def _rows_of(use: Use, real: Use | None) -> Iterator[tuple[str, ...]]:
+    """A row for each axis of a limit; ``real``: on elastic cables."""
+    columns = [_shown(use.extremes)]
+    most = use.fraction
+    if real is not None:
+        columns.append(_shown(real.extremes))
+        most = max(most, real.fraction)
+    columns.append(_shown(use.limit))
+    used = "" if use.limit is None else f"{most:.0%}"
+    labels = [use.name] if len(columns[0]) == 1 else _axes(use)
+    for i, label in enumerate(labels):
+        cells = [column[i] if column else "" for column in columns]
+        yield (label, use.unit, *cells, used if i == 0 else "")
 
 
 def _axes(use: Use) -> list[str]:
@@ -147,68 +138,65 @@ def _seconds(appraisal: Appraisal) -> str:
     return " and ".join(f"{length:g} s" for length in lengths)
 
 
-def statements(appraisal: Appraisal) -> Iterator[str]:
+def statements(appraisal: Appraisal) -> Iterator[Statement]:
     """What there is to say about it, one sentence each."""
-    parameter, ratio = appraisal.worst
-    label = dict(zip(BODY_PARAMETERS, (label for label, *_ in LABELS), strict=True))[parameter]
-    if np.isfinite(ratio):
-        verdict = (
-            "reaches all that is wanted"
-            if ratio <= 1
-            else "does not reach what is wanted; a longer motion or more runs would"
-        )
-        yield f"worst known: {label}, {ratio:.2f} of the wanted 1-sigma: {verdict}"
-    untold = [
-        name
-        for name, told in zip(
-            (label for label, *_ in LABELS), np.isnan(appraisal.standard_deviation), strict=True
-        )
-        if told
-    ]
-    if untold:
-        yield (
-            f"cannot tell {', '.join(untold)}: the motion does not show"
-            f" {'it' if len(untold) == 1 else 'them'}"
-        )
+    yield from _reached(appraisal)
     for name, verified in appraisal.verified.items():
         for text in verified.violations:
-            yield f"'{name}': the robot cannot do it: {text}"
-    if len(appraisal.natural_frequencies):
-        swings = ", ".join(f"{each:.2g}" for each in appraisal.natural_frequencies[:3])
-        yield (
-            f"the platform swings on its cables at {swings} Hz and above (where it begins; the"
-            " stiffness is known to a factor only), the motion is below"
-            f" {appraisal.highest_frequency:.2g} Hz"
-        )
-        if appraisal.highest_frequency > _NEAR * appraisal.natural_frequencies[0]:
-            yield "that is near: the platform may ring on its cables"
-    elif appraisal.experiment.robot.m:
-        yield (
-            "the stiffness of the cables is not known: how the platform swings on them was not"
-            f" looked at; the motion is below {appraisal.highest_frequency:.2g} Hz (add 'cable:"
-            " {axial_stiffness: …}' to the robot file)"
-        )
+            yield Statement(f"'{name}': the robot cannot do it: {text}", "bad")
+    yield from _ringing(appraisal)
     limits = appraisal.experiment.robot.limits
     free = [name.replace("_", " ") for name in _RATES if getattr(limits, name) is None]
     if free:
-        yield (
+        yield Statement(
             f"the robot file does not limit {', '.join(free)}: check that the robot can do what the"
             " table says, or add 'limits' to it"
         )
     if appraisal.experiment.robot.m:
-        yield (
-            f"tensions are those nearest to {appraisal.level:g} N; they stay within the limits for"
-            f" a body up to {appraisal.margin.share:.0%} lighter or heavier with its centre of"
-            f" gravity up to {appraisal.margin.off * 1e3:.0f} mm off"
-            if appraisal.feasible
-            else f"tensions are those nearest to {appraisal.level:g} N"
+        text = f"tensions are those nearest to {appraisal.level:g} N"
+        if appraisal.feasible:
+            text += (
+                "; they stay within the limits for a body up to"
+                f" {appraisal.margin.share:.0%} lighter or heavier with its centre of gravity up to"
+                f" {appraisal.margin.off * 1e3:.0f} mm off"
+            )
+        yield Statement(text)
+
+
+def _reached(appraisal: Appraisal) -> Iterator[Statement]:
+    """The least certain parameter, and those that are not identifiable."""
+    labels = [label for label, *_ in LABELS]
+    parameter, ratio = appraisal.worst
+    if np.isfinite(ratio):
+        verdict = (
+            "all targets are reached"
+            if ratio <= 1
+            else "not all targets are reached; a longer motion or more runs would"
         )
+        label = labels[BODY_PARAMETERS.index(parameter)]
+        yield Statement(f"least certain: {label}, {ratio:.2f} of its target 1-sigma: {verdict}")
+    lacking = np.isnan(appraisal.standard_deviation)
+    unidentifiable = [label for label, lacks in zip(labels, lacking, strict=True) if lacks]
+    if unidentifiable:
+        names = ", ".join(unidentifiable)
+        text = f"not identifiable: {names}: the motion has no information on"
+        yield Statement(f"{text} {'it' if len(unidentifiable) == 1 else 'them'}", "bad")
 
 
-def show_design(appraisal: Appraisal) -> None:
-    """Print to standard output."""
-    screen: Console = console()
-    for grid in grids(appraisal):
-        screen.print(drawn_grid(grid, whole_names=True))
-    for text in statements(appraisal):
-        screen.print(Text(text, style="red" if "cannot" in text else ""))
+def _ringing(appraisal: Appraisal) -> Iterator[Statement]:
+    """How near the motion comes to the natural frequencies of the platform on its cables."""
+    highest = appraisal.highest_frequency
+    if len(appraisal.natural_frequencies):
+        swings = ", ".join(f"{each:.2g}" for each in appraisal.natural_frequencies[:3])
+        yield Statement(
+            f"the platform swings on its cables at {swings} Hz and above (where it begins; the"
+            f" stiffness is known to a factor only), the motion is below {highest:.2g} Hz"
+        )
+        if highest > _NEAR * appraisal.natural_frequencies[0]:
+            yield Statement("that is near: the platform may ring on its cables")
+    elif appraisal.experiment.robot.m:
+        yield Statement(
+            "the stiffness of the cables is not known: how the platform swings on them was not"
+            f" looked at; the motion is below {highest:.2g} Hz (add 'cable:"
+            " {axial_stiffness: …}' to the robot file)"
+        )

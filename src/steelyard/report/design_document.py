@@ -1,5 +1,5 @@
-"""A planned experiment as a document with pictures: the motion, what it takes of the robot, and
-when it tells what.
+"""A planned experiment as a document with pictures: the motion, its use of the robot's limits, and
+when each parameter is excited.
 """
 
 from __future__ import annotations
@@ -18,30 +18,29 @@ from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.design import grids, statements
 from steelyard.report.document import (
     Block,
-    Course,
     Document,
     Figure,
+    Replay,
     Section,
     Statement,
     Statements,
 )
 from steelyard.report.gather import shape_of
-from steelyard.report.sections.platform import robot_scene
+from steelyard.report.plot import axes, line
+from steelyard.report.robot_scene import robot_scene
 from steelyard.report.sections.shown import line_colour, slug
+from steelyard.report.thinning import THINNING
 
 _MOST_POINTS = 1000
-"""Of a line."""
-_INSTANTS_A_SECOND = 20.0
+"""Of a line: about one for each column of pixels."""
 
 
 def design_document(appraisal: Appraisal) -> Document:
     """Everything that there is to say and to see of a planned experiment."""
-    said = tuple(
-        Statement(text, "bad" if "cannot" in text else "") for text in statements(appraisal)
-    )
+    said = tuple(statements(appraisal))
     precision, *uses = grids(appraisal)
     columns = {run: _thinned(motion_columns(appraisal, run)) for run in appraisal.trajectories}
-    told = [_told(run, each) for run, each in columns.items()]
+    information = [_information(run, each) for run, each in columns.items()]
     robot = appraisal.experiment.robot
     blocks: list[Block] = []
     if (shape := shape_of(robot)) is not None:
@@ -55,33 +54,34 @@ def design_document(appraisal: Appraisal) -> Document:
         f"{appraisal.experiment.name}: a planned experiment",
         _lead(appraisal),
         (
-            Section("precision", "What it will tell", (precision, Statements(said), *told)),
+            Section(
+                "precision", "Expected uncertainty", (precision, Statements(said), *information)
+            ),
             Section("motion", "The motion", tuple(blocks)),
-            Section("limits", "What it takes of the robot", tuple(uses)),
+            Section("limits", "Use of the robot's limits", tuple(uses)),
         ),
     )
 
 
 def _lead(appraisal: Appraisal) -> Statement:
+    """Whether the motion keeps the limits and reaches the targets."""
     parameter, ratio = appraisal.worst
     label = dict(zip(BODY_PARAMETERS, (label for label, *_ in LABELS), strict=True))[parameter]
     if not appraisal.feasible:
         return Statement(
-            "The robot cannot do this motion within its limits; below stands what it exceeds.",
+            "The robot cannot do this motion within its limits; see those named below.",
             "bad",
         )
     if not np.isfinite(ratio):
         return Statement(
-            f"The motion keeps all limits, but does not tell all of the body: {label} least.",
+            f"The motion keeps all limits, but not all parameters are identifiable: {label} least.",
             "note",
         )
-    wanted = (
-        "all that is wanted"
-        if ratio <= 1
-        else f"all but {ratio:.2g} times the 1-sigma that is wanted of {label}"
-    )
+    if ratio <= 1:
+        return Statement("The motion keeps all limits and reaches all targets.", "good")
     return Statement(
-        f"The motion keeps all limits and reaches {wanted}.", "good" if ratio <= 1 else "note"
+        f"The motion keeps all limits; the 1-sigma of {label} is {ratio:.2g} times its target.",
+        "note",
     )
 
 
@@ -91,19 +91,19 @@ def _thinned(columns: Mapping[str, Array]) -> dict[str, Array]:
     return {name: values[few] for name, values in columns.items()}
 
 
-def _course(run: str, columns: Mapping[str, Array]) -> Course:
+def _course(run: str, columns: Mapping[str, Array]) -> Replay:
     time = columns["t"]
-    count = max(2, min(len(time), int((time[-1] - time[0]) * _INSTANTS_A_SECOND)))
+    count = max(2, min(len(time), int((time[-1] - time[0]) * THINNING.instants_per_second)))
     few = np.unique(np.linspace(0, len(time) - 1, count).astype(int))
     angles = np.stack([columns[name][few] for name in ("yaw", "pitch", "roll")], axis=1)
     rotation = Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True, canonical=True)
-    return Course(
+    return Replay(
         run, time[few], np.stack([columns[axis][few] for axis in "xyz"], axis=1), rotation
     )
 
 
-def _told(run: str, columns: Mapping[str, Array]) -> Figure:
-    """Which part of a run tells which parameter, each against its own largest."""
+def _information(run: str, columns: Mapping[str, Array]) -> Figure:
+    """Information on each parameter from the parts of a run, each against its own largest."""
     shares = np.array([columns[f"told_{name}"] for name in BODY_PARAMETERS])
     largest = np.nanmax(np.where(np.isfinite(shares), shares, 0.0), axis=1, keepdims=True)
     data = (
@@ -123,12 +123,12 @@ def _told(run: str, columns: Mapping[str, Array]) -> Figure:
         "yaxis": {"autorange": "reversed", "automargin": True, "type": "category"},
     }
     text = (
-        "For each of the ten parameters how much the parts of the motion tell of it, from nothing"
+        "For each of the ten parameters the information from the parts of the motion, from none"
         " (dark) to the most (bright)."
     )
     return Figure(
-        slug("told", run),
-        f"Run {run}: which part tells which parameter",
+        slug("information", run),
+        f"Run {run}: information on the parameters over time",
         text,
         data,
         layout,
@@ -137,6 +137,7 @@ def _told(run: str, columns: Mapping[str, Array]) -> Figure:
 
 
 def _motion(run: str, columns: Mapping[str, Array], appraisal: Appraisal) -> Iterator[Figure]:
+    """Position, attitude, velocities and tensions of a run over time."""
     robot = appraisal.experiment.robot
     limits = robot.limits
     yield _lines(run, "place", "position [m]", columns, "xyz")
@@ -177,44 +178,19 @@ def _lines(
     levels: Sequence[float] = (),
 ) -> Figure:
     """Columns over time; ``limit``: of their length, ``levels``: where lines are drawn across."""
-    data: list[dict[str, Any]] = [
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "name": name,
-            "x": columns["t"],
-            "y": columns[name] * factor,
-            "line": {"color": line_colour(i), "width": 1.5},
-        }
-        for i, name in enumerate(names)
-    ]
+    time = columns["t"]
+    data: list[dict[str, Any]] = []
+    for i, name in enumerate(names):
+        style = {"color": line_colour(i), "width": 1.5}
+        data.append(line(name, time, columns[name] * factor, style))
     if limit is not None:
         length = np.sqrt(sum(columns[name] ** 2 for name in names))
-        data.append(
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": "length",
-                "x": columns["t"],
-                "y": length,
-                "line": {"color": "var(--muted)", "width": 1},
-            }
-        )
+        data.append(line("length", time, length, {"color": "var(--muted)", "width": 1}))
         levels = [limit]
-    ends = columns["t"][[0, -1]]
+    dashed = {"color": "var(--bad)", "width": 1.5, "dash": "dash"}
     for i, level in enumerate(levels):
-        data.append(
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": "limit",
-                "showlegend": i == 0,
-                "x": ends,
-                "y": [level, level],
-                "line": {"color": "var(--bad)", "width": 1.5, "dash": "dash"},
-            }
-        )
-    layout = {"xaxis": {"title": {"text": "time [s]"}}, "yaxis": {"title": {"text": axis}}}
+        data.append(line("limit", time[[0, -1]], [level, level], dashed, showlegend=i == 0))
+    layout = axes("time [s]", axis)
     text = f"{what} over time: {', '.join(names)}" + (
         ", with the allowed limit." if len(levels) else "."
     )

@@ -1,5 +1,5 @@
-"""What a report says, as plain values that every form of it (HTML, Markdown) is drawn from; nothing
-is computed after this.
+"""What a report says, as plain values that every form of it (HTML, Markdown, terminal) is drawn from;
+nothing is computed after this.
 
 All text is as people read it; the forms escape it.
 """
@@ -42,6 +42,15 @@ class Grid:
     """Each as long as the head; the first cell names the row."""
     right: frozenset[int] = frozenset()
     """Columns of numbers."""
+    repeated: int = 0
+    """How many of the first columns stand in every part of a table that is too wide for a terminal;
+    0: such a table stays whole, its texts are broken."""
+    secondary: frozenset[int] = frozenset()
+    """Columns that stay beside the one before them and matter less."""
+    ruled: frozenset[int] = frozenset()
+    """Rows that a line is drawn under."""
+    marked: frozenset[tuple[int, int]] = frozenset()
+    """Row and column of cells that a reader should look at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +72,7 @@ class Figure:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class Replay:
     """A motion to replay, n instants."""
 
     name: str
@@ -84,7 +93,7 @@ class Scene:
     """
 
     figure: Figure
-    courses: tuple[Course, ...] = ()
+    courses: tuple[Replay, ...] = ()
     """None: all points are drawn as they are given."""
 
 

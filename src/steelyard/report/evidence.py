@@ -6,16 +6,25 @@ All numbers are SI; None stands where there is none.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from pydantic import FiniteFloat as Real
+
+from steelyard.arrays import Array
 
 Number = Real | None
 Vector = tuple[Real, Real, Real]
 
 
+def numbers(values: Array | Sequence[float], digits: int = 17) -> tuple[Number, ...]:
+    """Values as plain numbers of so many digits, None where there is none."""
+    return tuple(float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values)
+
+
 @dataclass(frozen=True)
-class Body:
+class EstimatedBody:
     """An estimate."""
 
     name: str
@@ -42,7 +51,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionTrack:
     """Of a run, thinned, n instants."""
 
     run: str
@@ -57,7 +66,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Power of what is left over, per frequency, over that of white noise of the same size; the
+    """Power of the residuals, per frequency, over that of white noise of the same size; the
     mean over the channels.
     """
 
@@ -112,7 +121,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Error:
+class CalibrationEstimate:
     """One component of a systematic error of an instrument."""
 
     instrument: str
@@ -122,15 +131,15 @@ class Error:
     value: Number
     deviation: Number
     expected: Number
-    """Value known beforehand."""
+    """Prior value."""
     prior: Number
     """Its 1-sigma."""
 
 
 @dataclass(frozen=True)
-class Test:
-    """A question to the residuals: by how much one description would have to be wrong to explain
-    them.
+class DirectedTest:
+    """A directed test of the residuals: by how much one value of the description would have to be
+    wrong to explain them.
     """
 
     name: str
@@ -140,8 +149,8 @@ class Test:
 
 
 @dataclass(frozen=True)
-class Clock:
-    """How late a clock is against that of the forces."""
+class ClockDelay:
+    """Delay of a clock relative to that of the forces."""
 
     run: str
     instruments: str
@@ -150,7 +159,7 @@ class Clock:
     deviation: Number
     """[s]"""
     prior: Number
-    """1-sigma known beforehand [s]."""
+    """Prior 1-sigma [s]."""
     found: str
     """Where it was found from the data before the fit, in words; empty: not."""
 
@@ -182,12 +191,12 @@ class Evidence:
     """All of it."""
 
     shape: Shape | None = None
-    motions: tuple[Motion, ...] = ()
+    motions: tuple[MotionTrack, ...] = ()
     traces: tuple[Trace, ...] = ()
     noise: tuple[Noise, ...] = ()
-    errors: tuple[Error, ...] = ()
-    tests: tuple[Test, ...] = ()
-    clocks: tuple[Clock, ...] = ()
+    errors: tuple[CalibrationEstimate, ...] = ()
+    tests: tuple[DirectedTest, ...] = ()
+    clocks: tuple[ClockDelay, ...] = ()
     contacts: tuple[tuple[str, Real, Real], ...] = ()
     """Run, beginning and end of what touched the platform [s]."""
     not_drawn: int = 0

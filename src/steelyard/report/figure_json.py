@@ -7,14 +7,14 @@ from __future__ import annotations
 import base64
 import html
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.report.document import Figure, Scene
+from steelyard.report.document import Figure, Replay, Scene
 
 _FEW = 24
 """Numbers that are still written as such."""
@@ -52,18 +52,20 @@ def figure_json(block: Figure | Scene) -> str:
         },
     }
     if isinstance(block, Scene):
-        values["courses"] = [
-            {name: _list(np.ravel(array), packed=True) for name, array in each}
-            for each in (
-                (("time", c.time), ("position", c.position), ("rotation", c.rotation))
-                for c in block.courses
-            )
-        ]
+        values["courses"] = [_course(each) for each in block.courses]
     arrays: dict[str, tuple[int, Any]] = {}
     values = _shared(values, arrays)
     values["arrays"] = [packed for _, packed in arrays.values()]
     text = json.dumps(values, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return text.translate(_WITHIN_SCRIPT)
+
+
+def _course(replay: Replay) -> dict[str, Any]:
+    """A motion to replay."""
+    return {
+        name: _list(np.ravel(getattr(replay, name)), packed=True)
+        for name in ("time", "position", "rotation")
+    }
 
 
 def _plain(value: Any, key: str = "", *, packed: bool = False, drawn: bool = False) -> Any:
@@ -123,15 +125,7 @@ def _list(values: Any, key: str = "", *, packed: bool, drawn: bool = False) -> A
 def _numbers(values: Any) -> Array | None:
     """Numbers in one or two dimensions, None as NaN; None where they are something else."""
     if not isinstance(values, np.ndarray):
-        flat = [
-            v
-            for row in values
-            for v in (row if isinstance(row, np.ndarray | list | tuple) else (row,))
-        ]
-        if not all(
-            v is None or (isinstance(v, int | float | np.number) and not isinstance(v, bool))
-            for v in flat
-        ):
+        if not all(_is_number(value) for value in _flat(values)):
             return None
         try:
             values = np.array(values, dtype=np.float64)
@@ -140,6 +134,22 @@ def _numbers(values: Any) -> Array | None:
     if values.dtype.kind not in "iuf" or values.ndim not in (1, 2):
         return None
     return np.where(np.isfinite(values), values, np.nan).astype(np.float64)
+
+
+def _flat(values: Iterable[Any]) -> Iterator[Any]:
+    """Values of one or two dimensions, one after the other."""
+    for row in values:
+        if isinstance(row, np.ndarray | list | tuple):
+            yield from row
+        else:
+            yield row
+
+
+def _is_number(value: Any) -> bool:
+    """Whether it is a number or None."""
+    if value is None:
+        return True
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
 
 def _shared(value: Any, arrays: dict[str, tuple[int, Any]]) -> Any:
@@ -156,6 +166,7 @@ def _shared(value: Any, arrays: dict[str, tuple[int, Any]]) -> Any:
 
 
 def _bytes(numbers: Array) -> dict[str, str]:
+    """An array as Plotly takes it, in single precision where that costs nothing."""
     finite = numbers[np.isfinite(numbers)]
     with np.errstate(over="ignore"):  # beyond single precision all is lost
         single: NDArray[np.float32] = numbers.astype("<f4")

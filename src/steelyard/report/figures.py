@@ -13,7 +13,7 @@ from steelyard.errors import InputError
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.report.compose import document_of
-from steelyard.report.document import Course, Document, Figure, Scene
+from steelyard.report.document import Document, Figure, Replay, Scene
 from steelyard.report.page import palette
 from steelyard.report.summary import summarise
 
@@ -72,6 +72,7 @@ def _blocks(document: Document) -> dict[str, Figure | Scene]:
 
 
 def _plotly(block: Figure | Scene) -> go.Figure:
+    """A picture for a notebook, in the colours of the page."""
     import plotly.graph_objects as go
 
     colours = palette()
@@ -88,7 +89,7 @@ def _plotly(block: Figure | Scene) -> go.Figure:
     return go.Figure([_dressed(trace, colours) for trace in data], layout)
 
 
-def _placed(trace: dict[str, Any], course: Course) -> dict[str, Any]:
+def _placed(trace: dict[str, Any], course: Replay) -> dict[str, Any]:
     """Points that move, where they are at the beginning of a course."""
     moves = np.array(trace["meta"]["moves"], dtype=bool)
     points = np.stack([np.asarray(trace[axis], dtype=np.float64) for axis in "xyz"], axis=1)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 
 import numpy as np
-from rich.text import Text
 
 from steelyard.digits import LABELS
 from steelyard.inspection.agreement import BAD
 from steelyard.inspection.contact import Contact
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
-from steelyard.report.document import Grid
-from steelyard.report.terminal import console, drawn_grid
+from steelyard.report.document import Grid, Statement
+from steelyard.report.parameter_grid import ParameterTexts, parameter_grid
 
 _MOST_FAULTS = 12
 """Faults of one stream that are listed one by one."""
@@ -44,6 +43,7 @@ def grids(found: Inspection) -> tuple[Grid, ...]:
 
 
 def _streams(found: Inspection) -> Grid:
+    """Rates and faults, a row a stream."""
     head = (
         "run",
         "instrument",
@@ -58,28 +58,13 @@ def _streams(found: Inspection) -> Grid:
     )
     rows = []
     for each in found.streams:
-        t = each.timing
+        timing: tuple[str, ...] = ("at rest", "", "", "", "", "")
+        if (t := each.timing) is not None:
+            counts = (t.dropped, t.late, t.repeated, len(t.gaps))
+            timing = (f"{t.rate:.4g}", f"{t.jitter * 1e3:.2g}", *map(_count, counts))
         faults = sum(f.kind in {"stuck", "clipped", "held"} for f in each.faults)
-        rows.append(
-            (
-                each.run,
-                each.instrument,
-                str(each.samples),
-                *(
-                    ("at rest", "", "", "", "", "")
-                    if t is None
-                    else (
-                        f"{t.rate:.4g}",
-                        f"{t.jitter * 1e3:.2g}",
-                        _count(t.dropped),
-                        _count(t.late),
-                        _count(t.repeated),
-                        _count(len(t.gaps)),
-                    )
-                ),
-                _count(faults),
-            )
-        )
+        first = (each.run, each.instrument, str(each.samples))
+        rows.append((*first, *timing, _count(faults)))
     return Grid("Streams", head, tuple(rows), frozenset(range(2, 10)))
 
 
@@ -103,71 +88,66 @@ def _number(value: float | None) -> str:
 
 
 def _delays(found: Inspection) -> Grid:
-    head = ("run", "clock of", "late by [ms]", "1-sigma [ms]", "beforehand [ms]", "by")
+    """Delays of the clocks as the recordings say, beside their priors."""
+    head = ("run", "clock of", "delay [ms]", "1-sigma [ms]", "prior [ms]", "from")
     rows = []
     for each in found.delays:
         value = (
             (f"{each.value * 1e3:.2f}", f"{each.sigma * 1e3:.2g}")
             if each.told
-            else ("not told", "")
+            else ("not identifiable", "")
         )
         prior = f"{each.prior[0] * 1e3:.3g} ± {each.prior[1] * 1e3:.3g}"
         rows.append((each.run, ", ".join(each.instruments), *value, prior, each.how))
-    return Grid("Clocks against that of the forces", head, tuple(rows), frozenset({2, 3, 4}))
+    return Grid("Clock delays relative to the force clock", head, tuple(rows), frozenset({2, 3, 4}))
 
 
 def _agreements(found: Inspection) -> Grid:
-    head = ("run", "between", "worst", "left / allowed", "")
+    head = ("run", "between", "worst channel", "residual / allowed", "")
     rows = []
     for run, each in found.agreements:
         i = int(np.argmax(each.ratio))
         verdict = "contradict each other" if each.worst > BAD else "agree"
         rows.append((run, each.name, each.channels[i], f"{each.worst:.2g}", verdict))
-    return Grid(
-        "What the instruments say of each other, as described", head, tuple(rows), frozenset({3})
-    )
+    return Grid("Agreement of the instruments, as described", head, tuple(rows), frozenset({3}))
 
 
 def _body(found: Inspection) -> Grid:
+    """How well the ten parameters can be known from the recording."""
     assert found.excitation is not None
-    head = ("", "unit", "about", "1-sigma at best", "told by")
-    rows = []
-    for finding, (label, unit, factor) in zip(found.excitation.body, LABELS, strict=True):
-        rows.append(
-            (
-                label,
-                unit,
-                _number(finding.value * factor),
-                _number(finding.sigma * factor),
-                finding.told,
-            )
-        )
-    return Grid("What this recording can tell of the body", head, tuple(rows), frozenset({2, 3}))
+    body = found.excitation.body
+    factors = [factor for _, _, factor in LABELS]
+    values = [_number(each.value * factor) for each, factor in zip(body, factors, strict=True)]
+    sigmas = [_number(each.sigma * factor) for each, factor in zip(body, factors, strict=True)]
+    columns = [
+        ParameterTexts("rough estimate", values),
+        ParameterTexts("smallest 1-sigma", sigmas),
+        ParameterTexts("determined by", [each.told for each in body], right=False),
+    ]
+    return parameter_grid("Identifiability of the body from this recording", columns)
 
 
 def _calibration(found: Inspection) -> Grid:
+    """How well calibration parameters can be known, a row for those of one kind."""
     assert found.excitation is not None
-    head = ("systematic error", "unit", "1-sigma at best", "beforehand", "told by")
+    head = ("parameter", "unit", "smallest 1-sigma", "prior 1-sigma", "determined by")
     rows = []
     for name, each in groupby(found.excitation.calibration, key=lambda finding: finding.group):
         group = list(each)
-        told = Counter(finding.told for finding in group)
         count = f" ({len(group)})" if len(group) > 1 else ""
-        by = (
-            next(iter(told))
-            if len(told) == 1
-            else ", ".join(f"{number} {what}" for what, number in told.items())
-        )
-        rows.append(
-            (
-                name + count,
-                group[0].unit,
-                _range(f.sigma for f in group),
-                _range(f.prior for f in group),
-                by,
-            )
-        )
-    return Grid("And of the systematic errors", head, tuple(rows), frozenset({2, 3}))
+        sigma, prior = _range(f.sigma for f in group), _range(f.prior for f in group)
+        by = _counted([finding.told for finding in group])
+        rows.append((name + count, group[0].unit, sigma, prior, by))
+    title = "Identifiability of the calibration parameters"
+    return Grid(title, head, tuple(rows), frozenset({2, 3}))
+
+
+def _counted(words: Sequence[str]) -> str:
+    """Words with how often they stand; one alone without."""
+    counts = Counter(words)
+    if len(counts) == 1:
+        return words[0]
+    return ", ".join(f"{count} {word}" for word, count in counts.items())
 
 
 def _range(values: Iterable[float | None]) -> str:
@@ -176,45 +156,52 @@ def _range(values: Iterable[float | None]) -> str:
     return "-" if not shown else shown[0] if shown[0] == shown[-1] else f"{shown[0]} to {shown[-1]}"
 
 
-def statements(found: Inspection) -> Iterator[tuple[str, str]]:
-    """What there is to say, one sentence each, with its colour: first what is wrong."""
-    runs = {each.run for each in found.streams}
-    for mistake, where in zip(found.mistakes, found.runs_of, strict=True):
-        a = mistake.amendment
-        which = f" (run{'s' if len(where) > 1 else ''} {', '.join(where)})" if len(runs) > 1 else ""
-        others = f"; it may also be: {' / '.join(mistake.others)}" if mistake.others else ""
-        yield (
-            (
-                f"mistake: {a.subject}: {a.what}{which}. Change: {a.proposal}. Evidence:"
-                f" {mistake.evidence}{others}"
-            ),
-            "red",
-        )
+def statements(found: Inspection) -> Iterator[Statement]:
+    """What there is to say, one sentence each: first what is wrong."""
+    yield from _mistakes(found)
     for contact in found.contacts:
-        yield contact_words(contact), "yellow"
+        yield Statement(contact_words(contact), "note")
     for remark in found.remarks:
-        yield remark, "yellow"
+        yield Statement(remark, "note")
     for each in found.streams:
-        yield from ((text, "yellow") for text in fault_words(each))
+        for text in fault_words(each):
+            yield Statement(text, "note")
     if not found.mistakes and not any(a.worst > BAD for _, a in found.agreements):
-        yield (
+        yield Statement(
             "no mistake of sign, unit, axis or order was found: all instruments agree as described",
-            "green",
+            "good",
         )
-    if found.excitation is not None:
-        untold = [
-            label
-            for f, (label, *_) in zip(found.excitation.body, LABELS, strict=True)
-            if f.told == "not at all"
-        ]
-        if untold:
-            yield (
-                (
-                    f"this motion does not tell {', '.join(untold)}; `steelyard design` finds one"
-                    " that does"
-                ),
-                "",
-            )
+    yield from _unidentifiable(found)
+
+
+def _mistakes(found: Inspection) -> Iterator[Statement]:
+    """What to change in the description, and why."""
+    several = len({each.run for each in found.streams}) > 1
+    for mistake, runs in zip(found.mistakes, found.runs_of, strict=True):
+        amendment = mistake.amendment
+        where = f" (run{'s' if len(runs) > 1 else ''} {', '.join(runs)})" if several else ""
+        others = f"; it may also be: {' / '.join(mistake.others)}" if mistake.others else ""
+        yield Statement(
+            f"mistake: {amendment.subject}: {amendment.what}{where}. Change: {amendment.proposal}."
+            f" Evidence: {mistake.evidence}{others}",
+            "bad",
+        )
+
+
+def _unidentifiable(found: Inspection) -> Iterator[Statement]:
+    """Parameters of the body that the motion does not excite."""
+    if found.excitation is None:
+        return
+    labels = [
+        label
+        for each, (label, *_) in zip(found.excitation.body, LABELS, strict=True)
+        if each.told == "not at all"
+    ]
+    if labels:
+        yield Statement(
+            f"not identifiable from this motion: {', '.join(labels)}; `steelyard design` finds one"
+            " from which they are"
+        )
 
 
 def contact_words(contact: Contact) -> str:
@@ -240,12 +227,3 @@ def fault_words(report: StreamReport) -> Iterator[str]:
             f"run '{report.run}': {report.instrument}: {len(report.faults) - _MOST_FAULTS} further"
             " faults"
         )
-
-
-def show_inspection(found: Inspection) -> None:
-    """Print to standard output."""
-    screen = console()
-    for grid in grids(found):
-        screen.print(drawn_grid(grid))
-    for text, style in statements(found):
-        screen.print(Text(text, style=style))

@@ -13,22 +13,23 @@ from steelyard.inspection.agreement import BAD, Agreement
 from steelyard.inspection.contact import Residual
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
-from steelyard.report.document import Document, Figure, Section, Statement, Statements, Tone
+from steelyard.report.document import Document, Figure, Section, Statement, Statements
 from steelyard.report.inspection import grids, statements
+from steelyard.report.plot import axes, line, stretch
+from steelyard.report.sections.shown import line_colour, words
 
 _MOST_POINTS = 3000
-"""Of a line."""
+"""Of a line: more than a screen has columns of pixels."""
 _MOST_RUNS = 4
-"""That are drawn."""
+"""Runs that are drawn, to keep the page small."""
+_LEAST_DENSITY = 1e-12
+"""Logarithmic axes need more than zero."""
 _MARKS = {"gap": "var(--muted)", "stuck": "var(--bad)"}
-_TONES: dict[str, Tone] = {"red": "bad", "yellow": "note", "green": "good"}
 
 
 def inspection_document(found: Inspection) -> Document:
     """Everything that there is to say and to see."""
-    said = Statements(
-        tuple(Statement(text, _TONES.get(style, "")) for text, style in statements(found))
-    )
+    said = Statements(tuple(statements(found)))
     tables = tuple(grid for grid in grids(found) if grid.rows)
     return Document(
         f"{found.experiment.name}: what is in the recordings",
@@ -42,10 +43,11 @@ def inspection_document(found: Inspection) -> Document:
 
 
 def _lead(found: Inspection) -> Statement:
+    """Whether the description agrees with the recordings."""
     if found.mistakes:
         count = len(found.mistakes)
         which = "a mistake" if count == 1 else f"{count} mistakes"
-        return Statement(f"The description has {which}; below stands what to change.", "bad")
+        return Statement(f"The description has {which}; see below what to change.", "bad")
     if any(each.worst > BAD for _, each in found.agreements):
         return Statement(
             "The instruments contradict each other, and no simple mistake explains it.", "bad"
@@ -68,12 +70,12 @@ def _pictures(found: Inspection) -> Iterator[Section]:
     shown = (
         (
             "attainable",
-            "How well it can be known",
+            "Identifiability",
             (_bars(found),) if found.excitation is not None else (),
         ),
         (
             "balance",
-            "Forces that no body explains",
+            "Residuals of the force balance",
             tuple(_balance(found, each, i) for i, each in enumerate(found.residuals[:_MOST_RUNS])),
         ),
         (
@@ -101,42 +103,18 @@ def _pictures(found: Inspection) -> Iterator[Section]:
             yield Section(name, title, figures)
 
 
-def _axes(x: str, y: str) -> dict[str, Any]:
-    return {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
-
-
 def _lines(
     x: Array, columns: Array, names: list[str], *, dash: str = "solid"
 ) -> Iterator[dict[str, Any]]:
+    """A line a column of shape (n, k) over x of shape (n,), thinned evenly."""
     few = slice(None, None, -(-len(x) // _MOST_POINTS) or 1)
     for i, name in enumerate(names):
-        line = {"color": f"var(--line-{i % 8 + 1})", "width": 1.2, "dash": dash}
-        yield {
-            "type": "scatter",
-            "mode": "lines",
-            "name": name,
-            "x": x[few],
-            "y": columns[few, i],
-            "line": line,
-        }
-
-
-def _stretch(start: float, end: float, colour: str) -> dict[str, Any]:
-    """A shape that marks a time."""
-    return {
-        "type": "rect",
-        "x0": start,
-        "x1": end,
-        "y0": 0,
-        "y1": 1,
-        "yref": "paper",
-        "fillcolor": colour,
-        "opacity": 0.18,
-        "line": {"width": 0},
-    }
+        style = {"color": line_colour(i), "width": 1.2, "dash": dash}
+        yield line(name, x[few], columns[few, i], style)
 
 
 def _bars(found: Inspection) -> Figure:
+    """How much of the prior uncertainty of each calibration parameter is left at best."""
     assert found.excitation is not None
     shares: dict[str, list[float]] = {}
     for each in found.excitation.calibration:
@@ -146,51 +124,51 @@ def _bars(found: Inspection) -> Figure:
     bar = {"type": "bar", "x": list(shares), "y": [float(np.median(of)) for of in shares.values()]}
     return Figure(
         "attainable",
-        "1-sigma at best of the systematic errors, as a part of what was known beforehand",
-        "A bar per systematic error: at one the recording tells nothing of it.",
+        "Smallest 1-sigma of the calibration parameters, as a part of their prior 1-sigma",
+        "A bar per calibration parameter: at one the recording has no information on it.",
         (bar,),
         {"yaxis": {"type": "log"}},
     )
 
 
 def _balance(found: Inspection, residual: Residual, place: int) -> Figure:
+    """Residuals of the force balance over time, contacts marked."""
     contacts = [each for each in found.contacts if each.run == residual.run]
     return Figure(
         f"balance-{place + 1}",
         f"run {residual.run}: {residual.instrument}",
-        f"What is left of forces and torques over time; {len(contacts)} contacts are marked.",
+        f"Residuals of forces and torques over time; {len(contacts)} contacts are marked.",
         tuple(_lines(residual.time, residual.left, list(residual.names))),
         {
-            **_axes("common time [s]", "force [N], torque [N m]"),
-            "shapes": [_stretch(each.start, each.end, "var(--bad)") for each in contacts],
+            **axes("common time [s]", "force [N], torque [N m]"),
+            "shapes": [stretch(each.start, each.end, "var(--bad)") for each in contacts],
         },
     )
 
 
 def _agreement(run: str, agreement: Agreement, place: int) -> Figure:
+    """What one instrument measured over what the others predict."""
     width = agreement.measured.shape[1]
-    axes = (
-        list(agreement.channels[:width])
-        if len(agreement.channels) >= width
-        else [str(i + 1) for i in range(width)]
-    )
+    names = list(agreement.channels[:width])
+    if len(names) < width:
+        names = [str(i + 1) for i in range(width)]
     at = np.arange(len(agreement.measured), dtype=np.float64)
-    lines = [*_lines(at, agreement.measured, axes)]
+    lines = [*_lines(at, agreement.measured, names)]
     if agreement.predicted.shape == agreement.measured.shape:
-        lines += _lines(
-            at, agreement.predicted, [f"{axis}, predicted" for axis in axes], dash="dot"
-        )
+        predicted = [f"{name}, predicted" for name in names]
+        lines += _lines(at, agreement.predicted, predicted, dash="dot")
     return Figure(
         f"agreement-{place + 1}",
         f"run {run}: {agreement.name}",
-        f"Measured lines and, dotted, what the others predict; at worst {agreement.worst:.2g} of"
-        " what may be left between them.",
+        f"Measured lines and, dotted, as predicted by the others; the residual is at most"
+        f" {agreement.worst:.2g} of what is allowed.",
         tuple(lines),
-        _axes("instant", agreement.unit),
+        axes("instant", agreement.unit),
     )
 
 
 def _stream(found: Inspection, run: Run, report: StreamReport, place: int) -> Figure:
+    """All channels of a stream over time, gaps and stuck stretches marked."""
     stream = run.streams[report.instrument]
     time = found.experiment.common_time(run, report.instrument)
     lines: list[dict[str, Any]] = []
@@ -208,9 +186,9 @@ def _stream(found: Inspection, run: Run, report: StreamReport, place: int) -> Fi
         f"All channels over time; {len(marked)} gaps and stuck stretches are marked.",
         tuple(lines),
         {
-            **_axes("common time [s]", "; ".join(dict.fromkeys(q.unit for q in report.quantities))),
+            **axes("common time [s]", "; ".join(dict.fromkeys(q.unit for q in report.quantities))),
             "shapes": [
-                _stretch(fault.start + shift, fault.end + shift, _MARKS[fault.kind])
+                stretch(fault.start + shift, fault.end + shift, _MARKS[fault.kind])
                 for fault in marked
             ],
         },
@@ -218,25 +196,21 @@ def _stream(found: Inspection, run: Run, report: StreamReport, place: int) -> Fi
 
 
 def _spectra(streams: list[StreamReport]) -> Figure:
-    lines = [
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "name": f"{report.run}: {report.instrument}, {q.name.replace('_', ' ')} [{q.unit}]",
-            "x": q.frequency[1:],
-            "y": np.maximum(q.density[1:], 1e-12),
-        }
-        for report in streams
-        for q in report.quantities
-        if report.kind != "command" and len(q.frequency)
-    ]
-    axes = _axes("frequency [Hz]", "unit / √Hz")
-    layout = {name: {**axis, "type": "log"} for name, axis in axes.items()}
+    """Amplitude densities of all quantities."""
+    lines = []
+    for report in streams:
+        if report.kind == "command":
+            continue
+        for q in report.quantities:
+            if len(q.frequency):
+                name = f"{report.run}: {report.instrument}, {words(q.name)} [{q.unit}]"
+                density = np.maximum(q.density[1:], _LEAST_DENSITY)
+                lines.append(line(name, q.frequency[1:], density, {}))
     return Figure(
         "spectra",
         "Amplitude density",
         "A line per quantity, over frequency.",
         tuple(lines),
-        layout,
+        axes("frequency [Hz]", "unit / √Hz", "log"),
         480,
     )

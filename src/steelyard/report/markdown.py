@@ -28,6 +28,7 @@ def markdown(document: Document) -> str:
 
 
 def _block(block: Block) -> Iterator[str]:
+    """Lines of a block; a picture is named by its title and its alternative."""
     match block:
         case Statements(items):
             yield from (f"- {_line(each.text)}" for each in items)

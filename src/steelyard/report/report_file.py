@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,15 +13,17 @@ from pydantic import TypeAdapter, ValidationError
 from steelyard.errors import InputError
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.json_file import read_json
-from steelyard.report.summary import Summary
+from steelyard.report.evidence import EstimatedBody, Trace
+from steelyard.report.summary import ParameterTable, Summary
 from steelyard.yaml_file import require_file
 
 FILE_NAME = "report.json"
 FORMAT: Literal["steelyard-report/1"] = "steelyard-report/1"
+_TEN = len(BODY_PARAMETERS)
 
 
 @dataclass(frozen=True)
-class _File:
+class _ReportFile:
     """What stands in the file."""
 
     format: Literal["steelyard-report/1"]
@@ -28,13 +31,13 @@ class _File:
 
 
 @cache
-def _form() -> TypeAdapter[_File]:
-    return TypeAdapter(_File)
+def _form() -> TypeAdapter[_ReportFile]:
+    return TypeAdapter(_ReportFile)
 
 
 def write_summary(summary: Summary, path: Path) -> None:
     """Write a summary as JSON, the same bytes for the same values."""
-    path.write_bytes(_form().dump_json(_File(FORMAT, summary)) + b"\n")
+    path.write_bytes(_form().dump_json(_ReportFile(FORMAT, summary)) + b"\n")
 
 
 def read_summary(folder: Path) -> Summary:
@@ -65,68 +68,64 @@ def read_summary(folder: Path) -> Summary:
 
 
 def _inconsistency(summary: Summary) -> str | None:
-    """What is wrong with a summary whose parts are well formed."""
+    """What is wrong with a summary whose parts are well formed; None: nothing."""
+    return next(_inconsistencies(summary), None)
+
+
+def _inconsistencies(summary: Summary) -> Iterator[str]:
+    """Parts that do not fit each other."""
     if summary.result not in {body.name for body in summary.bodies}:
-        return f"result: expected the name of one of the bodies, found '{summary.result[:60]}'"
-    ten = len(BODY_PARAMETERS)
+        yield f"result: expected the name of one of the bodies, found '{summary.result[:60]}'"
     for body in summary.bodies:
-        sizes = {
-            len(body.value),
-            len(body.covariance),
-            len(body.labels),
-            *(len(row) for row in body.covariance),
-        }
-        if sizes != {ten}:
-            return (
-                f"body '{body.name[:60]}': expected {ten} values with their covariance, found"
-                f" {sorted(sizes)}"
-            )
+        yield from _of_body(body)
     for given in (summary.nominal, summary.truth, summary.attainable):
-        if given is not None and len(given) != ten:
-            return f"expected {ten} values of a body, found {len(given)}"
+        if given is not None and len(given) != _TEN:
+            yield f"expected {_TEN} values of a body, found {len(given)}"
     for table in (summary.table, *summary.runs):
-        for column in table.columns:
-            if any(
-                values is not None and len(values) != ten
-                for values in (column.values, column.deviations, column.errors)
-            ):
-                return (
-                    f"table '{table.title[:60]}': expected {ten} values a column, found another"
-                    " number"
-                )
+        yield from _of_table(table)
     for trace in summary.evidence.traces:
-        k, n = len(trace.channels), len(trace.time)
-        parts = (trace.measured, trace.residual)
-        if (
-            any(len(part) != k or any(len(row) != n for row in part) for part in parts)
-            or len(trace.rms) != k
-        ):
-            return (
-                f"trace '{trace.instrument[:60]}': expected {k} channels of {n} samples, found"
-                " another number"
-            )
-        if trace.sigma is not None and len(trace.sigma) != k:
-            return (
-                f"trace '{trace.instrument[:60]}': expected {k} values of sigma, found"
-                f" {len(trace.sigma)}"
-            )
-        if any(not (0 <= c < k and 0 <= s < n) for c, s in trace.left_out):
-            return (
-                f"trace '{trace.instrument[:60]}': expected places of samples that are there, found"
-                " others"
-            )
-        if trace.spectrum and len(trace.spectrum.frequency) != len(trace.spectrum.power):
-            return (
-                f"trace '{trace.instrument[:60]}': expected as many powers as frequencies, found"
-                " another number"
-            )
+        yield from _of_trace(trace)
     for motion in summary.evidence.motions:
         if not len(motion.time) == len(motion.position) == len(motion.rotation):
-            return (
+            yield (
                 f"motion of run '{motion.run[:60]}': expected as many poses as times, found another"
                 " number"
             )
     shape = summary.evidence.shape
     if shape and len(shape.anchors) != len(shape.attachments):
-        return "shape: expected as many attachments as anchors, found another number"
-    return None
+        yield "shape: expected as many attachments as anchors, found another number"
+
+
+def _of_body(body: EstimatedBody) -> Iterator[str]:
+    sizes = {len(body.value), len(body.covariance), len(body.labels)}
+    sizes |= {len(row) for row in body.covariance}
+    if sizes != {_TEN}:
+        yield (
+            f"body '{body.name[:60]}': expected {_TEN} values with their covariance, found"
+            f" {sorted(sizes)}"
+        )
+
+
+def _of_table(table: ParameterTable) -> Iterator[str]:
+    for column in table.columns:
+        given = (column.values, column.deviations, column.errors)
+        if any(values is not None and len(values) != _TEN for values in given):
+            yield (
+                f"table '{table.title[:60]}': expected {_TEN} values a column, found another number"
+            )
+
+
+def _of_trace(trace: Trace) -> Iterator[str]:
+    """What does not fit in one of k channels with n samples."""
+    name = f"trace '{trace.instrument[:60]}'"
+    k, n = len(trace.channels), len(trace.time)
+    channels = {len(trace.measured), len(trace.residual), len(trace.rms)}
+    samples = {len(row) for row in (*trace.measured, *trace.residual)}
+    if channels != {k} or samples - {n}:
+        yield f"{name}: expected {k} channels of {n} samples, found another number"
+    if trace.sigma is not None and len(trace.sigma) != k:
+        yield f"{name}: expected {k} values of sigma, found {len(trace.sigma)}"
+    if any(not (0 <= c < k and 0 <= s < n) for c, s in trace.left_out):
+        yield f"{name}: expected places of samples that are there, found others"
+    if trace.spectrum and len(trace.spectrum.frequency) != len(trace.spectrum.power):
+        yield f"{name}: expected as many powers as frequencies, found another number"

@@ -10,17 +10,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.digits import LABELS, number
+from steelyard.clocks.offsets import Offset
+from steelyard.digits import LABELS
 from steelyard.estimates.estimate import Estimate
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
-from steelyard.report.evidence import Body, Evidence, Made, Number
-from steelyard.report.gather import body_of, evidence_of, numbers
+from steelyard.report.evidence import EstimatedBody, Evidence, Made, Number, numbers
+from steelyard.report.gather import body_of, evidence_of
 from steelyard.report.made import steelyard_version
 
 
 @dataclass(frozen=True)
-class Column:
+class ParameterColumn:
     """Ten values under one heading, in the units of :data:`LABELS`."""
 
     heading: str
@@ -32,25 +33,25 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class ParameterTable:
     """Columns of ten values."""
 
     title: str
-    columns: tuple[Column, ...]
+    columns: tuple[ParameterColumn, ...]
 
 
 @dataclass(frozen=True)
 class Summary:
     """Everything that is shown."""
 
-    table: Table
-    runs: tuple[Table, ...]
+    table: ParameterTable
+    runs: tuple[ParameterTable, ...]
     """What each run says alone, a table per method."""
     statements: tuple[str, ...]
     """Verdicts, then remarks, one sentence each."""
     result: str
     """Heading of the best estimate, which the report is about."""
-    bodies: tuple[Body, ...]
+    bodies: tuple[EstimatedBody, ...]
     """All that are shown."""
     nominal: tuple[Number, ...] | None
     """The ten of :data:`steelyard.inertia.BODY_PARAMETERS`, SI."""
@@ -61,7 +62,7 @@ class Summary:
     made: Made
 
     @property
-    def best(self) -> Body:
+    def best(self) -> EstimatedBody:
         """The estimate that the report is about."""
         return next(body for body in self.bodies if body.name == self.result)
 
@@ -98,53 +99,53 @@ def tabulate(
     """The numbers and sentences alone, without what they rest on; arguments as of
     :func:`summarise`.
     """
-    columns = []
     nominal = None if identification.nominal is None else identification.nominal.body_parameters
     true = None if truth is None else truth.body_parameters
-    if nominal is not None and true is not None and np.array_equal(nominal, true):
-        columns.append(_given("nominal = truth", true))
-    else:
-        columns += [
-            _given(heading, v)
-            for heading, v in (("nominal", nominal), ("truth", true))
-            if v is not None
-        ]
-    shown = {
-        **(beside or {}),
-        **{f"{name}{suffix}": e for name, e in identification.estimates.items()},
-    }
-    columns += [_estimated(name, estimate, true) for name, estimate in shown.items()]
-    if identification.bound is not None:
-        columns.append(_attainable(identification.bound.standard_deviation, shown))
-    runs = tuple(
-        Table(
-            f"{name}, each run alone",
-            tuple(_estimated(run, e, None) for run, e in estimate.runs.items()),
-        )
-        for name, estimate in identification.estimates.items()
-        if estimate.runs
-    )
+    bound = None if identification.bound is None else identification.bound.standard_deviation
+    shown = dict(beside or {})
+    for name, estimate in identification.estimates.items():
+        shown[f"{name}{suffix}"] = estimate
+    columns = [
+        *_beforehand(nominal, true),
+        *(_estimated(name, estimate, true) for name, estimate in shown.items()),
+    ]
+    if bound is not None:
+        columns.append(_attainable(bound, shown))
     return Summary(
-        table=Table(title or identification.experiment, tuple(columns)),
-        runs=runs,
+        table=ParameterTable(title or identification.experiment, tuple(columns)),
+        runs=tuple(_each_run(identification)),
         statements=(
             *_statements(shown),
             *identification.left_out,
             *_clocks(identification),
-            *(str(p) for p in identification.predictions),
+            *(str(prediction) for prediction in identification.predictions),
         ),
         result=f"{identification.result}{suffix}",
         bodies=tuple(body_of(name, estimate) for name, estimate in shown.items()),
         nominal=None if nominal is None else numbers(nominal),
         truth=None if true is None else numbers(true),
-        attainable=(
-            None
-            if identification.bound is None
-            else numbers(identification.bound.standard_deviation, 3)
-        ),
+        attainable=None if bound is None else numbers(bound, 3),
         evidence=Evidence(),
         made=Made((("steelyard", steelyard_version()),), ()),
     )
+
+
+def _beforehand(nominal: Array | None, truth: Array | None) -> Iterator[ParameterColumn]:
+    """Columns of the bodies that are known without the recordings."""
+    if nominal is not None and truth is not None and np.array_equal(nominal, truth):
+        yield _given("nominal = truth", truth)
+        return
+    for heading, values in (("nominal", nominal), ("truth", truth)):
+        if values is not None:
+            yield _given(heading, values)
+
+
+def _each_run(identification: Identification) -> Iterator[ParameterTable]:
+    """What each run says alone, a table a method that has that."""
+    for name, estimate in identification.estimates.items():
+        if estimate.runs:
+            columns = (_estimated(run, each, None) for run, each in estimate.runs.items())
+            yield ParameterTable(f"{name}, each run alone", tuple(columns))
 
 
 def _scaled(values: Array | Sequence[float]) -> tuple[float | None, ...]:
@@ -154,32 +155,31 @@ def _scaled(values: Array | Sequence[float]) -> tuple[float | None, ...]:
     )
 
 
-def _given(heading: str, values: Array) -> Column:
-    return Column(heading, _scaled(values), None)
+def _given(heading: str, values: Array) -> ParameterColumn:
+    return ParameterColumn(heading, _scaled(values), None)
 
 
-def _attainable(deviations: Array, shown: Mapping[str, Estimate]) -> Column:
-    """The smallest 1-sigma that any method could have, of what is told at all; three digits are
+def _attainable(deviations: Array, shown: Mapping[str, Estimate]) -> ParameterColumn:
+    """The smallest 1-sigma that any method could have, of what is identifiable; three digits are
     plenty.
     """
-    told = np.any([np.isfinite(estimate.value) for estimate in shown.values()], axis=0)
-    rounded = [float(f"{d:.3g}") if t else np.nan for d, t in zip(deviations, told, strict=True)]
-    return Column("attainable 1-sigma", _scaled(rounded), None)
+    identifiable = np.any([np.isfinite(estimate.value) for estimate in shown.values()], axis=0)
+    pairs = zip(deviations, identifiable, strict=True)
+    rounded = [float(f"{d:.3g}") if known else np.nan for d, known in pairs]
+    return ParameterColumn("attainable 1-sigma", _scaled(rounded), None)
 
 
-def _estimated(heading: str, estimate: Estimate, truth: Array | None) -> Column:
+def _estimated(heading: str, estimate: Estimate, truth: Array | None) -> ParameterColumn:
     errors = None if truth is None else _scaled(estimate.value - truth)
-    return Column(heading, _scaled(estimate.value), _scaled(estimate.standard_deviation), errors)
+    return ParameterColumn(
+        heading, _scaled(estimate.value), _scaled(estimate.standard_deviation), errors
+    )
 
 
 def _clocks(identification: Identification) -> Iterator[str]:
-    """Clocks that were found from the data, against that of the forces."""
+    """Clocks that were found from the data, relative to that of the forces."""
     for run, (first, *others) in identification.clocks.items():
-        found = [
-            f"{' and '.join(o.instruments)} {o.value:+.4f} s ± {o.sigma * 1e3:.1f} ms"
-            + (f" (runs {o.drift * 1e6:+.0f} parts per million fast)" if o.drift else "")
-            for o in others
-        ]
+        found = [_offset(each) for each in others]
         if found:
             yield (
                 f"run '{run}': clocks found from the data, against"
@@ -187,20 +187,18 @@ def _clocks(identification: Identification) -> Iterator[str]:
             )
 
 
+def _offset(clock: Offset) -> str:
+    """A clock in words: whose it is, how late, and how fast it runs."""
+    text = f"{' and '.join(clock.instruments)} {clock.value:+.4f} s ± {clock.sigma * 1e3:.1f} ms"
+    if clock.drift:
+        text += f" (runs {clock.drift * 1e6:+.0f} parts per million fast)"
+    return text
+
+
 def _statements(estimates: Mapping[str, Estimate]) -> list[str]:
-    lines = []
-    for name, estimate in estimates.items():
-        lines.append(f"{name}: {estimate.verdict}")
-    notes = [
-        f"{estimate.method}: {note}" for estimate in estimates.values() for note in estimate.notes
-    ]
-    lines += dict.fromkeys(notes)
-    return lines
-
-
-def cell(column: Column, row: int) -> str:
-    """Text of one cell."""
-    value = column.values[row]
-    if column.deviations is None:
-        return "-" if value is None else f"{value:.6g}"
-    return number(value, column.deviations[row])
+    """Verdicts, then notes, each once."""
+    verdicts = [f"{name}: {estimate.verdict}" for name, estimate in estimates.items()]
+    notes: dict[str, None] = {}
+    for estimate in estimates.values():
+        notes |= dict.fromkeys(f"{estimate.method}: {note}" for note in estimate.notes)
+    return [*verdicts, *notes]

@@ -1,118 +1,98 @@
-"""Clocks and systematic errors of the instruments as they were found, and what the description
-might get wrong.
-"""
+"""Clocks and calibration parameters of the instruments, and directed tests of the description."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from steelyard.digits import number
 from steelyard.report.document import Block, Figure, Grid, Section, Statement, Statements
-from steelyard.report.evidence import Error
-from steelyard.report.sections.shown import shown_unit
+from steelyard.report.evidence import CalibrationEstimate
+from steelyard.report.sections.shown import scaled, shown_unit
 from steelyard.report.summary import Summary
 
-_LEARNED = 0.5
-"""Part of its prior 1-sigma below which an error was told by the data."""
+_DETERMINED = 0.5
+"""Part of its prior 1-sigma below which a parameter is determined by the data."""
 _FAR = 3.0
-"""Prior 1-sigma."""
-_LARGEST_FIGURE = 60
-"""Errors that are drawn."""
+"""Prior 1-sigma: an estimate further off contradicts the experiment file."""
+_MOST_DRAWN = 60
+"""Parameters in the figure: a screen of rows."""
 
 
 def calibration(summary: Summary) -> Section | None:
-    """The section; None where no error was looked for."""
+    """The section; None where no calibration parameter was estimated."""
     evidence = summary.evidence
     blocks: list[Block] = []
     if evidence.clocks:
         blocks.append(_clocks(summary))
     if evidence.errors:
-        far = [
-            e
-            for e in evidence.errors
-            if e.value is not None
-            and e.prior
-            and abs(e.value - (e.expected or 0.0)) > _FAR * e.prior
-        ]
         text = (
-            "What was not known exactly was estimated along with the body; where the data say"
-            " nothing, the value known beforehand stays."
+            "Calibration parameters are estimated together with the body; where the data have no"
+            " information on one, its prior value stays."
         )
-        statements = [Statement(text)]
-        for each in far:
-            statements.append(
-                Statement(
-                    f"{each.instrument}, {each.name}: {_value(each)} is more than {_FAR:g} 1-sigma"
-                    " from what the experiment file says; look at it.",
-                    "bad",
-                )
-            )
-        blocks.append(Statements(tuple(statements)))
-        blocks.append(_learned(evidence.errors[:_LARGEST_FIGURE]))
+        blocks.append(Statements((Statement(text), *_far(evidence.errors))))
+        blocks.append(_posteriors(evidence.errors[:_MOST_DRAWN]))
         blocks.append(_errors(evidence.errors))
     if evidence.tests:
         blocks.append(_tests(summary))
     return Section("calibration", "Clocks and calibration", tuple(blocks)) if blocks else None
 
 
+def _far(errors: tuple[CalibrationEstimate, ...]) -> Iterator[Statement]:
+    """Estimates that contradict their priors."""
+    for each in errors:
+        if each.value is None or not each.prior:
+            continue
+        if abs(each.value - (each.expected or 0.0)) > _FAR * each.prior:
+            yield Statement(
+                f"{each.instrument}, {each.name}: {_value(each)} is more than {_FAR:g} prior"
+                " 1-sigma from the value of the experiment file; check it.",
+                "bad",
+            )
+
+
 def _clocks(summary: Summary) -> Grid:
+    """Delays of the clocks, with what was known of them before."""
     rows = []
     for each in summary.evidence.clocks:
-        late = None if each.delay is None else each.delay * 1e3
-        sigma = None if each.deviation is None else each.deviation * 1e3
-        prior = "defines the time" if not each.prior else f"± {each.prior * 1e3:.3g}"
-        rows.append(
-            (
-                each.run,
-                each.instruments,
-                number(late, sigma) if each.prior else "0",
-                prior,
-                each.found or "-",
-            )
-        )
+        delay, prior = "0", "defines the time"
+        if each.prior:
+            delay = number(scaled(each.delay, 1e3), scaled(each.deviation, 1e3))
+            prior = f"± {each.prior * 1e3:.3g}"
+        rows.append((each.run, each.instruments, delay, prior, each.found or "-"))
     head = (
         "run",
         "instruments of the clock",
-        "late by [ms]",
-        "known beforehand [ms]",
-        "found from the data before the fit",
+        "delay [ms]",
+        "prior [ms]",
+        "synchronisation before the fit",
     )
-    return Grid("Clocks against that of the forces", head, tuple(rows), frozenset({2, 3}))
+    return Grid("Clock delays relative to the force clock", head, tuple(rows), frozenset({2, 3}))
 
 
-def _value(each: Error) -> str:
+def _value(each: CalibrationEstimate) -> str:
+    """An estimate with its 1-sigma and unit."""
     unit = shown_unit(each.unit, "error")
-    value = None if each.value is None else each.value * unit.factor
-    deviation = None if each.deviation is None else each.deviation * unit.factor
-    return (
-        f"{number(value, deviation)} {unit.name}" if unit.name != "-" else number(value, deviation)
-    )
+    text = number(scaled(each.value, unit.factor), scaled(each.deviation, unit.factor))
+    return text if unit.name == "-" else f"{text} {unit.name}"
 
 
-def _errors(errors: tuple[Error, ...]) -> Grid:
+def _errors(errors: tuple[CalibrationEstimate, ...]) -> Grid:
+    """Estimates of all calibration parameters beside their priors."""
     rows = []
     for each in errors:
         unit = shown_unit(each.unit, "error")
-        value, deviation, expected, prior = (
-            None if v is None else v * unit.factor
-            for v in (each.value, each.deviation, each.expected, each.prior)
-        )
-        rows.append(
-            (
-                f"{each.instrument}, {each.name}",
-                unit.name,
-                number(value, deviation),
-                "-" if expected is None else f"{expected:.4g} ± {prior:.3g}",
-            )
-        )
-    return Grid(
-        "Systematic errors of the instruments",
-        ("error", "unit", "found ± 1-sigma", "known beforehand ± 1-sigma"),
-        tuple(rows),
-        frozenset({2, 3}),
-    )
+        found = number(scaled(each.value, unit.factor), scaled(each.deviation, unit.factor))
+        prior = "-"
+        if each.expected is not None and each.prior is not None:
+            prior = f"{each.expected * unit.factor:.4g} ± {each.prior * unit.factor:.3g}"
+        rows.append((f"{each.instrument}, {each.name}", unit.name, found, prior))
+    head = ("parameter", "unit", "estimate ± 1-sigma", "prior ± 1-sigma")
+    title = "Calibration parameters of the instruments"
+    return Grid(title, head, tuple(rows), frozenset({2, 3}))
 
 
-def _learned(errors: tuple[Error, ...]) -> Figure:
-    """Errors in units of what was known beforehand: how far off, and how much was learned."""
+def _posteriors(errors: tuple[CalibrationEstimate, ...]) -> Figure:
+    """Estimates of calibration parameters in units of their prior 1-sigma."""
     shown = [e for e in errors if e.value is not None and e.deviation is not None and e.prior]
     names = [f"{e.instrument}, {e.name}" for e in shown]
     off = [((e.value or 0.0) - (e.expected or 0.0)) / (e.prior or 1.0) for e in shown]
@@ -121,7 +101,7 @@ def _learned(errors: tuple[Error, ...]) -> Figure:
         {
             "type": "scatter",
             "mode": "markers",
-            "name": "found, 1-sigma",
+            "name": "estimate, 1-sigma",
             "x": off,
             "y": names,
             "marker": {"size": 7},
@@ -129,7 +109,7 @@ def _learned(errors: tuple[Error, ...]) -> Figure:
         },
     )
     layout = {
-        "xaxis": {"title": {"text": "off by, in the 1-sigma known beforehand"}},
+        "xaxis": {"title": {"text": "estimate minus prior value, in prior 1-sigma"}},
         "yaxis": {"autorange": "reversed", "automargin": True, "type": "category"},
         "shapes": [
             {
@@ -147,14 +127,14 @@ def _learned(errors: tuple[Error, ...]) -> Figure:
         ],
         "showlegend": False,
     }
-    told = sum(1 for each in left if each < _LEARNED)
+    determined = sum(1 for each in left if each < _DETERMINED)
     text = (
-        f"{len(shown)} systematic errors in units of their 1-sigma known beforehand; {told} of them"
-        " were told by the data to less than half of it."
+        f"{len(shown)} calibration parameters in units of their prior 1-sigma; the data reduce that"
+        f" of {determined} to less than half."
     )
     return Figure(
         "learned",
-        "What was learned about the instruments (shaded: 1-sigma known beforehand)",
+        "Calibration parameters against their priors (shaded: prior 1-sigma)",
         text,
         data,
         layout,
@@ -163,6 +143,7 @@ def _learned(errors: tuple[Error, ...]) -> Figure:
 
 
 def _tests(summary: Summary) -> Grid:
+    """The directed tests that explain most."""
     rows = []
     for each in summary.evidence.tests:
         unit = shown_unit(each.unit, "error")
@@ -170,12 +151,12 @@ def _tests(summary: Summary) -> Grid:
             (each.name, f"{each.sigmas:+.1f}", f"{each.size * unit.factor:+.3g}", unit.name)
         )
     caption = (
-        "What the description might get wrong: the errors that would explain most of what is left"
-        " over (beyond 3 to 4 sigma the verdict names them)"
+        "Directed tests of the description: the single errors that would explain most of the"
+        " residuals (beyond 3 to 4 sigma the verdict names them)"
     )
     return Grid(
         caption,
-        ("error of", "sigma", "if so, it is off by", "unit"),
+        ("error of", "sigma", "its size then", "unit"),
         tuple(rows),
         frozenset({1, 2}),
     )

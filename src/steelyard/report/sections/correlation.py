@@ -7,20 +7,21 @@ import numpy as np
 from steelyard.digits import LABELS
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.document import Figure, Grid, Section, Statement, Statements
-from steelyard.report.evidence import Body
+from steelyard.report.evidence import EstimatedBody
 from steelyard.report.summary import Summary
 
 _STRONG = 0.8
+"""Correlations that are named in words: the two share two thirds of their variance."""
 
 
 def correlation(summary: Summary) -> Section | None:
-    """The section; None where less than two parameters are told."""
+    """The section; None where less than two parameters are identifiable."""
     names, matrix = _matrix(summary.best)
     if len(names) < 2:
         return None
     text = (
-        "Parameters that are told together: where the correlation is near 1 or -1, an error of one"
-        " comes with an error of the other."
+        "How the errors of the parameters are correlated: near 1 or -1, the data determine a"
+        " combination of two parameters better than each of them."
     )
     strong = [
         Statement(f"{a} and {b}: {matrix[i][j]:+.2f}", "note")
@@ -66,16 +67,16 @@ def correlation(summary: Summary) -> Section | None:
     )
 
 
-def _matrix(body: Body) -> tuple[list[str], np.ndarray]:
-    """Names of the parameters that are told with an uncertainty, and their correlations."""
+def _matrix(body: EstimatedBody) -> tuple[list[str], np.ndarray]:
+    """Names of the p parameters with an uncertainty, and their correlations, shape (p, p)."""
     covariance = np.array(
         [[np.nan if v is None else v for v in row] for row in body.covariance], dtype=np.float64
     )
-    told = np.flatnonzero(np.diag(covariance) > 0)
-    sigma = np.sqrt(np.diag(covariance)[told])
-    found = covariance[np.ix_(told, told)] / np.outer(sigma, sigma)
+    known = np.flatnonzero(np.diag(covariance) > 0)
+    sigma = np.sqrt(np.diag(covariance)[known])
+    found = covariance[np.ix_(known, known)] / np.outer(sigma, sigma)
     names = [
         BODY_PARAMETERS[i] if len(LABELS[i][0]) > len(BODY_PARAMETERS[i]) else LABELS[i][0]
-        for i in told
+        for i in known
     ]
     return names, np.round(np.clip(np.nan_to_num(found), -1.0, 1.0), 4)

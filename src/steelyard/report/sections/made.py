@@ -1,4 +1,4 @@
-"""How the result was made: versions, options, and which files were read."""
+"""Where the result comes from: versions, options, and the files that were read."""
 
 from __future__ import annotations
 
@@ -14,7 +14,5 @@ def made(summary: Summary) -> Section:
         blocks.append(Grid("Options", ("option", "value"), found.options))
     if found.inputs:
         rows = tuple((each.name, str(each.size), each.sha256) for each in found.inputs)
-        blocks.append(
-            Grid("Files that were read", ("file", "bytes", "SHA-256"), rows, frozenset({1}))
-        )
-    return Section("made", "How it was made", tuple(blocks))
+        blocks.append(Grid("Input files", ("file", "bytes", "SHA-256"), rows, frozenset({1})))
+    return Section("made", "Provenance", tuple(blocks))

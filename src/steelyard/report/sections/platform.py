@@ -4,33 +4,38 @@ the box of the same inertia.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from steelyard.arrays import Array
 from steelyard.inertia import Inertia
 from steelyard.report.document import (
     Block,
-    Course,
     Figure,
     Grid,
+    Replay,
     Scene,
     Section,
     Statement,
     Statements,
 )
-from steelyard.report.evidence import Body, Motion, Number, Shape
-from steelyard.report.sections.result import deviations_of
+from steelyard.report.evidence import EstimatedBody, MotionTrack, Shape
+from steelyard.report.robot_scene import edges_of, equal_scales, hull_edges, marks, robot_scene
+from steelyard.report.sections.shown import deviations_of
 from steelyard.report.summary import Summary
 
 _WITHIN = float(np.sqrt(7.815))
 """Of three normal variables: 95 % within an ellipsoid of so many 1-sigma."""
 _SEEN = 0.05
 """Part of the platform below which a region is drawn larger than it is."""
+_MOST_ENLARGED = 1000
+"""A region that is smaller still is a point."""
+_BEYOND_BOX = 1.15
+"""Length of the drawn axes over that of the box: their ends stand out."""
 _ROUND = 24
+"""Points of a circle that looks round."""
 _EDGES = (
     (0, 1),
     (0, 2),
@@ -45,6 +50,7 @@ _EDGES = (
     (5, 7),
     (6, 7),
 )
+"""Of a box, between corners counted in binary by the signs of x, y, z."""
 _BARE = 0.1
 """Radius of what is drawn where there are no cables, at least [m]."""
 
@@ -63,12 +69,12 @@ def platform(summary: Summary) -> Section | None:
     return Section("platform", "The platform", tuple(blocks)) if blocks else None
 
 
-def _centre(body: Body) -> Array | None:
+def _centre(body: EstimatedBody) -> Array | None:
     found = [value for value in body.value[1:4] if value is not None]
     return np.array(found) if len(found) == 3 else None
 
 
-def _whole(body: Body) -> Inertia | None:
+def _whole(body: EstimatedBody) -> Inertia | None:
     """The body, where all ten are known and it can exist."""
     known = [value for value in body.value if value is not None]
     if len(known) < len(body.value):
@@ -77,207 +83,72 @@ def _whole(body: Body) -> Inertia | None:
     return found if found.is_physical else None
 
 
-# The robot
-
-
-def robot_scene(shape: Shape, courses: Sequence[Course], centre: Array | None) -> Scene:
-    """A robot in 3-D with the motions of its platform.
-
-    Args:
-        shape: The robot.
-        courses: To replay; none: the platform stands at the origin.
-        centre: Of gravity, in the platform frame [m], shape (3,); None: not known.
-    """
-    anchors, attachments = np.array(shape.anchors), np.array(shape.attachments)
-    m = len(anchors)
-    data = [
-        _points("anchors", anchors, [False] * m, {"mode": "markers", "marker": {"size": 4}}),
-        _between("cables", anchors, attachments),
-        _points(
-            "platform",
-            *_broken(attachments, _hull(attachments), moves=True),
-            {"mode": "lines", "line": {"width": 4}},
-        ),
-    ]
-    if centre is not None:
-        mark = {"mode": "markers", "marker": {"size": 5, "symbol": "diamond"}}
-        data.append(_points("centre of gravity", centre[None], [True], mark))
-    if courses:
-        line = {"mode": "lines", "line": {"width": 2}, "opacity": 0.6}
-        data.append(
-            _points("path of the origin", courses[0].position, [False] * len(courses[0].time), line)
-        )
-    text = f"The {m} cables of robot {shape.name} from their anchors to the platform" + (
-        ", replayed over the motion." if courses else ", the platform at the origin."
-    )
-    title = f"Robot {shape.name}" + (" and its motion" if courses else "")
-    return Scene(Figure("robot", title, text, tuple(data), _cube(data), height=560), tuple(courses))
-
-
-def _course(motion: Motion) -> Course:
+def _course(motion: MotionTrack) -> Replay:
     name = f"{motion.run} (poses at rest)" if motion.static else motion.run
-    return Course(name, np.array(motion.time), np.array(motion.position), np.array(motion.rotation))
-
-
-def _cube(data: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Equal scales on all axes, seen from so far that everything is in the picture."""
-    points = np.concatenate([np.stack([each[axis] for axis in "xyz"], axis=1) for each in data])
-    extent = np.maximum(np.nanmax(points, axis=0) - np.nanmin(points, axis=0), 1e-3)
-    # Plotly scales the axes so that their product is one; a cube is seen well from 2.1.
-    away = float(np.clip(0.72 * np.linalg.norm(extent / np.prod(extent) ** (1 / 3)), 1.2, 4.0))
-    axes = {f"{axis}axis": {"title": {"text": f"{axis} [m]"}} for axis in "xyz"}
-    eye = {"x": round(away, 2), "y": round(-away, 2), "z": round(0.6 * away, 2)}
-    return {
-        "scene": {"aspectmode": "data", "camera": {"eye": eye}, **axes},
-        "legend": {"orientation": "h"},
-    }
-
-
-def _points(
-    name: str, points: Array, moves: Sequence[bool], further: dict[str, Any]
-) -> dict[str, Any]:
-    x, y, z = points.T
-    return {
-        "type": "scatter3d",
-        "name": name,
-        "x": x,
-        "y": y,
-        "z": z,
-        "meta": {"moves": list(moves)},
-        **further,
-    }
-
-
-def _between(name: str, anchors: Array, attachments: Array) -> dict[str, Any]:
-    """A line a cable: one end stays, the other moves."""
-    gap = np.full_like(anchors, np.nan)
-    points = np.stack([anchors, attachments, gap], axis=1).reshape(-1, 3)
-    return _points(
-        name, points, [False, True, False] * len(anchors), {"mode": "lines", "line": {"width": 2}}
-    )
-
-
-def _broken(
-    points: Array, edges: Sequence[tuple[int, int]], *, moves: bool
-) -> tuple[Array, list[bool]]:
-    """Edges as one line with gaps."""
-    gap = np.full(3, np.nan)
-    line = np.array([row for i, j in edges for row in (points[i], points[j], gap)]).reshape(-1, 3)
-    return line, [moves] * len(line)
-
-
-def _hull(points: Array) -> list[tuple[int, int]]:
-    """Edges of what the attachments span; of those in a plane all pairs of neighbours about their
-    middle.
-    """
-    try:
-        found = ConvexHull(points)
-    except (QhullError, ValueError):
-        about = points - points.mean(axis=0)
-        flat = (
-            about @ np.linalg.svd(about)[2][:2].T if len(points) > 1 else np.zeros((len(points), 2))
-        )
-        order = np.argsort(np.arctan2(flat[:, 1], flat[:, 0]), kind="stable")
-        return [(int(i), int(j)) for i, j in zip(order, np.roll(order, -1), strict=True)]
-    # A face that is no triangle is split into some, with an edge inside that is none of the body's.
-    edges: dict[tuple[int, int], list[Array]] = {}
-    for face, plane in zip(found.simplices, found.equations, strict=True):
-        for i, j in ((face[0], face[1]), (face[1], face[2]), (face[0], face[2])):
-            edges.setdefault((min(int(i), int(j)), max(int(i), int(j))), []).append(plane[:3])
-    return [
-        edge
-        for edge, normals in edges.items()
-        if len(normals) < 2 or not np.allclose(normals[0], normals[1], atol=1e-6)
-    ]
-
-
-# The body
+    return Replay(name, np.array(motion.time), np.array(motion.position), np.array(motion.rotation))
 
 
 def _body(summary: Summary, shape: Shape | None, centre: Array) -> Figure:
     """In the platform frame: what of the body is known."""
-    best, data = summary.best, list[dict[str, Any]]()
-    size = _BARE if shape is None else max(_BARE, float(np.abs(np.array(shape.attachments)).max()))
+    data: list[dict[str, Any]] = []
+    size = _BARE
     if shape is not None:
         attachments = np.array(shape.attachments)
-        data.append(
-            _points(
-                "attachments",
-                *_broken(attachments, _hull(attachments), moves=False),
-                {"mode": "lines", "line": {"width": 2}, "opacity": 0.6},
-            )
-        )
-    body = _whole(best)
+        size = max(_BARE, float(np.abs(attachments).max()))
+        style = {"line": {"width": 2}, "opacity": 0.6}
+        data.append(edges_of("attachments", attachments, hull_edges(attachments), style))
+    body = _whole(summary.best)
     if body is not None:
-        data.append(
-            _points("box of the same inertia", *_box(body), {"mode": "lines", "line": {"width": 4}})
-        )
-        data.append(
-            _points(
-                "principal axes",
-                *_principal(body),
-                {"mode": "lines", "line": {"width": 3, "dash": "dash"}},
-            )
-        )
-    data.append(
-        _points(
-            "centre of gravity",
-            centre[None],
-            [False],
-            {"mode": "markers", "marker": {"size": 5, "symbol": "diamond"}},
-        )
-    )
-    region = _region(best)
-    larger = 1
+        data += _box_and_axes(body)
+    data.append(marks("centre of gravity", centre[None], size=5, symbol="diamond"))
+    title = "The body in the platform frame"
+    region = _region(summary.best)
     if region is not None:
-        values, vectors = region
-        largest = float(_WITHIN * np.sqrt(values.max(initial=0.0)))
-        while largest * larger < _SEEN * size and larger < 1000 and largest > 0:
-            larger *= 10 if larger * 10 * largest < _SEEN * size * 4 else 2
-        name = "95 % region of the centre" + (
-            f", drawn {larger} times as large" if larger > 1 else ""
-        )
-        data.append(_ellipsoid(name, centre, vectors * np.sqrt(values) * _WITHIN * larger))
+        factor = _enlargement(float(np.linalg.norm(region, axis=0).max(initial=0.0)), size)
+        name = "95 % region of the centre"
+        if factor > 1:
+            name += f", drawn {factor} times as large"
+            title += f" (region of the centre {factor} times as large)"
+        data.append(_ellipsoid(name, centre, region * factor))
     for name, given in (("nominal", summary.nominal), ("truth", summary.truth)):
-        place = None if given is None else [v for v in given[1:4] if v is not None]
-        if place is not None and len(place) == 3:
-            data.append(
-                _points(
-                    f"centre of gravity, {name}",
-                    np.array([place]),
-                    [False],
-                    {"mode": "markers", "marker": {"size": 4, "symbol": "cross"}},
-                )
-            )
-    data.append(
-        _points(
-            "platform origin",
-            np.zeros((1, 3)),
-            [False],
-            {"mode": "markers", "marker": {"size": 4, "symbol": "circle-open"}},
-        )
-    )
+        place = [] if given is None else [v for v in given[1:4] if v is not None]
+        if len(place) == 3:
+            label = f"centre of gravity, {name}"
+            data.append(marks(label, np.array([place]), size=4, symbol="cross"))
+    data.append(marks("platform origin", np.zeros((1, 3)), size=4, symbol="circle-open"))
     text = "The centre of gravity in the platform frame with its 95 % region" + (
         ", the principal axes and a homogeneous box of the same mass and inertia."
         if body is not None
         else "; the inertia is not known well enough to draw a body."
     )
-    return Figure(
-        "body",
-        "The body in the platform frame"
-        + (f" (region of the centre {larger} times as large)" if larger > 1 else ""),
-        text,
-        tuple(data),
-        _cube(data),
-        height=520,
-    )
+    return Figure("body", title, text, tuple(data), equal_scales(data), height=520)
 
 
-def _box(body: Inertia) -> tuple[Array, list[bool]]:
-    """Edges of a homogeneous box of the same mass, centre and inertia."""
+def _enlargement(largest: float, size: float) -> int:
+    """By which round factor a region is drawn larger, so that it is seen.
+
+    Args:
+        largest: Its largest semi-axis [m].
+        size: Of the platform [m].
+    """
+    factor = 1
+    while 0 < largest * factor < _SEEN * size and factor < _MOST_ENLARGED:
+        factor *= 10 if largest * factor * 10 < _SEEN * size * 4 else 2
+    return factor
+
+
+def _box_and_axes(body: Inertia) -> list[dict[str, Any]]:
+    """A homogeneous box of the same mass, centre and inertia, and its axes."""
     half, axes = box_of(body)
     corners = np.array([[(i >> 2) & 1, (i >> 1) & 1, i & 1] for i in range(8)]) * 2.0 - 1.0
-    return _broken(body.center_of_gravity + (corners * half) @ axes.T, _EDGES, moves=False)
+    corners = body.center_of_gravity + (corners * half) @ axes.T
+    ends = (half * axes).T * _BEYOND_BOX
+    ends = body.center_of_gravity + np.concatenate([-ends, ends])
+    dashed = {"line": {"width": 3, "dash": "dash"}}
+    return [
+        edges_of("box of the same inertia", corners, _EDGES, {"line": {"width": 4}}),
+        edges_of("principal axes", ends, ((0, 3), (1, 4), (2, 5)), dashed),
+    ]
 
 
 def box_of(body: Inertia) -> tuple[Array, Array]:
@@ -290,37 +161,27 @@ def box_of(body: Inertia) -> tuple[Array, Array]:
     return np.sqrt(3 * np.maximum(second, 0.0) / body.mass), axes
 
 
-def _principal(body: Inertia) -> tuple[Array, list[bool]]:
-    half, axes = box_of(body)
-    ends = body.center_of_gravity + np.concatenate([-(half * axes).T, (half * axes).T]) * 1.15
-    return _broken(ends, ((0, 3), (1, 4), (2, 5)), moves=False)
-
-
-def _region(body: Body) -> tuple[Array, Array] | None:
-    """Variances of the centre of gravity along their axes [m^2], and these as columns."""
-    block = [[row[j] for j in range(1, 4)] for row in body.covariance[1:4]]
+def _region(body: EstimatedBody) -> Array | None:
+    """Semi-axes of the 95 % region of the centre of gravity [m], columns of shape (3, 3); None
+    where its covariance is not known.
+    """
+    block = [row[1:4] for row in body.covariance[1:4]]
     if any(v is None for row in block for v in row):
         return None
     values, vectors = np.linalg.eigh(np.array(block, dtype=np.float64))
-    return np.maximum(values, 0.0), vectors
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) * _WITHIN)
 
 
 def _ellipsoid(name: str, centre: Array, axes: Array) -> dict[str, Any]:
-    """A surface of triangles."""
-    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, _ROUND), np.linspace(0, np.pi, _ROUND // 2))
-    sphere = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1).reshape(
-        -1, 3
-    )
-    x, y, z = (centre + sphere @ axes.T).T
+    """A surface of triangles; axes are columns, shape (3, 3)."""
     n, rows = _ROUND, _ROUND // 2
-    corners = np.array(
-        [
-            [r * n + c, r * n + c + 1, (r + 1) * n + c, (r + 1) * n + c + 1]
-            for r in range(rows - 1)
-            for c in range(n - 1)
-        ]
-    )
-    faces = np.concatenate([corners[:, [0, 1, 2]], corners[:, [1, 3, 2]]])
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, n), np.linspace(0, np.pi, rows))
+    sphere = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
+    x, y, z = (centre + sphere.reshape(-1, 3) @ axes.T).T
+    first = (np.arange(rows - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    upper = np.stack([first, first + 1, first + n], axis=1)
+    lower = np.stack([first + 1, first + n + 1, first + n], axis=1)
+    faces = np.concatenate([upper, lower])
     return {
         "type": "mesh3d",
         "name": name,
@@ -337,47 +198,40 @@ def _ellipsoid(name: str, centre: Array, axes: Array) -> dict[str, Any]:
     }
 
 
-def _numbers(best: Body) -> Iterator[Block]:
+def _numbers(best: EstimatedBody) -> Iterator[Block]:
+    """Principal axes as a table, and how well the mass is known."""
     body = _whole(best)
-    if body is None:
-        if all(value is not None for value in best.value):
-            yield Statements(
-                (Statement("No body has these ten parameters together, so none is drawn.", "bad"),)
+    if body is not None:
+        yield _principal_axes(body)
+        sigma = deviations_of(best)[0]
+        if sigma is not None:
+            text = (
+                f"The mass is known to {100 * sigma / body.mass:.2g} %. The box is homogeneous, a"
+                " picture of the inertia, not of the platform."
             )
-        return
+            yield Statements((Statement(text),))
+    elif all(value is not None for value in best.value):
+        text = "No body has these ten parameters together, so none is drawn."
+        yield Statements((Statement(text, "bad"),))
+
+
+def _principal_axes(body: Inertia) -> Grid:
+    """Principal moments, their axes, and the box of the same inertia."""
     half, axes = box_of(body)
     rows = []
     for k, moment in enumerate(body.principal_moments):
-        axis = axes[:, k] * (np.sign(axes[np.argmax(np.abs(axes[:, k])), k]) or 1.0)
-        rows.append(
-            (
-                f"axis {k + 1}",
-                f"{moment:.4g}",
-                f"({axis[0]:.3f}, {axis[1]:.3f}, {axis[2]:.3f})",
-                f"{2 * half[k]:.3f}",
-                f"{np.sqrt(moment / body.mass):.3f}",
-            )
-        )
-    yield Grid(
-        "Principal axes",
-        (
-            "",
-            "moment [kg m²]",
-            "direction in the platform frame",
-            "edge of the box [m]",
-            "radius of gyration [m]",
-        ),
-        tuple(rows),
-        frozenset({1, 3, 4}),
+        axis = axes[:, k]
+        # The largest component is positive.
+        axis = axis * (np.sign(axis[np.argmax(np.abs(axis))]) or 1.0)
+        direction = ", ".join(f"{component:.3f}" for component in axis)
+        radius = np.sqrt(moment / body.mass)
+        cells = (f"{moment:.4g}", f"({direction})", f"{2 * half[k]:.3f}", f"{radius:.3f}")
+        rows.append((f"axis {k + 1}", *cells))
+    head = (
+        "",
+        "moment [kg m²]",
+        "direction in the platform frame",
+        "edge of the box [m]",
+        "radius of gyration [m]",
     )
-    sigma: list[Number] = deviations_of(best)
-    share = sigma[0] / best.value[0] if sigma[0] is not None and best.value[0] else None
-    if share is not None:
-        yield Statements(
-            (
-                Statement(
-                    f"The mass is known to {100 * share:.2g} %. The box is homogeneous, a picture"
-                    " of the inertia, not of the platform."
-                ),
-            )
-        )
+    return Grid("Principal axes", head, tuple(rows), frozenset({1, 3, 4}))

@@ -4,23 +4,16 @@ intervals.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator
 
 from steelyard.digits import LABELS, number
-from steelyard.report.document import Figure, Grid, Section, Statement, Statements, Tone
-from steelyard.report.evidence import Body, Number
-from steelyard.report.sections.shown import line_colour
-from steelyard.report.summary import Summary, Table, cell
+from steelyard.report.document import Block, Grid, Section, Statement, Statements, Tone
+from steelyard.report.evidence import EstimatedBody, Number
+from steelyard.report.parameter_grid import ParameterTexts, parameter_grid
+from steelyard.report.sections.intervals import intervals
+from steelyard.report.sections.shown import deviations_of, scaled
+from steelyard.report.summary import ParameterTable, Summary
 
-COVERED = 1.96
-"""Of a normal distribution: 95 % within so many 1-sigma."""
-_WIDEST = 8.0
-"""Intervals of other methods are shown up to so many times the best one; wider ones run out of the
-picture."""
-_ROW, _ENTRY = 118, 18
-"""Height of a row of panels, and of an entry of the legend, which has a line of its own where the
-window is narrow [px]."""
 _PARTS = (
     ("mass", slice(0, 1)),
     ("centre of gravity", slice(1, 4)),
@@ -40,231 +33,86 @@ def lead(summary: Summary) -> Statement:
     return Statement(f"{known[:1].upper()}{known[1:]} (1-sigma), by {best.name}: accepted.", "good")
 
 
-def _said(body: Body, name: str, place: slice) -> str:
+def _said(body: EstimatedBody, name: str, place: slice) -> str:
+    """Parameters of one kind with their 1-sigma."""
+    _, unit, factor = LABELS[place.start]
     values, deviations = body.value[place], deviations_of(body)[place]
-    unit, factor = LABELS[place.start][1:]
     if all(value is None for value in values):
-        return f"{name} not told"
-    texts = [
-        number(scaled(v, factor), scaled(d, factor)) if v is not None else "not told"
-        for v, d in zip(values, deviations, strict=True)
-    ]
+        return f"{name} not identifiable"
+    texts = []
+    for value, deviation in zip(values, deviations, strict=True):
+        shown = number(scaled(value, factor), scaled(deviation, factor))
+        texts.append("not identifiable" if value is None else shown)
     return f"{name} {texts[0]} {unit}" if len(texts) == 1 else f"{name} ({', '.join(texts)}) {unit}"
-
-
-def deviations_of(body: Body) -> list[Number]:
-    """1-sigma of the ten."""
-    return [
-        None if row[i] is None else max(row[i] or 0.0, 0.0) ** 0.5
-        for i, row in enumerate(body.covariance)
-    ]
-
-
-def scaled(value: Number, factor: float) -> Number:
-    """A number in another unit."""
-    return None if value is None else value * factor
 
 
 def result(summary: Summary) -> Section:
     """The section."""
-    best = summary.best
-    blocks: list[Any] = [Statements(tuple(_verdicts(summary)))]
-    blocks.append(grid_of(summary.table))
+    blocks: list[Block] = [Statements(tuple(_verdicts(summary))), grid_of(summary.table)]
     if any(value is not None for body in summary.bodies for value in body.value):
-        blocks.append(_intervals(summary))
-    untold = [
-        label for label, each in zip(LABELS, best.labels, strict=True) if each == "unidentifiable"
-    ]
-    prior = [label[0] for label, each in zip(LABELS, best.labels, strict=True) if each == "prior"]
-    remarks = []
-    if untold:
-        names = ", ".join(label[0] for label in untold)
-        remarks.append(
-            Statement(
-                f"Not told by these data, and therefore left out: {names}. Other motion would tell"
-                " them: see 'steelyard design'.",
-                "note",
-            )
-        )
-    if prior:
-        remarks.append(
-            Statement(
-                f"Told by what was known beforehand rather than by the data: {', '.join(prior)}.",
-                "note",
-            )
-        )
+        blocks.append(intervals(summary))
+    remarks = tuple(_remarks(summary.best))
     if remarks:
-        blocks.append(Statements(tuple(remarks)))
+        blocks.append(Statements(remarks))
     blocks += [grid_of(table) for table in summary.runs]
     return Section("result", "Result", tuple(blocks))
 
 
-def _verdicts(summary: Summary) -> Iterator[Statement]:
-    for text in summary.statements:
-        tone: Tone = (
-            "bad" if ": not accepted" in text else "good" if text.endswith(": accepted") else "note"
+def _remarks(best: EstimatedBody) -> Iterator[Statement]:
+    """Parameters that the data did not determine."""
+    unidentifiable = _labelled(best, "unidentifiable")
+    if unidentifiable:
+        yield Statement(
+            "Not identifiable from these data, and therefore left out:"
+            f" {', '.join(unidentifiable)}. Another motion would excite them: see 'steelyard"
+            " design'.",
+            "note",
         )
+    prior = _labelled(best, "prior")
+    if prior:
+        text = f"Determined by prior knowledge rather than by the data: {', '.join(prior)}."
+        yield Statement(text, "note")
+
+
+def _labelled(body: EstimatedBody, label: str) -> list[str]:
+    """Names of the parameters that were determined in one way."""
+    return [name for (name, *_), each in zip(LABELS, body.labels, strict=True) if each == label]
+
+
+def _verdicts(summary: Summary) -> Iterator[Statement]:
+    """Verdicts and remarks with the tone that they are meant in."""
+    for text in summary.statements:
+        tone: Tone = "note"
+        if ": not accepted" in text:
+            tone = "bad"
+        elif text.endswith(": accepted"):
+            tone = "good"
         yield Statement(text, tone)
 
 
-def grid_of(table: Table) -> Grid:
+def grid_of(table: ParameterTable) -> Grid:
     """A table of ten parameters, with the difference from the truth where that is known."""
-    head, rows = ["parameter", "unit"], [[label, unit] for label, unit, _ in LABELS]
+    columns = []
     for column in table.columns:
-        head.append(f"{column.heading} ± 1-sigma" if column.deviations else column.heading)
-        for row, cells in enumerate(rows):
-            cells.append(cell(column, row))
+        deviations = column.deviations
+        if deviations is None:
+            columns.append(ParameterTexts(column.heading, [_given(v) for v in column.values]))
+        else:
+            pairs = zip(column.values, deviations, strict=True)
+            texts = [number(value, deviation) for value, deviation in pairs]
+            columns.append(ParameterTexts(f"{column.heading} ± 1-sigma", texts))
         if column.errors is not None:
-            head.append("error")
-            for row, cells in enumerate(rows):
-                deviation = column.deviations[row] if column.deviations else None
-                cells.append(number(column.errors[row], deviation, sign=True).split(" ± ")[0])
-    return Grid(
-        table.title,
-        tuple(head),
-        tuple(tuple(cells) for cells in rows),
-        frozenset(range(2, len(head))),
-    )
+            errors = zip(column.errors, deviations or (None,) * len(LABELS), strict=True)
+            texts = [_error(error, deviation) for error, deviation in errors]
+            columns.append(ParameterTexts("error", texts, secondary=True))
+    return parameter_grid(table.title, columns)
 
 
-def _intervals(summary: Summary) -> Figure:
-    """Ten panels, a method a row: 95 % intervals against nominal, truth and what could be known at
-    best.
-    """
-    data: list[dict[str, Any]] = []
-    layout: dict[str, Any] = {
-        "annotations": [],
-        "legend": {"orientation": "h", "y": 1.06, "yanchor": "bottom"},
-    }
-    bodies = [body for body in summary.bodies if any(v is not None for v in body.value)]
-    most = len(bodies) + (summary.attainable is not None)
-    rows = 5
-    for i, (label, unit, factor) in enumerate(LABELS):
-        suffix = "" if i == 0 else str(i + 1)
-        column, row = i // rows, i % rows
-        top = 1 - row / rows
-        told = any(body.value[i] is not None for body in bodies)
-        layout[f"xaxis{suffix}"] = {
-            "visible": told,
-            "domain": [0.54 * column, 0.46 + 0.54 * column],
-            "anchor": f"y{suffix}",
-            "nticks": 5,
-            "range": _range(summary, bodies, i, factor),
-        }
-        layout[f"yaxis{suffix}"] = {
-            "domain": [top - 0.125, top - 0.02],
-            "anchor": f"x{suffix}",
-            "range": [-0.7, most - 0.3],
-            "showticklabels": False,
-            "visible": told,
-            "zeroline": False,
-            "showgrid": False,
-        }
-        layout["annotations"].append(
-            {
-                "text": f"{label} [{unit}]" if told else f"{label}: not told",
-                "x": 0.54 * column,
-                "y": top - 0.02,
-                "xref": "paper",
-                "yref": "paper",
-                "showarrow": False,
-                "xanchor": "left",
-                "yanchor": "bottom",
-            }
-        )
-        for j, body in enumerate(bodies):
-            value, deviation = scaled(body.value[i], factor), scaled(deviations_of(body)[i], factor)
-            data.append(
-                _interval(
-                    body.name, line_colour(j), value, deviation, most - 1 - j, suffix, first=i == 0
-                )
-            )
-        if summary.attainable is not None:
-            best = scaled(summary.best.value[i], factor)
-            at_best = scaled(summary.attainable[i], factor) if best is not None else None
-            data.append(
-                _interval(
-                    "smallest possible", "var(--muted)", best, at_best, 0, suffix, first=i == 0
-                )
-            )
-        for name, given, dash in (
-            ("nominal", summary.nominal, "dot"),
-            ("truth", summary.truth, "solid"),
-        ):
-            if given is not None:
-                data.append(_line(name, scaled(given[i], factor), most, dash, suffix, first=i == 0))
-    text = (
-        "95 % intervals of the ten parameters by every method, against nominal, truth and the"
-        " smallest possible where known; lines that run out of the picture are wider. The numbers"
-        " are in the table above."
-    )
-    return Figure(
-        "intervals",
-        "The ten parameters with their 95 % intervals",
-        text,
-        tuple(data),
-        layout,
-        height=_ROW * rows + 90 + _ENTRY * (most + 2),
-    )
+def _given(value: Number) -> str:
+    return "-" if value is None else f"{value:.6g}"
 
 
-def _range(summary: Summary, bodies: Sequence[Body], i: int, factor: float) -> list[float] | None:
-    """What a panel shows: the best interval well, others as far as that allows; None: all there
-    is.
-    """
-    centre, sigma = summary.best.value[i], deviations_of(summary.best)[i]
-    if centre is None or not sigma:
-        return None
-    given = [ten[i] for ten in (summary.nominal, summary.truth) if ten is not None]
-    known = [abs(value - centre) for value in given if value is not None]
-    others = [
-        abs(value - centre) + COVERED * (deviations_of(body)[i] or 0.0)
-        for body in bodies
-        if (value := body.value[i]) is not None
-    ]
-    best = COVERED * sigma
-    reach = 1.1 * max(1.5 * best, *known, min(max(others), _WIDEST * best))
-    return [(centre - reach) * factor, (centre + reach) * factor]
-
-
-def _interval(
-    name: str, colour: str, value: Number, deviation: Number, y: float, suffix: str, *, first: bool
-) -> dict[str, Any]:
-    shown = [] if value is None else [value]
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": name,
-        "legendgroup": name,
-        "showlegend": first,
-        "x": shown or [None],
-        "y": [y],
-        "xaxis": f"x{suffix}",
-        "yaxis": f"y{suffix}",
-        "marker": {"size": 8, "color": colour},
-        "error_x": {
-            "type": "data",
-            "array": [COVERED * (deviation or 0.0)],
-            "thickness": 2,
-            "width": 5,
-            "color": colour,
-        },
-    }
-
-
-def _line(
-    name: str, value: Number, most: int, dash: str, suffix: str, *, first: bool
-) -> dict[str, Any]:
-    x: Sequence[Number] = [value, value]
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": name,
-        "legendgroup": name,
-        "showlegend": first,
-        "x": x,
-        "y": [-0.6, most - 0.4],
-        "xaxis": f"x{suffix}",
-        "yaxis": f"y{suffix}",
-        "line": {"dash": dash, "width": 1.5, "color": "var(--ink)"},
-    }
+def _error(value: Number, deviation: Number) -> str:
+    """A difference from the truth with the digits that its 1-sigma leaves."""
+    text, _, _ = number(value, deviation, sign=True).partition(" ± ")
+    return text

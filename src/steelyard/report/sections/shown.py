@@ -6,6 +6,8 @@ import hashlib
 import math
 from typing import NamedTuple
 
+from steelyard.report.evidence import EstimatedBody, Number
+
 
 class Unit(NamedTuple):
     """In which a quantity is shown."""
@@ -32,6 +34,19 @@ def shown_unit(unit: str, quantity: str = "") -> Unit:
     if unit == "s" and quantity == "error":
         return Unit("ms", 1e3)
     return Unit(_NAMES.get(unit, unit), 1.0)
+
+
+def scaled(value: Number, factor: float) -> Number:
+    """A number in another unit."""
+    return None if value is None else value * factor
+
+
+def deviations_of(body: EstimatedBody) -> list[Number]:
+    """1-sigma of the ten."""
+    return [
+        None if row[i] is None else max(row[i] or 0.0, 0.0) ** 0.5
+        for i, row in enumerate(body.covariance)
+    ]
 
 
 def words(name: str) -> str:

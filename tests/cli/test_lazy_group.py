@@ -1,0 +1,45 @@
+"""The group of verbs: each is imported when it is asked for."""
+
+import subprocess
+import sys
+
+import click
+import pytest
+
+from steelyard.cli import app
+
+TOP = click.Context(app)
+
+
+@pytest.mark.parametrize("verb", app.list_commands(TOP))
+def test_every_verb_is_a_command_of_its_name(verb):
+    command = app.get_command(TOP, verb)
+    assert command.name == verb
+    assert command.help
+
+
+def test_verbs_stand_in_the_order_of_the_alphabet():
+    verbs = app.list_commands(TOP)
+    assert verbs == sorted(verbs)
+    assert len(verbs) == 13
+
+
+def test_an_unknown_verb_is_none():
+    assert app.get_command(TOP, "weigh") is None
+
+
+ONE = """
+import sys
+from steelyard.cli import app
+assert not [name for name in sys.modules if name.startswith("steelyard.cli.robots")]
+app.main(["robots", "--help"], standalone_mode=False)
+loaded = {name for name in sys.modules if name.startswith("steelyard.cli.")}
+sys.exit(0 if "steelyard.cli.robots" in loaded and "steelyard.cli.design" not in loaded else 1)
+"""
+
+
+def test_a_verb_is_imported_when_it_is_asked_for():
+    ended = subprocess.run(
+        [sys.executable, "-c", ONE], capture_output=True, timeout=600, check=False
+    )
+    assert (ended.returncode, ended.stderr) == (0, b"")
