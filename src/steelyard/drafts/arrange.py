@@ -15,7 +15,6 @@ import numpy as np
 
 from steelyard.drafts.clocks import one_clock
 from steelyard.drafts.survey import Found, Unused, name_of
-from steelyard.drafts.topics import TREES
 from steelyard.drafts.words import INSTRUMENTS, words_of
 from steelyard.logs.formats import ending_of
 
@@ -33,6 +32,8 @@ _NAMES = {
 }
 _ONCE = frozenset({"tension", "wrench", "length", "command"})
 """Kinds that a run has but one stream of."""
+_GROUPED = (".h5", ".hdf5", ".mat", ".tdms")
+"""Endings of logs that hold groups of arrays."""
 _EPOCH = 1e8  # [s]
 _FEWEST = 10
 """Samples that a stream in motion has."""
@@ -119,7 +120,7 @@ def _key(found: Found) -> tuple[Path, str]:
     )
     kept = re.sub(r"([_\-. ])[_\-. ]+", r"\1", kept)
     group = found.place.topic
-    if group and ending_of(path) in TREES and not INSTRUMENTS.issuperset(words_of(group)):
+    if group and ending_of(path) in _GROUPED and not INSTRUMENTS.issuperset(words_of(group)):
         # Of a file of arrays that holds several recordings, each group is one.
         kept = f"{kept}-{group}".strip("-")
     numbered = re.fullmatch(r"([a-z]+)(\d+)", kept.lower())

@@ -13,9 +13,8 @@ from steelyard.drafts.arrange import DraftRun, Group, groups_of, runs_of
 from steelyard.drafts.clocks import one_clock
 from steelyard.drafts.compare import compared
 from steelyard.drafts.survey import Found, Unused, hints_of, name_of, streams_in
-from steelyard.drafts.topics import topics_of
 from steelyard.errors import InputError
-from steelyard.logs.formats import FORMATS, ending_of
+from steelyard.logs.formats import FORMATS, ending_of, topics
 from steelyard.robot.model import Robot
 
 _OF_THE_DEVICE = {"acts_on", "gravity", "rpy_deg"}
@@ -117,17 +116,18 @@ def _is_bag(path: Path) -> bool:
 
 
 def _look(path: Path, robot: Robot) -> tuple[list[Found], list[Unused]]:
+    """Streams of all topics of a log, and what in it no instrument has."""
     try:
         str(path).encode()
     except UnicodeEncodeError:
         return [], [Unused(f"{path}", "its name is no text that a file could say; rename it")]
     try:
-        topics = topics_of(path)
+        choices: Sequence[str | None] = topics(path) or [None]
     except InputError as error:
         return [], [Unused(f"{path}", str(error))]
     found: list[Found] = []
     unused: list[Unused] = []
-    for topic in topics:
+    for topic in choices:
         streams, left = streams_in(path, topic, robot, hints_of(path, topic))
         found += streams
         unused += left
