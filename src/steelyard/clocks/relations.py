@@ -27,6 +27,7 @@ from steelyard.clocks.clock_signals import (
     ClockSignals,
     Signal,
 )
+from steelyard.rotations import cross_matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,14 +213,8 @@ def _levers(of: ClockSignals, time: Array) -> Array:
     derivative.
     """
     R, omega, alpha = of.turning(time)
-    W = _cross(omega)
-    return np.hstack([_flat(R), _flat(R @ (_cross(alpha) + W @ W))])
-
-
-def _cross(v: Array) -> Array:
-    zero = np.zeros(len(v))
-    x, y, z = v.T
-    return np.asarray(np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1)).reshape(-1, 3, 3)
+    W = cross_matrices(omega)
+    return np.hstack([_flat(R), _flat(R @ (cross_matrices(alpha) + W @ W))])
 
 
 def _squares(v: Array) -> Array:
