@@ -18,10 +18,11 @@ from steelyard.identification.model.calibration_parameters import Calibration, c
 from steelyard.identification.model.force_residuals import Forces
 from steelyard.identification.model.knot_spacing import Channelled, best_spacing
 from steelyard.identification.model.motion_residuals import PARTS, Reading, Segment, jerk_matrices
-from steelyard.identification.model.preparation import Samples, quaternions_of
+from steelyard.identification.model.preparation import Samples
 from steelyard.identification.model.segment import motion_at
 from steelyard.identification.model.smoothness import LOOSER
 from steelyard.instruments import Command, Length
+from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, Samples1D, fit, knots
 
 _LEAST_NOISE = 1e-4
