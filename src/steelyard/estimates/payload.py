@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, complex_step_jacobian
 from steelyard.estimates.comparison import (
     BOUND_NOTE,
     INDEPENDENT_NOTE,
@@ -20,8 +20,6 @@ from steelyard.estimates.comparison import (
 from steelyard.estimates.estimate import Estimate, judge
 from steelyard.estimates.estimate_file import NamedEstimate
 from steelyard.inertia import BODY_PARAMETERS, symmetric
-
-_STEP = 1e-200
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +143,7 @@ def _difference_body(a: Estimate, b: Estimate) -> tuple[Array, Array]:
     spread = np.zeros((20, 20))
     spread[:10, :10], spread[10:, 10:] = a.covariance, b.covariance
     value = body(both)
-    jacobian = np.column_stack([body(both + 1j * _STEP * e).imag / _STEP for e in np.eye(20)])
+    jacobian = complex_step_jacobian(body, both)
     told = np.isfinite(value)
     value[~told] = np.nan
     jacobian[~told] = 0.0
