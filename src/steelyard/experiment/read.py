@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.experiment.faults import without_stuck
 from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, PlanForm, RunForm
 from steelyard.experiment.model import Experiment, Fault, Run, is_force, is_motion
 from steelyard.experiment.streams import Place, first_time, needed_columns, read_stream
+from steelyard.experiment.stuck import without_stuck
 from steelyard.instruments import Instrument
 from steelyard.logs.log import NoRowsError
 from steelyard.robot.file import read_robot
