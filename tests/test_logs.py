@@ -30,7 +30,7 @@ from steelyard.errors import InputError
 from steelyard.logs import hdf5, matlab, mcap, npz, ros1_bag, ros2_bag, ros_bag, tdms
 from steelyard.logs.formats import open_log, topics
 from steelyard.logs.log import Part
-from steelyard.logs.messages import Interval, Message, Piece, in_time_order
+from steelyard.logs.messages import FileSection, Interval, Message, in_time_order
 from steelyard.logs.ros_message import cdr_decoder, ros1_decoder
 from steelyard.logs.ros_types import types_of
 
@@ -248,7 +248,7 @@ def test_pieces_that_do_not_overlap_are_read_one_by_one():
             reading.append(start)
             return [Message(start + i, None, 0, b"") for i in range(10)]
 
-        return Piece(Interval(start, start + 9), read)
+        return FileSection(Interval(start, start + 9), read)
 
     messages = in_time_order(piece(start) for start in (20, 0, 10))
     assert next(messages).received == 0

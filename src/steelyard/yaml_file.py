@@ -39,7 +39,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 @dataclass(frozen=True)
-class Document:
+class YamlDocument:
     """A YAML file as plain values, with the lines they came from."""
 
     path: Path
@@ -60,7 +60,7 @@ class Document:
         return InputError(f"{self.where(key)}: {message}")
 
 
-def read_yaml(path: Path, what: str = "YAML") -> Document:
+def read_yaml(path: Path, what: str = "YAML") -> YamlDocument:
     """Read a YAML 1.2 file. JSON is YAML too, in which a comma may also stand behind the last item.
 
     Args:
@@ -108,7 +108,7 @@ def read_yaml(path: Path, what: str = "YAML") -> Document:
         raise InputError(
             f"{path}: expected text, found half a character (a lone surrogate); remove it"
         ) from None
-    return Document(path, data, lines)
+    return YamlDocument(path, data, lines)
 
 
 def _depth(text: str) -> int:
@@ -227,7 +227,7 @@ def _text(node: Any) -> str:
 
 
 def validate(
-    model: type[Model], document: Document, data: Any = None, key: tuple[str | int, ...] = ()
+    model: type[Model], document: YamlDocument, data: Any = None, key: tuple[str | int, ...] = ()
 ) -> Model:
     """Check plain values against a model.
 
@@ -265,7 +265,7 @@ def validate(
         raise document.error(path, _sentence(first, path, known) + more) from None
 
 
-def _check_sizes(document: Document, value: Any, key: tuple[str | int, ...]) -> None:
+def _check_sizes(document: YamlDocument, value: Any, key: tuple[str | int, ...]) -> None:
     """Refuse numbers that no quantity has, and whose squares would overflow."""
     if isinstance(value, dict | list):
         for part, entry in value.items() if isinstance(value, dict) else enumerate(value):

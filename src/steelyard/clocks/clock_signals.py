@@ -64,7 +64,7 @@ class Signal:
 
 
 @dataclass(frozen=True, eq=False)
-class Clock:
+class LogClock:
     """The streams of one clock."""
 
     instruments: tuple[str, ...]
@@ -81,7 +81,7 @@ class Clock:
         )
 
 
-def clocks_of(experiment: Experiment, run: Run) -> tuple[Clock, ...]:
+def clocks_of(experiment: Experiment, run: Run) -> tuple[LogClock, ...]:
     """The clocks of a run, that of the forces first."""
     groups: dict[str, list[str]] = {}
     for name, stream in run.streams.items():
@@ -95,7 +95,7 @@ def clocks_of(experiment: Experiment, run: Run) -> tuple[Clock, ...]:
 
 def _clock(
     experiment: Experiment, run: Run, names: tuple[str, ...], reference: str | None
-) -> Clock:
+) -> LogClock:
     signals: dict[str, Signal] = {}
     # A command is not where the platform is; what has been measured goes first.
     for name in sorted(names, key=lambda n: isinstance(experiment.instruments[n], Command)):
@@ -119,7 +119,7 @@ def _clock(
                     signals[kind] = Signal(there.time, np.hstack([there.values, samples.values]))
             elif there is None or samples.step < 0.5 * there.step:
                 signals[kind] = samples
-    return Clock(names, signals, reference in names)
+    return LogClock(names, signals, reference in names)
 
 
 _FEWEST = 10
@@ -173,7 +173,7 @@ def smooth(signal: Signal, start: float, end: float) -> Smooth:
 class ClockSignals:
     """Smooth functions of what a clock tells, over an interval of its time."""
 
-    def __init__(self, clock: Clock, start: float, end: float) -> None:
+    def __init__(self, clock: LogClock, start: float, end: float) -> None:
         self.clock, self.start, self.end = clock, start, end
         self._smooth: dict[str, Smooth] = {}
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.clocks.clock_signals import Clock
+from steelyard.clocks.clock_signals import LogClock
 from steelyard.clocks.search import Candidate, candidates
 from steelyard.clocks.shift import Shift, refined
 
@@ -83,7 +83,7 @@ class Link:
         return self.found[0].gain if self.found else 0.0
 
 
-def joined(clocks: Sequence[Clock]) -> list[Offset]:
+def joined(clocks: Sequence[LogClock]) -> list[Offset]:
     """Offsets of clocks against the first one, by the pairs that share most.
 
     Args:
@@ -110,7 +110,7 @@ def joined(clocks: Sequence[Clock]) -> list[Offset]:
     return [known[i] for i in range(len(clocks))]
 
 
-def _beyond(old: Offset, step: Offset, clock: Clock, sign: int) -> Offset:
+def _beyond(old: Offset, step: Offset, clock: LogClock, sign: int) -> Offset:
     return Offset(
         clock.instruments,
         old.value + sign * step.value,
@@ -122,7 +122,7 @@ def _beyond(old: Offset, step: Offset, clock: Clock, sign: int) -> Offset:
     )
 
 
-def _measured(clocks: Sequence[Clock], link: Link) -> Offset:
+def _measured(clocks: Sequence[LogClock], link: Link) -> Offset:
     """Offset of the second clock of a link against the first one."""
     first, second = clocks[link.first], clocks[link.second]
     names = f"{' and '.join(first.instruments)} against {' and '.join(second.instruments)}"
@@ -170,7 +170,7 @@ def _measured(clocks: Sequence[Clock], link: Link) -> Offset:
     return Offset(second.instruments, best.value, best.sigma, told, reason, drift, deviation)
 
 
-def _overall(first: Clock, second: Clock, guess: float) -> Shift | None:
+def _overall(first: LogClock, second: LogClock, guess: float) -> Shift | None:
     """Shift over the recording, or its liveliest part."""
     start, end = _common(first, second, guess)
     if end - start <= 1.5 * _PART:
@@ -178,13 +178,13 @@ def _overall(first: Clock, second: Clock, guess: float) -> Shift | None:
     return refined(first, second, guess, around=liveliest(first, start, end))
 
 
-def _common(first: Clock, second: Clock, shift: float) -> tuple[float, float]:
+def _common(first: LogClock, second: LogClock, shift: float) -> tuple[float, float]:
     """Part of the first clock's time that the second one was running too."""
     a, b = first.span, second.span
     return max(a[0], b[0] - shift), min(a[1], b[1] - shift)
 
 
-def liveliest(clock: Clock, start: float, end: float) -> tuple[float, float]:
+def liveliest(clock: LogClock, start: float, end: float) -> tuple[float, float]:
     """Part of an interval in which a clock sees most change."""
     signal = next(iter(clock.signals.values())).between(start, end)
     scaled = signal.values / np.maximum(signal.values.std(axis=0), 1e-300)
@@ -201,7 +201,7 @@ def liveliest(clock: Clock, start: float, end: float) -> tuple[float, float]:
     return begin, min(end, begin + _PART)
 
 
-def _drift(first: Clock, second: Clock, overall: Shift) -> tuple[float, float]:
+def _drift(first: LogClock, second: LogClock, overall: Shift) -> tuple[float, float]:
     """By how much the second clock runs faster than the first one, with its 1-sigma; 0 where none
     shows.
     """

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
 from steelyard.arrays import Array
-from steelyard.clocks.clock_signals import Clock, ClockSignals, Signal
+from steelyard.clocks.clock_signals import ClockSignals, LogClock, Signal
 from steelyard.clocks.relations import relations
 
 _STEP = 0.04
@@ -44,7 +44,7 @@ class Candidate:
     """Log likelihood against clocks that have nothing to do with each other."""
 
 
-def candidates(first: Clock, second: Clock, most: int) -> list[Candidate]:
+def candidates(first: LogClock, second: LogClock, most: int) -> list[Candidate]:
     """The likeliest shifts between two clocks, best first.
 
     Args:
@@ -96,13 +96,13 @@ def candidates(first: Clock, second: Clock, most: int) -> list[Candidate]:
     return found
 
 
-def _bounds(clock: Clock) -> tuple[float, float]:
+def _bounds(clock: LogClock) -> tuple[float, float]:
     return min(s.time[0] for s in clock.signals.values()), max(
         s.time[-1] for s in clock.signals.values()
     )
 
 
-def _thinned(clock: Clock, step: float) -> Clock:
+def _thinned(clock: LogClock, step: float) -> LogClock:
     """Means over the bins of a grid."""
     start = _bounds(clock)[0]
     signals = {}
@@ -115,7 +115,7 @@ def _thinned(clock: Clock, step: float) -> Clock:
         counts = np.diff(np.append(first, len(bins)))
         values = np.add.reduceat(signal.values, first, axis=0) / counts[:, None]
         signals[kind] = Signal(np.add.reduceat(signal.time, first) / counts, values)
-    return Clock(
+    return LogClock(
         clock.instruments,
         {k: s for k, s in signals.items() if len(s.time) >= _FEWEST},
         clock.forces,

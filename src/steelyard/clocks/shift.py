@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from steelyard.arrays import Array
-from steelyard.clocks.clock_signals import Clock, ClockSignals
+from steelyard.clocks.clock_signals import ClockSignals, LogClock
 from steelyard.clocks.relations import Relation, relations
 
 _BLOCK = 0.5
@@ -41,7 +41,7 @@ class Shift:
     """Mean logarithm of the variance that is left; less is better."""
 
 
-class Term(Protocol):
+class ShiftTerm(Protocol):
     """Readings of one clock, explained by another one at any shift."""
 
     @property
@@ -62,7 +62,12 @@ class Term(Protocol):
 
 
 def refined(
-    first: Clock, second: Clock, guess: float, *, around: tuple[float, float], reach: float = REACH
+    first: LogClock,
+    second: LogClock,
+    guess: float,
+    *,
+    around: tuple[float, float],
+    reach: float = REACH,
 ) -> Shift | None:
     """Improve a first guess; None where too little overlaps.
 
@@ -83,7 +88,7 @@ def refined(
     return least([term for term in terms if term.enough], guess, reach)
 
 
-def least(terms: Sequence[Term], guess: float, reach: float) -> Shift | None:
+def least(terms: Sequence[ShiftTerm], guess: float, reach: float) -> Shift | None:
     """The shift that leaves least unexplained; None where there is nothing to explain.
 
     Args:
@@ -162,7 +167,7 @@ class _Regression:
         return np.asarray(np.sqrt(left**2 + _ROUNDING**2) * np.sign(left + (left == 0)))
 
 
-def _deviation(terms: Sequence[Term], shift: float) -> float:
+def _deviation(terms: Sequence[ShiftTerm], shift: float) -> float:
     """1-sigma [s] from how much stretches of the recording contradict each other."""
     curvature, scores = 0.0, []
     for term in terms:

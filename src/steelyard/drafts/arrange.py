@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.drafts.clocks import one_clock
-from steelyard.drafts.survey import Found, Unused, name_of
+from steelyard.drafts.survey import DraftStream, Unused, name_of
 from steelyard.drafts.words import INSTRUMENTS, words_of
 from steelyard.logs.formats import ending_of
 
@@ -40,11 +40,11 @@ _FEWEST = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class RunGroup:
     """Streams that belong to one run."""
 
     name: str
-    streams: tuple[Found, ...]
+    streams: tuple[DraftStream, ...]
     static: bool
 
     @property
@@ -60,14 +60,14 @@ class DraftRun:
 
     name: str
     static: bool
-    streams: Mapping[str, Found]
+    streams: Mapping[str, DraftStream]
     agree: bool
     """Whether the clocks do."""
     why: str
     """What tells that."""
 
 
-def groups_of(found: Sequence[Found]) -> tuple[list[Group], list[Unused]]:
+def groups_of(found: Sequence[DraftStream]) -> tuple[list[RunGroup], list[Unused]]:
     """Sort streams into runs.
 
     Returns:
@@ -82,12 +82,12 @@ def groups_of(found: Sequence[Found]) -> tuple[list[Group], list[Unused]]:
         for f in found
         if not f.static and len(f.stream) < _FEWEST
     ]
-    groups: list[Group] = []
+    groups: list[RunGroup] = []
     for static, streams in ((True, [f for f in found if f.static]), (False, moving)):
-        by_name: dict[tuple[Path, str], list[Found]] = {}
+        by_name: dict[tuple[Path, str], list[DraftStream]] = {}
         for each in streams:
             by_name.setdefault(_key(each), []).append(each)
-        made = [Group(_name(key), tuple(its), static) for key, its in by_name.items()]
+        made = [RunGroup(_name(key), tuple(its), static) for key, its in by_name.items()]
         made, dropped = _joined(made, static)
         unused += dropped
         for group in made:
@@ -103,12 +103,12 @@ def groups_of(found: Sequence[Found]) -> tuple[list[Group], list[Unused]]:
     return _named_apart(groups), unused
 
 
-def _lacks(found: Found, group: Group) -> str:
+def _lacks(found: DraftStream, group: RunGroup) -> str:
     missing = "forces" if not FORCES & {f.kind for f in group.streams} else "motion"
     return f"{found.kind}: no log of {missing} that belongs to it"
 
 
-def _key(found: Found) -> tuple[Path, str]:
+def _key(found: DraftStream) -> tuple[Path, str]:
     """Folder and what is left of the file's name without words that say which instrument."""
     path = found.place.path
     folder = path.parent
@@ -136,7 +136,7 @@ def _name(key: tuple[Path, str]) -> str:
     return part or os.fsencode(folder.resolve().name).decode(errors="replace") or "run"
 
 
-def _joined(groups: Sequence[Group], static: bool) -> tuple[list[Group], list[Unused]]:
+def _joined(groups: Sequence[RunGroup], static: bool) -> tuple[list[RunGroup], list[Unused]]:
     """Groups that lack forces or motion put together: those recorded at the same time, else all
     that has no double.
     """
@@ -150,18 +150,18 @@ def _joined(groups: Sequence[Group], static: bool) -> tuple[list[Group], list[Un
                 (i for i, group in enumerate(whole) if _overlap(group.streams, bunch)), None
             )
             if home is None:
-                whole.append(Group(_name(_key(bunch[0])), tuple(bunch), static))
+                whole.append(RunGroup(_name(_key(bunch[0])), tuple(bunch), static))
             else:
                 whole[home] = replace(whole[home], streams=(*whole[home].streams, *bunch))
         return whole, []
     if not whole:
-        return [Group(_name((rest[0].place.path.parent, "")), tuple(rest), static)], []
+        return [RunGroup(_name((rest[0].place.path.parent, "")), tuple(rest), static)], []
     return [*whole, *(group for group in groups if not group.complete)], []
 
 
-def _overlapping(streams: Sequence[Found]) -> Iterable[list[Found]]:
+def _overlapping(streams: Sequence[DraftStream]) -> Iterable[list[DraftStream]]:
     """Streams whose times overlap, bunch by bunch."""
-    bunch: list[Found] = []
+    bunch: list[DraftStream] = []
     end = -np.inf
     for found in sorted(streams, key=lambda f: float(f.stream.time[0])):
         if bunch and float(found.stream.time[0]) > end:
@@ -174,15 +174,15 @@ def _overlapping(streams: Sequence[Found]) -> Iterable[list[Found]]:
         yield bunch
 
 
-def _overlap(one: Sequence[Found], other: Sequence[Found]) -> bool:
+def _overlap(one: Sequence[DraftStream], other: Sequence[DraftStream]) -> bool:
     start = max(min(float(f.stream.time[0]) for f in each) for each in (one, other))
     end = min(max(float(f.stream.time[-1]) for f in each) for each in (one, other))
     return start < end
 
 
-def _fitted(group: Group) -> tuple[Group, list[Unused]]:
+def _fitted(group: RunGroup) -> tuple[RunGroup, list[Unused]]:
     """The group without doubles, and of poses at rest without what has other rows."""
-    kept: list[Found] = []
+    kept: list[DraftStream] = []
     unused: list[Unused] = []
     for found in group.streams:
         log = name_of(found.place.path, found.place.topic)
@@ -219,7 +219,7 @@ def _fitted(group: Group) -> tuple[Group, list[Unused]]:
     return replace(group, streams=tuple(kept)), unused
 
 
-def _same(one: Found, other: Found) -> bool:
+def _same(one: DraftStream, other: DraftStream) -> bool:
     return (
         one.kind == other.kind
         and len(one.stream) == len(other.stream)
@@ -231,7 +231,7 @@ def _same(one: Found, other: Found) -> bool:
     )
 
 
-def _named_apart(groups: Sequence[Group]) -> list[Group]:
+def _named_apart(groups: Sequence[RunGroup]) -> list[RunGroup]:
     """Runs of different names; those of the same name are told apart by the folder around them."""
     names = [group.name for group in groups]
     taken: set[str] = set()
@@ -252,7 +252,7 @@ def _named_apart(groups: Sequence[Group]) -> list[Group]:
     return named
 
 
-def runs_of(groups: Sequence[Group]) -> list[DraftRun]:
+def runs_of(groups: Sequence[RunGroup]) -> list[DraftRun]:
     """Runs whose streams stand under the names of their instruments, the same in all runs."""
     several = {
         f.kind
@@ -264,7 +264,7 @@ def runs_of(groups: Sequence[Group]) -> list[DraftRun]:
     """Name -> settings of the instrument."""
     runs = []
     for group in groups:
-        streams: dict[str, Found] = {}
+        streams: dict[str, DraftStream] = {}
         for found in group.streams:
             base = _NAMES[found.kind] if found.kind not in several else _apart(found)
             settings = json.dumps([found.kind, found.settings], sort_keys=True)
@@ -278,7 +278,7 @@ def runs_of(groups: Sequence[Group]) -> list[DraftRun]:
     return runs
 
 
-def _apart(found: Found) -> str:
+def _apart(found: DraftStream) -> str:
     """A name that tells an instrument from others of its kind."""
     own = [*found.label, *words_of(found.place.topic or "")] or [
         word for word in words_of(found.place.path.name.split(".")[0]) if word in INSTRUMENTS

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from steelyard.drafts.survey import Found
+from steelyard.drafts.survey import DraftStream
 
 _SINCE_1970 = 1e8
 """A clock that reads more counts from a time that all computers share [s]."""
@@ -17,7 +17,7 @@ _LONG_RUNNING = 20.0
 chance."""
 
 
-def one_clock(streams: Sequence[Found]) -> tuple[bool, str]:
+def one_clock(streams: Sequence[DraftStream]) -> tuple[bool, str]:
     """Whether the times of streams may be compared, and what tells it."""
     if len({(f.place.path, f.place.topic, f.place.columns.get("t", "t")) for f in streams}) == 1:
         return True, "one file, one clock"

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.drafts.survey import Found, read_again
+from steelyard.drafts.survey import DraftStream, read_again
 from steelyard.errors import InputError
 
 _DEGREES = 180 / np.pi
@@ -29,7 +29,7 @@ _UPRIGHT = 0.9
 """Part of the force that has to follow gravity before its sign is believed."""
 
 
-def compared(streams: tuple[Found, ...], m: int, *, agree: bool) -> tuple[Found, ...]:
+def compared(streams: tuple[DraftStream, ...], m: int, *, agree: bool) -> tuple[DraftStream, ...]:
     """The streams of a run with what they tell about each other.
 
     Args:
@@ -46,7 +46,7 @@ def compared(streams: tuple[Found, ...], m: int, *, agree: bool) -> tuple[Found,
     )
 
 
-def _turning(found: Found) -> float | None:
+def _turning(found: DraftStream) -> float | None:
     """How fast the orientation of a stream turns when it turns fast [rad/s]."""
     if found.static or "orientation" not in found.stream.values or found.rate is None:
         return None
@@ -62,7 +62,7 @@ def _turning(found: Found) -> float | None:
     return float(np.percentile(speeds, 90))
 
 
-def _gyro_checked(found: Found, streams: tuple[Found, ...], m: int) -> Found:
+def _gyro_checked(found: DraftStream, streams: tuple[DraftStream, ...], m: int) -> DraftStream:
     """A gyro with the unit in which it turns as fast as an orientation does."""
     rates = found.stream.values.get("angular_velocity")
     if found.kind != "imu" or rates is None:
@@ -107,7 +107,7 @@ def _gyro_checked(found: Found, streams: tuple[Found, ...], m: int) -> Found:
     )
 
 
-def _gyro_columns(found: Found) -> set[str]:
+def _gyro_columns(found: DraftStream) -> set[str]:
     """Columns of the log that hold the rates; fields of messages have names of their own."""
     named = {found.place.columns[f"w{axis}"] for axis in "xyz" if f"w{axis}" in found.place.columns}
     return named or {
@@ -117,7 +117,7 @@ def _gyro_columns(found: Found) -> set[str]:
     }
 
 
-def _sign_checked(found: Found, streams: tuple[Found, ...]) -> Found:
+def _sign_checked(found: DraftStream, streams: tuple[DraftStream, ...]) -> DraftStream:
     """A wrench sensor with the sign that gravity gives it: up is the force on a body that hangs or
     stands.
     """
@@ -165,7 +165,7 @@ def _sign_checked(found: Found, streams: tuple[Found, ...]) -> Found:
     )
 
 
-def _mounted(found: Found, streams: tuple[Found, ...]) -> Found:
+def _mounted(found: DraftStream, streams: tuple[DraftStream, ...]) -> DraftStream:
     """An accelerometer with the rotation that brings its gravity to where an attitude beside it
     says that up is.
     """
@@ -237,7 +237,7 @@ def _thinned(n: int) -> slice:
     return slice(None, None, max(1, n // _MOST))
 
 
-def _nearest(source: Found, onto: Found) -> Array:
+def _nearest(source: DraftStream, onto: DraftStream) -> Array:
     """Orientations of one stream at the times of another, shape (n, 3, 3)."""
     matrices = source.stream.values["orientation"]
     if source.static:

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from steelyard.drafts.arrange import DraftRun, Group, groups_of, runs_of
+from steelyard.drafts.arrange import DraftRun, RunGroup, groups_of, runs_of
 from steelyard.drafts.clocks import one_clock
 from steelyard.drafts.compare import compared
-from steelyard.drafts.survey import Found, Unused, hints_of, name_of, streams_in
+from steelyard.drafts.survey import DraftStream, Unused, hints_of, name_of, streams_in
 from steelyard.errors import InputError
 from steelyard.logs.formats import FORMATS, ending_of, topics
 from steelyard.robot.model import Robot
@@ -47,7 +47,7 @@ def draft(logs: Sequence[Path], robot: Robot, progress: Progress | None = None) 
         InputError: A log is not there, or no run has both forces and motion.
     """
     paths, unused = logs_in(logs)
-    found: list[Found] = []
+    found: list[DraftStream] = []
     for i, path in enumerate(paths):
         if progress is not None:
             progress(f"reading {path.name}", i / len(paths))
@@ -115,7 +115,7 @@ def _is_bag(path: Path) -> bool:
     return path.is_dir() and (path / "metadata.yaml").is_file()
 
 
-def _look(path: Path, robot: Robot) -> tuple[list[Found], list[Unused]]:
+def _look(path: Path, robot: Robot) -> tuple[list[DraftStream], list[Unused]]:
     """Streams of all topics of a log, and what in it no instrument has."""
     try:
         str(path).encode()
@@ -125,7 +125,7 @@ def _look(path: Path, robot: Robot) -> tuple[list[Found], list[Unused]]:
         choices: Sequence[str | None] = topics(path) or [None]
     except InputError as error:
         return [], [Unused(f"{path}", str(error))]
-    found: list[Found] = []
+    found: list[DraftStream] = []
     unused: list[Unused] = []
     for topic in choices:
         streams, left = streams_in(path, topic, robot, hints_of(path, topic))
@@ -134,7 +134,7 @@ def _look(path: Path, robot: Robot) -> tuple[list[Found], list[Unused]]:
     return found, unused
 
 
-def _agreed(groups: Sequence[Group]) -> list[Group]:
+def _agreed(groups: Sequence[RunGroup]) -> list[RunGroup]:
     """Settings that one run tells and another cannot are those of both, where no two runs
     contradict each other.
     """
@@ -149,7 +149,7 @@ def _agreed(groups: Sequence[Group]) -> list[Group]:
         if all(value == values[0] for value in values)
     }
 
-    def settled(found: Found) -> Found:
+    def settled(found: DraftStream) -> DraftStream:
         known = {
             key: value
             for (device, key), value in alike.items()
@@ -205,7 +205,7 @@ def _places(logs: Sequence[Path]) -> str:
     return f"{logs[0]}" if len(logs) == 1 else f"{logs[0]} and {len(logs) - 1} more"
 
 
-def _nothing(paths: Sequence[Path], found: Sequence[Found], unused: Sequence[Unused]) -> str:
+def _nothing(paths: Sequence[Path], found: Sequence[DraftStream], unused: Sequence[Unused]) -> str:
     """Why there is no run."""
     if not paths:
         return (
@@ -228,7 +228,7 @@ def _nothing(paths: Sequence[Path], found: Sequence[Found], unused: Sequence[Unu
     )
 
 
-def describe(found: Found) -> dict[str, Any]:
+def describe(found: DraftStream) -> dict[str, Any]:
     """A stream as plain values."""
     return {
         "log": name_of(found.place.path, None),

@@ -11,7 +11,7 @@ from typing import Any
 from steelyard.display import printable
 from steelyard.drafts.arrange import DraftRun
 from steelyard.drafts.draft import Draft
-from steelyard.drafts.survey import Found, instrument_of
+from steelyard.drafts.survey import DraftStream, instrument_of
 from steelyard.experiment.form import FORMAT, UncertaintyForm
 from steelyard.instruments.base import DEFAULT_DELAY
 from steelyard.robot.model import Robot
@@ -244,7 +244,7 @@ def _run(run: DraftRun, draft: Draft, files: Mapping[str, str]) -> Iterator[str]
     )
 
 
-def _stream(name: str, found: Found, files: Mapping[str, str]) -> Iterator[str]:
+def _stream(name: str, found: DraftStream, files: Mapping[str, str]) -> Iterator[str]:
     place = found.place
     file = scalar(files[str(place.path)])
     rate = "poses" if found.static else f"samples, {found.rate:.4g} Hz" if found.rate else "samples"

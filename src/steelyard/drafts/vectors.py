@@ -21,7 +21,7 @@ GRAVITY_OR_GYRO = "that gx, gy, gz are rates of a gyro and not the gravity"
 
 
 @dataclass(frozen=True)
-class Group:
+class VectorColumns:
     """Columns of one vector or rotation."""
 
     quantity: str
@@ -31,7 +31,9 @@ class Group:
     checks: tuple[str, ...] = ()
 
 
-def groups_among(names: Sequence[Name], hints: Sequence[str], commanded: bool) -> Iterable[Group]:
+def groups_among(
+    names: Sequence[Name], hints: Sequence[str], commanded: bool
+) -> Iterable[VectorColumns]:
     """Complete vectors and rotations."""
     members: dict[tuple[str, tuple[str, ...]], dict[str, Name]] = {}
     for name in names:
@@ -71,7 +73,7 @@ def _group(
     its: Mapping[str, Name],
     hints: Sequence[str],
     forces: set[tuple[str, ...]],
-) -> Group | None:
+) -> VectorColumns | None:
     keys, label = set(its), label_of(template)
     if keys >= {"roll", "pitch", "yaw"}:
         if quantity_of(template) is None:
@@ -80,23 +82,27 @@ def _group(
             named = dict(
                 zip(("wx", "wy", "wz"), (its["roll"], its["pitch"], its["yaw"]), strict=True)
             )
-            return Group(
+            return VectorColumns(
                 "angular_velocity",
                 named,
                 label,
                 False,
                 ("that the rates are those about the axes of the body",),
             )
-        return Group("orientation", {k: its[k] for k in ("roll", "pitch", "yaw")}, label, False)
+        return VectorColumns(
+            "orientation", {k: its[k] for k in ("roll", "pitch", "yaw")}, label, False
+        )
     quantity = quantity_of(template)
     if quantity is None:
         return None
     if keys >= {"w", "x", "y", "z"} and quantity in {"orientation", ""}:
-        return Group("orientation", {f"q{axis}": its[axis] for axis in "wxyz"}, label, False)
+        return VectorColumns(
+            "orientation", {f"q{axis}": its[axis] for axis in "wxyz"}, label, False
+        )
     for digits in (("0", "1", "2", "3"), ("1", "2", "3", "4")):
         if quantity == "orientation" and keys == set(digits):
             named = dict(zip(("qw", "qx", "qy", "qz"), (its[d] for d in digits), strict=True))
-            return Group(
+            return VectorColumns(
                 "orientation",
                 named,
                 label,
@@ -107,21 +113,23 @@ def _group(
     if axes is None or (axes != AXES and (len(keys) != 3 or not quantity)):
         return None
     if template == ("g", "@"):
-        return Group("angular_velocity", _xyz("w", its, axes), (), False, (GRAVITY_OR_GYRO,))
+        return VectorColumns(
+            "angular_velocity", _xyz("w", its, axes), (), False, (GRAVITY_OR_GYRO,)
+        )
     if not quantity:
         quantity = (hinted(hints) if template == ("@",) else None) or "position"
     if quantity == "torque" and template[:-1][-1:] == ("t",) and label not in forces:
         quantity = "position"
     if quantity == "orientation":
         named = dict(zip(("roll", "pitch", "yaw"), (its[a] for a in axes), strict=True))
-        return Group(
+        return VectorColumns(
             quantity,
             named,
             label,
             False,
             ("that these are roll, pitch and yaw, R = Rz(yaw) Ry(pitch) Rx(roll)",),
         )
-    return Group(quantity, _xyz(CONTRACT[quantity], its, axes), label, False)
+    return VectorColumns(quantity, _xyz(CONTRACT[quantity], its, axes), label, False)
 
 
 def _xyz(letter: str, its: Mapping[str, Name], axes: Sequence[str]) -> dict[str, Name]:
@@ -143,7 +151,7 @@ def hinted(hints: Sequence[str]) -> str | None:
     return named[0] if named else None
 
 
-def _matrix(names: Sequence[Name]) -> Group | None:
+def _matrix(names: Sequence[Name]) -> VectorColumns | None:
     """Nine columns of a rotation matrix, row by row."""
     found: dict[str, Name] = {}
     listed: dict[tuple[str, ...], dict[int, Name]] = {}
@@ -173,11 +181,11 @@ def _matrix(names: Sequence[Name]) -> Group | None:
             named = {
                 f"r{i + 1}{j + 1}": found[cells[3 * i + j]] for i in range(3) for j in range(3)
             }
-            return Group("orientation", named, label_of(found[cells[0]].words[:-2]), False)
+            return VectorColumns("orientation", named, label_of(found[cells[0]].words[:-2]), False)
     for words, its in listed.items():
         if sorted(its) == list(range(9)):
             named = {f"r{i + 1}{j + 1}": its[3 * i + j] for i in range(3) for j in range(3)}
-            return Group(
+            return VectorColumns(
                 "orientation", named, label_of(words), False, ("that the matrix stands row by row",)
             )
     return None

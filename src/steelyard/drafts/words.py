@@ -131,16 +131,6 @@ _UNIT_ENDINGS: dict[tuple[str, ...], str] = {
     **{(word,): unit for word, unit in _TIME_UNITS.items()},
 }
 """How a unit is written behind a name."""
-UNIT_OF = {
-    "time": "s",
-    "angular_velocity": "rad/s",
-    "specific_force": "m/s^2",
-    "orientation": "rad",
-    "torque": "N m",
-    "force": "N",
-    "position": "m",
-}
-"""Quantity -> its SI unit."""
 
 _COMPACT = re.compile(
     r"(?P<base>w|a|f|t|m|q|p|r|g|acc|accel|gyr|gyro|omega|pos|quat|force|torque|tau|mom|rot|cmd|ref|des)(?P<axis>[xyzw])"

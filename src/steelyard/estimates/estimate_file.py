@@ -19,7 +19,7 @@ from steelyard.errors import InputError
 from steelyard.estimates.estimate import FORMAT, Estimate, Label, Verdict
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six
 from steelyard.json_file import read_json
-from steelyard.yaml_file import Document, FileModel, require_file, validate
+from steelyard.yaml_file import FileModel, YamlDocument, require_file, validate
 
 FILE_NAME = "estimate.json"
 """What `identify` writes into its folder."""
@@ -141,7 +141,7 @@ def read_estimate_file(path: Path) -> EstimateFile:
     """
     path = path / FILE_NAME if path.is_dir() else path
     require_file(path, "file that identify wrote, or its folder")
-    document = Document(path, read_json(path), {})
+    document = YamlDocument(path, read_json(path), {})
     if not isinstance(document.data, dict):
         raise document.error(
             (),
@@ -262,7 +262,7 @@ def _wanted(data: dict[str, Any]) -> dict[str, Any]:
     return values
 
 
-def _check_extent(document: Document, values: dict[str, Any]) -> None:
+def _check_extent(document: YamlDocument, values: dict[str, Any]) -> None:
     """Refuse what would take long to check."""
     level: list[Any] = [values]
     count = depth = 0
@@ -289,7 +289,7 @@ def _kind(value: Any) -> str:
     return "a list" if isinstance(value, list) else "nothing" if value is None else "a single value"
 
 
-def _nominal(document: Document, form: _Nominal | None) -> Inertia | None:
+def _nominal(document: YamlDocument, form: _Nominal | None) -> Inertia | None:
     if form is None:
         return None
     try:
@@ -298,7 +298,7 @@ def _nominal(document: Document, form: _Nominal | None) -> Inertia | None:
         raise document.error(("nominal",), f"{error}; correct it") from None
 
 
-def _estimate(document: Document, name: str, entry: _Entry) -> Estimate:
+def _estimate(document: YamlDocument, name: str, entry: _Entry) -> Estimate:
     key = ("estimates", name)
     value = _ten(document, key, entry)
     deviation = _ten(document, (*key, "standard_deviation"), entry.standard_deviation)
@@ -337,7 +337,7 @@ def _estimate(document: Document, name: str, entry: _Entry) -> Estimate:
     )
 
 
-def _ten(document: Document, key: tuple[str, ...], body: _Body) -> Array:
+def _ten(document: YamlDocument, key: tuple[str, ...], body: _Body) -> Array:
     """The ten of :data:`BODY_PARAMETERS`, NaN for null."""
     inertia = np.array(body.inertia, dtype=np.float64)
     if not np.allclose(
@@ -349,7 +349,7 @@ def _ten(document: Document, key: tuple[str, ...], body: _Body) -> Array:
     return np.array([body.mass, *body.center_of_gravity, *six(inertia)], dtype=np.float64)
 
 
-def _matrix(document: Document, key: tuple[str, ...], form: _Covariance) -> Array:
+def _matrix(document: YamlDocument, key: tuple[str, ...], form: _Covariance) -> Array:
     """The numbers of a covariance, NaN for null."""
     if form.parameters != BODY_PARAMETERS:
         raise document.error(

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import polars as pl
 
-Clock = Literal["own", "common"]
+ClockChoice = Literal["own", "common"]
 """Whose times a table has."""
 _MOST_SHOWN = 12
 """Runs that are shown one by one."""
@@ -147,7 +147,7 @@ class Experiment:
         names = ", ".join(run.name for run in self.runs)
         raise InputError(f"run: expected one of {names}, found '{name}'; choose one of these")
 
-    def columns(self, run: str, instrument: str, *, clock: Clock = "own") -> dict[str, Array]:
+    def columns(self, run: str, instrument: str, *, clock: ClockChoice = "own") -> dict[str, Array]:
         """What an instrument recorded in a run, as the columns of the contract in SI; shape (n,)
         each.
 
@@ -176,21 +176,17 @@ class Experiment:
         )
         return {name: values for name, (values, _) in columns.items()}
 
-    def to_polars(self, run: str, instrument: str, *, clock: Clock = "own") -> pl.DataFrame:
+    def to_polars(self, run: str, instrument: str, *, clock: ClockChoice = "own") -> pl.DataFrame:
         """The same as a frame of Polars, null where there is no sample."""
         return tables.to_polars(self.columns(run, instrument, clock=clock))
 
-    def to_pandas(self, run: str, instrument: str, *, clock: Clock = "own") -> pd.DataFrame:
+    def to_pandas(self, run: str, instrument: str, *, clock: ClockChoice = "own") -> pd.DataFrame:
         """The same as a frame of pandas, NaN where there is no sample.
 
         Raises:
             SteelyardError: pandas is not installed.
         """
         return tables.to_pandas(self.columns(run, instrument, clock=clock))
-
-    def of_kind(self, kind: type[Instrument]) -> dict[str, Instrument]:
-        """Instruments of one kind, in the order of the file."""
-        return {name: i for name, i in self.instruments.items() if isinstance(i, kind)}
 
     def force_instrument(self, run: Run) -> str | None:
         """The instrument whose clock defines the time of a run: its first tension or wrench

@@ -12,13 +12,13 @@ import numpy as np
 
 from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, PlanForm, RunForm
 from steelyard.experiment.model import Experiment, Fault, Run, is_force, is_motion
-from steelyard.experiment.streams import Place, first_time, needed_columns, read_stream
+from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
 from steelyard.experiment.stuck import without_stuck
 from steelyard.instruments import Instrument
 from steelyard.logs.log import NoRowsError
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import Document, read_yaml, validate
+from steelyard.yaml_file import YamlDocument, read_yaml, validate
 
 _FEWEST_SAMPLES = 10
 _BESIDE = 5.0
@@ -67,7 +67,7 @@ def read_plan(path: str | Path) -> Experiment:
     return _experiment(form, _described(form, document), (), path)
 
 
-def _described(form: ExperimentForm, document: Document) -> Robot:
+def _described(form: ExperimentForm, document: YamlDocument) -> Robot:
     """The robot, once it has been seen that instruments and runs go with it."""
     robot = read_robot(form.robot, document.path.parent)
     _check_names(form, document)
@@ -103,7 +103,7 @@ def _known(form: KnownBodyForm) -> dict[str, tuple[float, float]]:
     }
 
 
-def _check_names(form: ExperimentForm, document: Document) -> None:
+def _check_names(form: ExperimentForm, document: YamlDocument) -> None:
     names = [run.name for run in form.runs]
     for i, name in enumerate(names):
         if name in names[:i]:
@@ -122,7 +122,7 @@ def _check_names(form: ExperimentForm, document: Document) -> None:
 
 
 def check_instruments(
-    instruments: Mapping[str, Instrument], robot: Robot, document: Document
+    instruments: Mapping[str, Instrument], robot: Robot, document: YamlDocument
 ) -> None:
     """What the form of an instrument cannot say, because it depends on its name or on the robot."""
     for name, instrument in instruments.items():
@@ -152,7 +152,7 @@ def check_instruments(
 
 
 def _read_run(
-    i: int, form: RunForm, whole: ExperimentForm, robot: Robot, document: Document
+    i: int, form: RunForm, whole: ExperimentForm, robot: Robot, document: YamlDocument
 ) -> Run:
     key = ("runs", i)
     if not form.streams:
@@ -162,7 +162,9 @@ def _read_run(
             " their files",
         )
     places = {
-        name: Place(document.path.parent / stream.file, stream.topic, stream.columns, stream.units)
+        name: StreamPlace(
+            document.path.parent / stream.file, stream.topic, stream.columns, stream.units
+        )
         for name, stream in form.streams.items()
     }
     sync = _sync(form, whole, document, key)
@@ -207,7 +209,7 @@ def _read_run(
 
 
 def _spans(
-    form: RunForm, whole: ExperimentForm, places: Mapping[str, Place], sync: dict[str, float]
+    form: RunForm, whole: ExperimentForm, places: Mapping[str, StreamPlace], sync: dict[str, float]
 ) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
     """What to read of each stream for a window, on its own clock [s], and the event that the window
     counts from.
@@ -230,7 +232,7 @@ def _spans(
 
 
 def _sync(
-    form: RunForm, whole: ExperimentForm, document: Document, key: tuple[str | int, ...]
+    form: RunForm, whole: ExperimentForm, document: YamlDocument, key: tuple[str | int, ...]
 ) -> dict[str, float]:
     """Event time of every stream; instruments of one file or one clock may share one entry."""
     if not form.sync or form.static or isinstance(form.sync, str):
@@ -266,7 +268,7 @@ def _sync(
 
 
 def _check_run(
-    experiment: Experiment, run: Run, document: Document, key: tuple[str | int, ...]
+    experiment: Experiment, run: Run, document: YamlDocument, key: tuple[str | int, ...]
 ) -> None:
     """What one run needs before anything can be estimated from it."""
     force = experiment.force_instrument(run)

@@ -18,7 +18,7 @@ from steelyard.clocks.clock_signals import (
     RATE,
     ROTATION,
     SPECIFIC_FORCE,
-    Clock,
+    LogClock,
     clocks_of,
 )
 from steelyard.clocks.offsets import Offset, drift_of, joined, liveliest
@@ -134,7 +134,7 @@ _MOTION = (POSITION, ROTATION, RATE, SPECIFIC_FORCE)
 
 
 def _against_motion(
-    experiment: Experiment, run: Run, clocks: tuple[Clock, ...], motion: list[Offset]
+    experiment: Experiment, run: Run, clocks: tuple[LogClock, ...], motion: list[Offset]
 ) -> Offset:
     """Time of the first motion clock less that of the forces."""
     first, reference = clocks[0], clocks[1]
@@ -185,7 +185,7 @@ def _against_motion(
     return Offset(first.instruments, best.value, best.sigma, True, "", drift, deviation)
 
 
-def _near_candidates(first: Clock, others: tuple[Clock, ...], motion: list[Offset]) -> Array:
+def _near_candidates(first: LogClock, others: tuple[LogClock, ...], motion: list[Offset]) -> Array:
     """Shifts of a long recording that a rough look at forces and motion finds worth while [s]."""
     found = [
         c.shift - offset.value

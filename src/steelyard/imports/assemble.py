@@ -17,7 +17,7 @@ from steelyard.imports.sources import printable
 from steelyard.inertia import Inertia, six
 from steelyard.robot.file import robot_of
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import Document
+from steelyard.yaml_file import YamlDocument
 
 _GRAVITY = 9.81  # [m/s^2], of robot files that do not say
 _CLOSEST_ANCHORS = 1e-6  # [m], as in robot files
@@ -57,7 +57,7 @@ def assemble(
         "platform": None if body is None else _platform(body.inertia),
     }
     values = {key: value for key, value in values.items() if value}
-    robot = robot_of(Document(description.files[0], values, {}))
+    robot = robot_of(YamlDocument(description.files[0], values, {}))
     assumed = (
         ()
         if description.gravity

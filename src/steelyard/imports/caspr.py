@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 
 from steelyard.errors import InputError
-from steelyard.imports.description import Body, Cable, Description, Vector
+from steelyard.imports.description import Cable, DescribedBody, Description, Vector
 from steelyard.imports.sources import Source, printable
 from steelyard.imports.xml_file import Element
 
@@ -118,7 +118,7 @@ def _link(bodies: Element) -> Element:
     return link
 
 
-def _body(link: Element) -> Body:
+def _body(link: Element) -> DescribedBody:
     physical = link.child("physical")
     inertia = physical.child("inertia")
     reference = inertia.attribute("ref")
@@ -129,7 +129,7 @@ def _body(link: Element) -> Body:
         x, y, z = (inertia.child(key).number() for key in keys.split())
         return x, y, z
 
-    return Body(
+    return DescribedBody(
         where=physical.where,
         mass=_positive(physical.child("mass")),
         center_of_gravity=physical.child("com_location").vector(),

@@ -24,9 +24,9 @@ from steelyard.logs.json_message import decode_json
 from steelyard.logs.log import Log
 from steelyard.logs.messages import (
     Decoder,
+    FileSection,
     Interval,
     Message,
-    Piece,
     Recording,
     in_time_order,
     spanned,
@@ -214,7 +214,7 @@ class _Contents:
         """Messages of a topic in the order in which they were received."""
         channels = {number for number, channel in self.channels.items() if channel.topic == topic}
         pieces = [
-            Piece(block.interval, partial(self._messages, block, channels))
+            FileSection(block.interval, partial(self._messages, block, channels))
             for block in self.blocks
             if self.held.get(block.place, channels) & channels
         ]

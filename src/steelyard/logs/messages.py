@@ -61,7 +61,7 @@ class Recording:
     cannot."""
 
 
-class Piece(NamedTuple):
+class FileSection(NamedTuple):
     """A part of a file that is read as a whole."""
 
     interval: Interval
@@ -69,7 +69,9 @@ class Piece(NamedTuple):
     read: Callable[[], Iterable[Message]]
 
 
-def in_time_order(pieces: Iterable[Piece], within: Interval | None = None) -> Iterator[Message]:
+def in_time_order(
+    pieces: Iterable[FileSection], within: Interval | None = None
+) -> Iterator[Message]:
     """Messages of pieces of a file that may overlap in time, with no more pieces in memory than
     overlap.
 

@@ -19,9 +19,9 @@ from steelyard.errors import InputError
 from steelyard.logs.compressed import LARGEST_BLOCK, MOST_UNPACKED, unpacked
 from steelyard.logs.messages import (
     Decoder,
+    FileSection,
     Interval,
     Message,
-    Piece,
     Recording,
     in_time_order,
     spanned,
@@ -133,7 +133,7 @@ class _Bag:
         """Messages of a topic in the order in which they were received."""
         wanted = {number for number, each in self.connections.items() if each.topic == topic}
         pieces = [
-            Piece(chunk.interval, partial(self._messages, chunk, wanted))
+            FileSection(chunk.interval, partial(self._messages, chunk, wanted))
             for chunk in self.chunks
             if chunk.connections & wanted
         ]

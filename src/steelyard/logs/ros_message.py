@@ -100,7 +100,7 @@ class _Layout:
 
     def _end_run(self) -> None:
         if self._run:
-            self._done.append(_Run(self._run, self.order, self.widest))
+            self._done.append(_NumberBlock(self._run, self.order, self.widest))
             self._run = []
 
     def _append(self, step: Step) -> None:
@@ -137,7 +137,7 @@ class _Layout:
             (inner, name), size = detail
             number = size if kind == _ARRAY else None
             if inner == _NAME:
-                self._append(_Group(name, label, number, self))
+                self._append(_MessageList(name, label, number, self))
             elif inner != _BASE:
                 raise ValueError("an array of arrays")
             elif name[0] == "string":
@@ -168,7 +168,7 @@ class _Layout:
         return struct.unpack_from(self.order + "I", data, place)[0], place + 4
 
 
-class _Run:
+class _NumberBlock:
     """Numbers in a row, read at once."""
 
     def __init__(self, fields: list[tuple[str, str]], order: str, widest: int) -> None:
@@ -257,7 +257,7 @@ class _Numbers:
         return end
 
 
-class _Group:
+class _MessageList:
     """A list of messages."""
 
     def __init__(self, name: str, label: str, number: int | None, layout: _Layout) -> None:

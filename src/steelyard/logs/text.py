@@ -44,13 +44,13 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
         raise InputError(
             f"{path}: expected no 'topic' for a text file, found '{topic}'; leave it out"
         )
-    table = _Table(path)
+    table = _TextTable(path)
     yield Log(
         path, table.names, table.load, table.header.units, table.header.spellings, table.line_of
     )
 
 
-class _Table:
+class _TextTable:
     """The rows of a text file below its header."""
 
     def __init__(self, path: Path) -> None:

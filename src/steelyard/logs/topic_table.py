@@ -43,7 +43,7 @@ def log_of_topic(recording: Recording, topic: str | None) -> Log:
             messages cannot be read.
     """
     name, names = _only_topic(recording) if topic is None else _named(recording, topic)
-    rows_of_topic = _Rows(recording, name)
+    rows_of_topic = _TopicRows(recording, name)
 
     def load(names: Sequence[str], part: Part | None, rows: int | None) -> Mapping[str, Array]:
         columns = {name: array("d") for name in names}
@@ -106,14 +106,14 @@ def _described(recording: Recording, names: Iterable[str]) -> str:
 
 def _columns(recording: Recording, topic: str) -> list[str]:
     columns: dict[str, None] = {}
-    for row in islice(_Rows(recording, topic).read(None), _PROBED):
+    for row in islice(_TopicRows(recording, topic).read(None), _PROBED):
         columns.update(dict.fromkeys(row))
         if len(columns) > MOST_COLUMNS:
             break
     return list(columns)
 
 
-class _Rows:
+class _TopicRows:
     """Decodes the messages of a topic, no more of them than a part of its rows needs."""
 
     def __init__(self, recording: Recording, topic: str) -> None:
