@@ -10,20 +10,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
+from steelyard.clocks.settings import SMOOTHING
 from steelyard.experiment.model import Experiment, Run, is_force
 from steelyard.instruments import Command, Instrument
 from steelyard.motion.state import motion_of_quaternions
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import Samples1D, Smoothed, choose_spacing, fit, segments
 
-POSITION, ROTATION, RATE, FORCE, SPECIFIC_FORCE, LENGTH = (
-    "position",
-    "rotation",
-    "rate",
-    "force",
-    "specific force",
-    "length",
-)
+POSITION, ROTATION, RATE = "position", "rotation", "rate"
+FORCE, SPECIFIC_FORCE, LENGTH = "force", "specific force", "length"
 _KINDS = {
     "position": POSITION,
     "orientation": ROTATION,
@@ -35,11 +30,6 @@ _KINDS = {
     "torque": FORCE,
 }
 """Quantity of an instrument -> what it tells of the motion."""
-_FINEST, _WIDEST = 0.02, 0.5
-"""Spacing of knots [s]: 25 Hz is all that a platform on cables does."""
-_CANDIDATES = 7
-_BRIDGED = 0.1
-"""Spacing of knots across which samples may be missing [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +94,7 @@ def _clock(
             flat = values.reshape(len(values), -1)
             turned = _mounting(experiment.instruments[name])
             use = np.isfinite(flat).all(axis=1) & np.concatenate([[True], np.diff(stream.time) > 0])
-            if use.sum() < _FEWEST:
+            if use.sum() < SMOOTHING.fewest:
                 continue
             kind = _KINDS[quantity]
             if kind == ROTATION:
@@ -120,9 +110,6 @@ def _clock(
             elif there is None or samples.step < 0.5 * there.step:
                 signals[kind] = samples
     return LogClock(names, signals, reference in names)
-
-
-_FEWEST = 10
 
 
 def _mounting(instrument: Instrument) -> Array:
@@ -151,14 +138,14 @@ def smooth(signal: Signal, start: float, end: float) -> Smooth:
     """Fit a signal over an interval, but for its gaps."""
     own = signal.between(start, end)
     width = signal.values.shape[1]
-    if len(own.time) < _FEWEST:
+    if len(own.time) < SMOOTHING.fewest:
         return Smooth((), width)
     start, end = float(own.time[0]), float(own.time[-1])
-    finest = max(2 * own.step, _FINEST)
-    candidates = np.geomspace(finest, max(finest, _WIDEST), _CANDIDATES)
+    finest = max(2 * own.step, SMOOTHING.finest)
+    candidates = np.geomspace(finest, max(finest, SMOOTHING.widest), SMOOTHING.candidates)
     samples = Samples1D(own.time, own.values)
     # Judged on the longest stretch without a gap; uneven sampling alone makes none.
-    stretches = segments([own.time], start, end, max(finest, _BRIDGED))
+    stretches = segments([own.time], start, end, max(finest, SMOOTHING.bridged))
     longest = max(stretches, key=lambda s: s[1] - s[0])
     spacing = choose_spacing([samples], [float(c) for c in candidates], *longest, robust=True)
     parts = []
