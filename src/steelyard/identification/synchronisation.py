@@ -21,8 +21,9 @@ from steelyard.clocks.clock_signals import (
     LogClock,
     clocks_of,
 )
-from steelyard.clocks.offsets import Offset, drift_of, joined, liveliest
+from steelyard.clocks.offsets import Offset, ambiguous, drift_of, joined, liveliest, uncertain
 from steelyard.clocks.search import candidates
+from steelyard.clocks.settings import OFFSET
 from steelyard.clocks.shift import Shift
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run, Stream
@@ -36,8 +37,6 @@ _LONG = 60.0
 """Recordings longer than that are not looked at at every shift, and not as a whole [s]."""
 _BESIDE = 0.5
 """Looked at beside a shift that the rough search has found [s]."""
-_LARGEST_SIGMA = 0.05
-"""Of what still counts as told [s]."""
 _MOVED = 0.01
 """A correction of a clock after which the fit is made once more [s]."""
 
@@ -163,19 +162,9 @@ def _against_motion(
     if best is None:
         return nothing
     if rival is not None:
-        both = " and ".join(f"{value:.3f} s" for value in sorted((best.value, rival.value)))
-        return replace(
-            nothing,
-            reason=f"{names}: the motion repeats itself, so that shifts of {both} explain it alike",
-        )
-    if not best.sigma < _LARGEST_SIGMA:
-        return replace(
-            nothing,
-            reason=(
-                f"{names}: the motion is too slow to tell it better than to"
-                f" {best.sigma * 1e3:.0f} ms"
-            ),
-        )
+        return replace(nothing, reason=f"{names}: {ambiguous(best, rival)}")
+    if not best.sigma < OFFSET.largest_sigma:
+        return replace(nothing, reason=f"{names}: {uncertain(best)}")
 
     def at(middle: float, reach: float) -> Shift | None:
         there = carrying(experiment, placed, (middle - 20.0, middle + 20.0))
