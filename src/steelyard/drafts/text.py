@@ -21,75 +21,53 @@ SCHEMA = "experiment.schema.json"
 _PLAIN = re.compile(r"(\.{1,2}/)*[A-Za-z_][\w./\-]*", re.ASCII)
 _WORDS = frozenset(["true", "false", "null", "yes", "no", "on", "off", "nan", "inf", "y", "n"])
 _WIDTH = 110
-_GIVEN = {
+_POSITION = "origin of the instrument in the platform frame [m]"
+_RPY = "instrument frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]"
+_ZEROS = "[0.0, 0.0, 0.0]"
+_FRAME = (
+    "frame",
+    "{position: [0, 0, 0], rpy_deg: [0, 0, 0]}",
+    "tracker frame in the world frame [m], [deg]",
+)
+
+
+def _noise(example: str, units: str) -> tuple[str, str, str]:
+    return "noise", example, f"1-sigma per sample {units}; default: estimated"
+
+
+_KEYS: dict[str, tuple[tuple[str, str, str], ...]] = {
     "tension": (
         ("end", "winch", "where the sensors sit at the winches; default: platform"),
-        ("noise", "5.0", "1-sigma per sample [N]; default: estimated"),
+        _noise("5.0", "[N]"),
     ),
     "wrench": (
-        ("position", "[0.0, 0.0, 0.0]", "origin of the sensor in the platform frame [m]"),
-        (
-            "rpy_deg",
-            "[0.0, 0.0, 0.0]",
-            "sensor frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]",
-        ),
+        ("position", _ZEROS, _POSITION.replace("instrument", "sensor")),
+        ("rpy_deg", _ZEROS, _RPY.replace("instrument", "sensor")),
         ("acts_on", "body", "whose load the log has: body, or sensor"),
-        (
-            "noise",
-            "{force: 0.1, torque: 0.01}",
-            "1-sigma per sample [N], [N m]; default: estimated",
-        ),
+        _noise("{force: 0.1, torque: 0.01}", "[N], [N m]"),
     ),
     "imu": (
-        ("position", "[0.0, 0.0, 0.0]", "origin of the instrument in the platform frame [m]"),
-        (
-            "rpy_deg",
-            "[0.0, 0.0, 0.0]",
-            "instrument frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]",
-        ),
+        ("position", _ZEROS, _POSITION),
+        ("rpy_deg", _ZEROS, _RPY),
         ("gravity", "included", "removed, where the device took it out"),
-        (
-            "noise",
+        _noise(
             "{angular_velocity: 0.002, specific_force: 0.03, orientation: 0.005}",
-            "1-sigma per sample [rad/s], [m/s^2], [rad]; default: estimated",
+            "[rad/s], [m/s^2], [rad]",
         ),
     ),
-    "attitude": (
-        (
-            "rpy_deg",
-            "[0.0, 0.0, 0.0]",
-            "instrument frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]",
-        ),
-        ("noise", "0.005", "1-sigma per sample [rad]; default: estimated"),
-    ),
+    "attitude": (("rpy_deg", _ZEROS, _RPY), _noise("0.005", "[rad]")),
     "position": (
-        ("target", "[0.0, 0.0, 0.0]", "tracked point in the platform frame [m]"),
-        (
-            "frame",
-            "{position: [0, 0, 0], rpy_deg: [0, 0, 0]}",
-            "tracker frame in the world frame [m], [deg]",
-        ),
-        ("noise", "0.0005", "1-sigma per sample [m]; default: estimated"),
+        ("target", _ZEROS, "tracked point in the platform frame [m]"),
+        _FRAME,
+        _noise("0.0005", "[m]"),
     ),
     "pose": (
-        ("position", "[0.0, 0.0, 0.0]", "origin of the tracked frame in the platform frame [m]"),
-        (
-            "rpy_deg",
-            "[0.0, 0.0, 0.0]",
-            "tracked frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]",
-        ),
-        (
-            "frame",
-            "{position: [0, 0, 0], rpy_deg: [0, 0, 0]}",
-            "tracker frame in the world frame [m], [deg]",
-        ),
-        (
-            "noise",
-            "{position: 0.0005, rotation: 0.001}",
-            "1-sigma per sample [m], [rad]; default: estimated",
-        ),
+        ("position", _ZEROS, _POSITION.replace("instrument", "tracked frame")),
+        ("rpy_deg", _ZEROS, _RPY.replace("instrument", "tracked")),
+        _FRAME,
+        _noise("{position: 0.0005, rotation: 0.001}", "[m], [rad]"),
     ),
-    "length": (("noise", "0.001", "1-sigma per sample [m]; default: estimated"),),
+    "length": (_noise("0.001", "[m]"),),
     "command": (
         (
             "noise",
@@ -183,7 +161,7 @@ def _instrument(
         dict.fromkeys(c for f in found for c in f.checks)
     ):
         yield f"    # check: {comment(check)}"
-    for key, example, meaning in _GIVEN[kind]:
+    for key, example, meaning in _KEYS[kind]:
         if key not in keys:
             yield f"    # {key}: {example}    # {meaning}"
     yield f"    # {_calibration(name, keys, m)}"

@@ -12,6 +12,11 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
+def _meanings(meanings: dict[str, str]) -> dict[str, str]:
+    """Word -> what it means, of what is meant -> its words."""
+    return {word: meaning for meaning, words in meanings.items() for word in words.split()}
+
+
 QUANTITIES: dict[str, frozenset[str]] = {
     "angular_velocity": _words(
         "gyro gyr gyroscope omega w drehrate angvel angularvelocity winkelgeschwindigkeit"
@@ -43,25 +48,14 @@ COMMANDS = _words(
 TRACKERS = _words("tracker leica vicon optitrack mocap laser lasertracker prism")
 """Words of file names that mean positions."""
 TIMES = _words("t time timestamp timestamps stamp zeit zeitstempel clock datetime date utc")
-_TIME_UNITS = {
-    "s": "s",
-    "sec": "s",
-    "secs": "s",
-    "second": "s",
-    "seconds": "s",
-    "ms": "ms",
-    "msec": "ms",
-    "millis": "ms",
-    "milliseconds": "ms",
-    "us": "us",
-    "usec": "us",
-    "micros": "us",
-    "microseconds": "us",
-    "ns": "ns",
-    "nsec": "ns",
-    "nanos": "ns",
-    "nanoseconds": "ns",
-}
+_TIME_UNITS = _meanings(
+    {
+        "s": "s sec secs second seconds",
+        "ms": "ms msec millis milliseconds",
+        "us": "us usec micros microseconds",
+        "ns": "ns nsec nanos nanoseconds",
+    }
+)
 IGNORED = _words(
     "mag magnetic magnetometer magnetfeld temp temperature current voltage jerk covariance cov"
     " variance std sigma error err status seq sequence id frame child twist linear jounce snap gps"
@@ -72,14 +66,7 @@ _SPEEDS = _words("velocity vel speed rate rates")
 _ANGULAR = _words("angular ang rot rotational turn gyro omega roll pitch yaw body")
 NEUTRAL = _words("vector data msg value values field header pose transform linear raw in of the si")
 """Words that say nothing of whose a column is."""
-ANGLES = {
-    "roll": "roll",
-    "pitch": "pitch",
-    "yaw": "yaw",
-    "phi": "roll",
-    "theta": "pitch",
-    "psi": "yaw",
-}
+ANGLES = _meanings({"roll": "roll phi", "pitch": "pitch theta", "yaw": "yaw psi"})
 """Words of the angles -> column of the contract."""
 INSTRUMENTS = _words(
     "imu imus accel acc accelerometer gyro gyr wrench fts ft ati force forces kraft cables cable"
@@ -90,67 +77,41 @@ INSTRUMENTS = _words(
 )
 """Words of file names that say which instrument, not which run."""
 
-_UNIT_ENDINGS: dict[tuple[str, ...], str] = {
-    ("deg", "s"): "deg/s",
-    ("deg", "per", "s"): "deg/s",
-    ("deg", "sec"): "deg/s",
-    ("degs",): "deg/s",
-    ("dps",): "deg/s",
-    ("rad", "s"): "rad/s",
-    ("rad", "per", "s"): "rad/s",
-    ("rad", "sec"): "rad/s",
-    ("rads",): "rad/s",
-    ("rps",): "rad/s",
-    ("m", "s", "2"): "m/s^2",
-    ("m", "per", "s", "2"): "m/s^2",
-    ("mps", "2"): "m/s^2",
-    ("ms", "2"): "m/s^2",
-    ("mss",): "m/s^2",
-    ("k", "n"): "kN",
-    ("m", "n"): "mN",
-    ("da", "n"): "daN",
-    ("g",): "g",
-    ("mg",): "mg",
-    ("mm",): "mm",
-    ("cm",): "cm",
-    ("m",): "m",
-    ("n",): "N",
-    ("kn",): "kN",
-    ("dan",): "daN",
-    ("kgf",): "kgf",
-    ("kg",): "kgf",
-    ("lbf",): "lbf",
-    ("nm",): "N m",
-    ("n", "m"): "N m",
-    ("nmm",): "N mm",
-    ("deg",): "deg",
-    ("degree",): "deg",
-    ("degrees",): "deg",
-    ("rad",): "rad",
-    ("radians",): "rad",
-    **{(word,): unit for word, unit in _TIME_UNITS.items()},
+_ENDINGS = {
+    "deg/s": "deg s, deg per s, deg sec, degs, dps",
+    "rad/s": "rad s, rad per s, rad sec, rads, rps",
+    "m/s^2": "m s 2, m per s 2, mps 2, ms 2, mss",
+    "kN": "k n, kn",
+    "mN": "m n",
+    "daN": "da n, dan",
+    "N": "n",
+    "kgf": "kgf, kg",
+    "lbf": "lbf",
+    "N m": "n m, nm",
+    "N mm": "nmm",
+    "g": "g",
+    "mg": "mg",
+    "m": "m",
+    "cm": "cm",
+    "mm": "mm",
+    "deg": "deg, degree, degrees",
+    "rad": "rad, radians",
 }
-"""How a unit is written behind a name."""
+"""Unit -> how it is written behind a name, in words."""
+_UNIT_ENDINGS: dict[tuple[str, ...], str] = {
+    tuple(ending.split()): unit for unit, text in _ENDINGS.items() for ending in text.split(", ")
+}
+_UNIT_ENDINGS.update({(word,): unit for word, unit in _TIME_UNITS.items()})
 
 _COMPACT = re.compile(
     r"(?P<base>w|a|f|t|m|q|p|r|g|acc|accel|gyr|gyro|omega|pos|quat|force|torque|tau|mom|rot|cmd|ref|des)(?P<axis>[xyzw])"
 )
-_SHARP = str.maketrans(
-    {
-        "ä": "ae",
-        "ö": "oe",
-        "ü": "ue",
-        "ß": "ss",
-        "Ä": "ae",
-        "Ö": "oe",
-        "Ü": "ue",
-        "ω": "omega",
-        "φ": "phi",
-        "θ": "theta",
-        "ψ": "psi",
-        "τ": "tau",
-    }
-)
+# fmt: off
+_SHARP = str.maketrans({
+    "ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "ae", "Ö": "oe", "Ü": "ue",
+    "ω": "omega", "φ": "phi", "θ": "theta", "ψ": "psi", "τ": "tau",
+})
+# fmt: on
 _LONGEST = 200
 """Characters of a name that are looked at."""
 _MOST_NUMBERS = 4
