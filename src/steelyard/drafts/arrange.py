@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.drafts.clocks import one_clock
+from steelyard.drafts.settings import ARRANGE
 from steelyard.drafts.survey import DraftStream, Unused, name_of
 from steelyard.drafts.words import INSTRUMENTS, words_of
 from steelyard.logs.formats import ending_of
@@ -34,9 +35,6 @@ _ONCE = frozenset({"tension", "wrench", "length", "command"})
 """Kinds that a run has but one stream of."""
 _GROUPED = (".h5", ".hdf5", ".mat", ".tdms")
 """Endings of logs that hold groups of arrays."""
-_EPOCH = 1e8  # [s]
-_FEWEST = 10
-"""Samples that a stream in motion has."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +62,7 @@ class DraftRun:
     agree: bool
     """Whether the clocks do."""
     why: str
-    """What tells that."""
+    """Why, or why not."""
 
 
 def groups_of(found: Sequence[DraftStream]) -> tuple[list[RunGroup], list[Unused]]:
@@ -74,13 +72,13 @@ def groups_of(found: Sequence[DraftStream]) -> tuple[list[RunGroup], list[Unused
         Runs that have forces and motion, and what is left.
     """
     unused: list[Unused] = []
-    moving = [f for f in found if not f.static and len(f.stream) >= _FEWEST]
+    moving = [f for f in found if not f.static and len(f.stream) >= ARRANGE.fewest]
     unused += [
         Unused(
             name_of(f.place.path, f.place.topic), f"{f.kind}: {len(f.stream)} samples are too few"
         )
         for f in found
-        if not f.static and len(f.stream) < _FEWEST
+        if not f.static and len(f.stream) < ARRANGE.fewest
     ]
     groups: list[RunGroup] = []
     for static, streams in ((True, [f for f in found if f.static]), (False, moving)):
@@ -144,7 +142,7 @@ def _joined(groups: Sequence[RunGroup], static: bool) -> tuple[list[RunGroup], l
     rest = [found for group in groups if not group.complete for found in group.streams]
     if not rest or static:
         return [*whole, *(group for group in groups if not group.complete)], []
-    if all(float(found.stream.time[0]) > _EPOCH for found in rest):
+    if all(float(found.stream.time[0]) > ARRANGE.since_1970 for found in rest):
         for bunch in _overlapping(rest):
             home = next(
                 (i for i, group in enumerate(whole) if _overlap(group.streams, bunch)), None

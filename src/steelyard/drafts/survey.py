@@ -38,9 +38,9 @@ class DraftStream:
     place: StreamPlace
     kind: str
     label: tuple[str, ...]
-    """Words that tell its instrument from others of its kind."""
+    """Words that distinguish its instrument from others of its kind."""
     settings: Mapping[str, Any]
-    """Keys of its instrument that the values tell."""
+    """Keys of its instrument that the values show."""
     static: bool
     stream: Stream
     used: tuple[str, ...]
@@ -69,6 +69,14 @@ class DraftStream:
     def instrument(self) -> Instrument:
         """With all that is known of it."""
         return instrument_of(self.kind, self.settings)
+
+    def because(self, reason: str, **settings: Any) -> DraftStream:
+        """With settings that its values show, and why."""
+        return replace(self, settings={**self.settings, **settings}, why=(*self.why, reason))
+
+    def to_check(self, check: str) -> DraftStream:
+        """With something more that a person should look at."""
+        return replace(self, checks=(*self.checks, check))
 
 
 @dataclass(frozen=True)
