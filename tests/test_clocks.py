@@ -164,14 +164,14 @@ def test_motion_that_repeats_itself_tells_nothing():
         [imu(motion, rng, duration=60.0), tracker(motion, rng, duration=60.0, late=0.7)]
     )[1]
     # It may be told by where the recordings end, but must not be claimed to be precise and wrong.
-    assert not offset.told or abs(offset.value - 0.7) < 0.01
+    assert not offset.known or abs(offset.value - 0.7) < 0.01
 
 
 def test_rest_tells_nothing():
     still, rng = Motion(6), np.random.default_rng(0)
     still.sizes = still.sizes * 1e-6
     offset = joined([imu(still, rng), tracker(still, rng)])[1]
-    assert not offset.told
+    assert not offset.known
     assert offset.reason
 
 
@@ -222,7 +222,7 @@ def test_clocks_of_an_experiment():
     experiment, ahead = recorded(0)
     auto = without_clocks(experiment)
     for found in offsets_of(auto, auto.runs[0]):
-        assert found.told
+        assert found.known
         for name in found.instruments:
             assert abs(found.value - ahead[name]) < 0.004, name
     exact = synchronise(auto)

@@ -146,7 +146,7 @@ _OTHERS = frozenset(
         "mil",
     ]
 )
-"""Units that no column of ours may have: they tell that a text is a unit."""
+"""Units that no column of ours may have: they show that a text is a unit."""
 
 
 def canonical_unit(text: str) -> str | None:

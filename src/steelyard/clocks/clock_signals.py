@@ -1,4 +1,4 @@
-"""What the streams of one clock say of the motion, as smooth functions of its time."""
+"""What the streams of one clock measure of the motion, as smooth functions of its time."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _KINDS = {
     "force": FORCE,
     "torque": FORCE,
 }
-"""Quantity of an instrument -> what it tells of the motion."""
+"""Quantity of an instrument -> what it measures of the motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class LogClock:
 
     instruments: tuple[str, ...]
     signals: Mapping[str, Signal] = field(default_factory=dict)
-    """What it tells -> its samples; the densest where several instruments tell the same."""
+    """What is measured -> its samples; the densest where several instruments measure the same."""
     forces: bool = False
     """Whether it is the clock of the forces, which defines the time."""
 
@@ -158,14 +158,14 @@ def smooth(signal: Signal, start: float, end: float) -> Smooth:
 
 
 class ClockSignals:
-    """Smooth functions of what a clock tells, over an interval of its time."""
+    """Signals of a clock as smooth functions over an interval of its time."""
 
     def __init__(self, clock: LogClock, start: float, end: float) -> None:
         self.clock, self.start, self.end = clock, start, end
         self._smooth: dict[str, Smooth] = {}
 
     def has(self, *kinds: str) -> bool:
-        """Whether the clock tells all of these."""
+        """Whether the clock has all of these signals."""
         return all(kind in self.clock.signals for kind in kinds)
 
     def samples(self, kind: str) -> Signal:

@@ -27,7 +27,7 @@ class Offset:
     begins."""
     sigma: float
     """1-sigma [s]."""
-    told: bool
+    known: bool
     """Whether the recording determines it."""
     reason: str = ""
     """Why it does not."""
@@ -39,11 +39,11 @@ class Offset:
         """Plain values; null where the recording does not determine them."""
         return {
             "instruments": list(self.instruments),
-            "offset": self.value if self.told else None,
-            "standard_deviation": self.sigma if self.told else None,
+            "offset": self.value if self.known else None,
+            "standard_deviation": self.sigma if self.known else None,
             "drift": self.drift,
             "drift_standard_deviation": self.drift_sigma or None,
-            "told": self.told,
+            "told": self.known,
             "reason": self.reason or None,
         }
 
@@ -95,7 +95,7 @@ def _beyond(old: Offset, step: Offset, clock: LogClock, sign: int) -> Offset:
         clock.instruments,
         old.value + sign * step.value,
         float(np.hypot(old.sigma, step.sigma)),
-        old.told and step.told,
+        old.known and step.known,
         step.reason or old.reason,
         old.drift + sign * step.drift,
         float(np.hypot(old.drift_sigma, step.drift_sigma)),

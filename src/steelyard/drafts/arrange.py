@@ -98,7 +98,7 @@ def groups_of(found: Sequence[DraftStream]) -> tuple[list[RunGroup], list[Unused
                     Unused(name_of(f.place.path, f.place.topic), _lacks(f, fitted))
                     for f in fitted.streams
                 ]
-    return _named_apart(groups), unused
+    return _distinctly_named(groups), unused
 
 
 def _lacks(found: DraftStream, group: RunGroup) -> str:
@@ -229,8 +229,8 @@ def _same(one: DraftStream, other: DraftStream) -> bool:
     )
 
 
-def _named_apart(groups: Sequence[RunGroup]) -> list[RunGroup]:
-    """Runs of different names; those of the same name are told apart by the folder around them."""
+def _distinctly_named(groups: Sequence[RunGroup]) -> list[RunGroup]:
+    """Runs of different names; those of the same name get that of the folder around them."""
     names = [group.name for group in groups]
     taken: set[str] = set()
     named = []
@@ -264,7 +264,7 @@ def runs_of(groups: Sequence[RunGroup]) -> list[DraftRun]:
     for group in groups:
         streams: dict[str, DraftStream] = {}
         for found in group.streams:
-            base = _NAMES[found.kind] if found.kind not in several else _apart(found)
+            base = _NAMES[found.kind] if found.kind not in several else _own_name(found)
             settings = json.dumps([found.kind, found.settings], sort_keys=True)
             name, count = base, 2
             while name in streams or known.get(name, settings) != settings:
@@ -276,8 +276,8 @@ def runs_of(groups: Sequence[RunGroup]) -> list[DraftRun]:
     return runs
 
 
-def _apart(found: DraftStream) -> str:
-    """A name that tells an instrument from others of its kind."""
+def _own_name(found: DraftStream) -> str:
+    """A name that distinguishes an instrument from others of its kind."""
     own = [*found.label, *words_of(found.place.topic or "")] or [
         word for word in words_of(found.place.path.name.split(".")[0]) if word in INSTRUMENTS
     ]

@@ -109,8 +109,8 @@ def _sign_checked(found: DraftStream, streams: tuple[DraftStream, ...]) -> Draft
     text = f"the force follows gravity with {weight:.3g} N along the vertical"
     if followed < COMPARE.upright:
         return found.to_check(
-            f"rpy_deg, and whether something touches the body: {text}, which explains"
-            f" {followed:.0%} of it"
+            f"rpy_deg, and whether something touches the body: {text}, which is"
+            f" {followed:.0%} of its variance"
         )
     if weight < 0:
         return found.because(f"{text}: the body pulls at the sensor", acts_on="sensor")
@@ -130,7 +130,9 @@ def _mounted(found: DraftStream, streams: tuple[DraftStream, ...]) -> DraftStrea
     typical = float(np.median(np.linalg.norm(force, axis=1)))
     U, S, Vt = np.linalg.svd(up.T @ force / typical / len(up))
     if S[1] < COMPARE.spread:
-        return found.to_check("rpy_deg: gravity points too much the same way to tell it")
+        return found.to_check(
+            "rpy_deg: the direction of gravity hardly changes, which is not enough to determine it"
+        )
     # The rotation that fits best [Wahba1965]: R_platform_instrument.
     R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     misfit = force / np.linalg.norm(force, axis=1, keepdims=True) @ R.T - up

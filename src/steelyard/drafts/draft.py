@@ -18,7 +18,7 @@ from steelyard.logs.formats import FORMATS, ending_of, topics
 from steelyard.robot.model import Robot
 
 _OF_THE_DEVICE = {"acts_on", "gravity", "rpy_deg"}
-"""Keys that one recording may tell and another of the same device may not."""
+"""Keys that one recording may show and another of the same device may not."""
 _ORDER = ("tension", "wrench", "imu", "attitude", "position", "pose", "length", "command")
 MOST_LOGS = 1000
 MOST_STREAMS = 2000
@@ -41,7 +41,7 @@ def draft(logs: Sequence[Path], robot: Robot, progress: Progress | None = None) 
     Args:
         logs: Files, or folders with files in them or one level below.
         robot: What they were recorded on.
-        progress: Is told what is being done.
+        progress: Called with what is being done.
 
     Raises:
         InputError: A log is not there, or no run has both forces and motion.
@@ -135,17 +135,17 @@ def _look(path: Path, robot: Robot) -> tuple[list[DraftStream], list[Unused]]:
 
 
 def _agreed(groups: Sequence[RunGroup]) -> list[RunGroup]:
-    """Settings that one run tells and another cannot are those of both, where no two runs
+    """Settings that one run shows and another cannot are those of both, where no two runs
     contradict each other.
     """
-    told: dict[tuple[tuple[str, tuple[str, ...]], str], list[Any]] = {}
+    shown: dict[tuple[tuple[str, tuple[str, ...]], str], list[Any]] = {}
     for group in groups:
         for found in group.streams:
             for key in _OF_THE_DEVICE & found.settings.keys():
-                told.setdefault(((found.kind, found.label), key), []).append(found.settings[key])
+                shown.setdefault(((found.kind, found.label), key), []).append(found.settings[key])
     alike = {
         place: values[0]
-        for place, values in told.items()
+        for place, values in shown.items()
         if all(value == values[0] for value in values)
     }
 

@@ -226,11 +226,11 @@ def _stream(name: str, found: DraftStream, files: Mapping[str, str]) -> Iterator
     place = found.place
     file = scalar(files[str(place.path)])
     rate = "poses" if found.static else f"samples, {found.rate:.4g} Hz" if found.rate else "samples"
-    told = f"{len(found.times)} {rate}"
+    counted = f"{len(found.times)} {rate}"
     if not (place.topic or place.columns or place.units):
-        yield f"    {scalar(name)}: {file}    # {told}"
+        yield f"    {scalar(name)}: {file}    # {counted}"
     else:
-        yield f"    {scalar(name)}:    # {told}"
+        yield f"    {scalar(name)}:    # {counted}"
         yield f"      file: {file}"
         if place.topic is not None:
             yield f"      topic: {scalar(place.topic)}"

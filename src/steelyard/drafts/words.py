@@ -124,7 +124,7 @@ class Name:
 
     column: str
     words: tuple[str, ...]
-    """Letters and numbers of the name in lower case; a component stands apart from its vector."""
+    """Letters and numbers of the name in lower case; a component and its vector are two."""
     unit: str | None = None
     """Where the name ends with one."""
 
@@ -165,16 +165,16 @@ class Name:
 
 
 def read_name(column: str) -> Name:
-    """Take the name of a column apart."""
+    """Words, component and unit of the name of a column."""
     words = words_of(column)
     for length in (4, 3, 2, 1):
         ending = _UNIT_ENDINGS.get(words[-length:]) if len(words) > length else None
-        rest = Name(column, _apart(words[:-length]), ending)
-        if ending and _carries(rest, ending):
+        rest = Name(column, _components(words[:-length]), ending)
+        if ending and _may_have_unit(rest, ending):
             return rest
     if len(words) == 1 and words[0] in _TIME_UNITS:
         return Name(column, words, _TIME_UNITS[words[0]])
-    return Name(column, _apart(words))
+    return Name(column, _components(words))
 
 
 def words_of(text: str) -> tuple[str, ...]:
@@ -183,8 +183,8 @@ def words_of(text: str) -> tuple[str, ...]:
     return tuple(re.findall(r"[a-z]+|\d+", text.lower()))
 
 
-def _apart(words: tuple[str, ...]) -> tuple[str, ...]:
-    """Components apart from their vector: wx is w, x."""
+def _components(words: tuple[str, ...]) -> tuple[str, ...]:
+    """Words with components as words of their own: wx is w, x."""
     parts: list[str] = []
     for word in words:
         match = _COMPACT.fullmatch(word)
@@ -192,7 +192,7 @@ def _apart(words: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(parts)
 
 
-def _carries(name: Name, unit: str) -> bool:
+def _may_have_unit(name: Name, unit: str) -> bool:
     """Whether what is left of a name may have a unit."""
     if unit in FACTORS["s"]:
         return name.is_time

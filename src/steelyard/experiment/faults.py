@@ -38,7 +38,7 @@ class FaultSettings:
     """Samples in a row that a reading stands on average, from which on a sensor is one that is
     written more often than it reads."""
     fewest_changes: int = 20
-    """Readings that tell how often a sensor reads."""
+    """Changes of a reading that show how often a sensor reads."""
 
 
 FAULTS = FaultSettings()

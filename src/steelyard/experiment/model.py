@@ -64,8 +64,8 @@ class Stream:
         return len(self.time)
 
     def __repr__(self) -> str:
-        told = f", {', '.join(self.values)}" if self.values else ""
-        return f"Stream: {self._extent()}{told}, from {printable(self.source)}"
+        quantities = f", {', '.join(self.values)}" if self.values else ""
+        return f"Stream: {self._extent()}{quantities}, from {printable(self.source)}"
 
     def _extent(self) -> str:
         """How many samples, and when."""
@@ -195,7 +195,7 @@ class Experiment:
         return next((n for n in self.instruments if n in run.streams and self.is_force(n)), None)
 
     def is_force(self, name: str) -> bool:
-        """Whether an instrument reads what carries the platform."""
+        """Whether an instrument measures the forces on the platform."""
         return is_force(self.instruments[name])
 
     def delay(self, run: Run, name: str) -> Prior:
@@ -238,7 +238,7 @@ class Experiment:
 
 
 def is_force(instrument: Instrument) -> bool:
-    """Whether an instrument reads what carries the platform."""
+    """Whether an instrument measures the forces on the platform."""
     return isinstance(instrument, Tension | Wrench)
 
 

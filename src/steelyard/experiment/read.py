@@ -51,7 +51,7 @@ def read_experiment(path: str | Path) -> Experiment:
 def read_plan(path: str | Path) -> Experiment:
     """Read what an experiment file says of robot and instruments, recorded or not.
 
-    Recordings are looked at only where an instrument states no rate and they have to tell it.
+    Recordings are looked at only where an instrument states no rate and they have to show it.
 
     Args:
         path: The file.
@@ -281,7 +281,7 @@ def _check_run(
     if not any(is_motion(experiment.instruments[name]) for name in run.streams):
         raise document.error(
             key,
-            f"run '{run.name}': expected a stream that tells the motion (imu, attitude, position,"
+            f"run '{run.name}': expected a stream that measures the motion (imu, attitude, position,"
             " pose), found none; add one",
         )
     if run.window and run.window[0] >= run.window[1]:

@@ -217,7 +217,7 @@ def without_stuck(
 
     Args:
         streams: Instrument -> its stream.
-        instruments: All of the experiment; commands stand still when they are told to.
+        instruments: All of the experiment; commands may stand still.
         settings: Levels of the decision.
     """
     kept = dict(streams)

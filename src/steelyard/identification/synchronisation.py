@@ -80,7 +80,7 @@ def synchronise(experiment: Experiment, progress: Progress = None) -> Synchronis
             continue
         tell("finding the clocks", 0.5 * i / len(experiment.runs))
         own = offsets_of(experiment, run)
-        lost = next((offset for offset in own if not offset.told), None)
+        lost = next((offset for offset in own if not offset.known), None)
         if lost is not None:
             raise InputError(
                 f"{experiment.source or experiment.name}: run '{run.name}': expected a motion that"
@@ -119,7 +119,7 @@ def offsets_of(experiment: Experiment, run: Run) -> tuple[Offset, ...]:
                 each,
                 value=each.value + forces.value,
                 sigma=float(np.hypot(each.sigma, forces.sigma)),
-                told=each.told and forces.told,
+                known=each.known and forces.known,
                 reason=each.reason or forces.reason,
                 drift=each.drift + forces.drift,
                 drift_sigma=float(np.hypot(each.drift_sigma, forces.drift_sigma)),

@@ -1,5 +1,5 @@
-"""From what files of another program say of a robot to a robot file; what is taken, left out and
-assumed is told.
+"""From what files of another program say of a robot to a robot file, with notes of what is taken,
+left out and assumed.
 """
 
 from __future__ import annotations
@@ -132,13 +132,13 @@ def _properties(cables: Sequence[Cable]) -> tuple[dict[str, float], tuple[str, .
     properties, notes = {}, []
     for key in ("diameter", "axial_stiffness"):
         found = {getattr(each, key) for each in cables}
-        told = sorted(value for value in found if value is not None)
+        known = sorted(value for value in found if value is not None)
         if len(found) > 1:
             notes.append(
-                f"{key} left out: it differs between the cables ({told[0]:g} to {told[-1]:g})"
+                f"{key} left out: it differs between the cables ({known[0]:g} to {known[-1]:g})"
             )
-        elif told:
-            properties[key] = told[0]
+        elif known:
+            properties[key] = known[0]
     return properties, tuple(notes)
 
 
@@ -152,7 +152,7 @@ def _platform(body: Inertia) -> dict[str, Any]:
 
 
 def _missing(robot: Robot) -> tuple[str, ...]:
-    """What a robot file may have and these files do not tell."""
+    """What a robot file may have and these files do not state."""
     lacking: list[tuple[str, Callable[[Robot], bool]]] = [
         ("tension", lambda r: not np.isfinite(r.tension_limits[1])),
         (
@@ -166,4 +166,4 @@ def _missing(robot: Robot) -> tuple[str, ...]:
         ("limits.speed and others", lambda r: r.limits.speed is None),
     ]
     missing = [what for what, lacks in lacking if lacks(robot)]
-    return (f"not told, add what you know: {', '.join(missing)}",) if missing else ()
+    return (f"not stated, add what you know: {', '.join(missing)}",) if missing else ()

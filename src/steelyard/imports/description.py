@@ -66,7 +66,7 @@ class DescribedBody:
 
 @dataclass(frozen=True)
 class Description:
-    """A robot in SI units, as far as the files tell it."""
+    """A robot in SI units, as far as the files state it."""
 
     format: str
     """Name of the format."""

@@ -105,7 +105,7 @@ def _impossible(body: Inertia) -> tuple[str, ...]:
 def _sign(body: Inertia, turned: Inertia, convention: Convention) -> str:
     """What the condition that a body exists says of the sign of the products."""
     if body.is_physical and turned.is_physical:
-        return "physics cannot tell the sign of the products: with either a body can exist"
+        return "physics cannot decide the sign of the products: with either a body can exist"
     if body.is_physical:
         return "the sign of the products is that of a body: with the other sign none can exist"
     if turned.is_physical:

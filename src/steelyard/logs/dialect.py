@@ -1,6 +1,6 @@
 """How a text file writes its table: what separates cells, the decimal sign, where the rows begin.
 
-Nothing is declared in such files. What is numbers tells where the table begins;
+Nothing is declared in such files. Numbers show where the table begins;
 :mod:`steelyard.logs.header` reads what stands above it.
 """
 

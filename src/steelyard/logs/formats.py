@@ -10,7 +10,7 @@ from pathlib import Path
 from steelyard.errors import InputError
 from steelyard.logs import hdf5, matlab, mcap, npz, parquet, ros_bag, tdms, text
 from steelyard.logs.log import MOST_COLUMNS, Log
-from steelyard.logs.plain import told
+from steelyard.logs.plain import readable
 from steelyard.yaml_file import require_file
 
 
@@ -76,7 +76,7 @@ def open_log(path: Path, topic: str | None = None) -> Iterator[Log]:
     """Open a log of any format.
 
     Args:
-        path: Of a file, or of the folder of a ROS 2 bag; its ending tells the format.
+        path: Of a file, or of the folder of a ROS 2 bag; its ending says the format.
         topic: Which of the topics (MCAP, ROS bags) or groups (HDF5, MATLAB structures, TDMS) it
             holds; None: it has but one.
 
@@ -99,7 +99,7 @@ def topics(path: Path) -> list[str]:
     """Topics, groups or structures of a log of any format, of which one has to be chosen.
 
     Args:
-        path: Of a file, or of the folder of a ROS 2 bag; its ending tells the format.
+        path: Of a file, or of the folder of a ROS 2 bag; its ending says the format.
 
     Returns:
         Their names, as :func:`open_log` takes them; none: the log is one table.
@@ -124,7 +124,7 @@ def _format(path: Path) -> LogFormat:
             f"{path}: expected a log in one of the formats {', '.join(FORMATS)}, found"
             f" '{path.suffix}'; convert it to CSV"
         )
-    with told(path), path.open("rb") as file:
+    with readable(path), path.open("rb") as file:
         beginning = file.read(16)
     for magic, endings in _BEGINNINGS.items():
         if beginning.startswith(magic) and ending not in endings:

@@ -39,7 +39,7 @@ def pieces(path: Path) -> Iterator[tuple[bytes, float]]:
         InputError: It cannot be read, is damaged or no text, has a line without end, or unpacks to
             far more than a log of its size.
     """
-    with told(path), path.open("rb") as file:
+    with readable(path), path.open("rb") as file:
         size = max(os.fstat(file.fileno()).st_size, 1)
         held = b""
         for block in _texts(path, file, size):
@@ -58,8 +58,8 @@ def pieces(path: Path) -> Iterator[tuple[bytes, float]]:
 
 
 @contextmanager
-def told(path: Path) -> Iterator[None]:
-    """Tell of a file that cannot be read.
+def readable(path: Path) -> Iterator[None]:
+    """Turn errors of the system into one sentence.
 
     Raises:
         InputError: It cannot.

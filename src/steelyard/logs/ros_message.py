@@ -55,8 +55,8 @@ def ros1_decoder(types: Types, name: str) -> Decoder:
 
 
 def cdr_decoder(types: Types, name: str) -> Decoder:
-    """Decoder of ROS 2 messages of a type, in plain CDR of version 1; their first bytes tell the
-    byte order.
+    """Decoder of ROS 2 messages of a type, in plain CDR of version 1; their first bytes state
+    the byte order.
     """
     layouts: dict[str, list[Step]] = {}
 

@@ -194,7 +194,7 @@ def _limit_memory(more: int) -> None:
         import resource
 
         pages = int(Path("/proc/self/statm").read_text().split()[0])
-    except (ImportError, OSError):  # other systems do not tell, or keep no such limit
+    except (ImportError, OSError):  # other systems do not say, or keep no such limit
         return
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     limit = pages * resource.getpagesize() + more

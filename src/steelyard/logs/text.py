@@ -17,7 +17,7 @@ from steelyard.logs.dialect import dialect_of
 from steelyard.logs.frames import as_array
 from steelyard.logs.header import header_of
 from steelyard.logs.log import MOST_COLUMNS, Log, Part
-from steelyard.logs.plain import pieces, told
+from steelyard.logs.plain import pieces, readable
 from steelyard.logs.rows import Lines, RowForm, ShortRows, separated, sound_rows, unquoted
 from steelyard.logs.size import check_unpacked
 from steelyard.logs.table import Table
@@ -55,7 +55,7 @@ class _TextTable:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with told(path):
+        with readable(path):
             self.size = path.stat().st_size
         lines = _first_lines(path)
         self.dialect = dialect_of(lines)
@@ -182,7 +182,7 @@ class _TextTable:
         if frame is None or frame.height != len(lines):
             raise InputError(
                 f"{self.path}: expected a table from line {line} on, found cells that cannot be"
-                " told apart; check the quotation marks"
+                " separated; check the quotation marks"
             )
         if all(kind.is_numeric() for kind in frame.dtypes):
             return frame.to_numpy(order="c"), lines
@@ -265,9 +265,9 @@ class _TextTable:
             if time is None or name not in clocks:
                 continue
             times, own = found[time], found[clocks[name]]
-            apart = np.flatnonzero((own != times) & ~(np.isnan(own) & np.isnan(times)))
-            if len(apart):
-                i = int(apart[0])
+            differing = np.flatnonzero((own != times) & ~(np.isnan(own) & np.isnan(times)))
+            if len(differing):
+                i = int(differing[0])
                 raise InputError(
                     f"{self.path}:{lines[i]}: column '{name}': expected a sample at the time"
                     f" {times[i]:.9g} of column '{time}', found one at {own[i]:.9g}; read it as a"
