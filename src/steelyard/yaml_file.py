@@ -286,6 +286,7 @@ def _with_tuples(value: Any) -> Any:
 
 
 def _real_keys(location: tuple[str | int, ...], data: Any) -> tuple[str | int, ...]:
+    """Keys of a location of pydantic that stand in the file."""
     real: list[str | int] = []
     for i, part in enumerate(location):
         inside = (isinstance(data, dict) and part in data) or (
@@ -336,6 +337,7 @@ def _inside(kind: Any, part: str | int) -> Any:
 
 
 def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> str:
+    """One sentence for a problem of pydantic: what was expected, what was found, what to do."""
     kind, found = problem["type"], problem.get("input")
     context = problem.get("ctx", {})
     location = problem["loc"]

@@ -86,6 +86,7 @@ def clocks_of(experiment: Experiment, run: Run) -> tuple[LogClock, ...]:
 def _clock(
     experiment: Experiment, run: Run, names: tuple[str, ...], reference: str | None
 ) -> LogClock:
+    """The signals of instruments that share a clock, in platform axes."""
     signals: dict[str, Signal] = {}
     # A command is not where the platform is; what has been measured goes first.
     for name in sorted(names, key=lambda n: isinstance(experiment.instruments[n], Command)):

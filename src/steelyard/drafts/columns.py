@@ -221,6 +221,7 @@ def _form(group: VectorColumns) -> int:
 
 
 def _claim(kind: str, groups: Sequence[VectorColumns]) -> Claim:
+    """An instrument of a kind that has the columns of these vectors."""
     return Claim(
         kind,
         {contract: name.column for group in groups for contract, name in group.columns.items()},

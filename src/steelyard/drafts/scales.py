@@ -78,6 +78,7 @@ def _vector(values: Mapping[str, Array], names: Sequence[str]) -> Array | None:
 
 
 def _acceleration(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    """Unit of an accelerometer by the gravity in its readings, and whether it is in them."""
     names = ("ax", "ay", "az")
     rows = _vector(values, names)
     if kind != "imu" or rows is None:
@@ -109,6 +110,7 @@ def _acceleration(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale
 
 
 def _gyro(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    """Degrees where rates are too fast for radians."""
     names = ("wx", "wy", "wz")
     rows = _vector(values, names)
     if kind != "imu" or rows is None:
@@ -124,6 +126,7 @@ def _gyro(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
 
 
 def _angles(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    """Degrees where angles are too large for radians."""
     names = ("roll", "pitch", "yaw")
     rows = _vector(values, names)
     if rows is None:
@@ -148,6 +151,7 @@ def _position(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | N
 
 
 def _tension(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    """Unit of tensions by the weight they hold, and their sign."""
     names = [f"f{i + 1}" for i in range(robot.m)]
     rows = _vector(values, names)
     if kind != "tension" or rows is None:
@@ -189,6 +193,7 @@ def _force_unit(total: float, weight: float | None, highest: float | None) -> tu
 
 
 def _length(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    """Millimetres where lengths are too long for the frame."""
     names = [f"l{i + 1}" for i in range(robot.m)]
     rows = _vector(values, names)
     if kind != "length" or rows is None:
@@ -211,6 +216,7 @@ def _length(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | Non
 
 
 def _wrench(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    """Millimetres where torques are too large for the forces."""
     force, torque = _vector(values, ("fx", "fy", "fz")), _vector(values, ("tx", "ty", "tz"))
     if kind != "wrench" or force is None or torque is None:
         return None

@@ -116,6 +116,7 @@ def _lines(
     files: Mapping[str, str],
     with_schema: bool,
 ) -> Iterator[str]:
+    """Lines of the file, part by part."""
     if with_schema:
         yield f"# yaml-language-server: $schema={SCHEMA}"
     yield (
@@ -149,6 +150,7 @@ def _lines(
 def _instrument(
     name: str, keys: Mapping[str, Any], runs: Sequence[DraftRun], m: int
 ) -> Iterator[str]:
+    """Lines of an instrument: what was guessed, what to check, and what may be added."""
     found = [run.streams[name] for run in runs if name in run.streams]
     kind = str(keys["kind"])
     yield f"  {scalar(name)}:"
@@ -191,6 +193,7 @@ def _calibration(name: str, keys: Mapping[str, Any], m: int) -> str:
 
 
 def _run(run: DraftRun, draft: Draft, files: Mapping[str, str]) -> Iterator[str]:
+    """Lines of a run: its streams, clocks and window."""
     yield f"  - name: {scalar(run.name)}"
     if run.static:
         yield "    static: true    # no column of time: rows are poses at rest"
@@ -223,6 +226,7 @@ def _run(run: DraftRun, draft: Draft, files: Mapping[str, str]) -> Iterator[str]
 
 
 def _stream(name: str, found: DraftStream, files: Mapping[str, str]) -> Iterator[str]:
+    """Lines of a stream: its file, columns and units, and why."""
     place = found.place
     file = scalar(files[str(place.path)])
     rate = "poses" if found.static else f"samples, {found.rate:.4g} Hz" if found.rate else "samples"

@@ -74,6 +74,7 @@ def _group(
     hints: Sequence[str],
     forces: set[tuple[str, ...]],
 ) -> VectorColumns | None:
+    """The vector or rotation that components of one template are; None: they are none."""
     keys, label = set(its), label_of(template)
     if keys >= {"roll", "pitch", "yaw"}:
         if quantity_of(template) is None:

@@ -104,7 +104,8 @@ _UNIT_ENDINGS: dict[tuple[str, ...], str] = {
 _UNIT_ENDINGS.update({(word,): unit for word, unit in _TIME_UNITS.items()})
 
 _COMPACT = re.compile(
-    r"(?P<base>w|a|f|t|m|q|p|r|g|acc|accel|gyr|gyro|omega|pos|quat|force|torque|tau|mom|rot|cmd|ref|des)(?P<axis>[xyzw])"
+    r"(?P<base>w|a|f|t|m|q|p|r|g|acc|accel|gyr|gyro|omega|pos|quat|force|torque|tau|mom|rot|cmd|ref"
+    r"|des)(?P<axis>[xyzw])"
 )
 # fmt: off
 _SHARP = str.maketrans({

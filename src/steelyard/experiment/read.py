@@ -78,6 +78,7 @@ def _described(form: ExperimentForm, document: YamlDocument) -> Robot:
 def _experiment(
     form: ExperimentForm, robot: Robot, runs: tuple[Run, ...], path: Path
 ) -> Experiment:
+    """The experiment, once all of its parts are read."""
     return Experiment(
         # The name of a folder may be bytes that are no text.
         name=form.name or os.fsencode(path.parent.resolve().name).decode(errors="replace"),
@@ -91,6 +92,7 @@ def _experiment(
 
 
 def _known(form: KnownBodyForm) -> dict[str, tuple[float, float]]:
+    """Body parameter -> value and 1-sigma known beforehand."""
     entries = {
         "mass": form.mass,
         **{f"c{axis}": getattr(form.center_of_gravity, axis) for axis in "xyz"},
@@ -104,6 +106,7 @@ def _known(form: KnownBodyForm) -> dict[str, tuple[float, float]]:
 
 
 def _check_names(form: ExperimentForm, document: YamlDocument) -> None:
+    """Refuse two runs of one name, and streams of instruments that are not there."""
     names = [run.name for run in form.runs]
     for i, name in enumerate(names):
         if name in names[:i]:
@@ -154,6 +157,7 @@ def check_instruments(
 def _read_run(
     i: int, form: RunForm, whole: ExperimentForm, robot: Robot, document: YamlDocument
 ) -> Run:
+    """Read the streams of a run, of a window only what it needs."""
     key = ("runs", i)
     if not form.streams:
         raise document.error(
@@ -173,19 +177,17 @@ def _read_run(
         sync, spans = _spans(form, whole, places, sync)
     streams = {}
     for name, place in places.items():
-        others = [
-            n
-            for n, its in places.items()
-            if n != name and (its.path, its.topic) == (place.path, place.topic)
-        ]
-        needed = (needed_columns(whole.instruments[n], robot.m, places[n].columns) for n in others)
+        claimed: set[str] = set()
+        for other, its in places.items():
+            if other != name and (its.path, its.topic) == (place.path, place.topic):
+                claimed |= needed_columns(whole.instruments[other], robot.m, its.columns)
         try:
             streams[name] = read_stream(
                 place,
                 whole.instruments[name],
                 robot.m,
                 static=form.static,
-                claimed=frozenset().union(*needed),
+                claimed=claimed,
                 span=spans.get(name),
             )
         except NoRowsError as error:

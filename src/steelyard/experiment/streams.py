@@ -250,6 +250,7 @@ def _present_quantities(
 
 
 def _check_time(where: Callable[[int], str], name: str, time: Array) -> None:
+    """Refuse times that are missing or decrease."""
     gaps = np.flatnonzero(np.isnan(time))
     if len(gaps):
         raise InputError(
@@ -313,6 +314,7 @@ def _check_rotation(
     error: Array,
     what: str,
 ) -> None:
+    """Refuse rotations that are further off than few digits make them."""
     wrong = np.flatnonzero(error > _LARGEST_SHEAR)
     if len(wrong):
         raise InputError(

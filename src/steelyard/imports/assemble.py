@@ -81,6 +81,7 @@ def assemble(
 
 
 def _check_anchors(description: Description) -> None:
+    """Refuse a robot without cables, or with two cables from one anchor."""
     cables = description.cables
     if not cables:
         raise InputError(

@@ -78,6 +78,7 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
 
 
 def _pair(sources: Sequence[Source]) -> tuple[Element, Element]:
+    """The files of bodies and of cables."""
     found: dict[str, Element] = {}
     for source in sources:
         if isinstance(source, Element):
@@ -97,6 +98,7 @@ def _pair(sources: Sequence[Source]) -> tuple[Element, Element]:
 
 
 def _link(bodies: Element) -> Element:
+    """The only link, which nothing but cables holds."""
     links = bodies.child("links").children
     if len(links) != 1 or links[0].tag != "link_rigid":
         raise bodies.error(
@@ -119,6 +121,7 @@ def _link(bodies: Element) -> Element:
 
 
 def _body(link: Element) -> DescribedBody:
+    """Mass, centre of gravity and inertia of a link."""
     physical = link.child("physical")
     inertia = physical.child("inertia")
     reference = inertia.attribute("ref")
@@ -207,6 +210,7 @@ def _chosen(cables: Element, name: str | None) -> tuple[Element, tuple[str, ...]
 
 
 def _cable(cable: Element, cog: Vector, link: Element) -> Cable:
+    """A cable from its anchor to its attachment on the platform."""
     if cable.tag not in _CABLES:
         raise cable.error(
             f"expected one of {', '.join(sorted(_CABLES))}, found '{cable.tag[:60]}'; leave it out"
@@ -284,6 +288,7 @@ def _leaving(point: Element) -> tuple[Vector, float, Vector]:
 
 
 def _reference_note(chosen: Element, cog: Vector) -> tuple[str, ...]:
+    """Note of attachments that are measured from the centre of gravity."""
     count = sum(
         1 for each in chosen.children if each.attributes.get("attachment_reference") == "com"
     )
@@ -298,6 +303,7 @@ def _reference_note(chosen: Element, cog: Vector) -> tuple[str, ...]:
 
 
 def _stiffness_notes(chosen: Element) -> tuple[str, ...]:
+    """Notes of what the stiffness of cables was taken from."""
     springs = [each for each in chosen.children if each.tag == "cable_linear_spring"]
     variable = [each for each in chosen.children if each.tag in _VARIABLE_STIFFNESS]
     notes = []
@@ -326,6 +332,7 @@ def _routing_note(chosen: Element) -> tuple[str, ...]:
 
 
 def _unread_note(link: Element, chosen: Element) -> tuple[str, ...]:
+    """Note of elements that are not read."""
     tags = {
         each.tag
         for cable in chosen.children

@@ -174,6 +174,7 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
 
 
 def _cable(form: CdpyrRobotForm, i: int, document: YamlDocument) -> Cable:
+    """A cable by the indices of its chain."""
     chain = form.kinematic_chains[i]
     platform = form.platforms[0]
     for name, index, among in (

@@ -135,6 +135,7 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
 
 
 def _cables(form: IrmaRobotForm, document: YamlDocument) -> list[Cable]:
+    """Cables of the active actuators, with rollers at the winch or on the platform."""
     cables = []
     for i, each in enumerate(form.actuator):
         if not each.active:
@@ -166,6 +167,7 @@ def _cables(form: IrmaRobotForm, document: YamlDocument) -> list[Cable]:
 
 
 def _old_cables(form: IrmaRobotForm, document: YamlDocument) -> list[Cable]:
+    """Cables of the older form of the file."""
     return [
         Cable(
             document.where(("cable", i)),
@@ -194,6 +196,7 @@ def _axis(
 
 
 def _body(platform: IrmaPlatformForm, document: YamlDocument) -> DescribedBody:
+    """Mass, centre of gravity and inertia, whose matrix has to be symmetric."""
     J = platform.inertia
     largest = max(abs(value) for row in J for value in row)
     for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -254,6 +257,7 @@ def _inactive_note(form: IrmaRobotForm) -> tuple[str, ...]:
 
 
 def _roller_notes(form: IrmaRobotForm) -> tuple[str, ...]:
+    """Notes of winches on the platform, whose rollers a robot file cannot have."""
     notes = []
     moving = [
         each.pulley.radius

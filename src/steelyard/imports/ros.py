@@ -141,6 +141,7 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
 def _body(
     platform: RosPlatformForm, document: YamlDocument, place: tuple[str, ...]
 ) -> DescribedBody | None:
+    """Mass and inertia of the platform; None: the file has not both."""
     named = platform.inertial
     moments: Vector
     products: Vector

@@ -95,6 +95,7 @@ def unread(model: BaseModel) -> tuple[str, ...]:
 
 
 def _unread(value: Any, key: str) -> list[str]:
+    """Keys of a form and of those within it that are not read."""
     if isinstance(value, tuple):
         return [inner for entry in value for inner in _unread(entry, key)]
     if not isinstance(value, BaseModel):

@@ -169,6 +169,7 @@ class _Builder:
         self.parser.SkippedEntityHandler = self.entity
 
     def build(self, content: bytes) -> Element:
+        """Parse the whole file into its root element."""
         try:
             self.parser.Parse(content, True)
         except expat.ExpatError as error:

@@ -116,6 +116,9 @@ def _reading(lines: Sequence[str], separator: str) -> Dialect:
 
 
 def _rows_of(rows: Sequence[Sequence[str]], separator: str, decimal: Decimal) -> Dialect:
+    """The dialect that rows have with a separator and a decimal mark, scored by how many cells are
+    values.
+    """
     value = [[_is_value(cell, decimal) for cell in row] for row in rows]
     text = [
         [not v and not is_missing(cell) for v, cell in zip(value[i], row, strict=True)]

@@ -98,6 +98,7 @@ class Log:
         return table
 
     def _check(self, table: Table, part: Part | None) -> None:
+        """Refuse infinite and impossible numbers, and columns without a single one."""
         filled = np.zeros(len(table), dtype=bool)
         # A few rows at a time, without a copy of all of them.
         for first in range(0, len(table.cells), _BLOCK):

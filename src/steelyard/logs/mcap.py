@@ -174,6 +174,7 @@ class _Contents:
                         self._define(opcode, bytes(record))
 
     def _define(self, opcode: int, record: bytes) -> None:
+        """Take note of a schema or a channel."""
         from mcap.data_stream import ReadDataStream
         from mcap.exceptions import McapError
         from mcap.opcode import Opcode
@@ -191,6 +192,7 @@ class _Contents:
             raise ValueError(str(error) or "a record that is cut off") from None
 
     def _chunk(self, begin: int, length: int) -> _Block:
+        """The chunk whose record begins at a place, by its head."""
         start, end, size, crc, text = _CHUNK.unpack(self.file.read(_CHUNK.size))
         if text > 32:
             raise ValueError("a chunk with a name of its compression that is too long")

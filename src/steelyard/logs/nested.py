@@ -203,6 +203,7 @@ class _Columns:
     def load(
         self, names: Sequence[str], part: Part | None, rows: int | None
     ) -> Mapping[str, Array]:
+        """See :attr:`Log.load`."""
         wanted = list(dict.fromkeys([*names, *([part.column] if part else [])]))
         n = self._rows(wanted)
         packed = self.path.stat().st_size

@@ -43,6 +43,7 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
     column = {name: (expression, kind) for name, expression, kind in leaves}
 
     def load(names: Sequence[str], part: Part | None, rows: int | None) -> Mapping[str, Array]:
+        """See :attr:`Log.load`."""
         for name in names:
             kind = column[name][1]
             if not (kind.is_numeric() or kind.is_temporal()):

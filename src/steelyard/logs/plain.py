@@ -123,6 +123,7 @@ def _damaged(path: Path, reason: str) -> InputError:
 
 
 def _decoder(path: Path, beginning: bytes) -> Callable[[bytes, bool], bytes]:
+    """What turns blocks of a file into UTF-8."""
     encoding = _utf16(beginning[:4096])
     if encoding is None:
         if b"\0" in beginning[:4096]:

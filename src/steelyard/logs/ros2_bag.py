@@ -61,6 +61,7 @@ def opened(path: Path) -> Iterator[Recording]:
 
 
 def _parts(folder: Path) -> tuple[list[Path], str]:
+    """Files of a bag and the format they are stored in, by its metadata."""
     document = read_yaml(folder / _METADATA)
     about = (
         document.data.get("rosbag2_bagfile_information")

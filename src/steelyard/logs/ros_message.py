@@ -108,6 +108,7 @@ class _Layout:
         self._done.append(step)
 
     def _add_type(self, name: str, label: str, depth: int) -> None:
+        """Add the steps of a message type; times are one number each."""
         if depth > _DEEPEST:
             raise ValueError("a type within itself")
         if name in TIMES and label:
@@ -125,6 +126,7 @@ class _Layout:
             self._add(description, f"{label}.{field}" if label else field, depth)
 
     def _add(self, description: Any, label: str, depth: int) -> None:
+        """Add the steps of a field."""
         self._fields += 1
         if self._fields > _MOST_FIELDS:
             raise ValueError(f"a type of more than {_MOST_FIELDS} fields")

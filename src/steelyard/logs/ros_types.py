@@ -103,6 +103,7 @@ def _parsed_msg(definition: str, name: str) -> dict[str, Any]:
 
 
 def _parsed_idl(definition: str) -> dict[str, Any]:
+    """Types of a definition in IDL, unless its parser would take long."""
     from rosbags.typesys import get_types_from_idl
 
     # Its time grows sixtyfold with every bracket in an expression; shifts make numbers of any

@@ -56,6 +56,7 @@ def topics_in_subprocess(module: str, path: Path, what: str) -> list[str]:
 
 @contextmanager
 def _started(module: str, path: Path, what: str) -> Iterator[_Subprocess]:
+    """A subprocess that runs a module, and ends with the block."""
     # Nothing is imported from the working folder, which may be that of the log.
     command = [sys.executable, "-P", "-m", module]
     with subprocess.Popen(
@@ -76,6 +77,7 @@ class _Subprocess:
         self.process, self.path, self.what = process, path, what
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Send a request and read the line of the answer."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         line = b""
@@ -91,6 +93,7 @@ class _Subprocess:
         return answer
 
     def load(self, names: Sequence[str], part: Part | None, rows: int | None) -> dict[str, Array]:
+        """See :attr:`Log.load`."""
         assert self.process.stdout is not None
         unique = list(dict.fromkeys(names))
         n = self.ask(

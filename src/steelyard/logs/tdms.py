@@ -145,6 +145,7 @@ class _SharedClock:
                 yield (group, name, _TIME), _times(waveform)
 
     def _waveform(self, channel: Any) -> _Waveform | None:
+        """Times of a channel that states its rate; None: it does not."""
         increment = channel.properties.get("wf_increment")
         if not isinstance(increment, float) or not increment > 0 or not len(channel):
             return None

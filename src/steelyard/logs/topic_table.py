@@ -56,6 +56,7 @@ def log_of_topic(recording: Recording, topic: str | None) -> Log:
 
 
 def _named(recording: Recording, topic: str) -> tuple[str, list[str]]:
+    """The topic of a name, with or without slash, and its columns."""
     by_bare_name = {name.strip("/"): name for name in recording.topics}
     name = topic if topic in recording.topics else by_bare_name.get(topic.strip("/"))
     if name is None:
