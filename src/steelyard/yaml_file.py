@@ -19,12 +19,14 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from steelyard.errors import InputError
 
-_LARGEST_FILE = 2**19  # bytes; reading line numbers along takes seconds beyond it
+_LARGEST_FILE = 2**19
+"""Bytes: reading line numbers along takes seconds beyond it."""
 _LARGEST_NUMBER = 1e15
-_DEEPEST = 200  # brackets in each other; beyond, the parser spends seconds before it gives up
-_MOST_VALUES = (
-    200_000  # after aliases are expanded: a file of a few lines can name itself a billion times
-)
+"""Squares of larger numbers lose all digits of others."""
+_DEEPEST = 200
+"""Brackets in each other: beyond, the parser spends seconds before it gives up."""
+_MOST_VALUES = 200_000
+"""After aliases are expanded: a file of a few lines can name itself a billion times."""
 
 
 class FileModel(BaseModel):

@@ -13,6 +13,7 @@ from steelyard.drafts.survey import DraftStream, read_again
 from steelyard.errors import InputError
 
 _DEGREES = 180 / np.pi
+"""In a radian."""
 _UNSURE = {"that the gyro reads deg/s", "that roll, pitch, yaw are radians"}
 """Checks that are done where a gyro turns as fast as an orientation."""
 

@@ -21,7 +21,9 @@ _OF_THE_DEVICE = {"acts_on", "gravity", "rpy_deg"}
 """Keys that one recording may show and another of the same device may not."""
 _ORDER = ("tension", "wrench", "imu", "attitude", "position", "pose", "length", "command")
 MOST_LOGS = 1000
+"""Files that are looked at: each takes a tenth of a second at least."""
 MOST_STREAMS = 2000
+"""In all logs: all of them are in memory at once."""
 Progress = Callable[[str, float], None]
 
 

@@ -21,6 +21,7 @@ SCHEMA = "experiment.schema.json"
 _PLAIN = re.compile(r"(\.{1,2}/)*[A-Za-z_][\w./\-]*", re.ASCII)
 _WORDS = frozenset(["true", "false", "null", "yes", "no", "on", "off", "nan", "inf", "y", "n"])
 _WIDTH = 110
+"""Characters of a line of the file."""
 _POSITION = "origin of the instrument in the platform frame [m]"
 _RPY = "instrument frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]"
 _ZEROS = "[0.0, 0.0, 0.0]"

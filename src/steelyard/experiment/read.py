@@ -21,6 +21,7 @@ from steelyard.robot.model import Robot
 from steelyard.yaml_file import YamlDocument, read_yaml, validate
 
 _FEWEST_SAMPLES = 10
+"""Force samples in the common time of a run: fewer determine no body."""
 _BESIDE = 5.0
 """Of a stream beside the window of its run that is read along [s]: clocks may differ by their
 delays, filters have edges."""

@@ -19,9 +19,12 @@ from steelyard.robot.file import robot_of
 from steelyard.robot.model import Robot
 from steelyard.yaml_file import YamlDocument
 
-_GRAVITY = 9.81  # [m/s^2], of robot files that do not say
-_CLOSEST_ANCHORS = 1e-6  # [m], as in robot files
+_GRAVITY = 9.81
+"""Of robot files that do not say [m/s^2]."""
+_CLOSEST_ANCHORS = 1e-6
+"""Distance of two anchors, as robot files demand it [m]."""
 _LONGEST_NAME = 100
+"""Characters of the name of a robot."""
 
 
 def assemble(

@@ -19,9 +19,11 @@ from steelyard.imports.xml_file import Element
 NAME = "CASPR XML"
 
 _GRAVITY = (0.0, 0.0, -9.81)
+"""Of CASPR, which states none in its files [m/s^2]."""
 _FREE_JOINTS = {"SPATIAL_EULER_XYZ": 6, "SPATIAL_QUATERNION": 7}
 """Joints that carry nothing, with their number of coordinates; the first three are the position."""
-_HALF_TURN = 3.14  # [rad]
+_HALF_TURN = 3.14
+"""Limit of an angle that is none [rad]: CASPR writes pi with two digits and more."""
 _VARIABLE_STIFFNESS = {
     "cable_vsd_flexure_linear",
     "cable_vsd_polynomial",

@@ -25,7 +25,9 @@ from steelyard.yaml_file import YamlDocument, validate
 NAME = "cdpyr"
 
 _ORTHONORMAL = 1e-6
+"""How far a matrix may be from a rotation: rounding of decimal numbers."""
 _SYMMETRIC = 1e-6
+"""How far an inertia matrix may be from a symmetric one, as a part of its largest element."""
 _SIGN_UNKNOWN = (
     "cdpyr makes no use of them, and its own model of CoGiRo has the signs of the data sheet,"
     " +integral(x y dm)"

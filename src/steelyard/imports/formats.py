@@ -15,6 +15,7 @@ from steelyard.imports.sources import Source, printable, read_source
 from steelyard.imports.xml_file import Element
 
 _MOST_NAMED = 6
+"""Files that a message names."""
 
 
 @dataclass(frozen=True)

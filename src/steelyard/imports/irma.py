@@ -24,8 +24,10 @@ from steelyard.yaml_file import YamlDocument, validate
 
 NAME = "IRMA JSON"
 
-_GRAVITY = 9.80665  # [m/s^2], of all their programs
+_GRAVITY = 9.80665
+"""Of all their programs [m/s^2]."""
 _SYMMETRIC = 1e-6
+"""How far an inertia matrix may be from a symmetric one, as a part of its largest element."""
 _HELD_BY_CABLES = {"THREE_R_THREE_T", "THREE_T"}
 
 _MATRIX = "as 'inertia_mat_G_loc' is a matrix in IRMA's programs"

@@ -18,9 +18,12 @@ from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, require_file
 
 Source = Element | YamlDocument
 
-_HEAD = 1024  # bytes
+_HEAD = 1024
+"""Bytes that show whether a file is XML."""
 _MOST_NAMED = 12
+"""Keys that a note names."""
 _LONGEST_TEXT = 60
+"""Characters of a text from a file in a message."""
 
 
 class ForeignModel(FileModel):

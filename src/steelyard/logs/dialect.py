@@ -22,6 +22,7 @@ _FEW, _MANY = 200, 2_000
 _CHARACTERS = 1 << 19
 """That are looked at, where few lines have many of them."""
 _SHOWN = 20
+"""Rows that a dialect keeps, from which a header is judged."""
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,14 @@ from steelyard.units import is_unit
 
 _WHAT = "an HDF5 file"
 _MOST_OBJECTS = 20_000
+"""Groups and datasets of one file: recordings have hundreds; each costs a millisecond."""
 _DEEPEST = 50
+"""Groups within groups."""
 _FILTERS = {1, 2, 3, 4, 5, 6, 32000}
 """Deflate, shuffle, Fletcher's checksum, szip, n-bit, scale-offset, LZF: those that come with the
 library; others are looked for as plugins in folders of the system."""
 _LONGEST_UNIT = 64
+"""Bytes of the name of a unit."""
 
 
 def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:

@@ -17,6 +17,7 @@ MOST_COLUMNS = 10_000
 _LARGEST = 1e30
 """No reading in any unit is larger; beyond it squares overflow."""
 _BLOCK = 1 << 14
+"""Rows that are checked at once."""
 
 
 class NoRowsError(InputError):

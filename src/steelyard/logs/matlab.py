@@ -32,12 +32,16 @@ _INTEGERS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64
 _NUMBERS = {"double", "single", "logical", *_INTEGERS}
 """Classes of MATLAB."""
 _HEADER = 128
+"""Bytes of the header of a file of version 5."""
 _COMPRESSED = 15
 """Type of an element that is packed."""
 _PIECE = 1 << 20
+"""Bytes that are unpacked at once."""
 _DEEPEST = 50
+"""Structures within structures."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _USERBLOCK = 512
+"""Bytes before the HDF5 part of a file of version 7.3."""
 
 
 def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:

@@ -12,6 +12,7 @@ from steelyard.errors import InputError
 MOST_LISTED = 20
 """Names of a file in one message."""
 _LONGEST = 80
+"""Characters of a name from a file in a message."""
 
 
 def require_package(path: Path, package: str, module: str, what: str) -> None:

@@ -18,10 +18,13 @@ from steelyard.logs.size import check_unpacked
 _PIECE = 1 << 23
 """Bytes that are in memory at once: few, but enough to keep several processors busy."""
 _LONGEST_LINE = 1 << 22
+"""Bytes of a line: ten thousand columns have a tenth of it."""
 _PACKED = 1 << 14
+"""Bytes that are unpacked at once: each may become a thousand."""
 _MEMBERS = 100_000
 """Files in one; some programs write one for every 64 KiB."""
 _ALWAYS = 1 << 26
+"""Bytes that any packed text may become."""
 _RATIO = 20
 """Bytes of text that a byte may become: that of recordings becomes three to ten."""
 _GZIP = b"\x1f\x8b"

@@ -36,6 +36,7 @@ _MESSAGE, _HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
 _LENGTH = struct.Struct("<I")
 _TIME = struct.Struct("<II")
 _LONGEST_HEADER = 1 << 20
+"""Bytes of the header of a record: it has a few names and numbers."""
 
 Fields = dict[bytes, bytes]
 """Of the header of a record."""

@@ -37,6 +37,7 @@ _PLACEHOLDER = "structure_needs_at_least_one_member"
 _MOST_FIELDS = 100_000
 """Fields of one message with those of its fields; a type may be made to have any number of them."""
 _DEEPEST = 50
+"""Types within types."""
 _PADDING = 7
 """Bytes behind a message that mean nothing."""
 

@@ -23,6 +23,7 @@ _SEPARATOR = "=" * 80 + "\n"
 _IDL_TEXT = re.compile(r'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _IDL_ANNOTATION = re.compile(r"@\s*\w+(\s*\([^()]*\))?|^#[^\n]*", re.MULTILINE)
 _MOST_CONSTANTS = 200
+"""Constants of a definition in IDL: each costs its parser milliseconds."""
 
 
 def types_of(path: Path, name: str, form: str, definition: str, *, ros1: bool) -> Types:
