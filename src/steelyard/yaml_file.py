@@ -158,13 +158,8 @@ def require_file(path: Path, what: str = "file") -> None:
     try:
         if path.is_file():
             return
-        found = (
-            "a folder"
-            if path.is_dir()
-            else "something that is no regular file"
-            if path.exists()
-            else "nothing there"
-        )
+        found = "something that is no regular file" if path.exists() else "nothing there"
+        found = "a folder" if path.is_dir() else found
     except OSError as error:
         found = f"'{error.strerror}'"
     except ValueError as error:
@@ -353,14 +348,9 @@ def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> st
         return f"expected this key, found it missing; add '{name}'"
     if kind == "extra_forbidden":
         close = difflib.get_close_matches(name, known, n=1)
-        hint = (
-            f"; did you mean '{close[0]}'?"
-            if close
-            else f"; known here: {', '.join(known)}"
-            if known
-            else "; remove it"
-        )
-        return f"expected a known key, found '{name}'{hint}"
+        others = f"known here: {', '.join(known)}" if known else "remove it"
+        hint = f"did you mean '{close[0]}'?" if close else others
+        return f"expected a known key, found '{name}'; {hint}"
     if kind in {"union_tag_invalid", "literal_error"}:
         expected = context.get("expected_tags") or context.get("expected")
         return (
@@ -400,10 +390,8 @@ def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> st
 
 
 def _dotted(key: Sequence[str | int]) -> str:
-    text = ""
-    for part in key:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
-    return text
+    parts = [f"[{part}]" if isinstance(part, int) else f".{part}" for part in key]
+    return "".join(parts).removeprefix(".")
 
 
 def _short(value: Any) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -112,10 +113,7 @@ def _key(found: DraftStream) -> tuple[Path, str]:
     folder = path.parent
     stem = path.name if path.is_dir() else path.name.split(".")[0]
     parts = re.split(r"([_\-. ]+)", stem)
-    kept = "".join(
-        "" if part and INSTRUMENTS.issuperset(words_of(part)) and words_of(part) else part
-        for part in parts
-    )
+    kept = "".join(part for part in parts if not _is_instrument(part))
     kept = re.sub(r"([_\-. ])[_\-. ]+", r"\1", kept)
     group = found.place.topic
     if group and ending_of(path) in _GROUPED and not INSTRUMENTS.issuperset(words_of(group)):
@@ -124,9 +122,15 @@ def _key(found: DraftStream) -> tuple[Path, str]:
     numbered = re.fullmatch(r"([a-z]+)(\d+)", kept.lower())
     if numbered and numbered[1] in INSTRUMENTS:
         kept = numbered[2]
-    if words_of(folder.name) and INSTRUMENTS.issuperset(words_of(folder.name)):
+    if _is_instrument(folder.name):
         folder = folder.parent
     return folder, kept.strip("_-. ")
+
+
+def _is_instrument(text: str) -> bool:
+    """Whether all words of a text say which instrument, one at least."""
+    words = words_of(text)
+    return bool(words) and INSTRUMENTS.issuperset(words)
 
 
 def _name(key: tuple[Path, str]) -> str:
@@ -252,12 +256,10 @@ def _distinctly_named(groups: Sequence[RunGroup]) -> list[RunGroup]:
 
 def runs_of(groups: Sequence[RunGroup]) -> list[DraftRun]:
     """Runs whose streams stand under the names of their instruments, the same in all runs."""
-    several = {
-        f.kind
-        for group in groups
-        for f in group.streams
-        if sum(o.kind == f.kind for o in group.streams) > 1
-    }
+    several: set[str] = set()
+    for group in groups:
+        counts = Counter(found.kind for found in group.streams)
+        several.update(kind for kind, count in counts.items() if count > 1)
     known: dict[str, str] = {}
     """Name -> settings of the instrument."""
     runs = []

@@ -217,20 +217,17 @@ def _instruments(groups: Sequence[VectorColumns]) -> Iterable[Claim]:
 
 def _form(group: VectorColumns) -> int:
     """Quaternions before angles before matrices, as the contract looks for them."""
-    return 0 if "qw" in group.columns else 1 if "roll" in group.columns else 2
+    first = [column for column in ("qw", "roll", "r11") if column in group.columns]
+    return ("qw", "roll", "r11").index(first[0])
 
 
 def _claim(kind: str, groups: Sequence[VectorColumns]) -> Claim:
     """An instrument of a kind that has the columns of these vectors."""
-    return Claim(
-        kind,
-        {contract: name.column for group in groups for contract, name in group.columns.items()},
-        groups[0].label,
-        {
-            name.column: name.unit
-            for group in groups
-            for name in group.columns.values()
-            if name.unit
-        },
-        tuple(check for group in groups for check in group.checks),
-    )
+    names: dict[str, Name] = {}
+    checks: list[str] = []
+    for group in groups:
+        names.update(group.columns)
+        checks += group.checks
+    columns = {contract: name.column for contract, name in names.items()}
+    units = {name.column: name.unit for name in names.values() if name.unit}
+    return Claim(kind, columns, groups[0].label, units, tuple(checks))

@@ -29,10 +29,7 @@ def compared(streams: tuple[DraftStream, ...], m: int, *, agree: bool) -> tuple[
     streams = tuple(_gyro_checked(found, streams, m) for found in streams)
     if not agree:
         return streams
-    checks = {"wrench": _sign_checked, "imu": _mounted}
-    return tuple(
-        checks[found.kind](found, streams) if found.kind in checks else found for found in streams
-    )
+    return tuple(_mounted(_sign_checked(found, streams), streams) for found in streams)
 
 
 def _turning(found: DraftStream) -> float | None:
@@ -93,7 +90,7 @@ def _sign_checked(found: DraftStream, streams: tuple[DraftStream, ...]) -> Draft
     """A wrench sensor with the sign that gravity gives it: up is the force on a body that hangs or
     stands.
     """
-    if "acts_on" in found.settings:
+    if found.kind != "wrench" or "acts_on" in found.settings:
         return found
     pairs = _verticals(found, streams, "force")
     if pairs is None:
@@ -122,7 +119,7 @@ def _mounted(found: DraftStream, streams: tuple[DraftStream, ...]) -> DraftStrea
     """An accelerometer with the rotation that brings its gravity to where an attitude beside it
     says that up is.
     """
-    if found.settings.get("gravity") != "included":
+    if found.kind != "imu" or found.settings.get("gravity") != "included":
         return found
     pairs = _verticals(found, streams, "specific_force")
     if pairs is None or len(pairs[0]) < 3:

@@ -140,31 +140,31 @@ def _agreed(groups: Sequence[RunGroup]) -> list[RunGroup]:
     """Settings that one run shows and another cannot are those of both, where no two runs
     contradict each other.
     """
-    shown: dict[tuple[tuple[str, tuple[str, ...]], str], list[Any]] = {}
+    shown: dict[tuple[str, tuple[str, ...]], dict[str, list[Any]]] = {}
     for group in groups:
         for found in group.streams:
-            for key in _OF_THE_DEVICE & found.settings.keys():
-                shown.setdefault(((found.kind, found.label), key), []).append(found.settings[key])
-    alike = {
-        place: values[0]
-        for place, values in shown.items()
-        if all(value == values[0] for value in values)
-    }
+            own = shown.setdefault((found.kind, found.label), {})
+            for key, value in found.settings.items():
+                if key in _OF_THE_DEVICE:
+                    own.setdefault(key, []).append(value)
+    agreed = []
+    for group in groups:
+        streams = [_settled(each, shown[each.kind, each.label]) for each in group.streams]
+        agreed.append(replace(group, streams=tuple(streams)))
+    return agreed
 
-    def settled(found: DraftStream) -> DraftStream:
-        known = {
-            key: value
-            for (device, key), value in alike.items()
-            if device == (found.kind, found.label) and key not in found.settings
-        }
-        checks = tuple(check for check in found.checks if not any(key in check for key in known))
-        return (
-            replace(found, settings={**found.settings, **known}, checks=checks) if known else found
-        )
 
-    return [
-        replace(group, streams=tuple(settled(found) for found in group.streams)) for group in groups
-    ]
+def _settled(found: DraftStream, shown: Mapping[str, Sequence[Any]]) -> DraftStream:
+    """A stream with the settings that all others of its device agree on; what they answer need not
+    be checked.
+    """
+    known = dict(found.settings)
+    checks = found.checks
+    for key, values in shown.items():
+        if key not in known and all(value == values[0] for value in values):
+            known[key] = values[0]
+            checks = tuple(check for check in checks if key not in check)
+    return replace(found, settings=known, checks=checks)
 
 
 def _instruments(runs: Sequence[DraftRun]) -> dict[str, dict[str, Any]]:

@@ -44,7 +44,8 @@ def time_unit(time: Array) -> tuple[str, str]:
     whole = bool(np.all(time == np.round(time)))
     if step < 2 and not (whole and len(time) > 100):
         return "s", ""
-    unit = "ms" if step < 500 else "us" if step < 5e5 else "ns"
+    # Rates down to 2 Hz.
+    unit = next((unit for unit, longest in (("ms", 500), ("us", 5e5)) if step < longest), "ns")
     return unit, f"steps of {step:.4g} are likeliest {unit}"
 
 
@@ -57,9 +58,8 @@ def scale_of(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale:
             states, shape (n,).
         robot: What it is on.
     """
-    parts = [
-        part for part in (guess(kind, values, robot) for guess in _GUESSES) if part is not None
-    ]
+    guesses = [guess(kind, values, robot) for guess in _GUESSES]
+    parts = [part for part in guesses if part is not None]
     return Scale(
         {name: unit for part in parts for name, unit in part.units.items()},
         {key: value for part in parts for key, value in part.settings.items()},

@@ -230,8 +230,9 @@ def _stream(name: str, found: DraftStream, files: Mapping[str, str]) -> Iterator
     """Lines of a stream: its file, columns and units, and why."""
     place = found.place
     file = scalar(files[str(place.path)])
-    rate = "poses" if found.static else f"samples, {found.rate:.4g} Hz" if found.rate else "samples"
-    counted = f"{len(found.times)} {rate}"
+    counted = f"{len(found.times)} {'poses' if found.static else 'samples'}"
+    if found.rate:
+        counted += f", {found.rate:.4g} Hz"
     if not (place.topic or place.columns or place.units):
         yield f"    {scalar(name)}: {file}    # {counted}"
     else:
@@ -264,20 +265,13 @@ def _mapping(key: str, values: Mapping[str, str]) -> Iterator[str]:
 def flow(value: Any) -> str:
     """A value in one line."""
     if isinstance(value, Mapping):
-        return (
-            "{"
-            + ", ".join(f"{scalar(str(key))}: {flow(entry)}" for key, entry in value.items())
-            + "}"
-        )
+        entries = [f"{scalar(str(key))}: {flow(entry)}" for key, entry in value.items()]
+        return "{" + ", ".join(entries) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(flow(entry) for entry in value) + "]"
-    return (
-        scalar(value)
-        if isinstance(value, str)
-        else f"{value:g}"
-        if isinstance(value, float)
-        else str(value)
-    )
+    if isinstance(value, str):
+        return scalar(value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def scalar(text: str) -> str:
@@ -286,21 +280,16 @@ def scalar(text: str) -> str:
     """
     if _PLAIN.fullmatch(text) and text.lower() not in _WORDS:
         return text
-    escaped = "".join(
-        (
-            f"\\{c}"
-            if c in '"\\'
-            else (
-                c
-                if c.isprintable()
-                else f"\\U{ord(c):08X}"
-                if ord(c) > 0xFFFF
-                else f"\\u{ord(c):04X}"
-            )
-        )
-        for c in text
-    )
-    return f'"{escaped}"'
+    return '"' + "".join(map(_escaped, text)) + '"'
+
+
+def _escaped(letter: str) -> str:
+    """A letter between quotation marks of YAML."""
+    if letter in '"\\':
+        return f"\\{letter}"
+    if letter.isprintable():
+        return letter
+    return f"\\U{ord(letter):08X}" if ord(letter) > 0xFFFF else f"\\u{ord(letter):04X}"
 
 
 def comment(text: str) -> str:

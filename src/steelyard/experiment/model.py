@@ -228,13 +228,17 @@ class Experiment:
         """
         if run.static:
             return run.streams[name].time
-        value = self.delay(run, name).value
-        late = delay if delay is not None else float(np.mean(value)) if value is not None else 0.0
+        late = self._mean_delay(run, name) if delay is None else delay
         if run.sync:
             return run.streams[name].time - run.sync[name] - late
         reference = self.force_instrument(run)
         origin = run.streams[reference].time[0] if reference else 0.0
         return run.streams[name].time - origin - late
+
+    def _mean_delay(self, run: Run, name: str) -> float:
+        """Delay of an instrument's clock as known beforehand [s]."""
+        value = self.delay(run, name).value
+        return 0.0 if value is None else float(np.mean(value))
 
 
 def is_force(instrument: Instrument) -> bool:

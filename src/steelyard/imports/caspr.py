@@ -160,20 +160,16 @@ def _limits(joint: Element, origin: Vector) -> tuple[dict[str, object], tuple[st
     count = _FREE_JOINTS[joint.attribute("type")]
     low, high = (joint.numbers_of(key, count, infinite=True) for key in ("q_min", "q_max"))
     notes = []
-    if count == 6 and any(
-        a > -_HALF_TURN or b < _HALF_TURN for a, b in zip(low[3:], high[3:], strict=True)
-    ):
+    turns = zip(low[3:], high[3:], strict=True)
+    if count == 6 and any(a > -_HALF_TURN or b < _HALF_TURN for a, b in turns):
         notes.append(
             "limits of rotation left out: CASPR's angles are R = Rx Ry Rz, those of a robot file R"
             " = Rz Ry Rx; write limits.rpy_deg yourself"
         )
-    box = [
-        [round(o + q, 12) for o, q in zip(origin, corner[:3], strict=True)]
-        for corner in (low, high)
-    ]
-    if any(
-        not math.isfinite(a) or not math.isfinite(b) or a >= b for a, b in zip(*box, strict=True)
-    ):
+    lower = [round(o + q, 12) for o, q in zip(origin, low[:3], strict=True)]
+    upper = [round(o + q, 12) for o, q in zip(origin, high[:3], strict=True)]
+    box = [lower, upper]
+    if not all(math.isfinite(a) and math.isfinite(b) and a < b for a, b in zip(*box, strict=True)):
         return {}, (*notes, "limits of position left out: q_min and q_max are no box")
     return {"position": box}, tuple(notes)
 

@@ -143,20 +143,13 @@ def _cables(form: IrmaRobotForm, document: YamlDocument) -> list[Cable]:
         if not each.active:
             continue
         pulley, winch = each.pulley, each.winch
-        fixed, moving = (
-            (pulley.swivel_point, winch.platform_point),
-            (
-                pulley.frame_point,
-                winch.platform_swivel_point,
-            ),
-        )
+        fixed = (pulley.swivel_point, winch.platform_point)
+        moving = (pulley.frame_point, winch.platform_swivel_point)
         where = document.where(("actuator", i))
         if None not in fixed:
-            radius, axis = (
-                pulley.radius,
-                _axis(pulley.radius, pulley.vers_k, document, ("actuator", i, "pulley", "vers_k")),
-            )
-            cables.append(Cable(where, *fixed, radius, axis))  # type: ignore[arg-type]
+            key = ("actuator", i, "pulley", "vers_k")
+            axis = _axis(pulley.radius, pulley.vers_k, document, key)
+            cables.append(Cable(where, *fixed, pulley.radius, axis))  # type: ignore[arg-type]
         elif None not in moving:
             cables.append(Cable(where, *moving))  # type: ignore[arg-type]
         else:
@@ -278,12 +271,9 @@ def _roller_notes(form: IrmaRobotForm) -> tuple[str, ...]:
 
 
 def _load_note(platform: IrmaPlatformForm) -> tuple[str, ...]:
-    loads = [
-        f"{key} ({', '.join(f'{v:g}' for v in value)})"
-        for key, value in (
-            ("ext_force_loc", platform.ext_force_loc),
-            ("ext_torque_loc", platform.ext_torque_loc),
-        )
-        if any(value)
-    ]
+    given = {"ext_force_loc": platform.ext_force_loc, "ext_torque_loc": platform.ext_torque_loc}
+    loads = []
+    for key, value in given.items():
+        if any(value):
+            loads.append(f"{key} ({', '.join(f'{v:g}' for v in value)})")
     return (f"constant load on the platform left out: {', '.join(loads)}",) if loads else ()
