@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from steelyard.errors import InputError
 from steelyard.logs.compressed import LARGEST_BLOCK, MOST_UNPACKED, unpacked
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+_MESSAGE_OPCODE = 5
 _CHUNK = struct.Struct("<QQQII")
 _REGION = 1 << 22
 """Bytes of messages outside of chunks that are read at once."""
@@ -91,6 +92,16 @@ def recording_of(path: Path, file: IO[bytes]) -> Recording:
     return Recording(path, topics, whole, contents.messages, contents.decoder)
 
 
+class _Head(NamedTuple):
+    """A message outside of chunks."""
+
+    received: int
+    """[ns]."""
+    start: int
+    """Of its record in the file."""
+    end: int
+
+
 @dataclass(frozen=True)
 class _Block:
     """A chunk, or messages in a row outside of chunks."""
@@ -130,25 +141,13 @@ class _Contents:
         from mcap.opcode import Opcode
 
         size = os.fstat(self.file.fileno()).st_size
-        self.file.seek(0)
-        if self.file.read(len(MAGIC)) != MAGIC:
-            raise ValueError("another beginning")
-        self.file.seek(max(size - len(MAGIC), 0))
-        if size < 2 * len(MAGIC) or self.file.read(len(MAGIC)) != MAGIC:
-            raise self._cut_off()
-        place, end, ended = len(MAGIC), size - len(MAGIC), False
-        region: list[tuple[int, int, int]] = []
-        while place < end:
-            self.file.seek(place)
-            opcode, length = _HEAD.unpack(self.file.read(_HEAD.size))
-            begin, place = place + _HEAD.size, place + _HEAD.size + length
-            if place > end:
-                raise ValueError(f"a record of {length} bytes that runs over the end")
+        region: list[_Head] = []
+        ended = False
+        for opcode, begin, length in self._heads(size):
             if opcode == Opcode.MESSAGE:
-                region.append(
-                    (_MESSAGE.unpack(self.file.read(_MESSAGE.size))[2], begin - _HEAD.size, place)
-                )
-            if region and (opcode != Opcode.MESSAGE or place - region[0][1] > _REGION):
+                received = _MESSAGE.unpack(self.file.read(_MESSAGE.size))[2]
+                region.append(_Head(received, begin - _HEAD.size, begin + length))
+            if region and (opcode != Opcode.MESSAGE or region[-1].end - region[0].start > _REGION):
                 self.blocks.append(_region(region))
                 region = []
             if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
@@ -156,22 +155,45 @@ class _Contents:
             elif opcode == Opcode.CHUNK:
                 self.blocks.append(self._chunk(begin, length))
             elif opcode == Opcode.MESSAGE_INDEX and self.blocks:
-                self.held.setdefault(self.blocks[-1].place, set()).add(
-                    struct.unpack("<H", self.file.read(2))[0]
-                )
+                held = self.held.setdefault(self.blocks[-1].place, set())
+                held.add(struct.unpack("<H", self.file.read(2))[0])
             ended = opcode == Opcode.FOOTER
         if not ended:
             raise ValueError("no footer at its end")
-        check_unpacked(
-            self.path, sum(block.size for block in self.blocks), size, always=MOST_UNPACKED
-        )
+        unpacked_size = sum(block.size for block in self.blocks)
+        check_unpacked(self.path, unpacked_size, size, always=MOST_UNPACKED)
         known = set().union(*self.held.values()) <= self.channels.keys()
         if not known or not self.channels:
-            # Channels need not be repeated outside of the chunks.
-            for block in self.blocks:
-                for opcode, record in _records(self._read(block)):
-                    if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-                        self._define(opcode, bytes(record))
+            self._define_by_chunks()
+
+    def _heads(self, size: int) -> Iterator[tuple[int, int, int]]:
+        """Records of the file: opcode, where the content begins, and its length; the file stands
+        there.
+        """
+        self.file.seek(0)
+        if self.file.read(len(MAGIC)) != MAGIC:
+            raise ValueError("another beginning")
+        self.file.seek(max(size - len(MAGIC), 0))
+        if size < 2 * len(MAGIC) or self.file.read(len(MAGIC)) != MAGIC:
+            raise self._cut_off()
+        place = len(MAGIC)
+        while place < size - len(MAGIC):
+            self.file.seek(place)
+            opcode, length = _HEAD.unpack(self.file.read(_HEAD.size))
+            begin = place + _HEAD.size
+            place = begin + length
+            if place > size - len(MAGIC):
+                raise ValueError(f"a record of {length} bytes that runs over the end")
+            yield opcode, begin, length
+
+    def _define_by_chunks(self) -> None:
+        """Find channels and schemas that are not repeated outside of the chunks."""
+        from mcap.opcode import Opcode
+
+        for block in self.blocks:
+            for opcode, record in _records(self._read(block)):
+                if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+                    self._define(opcode, bytes(record))
 
     def _define(self, opcode: int, record: bytes) -> None:
         """Take note of a schema or a channel."""
@@ -223,11 +245,16 @@ class _Contents:
         return in_time_order(pieces, within)
 
     def _messages(self, block: _Block, channels: set[int]) -> list[Message]:
+        """Messages of some channels in a block."""
         found = []
         try:
             for opcode, record in _records(self._read(block)):
-                if opcode == 5 and (head := _MESSAGE.unpack_from(record))[0] in channels:
-                    found.append(Message(head[2], head[3], head[0], bytes(record[_MESSAGE.size :])))
+                if opcode != _MESSAGE_OPCODE:
+                    continue
+                channel, _, received, published = _MESSAGE.unpack_from(record)
+                if channel in channels:
+                    data = bytes(record[_MESSAGE.size :])
+                    found.append(Message(received, published, channel, data))
         except (ValueError, struct.error) as error:
             raise _damaged(self.path, error) from None
         return found
@@ -263,10 +290,10 @@ class _Contents:
 _DECODERS: dict[str, Callable[[Any, str], Decoder]] = {"cdr": cdr_decoder, "ros1": ros1_decoder}
 
 
-def _region(messages: list[tuple[int, int, int]]) -> _Block:
-    """Messages in a row; of each, when it was received, where it begins and where it ends."""
-    times = [time for time, _, _ in messages]
-    begin, end = messages[0][1], messages[-1][2]
+def _region(messages: list[_Head]) -> _Block:
+    """Messages in a row."""
+    times = [message.received for message in messages]
+    begin, end = messages[0].start, messages[-1].end
     return _Block(Interval(min(times), max(times)), begin, end - begin, size=end - begin)
 
 
