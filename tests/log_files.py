@@ -174,14 +174,16 @@ def write_mcap(path, channels, messages, **options):
         writer.finish()
 
 
-def write_mcap_json(path, found, **options):
+def write_mcap_json(path, found, times=None, **options):
+    """Messages in JSON, received when they were stamped, or at times of their own [s]."""
     channels = {
         f"/{name}": ("json", (name.title(), "jsonschema", '{"type": "object"}')) for name in found
     }
-    messages = [
-        (f"/{name}", ns + DELAY, json.dumps(as_json(name, found[name], i, ns)).encode())
-        for name, i, ns in in_order(found)
-    ]
+    messages = []
+    for name, i, ns in in_order(found):
+        received = ns if times is None else nanoseconds(times[i]) + 10**9
+        text = json.dumps(as_json(name, found[name], i, ns))
+        messages.append((f"/{name}", received + DELAY, text.encode()))
     write_mcap(path, channels, messages, **options)
 
 
@@ -223,8 +225,9 @@ def write_mcap_ros1(path, found):
     write_mcap(path, channels, messages)
 
 
-def write_bag(path, found, compression=None):
+def write_bag(path, found, compression=None, chunk_size=1 << 20):
     bag = Bag1(path)
+    bag.chunk_threshold = chunk_size
     if compression:
         bag.set_compression(compression)
     with bag:

@@ -129,7 +129,7 @@ def test_design_simulate_identify(output):
 def test_a_new_robot(output, tmp_path):
     made = tmp_path / "caroca"
     out = output("examples/new-robot/run.py", made)
-    assert "not told, add what you know: cable.axial_stiffness" in out
+    assert "not stated, add what you know: cable.axial_stiffness" in out
     assert "maximum-likelihood: accepted" in out
     assert np.abs(column(out, "error_in_sigmas")).max() < SIGMAS
     truth = json.loads((made / "truth.json").read_text())

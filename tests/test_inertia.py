@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from steelyard.arrays import complex_step_jacobian
 from steelyard.inertia import (
     BODY_PARAMETERS,
     LINEAR_PARAMETERS,
@@ -274,3 +275,13 @@ def test_plain_numbers_for_files():
 def test_what_is_no_body_at_all_is_refused(cog, matrix, message):
     with pytest.raises(ValueError, match=message):
         Inertia(1.0, cog, matrix)
+
+
+def test_derivative_by_a_complex_step_is_the_one_by_hand():
+    at = np.array([0.7, -1.3, 2.1])
+    found = complex_step_jacobian(lambda x: np.array([x[0] * x[1] ** 3, np.sin(x[2]) / x[0]]), at)
+    by_hand = [
+        [at[1] ** 3, 3 * at[0] * at[1] ** 2, 0],
+        [-np.sin(at[2]) / at[0] ** 2, 0, np.cos(at[2]) / at[0]],
+    ]
+    np.testing.assert_allclose(found, by_hand, rtol=4e-16, atol=0)

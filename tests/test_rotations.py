@@ -56,6 +56,30 @@ def test_skew_is_the_cross_product():
     )
 
 
+def test_cross_matrices_are_those_of_the_cross_product():
+    v, w = rng.normal(size=(2, 20, 3))
+    matrices = rotations.cross_matrices(v)
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", matrices, w), np.cross(v, w), atol=TOLERANCE)
+    np.testing.assert_array_equal(matrices, symbolic(rotations.skew)(v))
+    assert rotations.cross_matrices(np.empty((0, 3))).shape == (0, 3, 3)
+
+
+def test_quaternions_over_time_do_not_jump():
+    """A body that turns by several turns: half the angle about a fixed axis is the oracle."""
+    t = np.linspace(0, 1, 400)
+    axis = np.array([0.6, -0.48, 0.64])
+    angle = 0.4 + 9 * np.pi * np.sin(3 * t)
+    half = np.column_stack([np.cos(angle / 2), np.sin(angle / 2)[:, None] * axis])
+    found = rotations.quaternions_of(Rotation.from_rotvec(angle[:, None] * axis).as_matrix())
+    sign = np.sign(found[0] @ half[0])
+    np.testing.assert_allclose(sign * found, half, atol=TOLERANCE)
+    # Whatever the signs were before; the first stays.
+    mixed = half * np.where(rng.uniform(size=len(t)) < 0.5, -1, 1)[:, None]
+    expected = half * np.sign(mixed[0] @ half[0])
+    np.testing.assert_array_equal(rotations.sign_continuous(mixed), expected)
+    assert rotations.sign_continuous(np.empty((0, 4))).shape == (0, 4)
+
+
 def test_from_quaternion_puts_the_scalar_first():
     given_rotations = Rotation.random(50, random_state=5)
     q = given_rotations.as_quat(scalar_first=True)

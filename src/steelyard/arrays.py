@@ -1,14 +1,18 @@
-"""Read-only arrays: what immutable values are made of."""
+"""Arrays: read-only ones, which immutable values are made of, their stretches and derivatives."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TypeAlias
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array: TypeAlias = NDArray[np.float64]
+
+_STEP = 1e-200
+"""Imaginary step: its square is zero in double precision, so that derivatives are exact to
+rounding."""
 
 
 def readonly(values: ArrayLike, shape: Sequence[int | None], name: str) -> Array:
@@ -46,3 +50,19 @@ def stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(first), int(last)) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def complex_step_jacobian(function: Callable[[Any], Any], at: Array) -> Array:
+    """Derivative of a function by a complex step, exact to rounding (Squire and Trapp,
+    doi:10.1137/S003614459631241X).
+
+    Args:
+        function: From numbers, shape (k,), to numbers, shape (n,); analytic, and complex where they
+            are.
+        at: Where, shape (k,).
+
+    Returns:
+        Shape (n, k).
+    """
+    columns = [np.imag(function(at + 1j * _STEP * e)) / _STEP for e in np.eye(len(at))]
+    return np.column_stack(columns)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.arrays import Array, readonly
+from steelyard.arrays import Array, complex_step_jacobian, readonly
 
 LINEAR_PARAMETERS = ("m", "hx", "hy", "hz", "Jxx", "Jyy", "Jzz", "Jyz", "Jxz", "Jxy")
 """The ten parameters in which the dynamics is linear: mass [kg], first moment h = m c [kg m] and
@@ -69,11 +69,7 @@ def body_jacobian(parameters: ArrayLike) -> Array:
         cog = x[1:4] / x[0]
         return np.concatenate([[x[0]], cog, x[4:] - six(point_inertia(x[0], cog))])
 
-    # A complex step is exact to rounding.
-    step = 1e-200
-    return np.column_stack(
-        [np.asarray(body(p + 1j * step * e).imag / step, dtype=np.float64) for e in np.eye(10)]
-    )
+    return complex_step_jacobian(body, p)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,8 @@ from typing import Any, NoReturn
 
 from steelyard.errors import InputError
 
-_LARGEST_FILE = 64 << 20  # bytes
+_LARGEST_FILE = 64 << 20
+"""Bytes: a report of an hour has a tenth of it."""
 
 
 def read_json(path: Path) -> Any:

@@ -21,13 +21,28 @@ from steelyard.arrays import Array
 DEGREE = 5
 """Quintic: the acceleration of a position is still a smooth cubic."""
 
-_LONGEST_PIECE = 300.0
-"""[s]"""
-_OVERLAP_SPACINGS = 12.0
-
 _PROBES = 4
 """Columns of white noise that are fitted along with the data, to see how much noise the spline lets
 through."""
+
+
+@dataclass(frozen=True)
+class SplineSettings:
+    """How long parts are cut, and which samples are left out of a robust fit."""
+
+    longest_piece: float = 300.0
+    """Of a part that is fitted at once [s]: memory does not grow with the recording."""
+    overlap: float = 12.0
+    """Knot spacings by which pieces overlap: the end of a spline is forgotten to rounding."""
+    iterations: int = 5
+    """Fits in which samples are left out anew."""
+    far: float = 6.0
+    """1-sigmas by which a sample stands far from what is expected: a normal one in 5e8 does."""
+    most_left_out: float = 0.05
+    """Share of a channel up to which what stands far is an exception."""
+
+
+SPLINE = SplineSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +82,13 @@ def knots(start: float, end: float, spacing: float) -> Array:
 
 
 def fit(
-    samples: Samples1D, start: float, end: float, spacing: float, *, robust: bool = False
+    samples: Samples1D,
+    start: float,
+    end: float,
+    spacing: float,
+    *,
+    robust: bool = False,
+    settings: SplineSettings = SPLINE,
 ) -> Smoothed | None:
     """Fit one quantity over an interval; None where its samples do not determine the spline.
 
@@ -77,6 +98,7 @@ def fit(
         end: Of the interval [s].
         spacing: Of the knots [s].
         robust: Whether to leave out numbers that stand far from the others of their channel.
+        settings: Which of them stand far.
     """
     inside = (samples.time >= start) & (samples.time <= end)
     time, values = samples.time[inside], samples.values[inside]
@@ -87,14 +109,13 @@ def fit(
     # would ring through the spline.
     expected: Array | None = _among_neighbours(values)
     fitted = None
-    for _ in range(_ROUNDS):
+    for _ in range(settings.iterations):
         assert expected is not None
-        far = _far(values, expected)
+        far = _far(values, expected, settings)
         if fitted is not None and not far.any():
             break
-        again, expected = _fit(
-            time, np.where(far, expected, values) if far.any() else values, start, end, spacing
-        )
+        replaced = np.where(far, expected, values) if far.any() else values
+        again, expected = _fit(time, replaced, start, end, spacing)
         if again is None:
             break
         fitted = again
@@ -102,10 +123,7 @@ def fit(
 
 
 _NEIGHBOURS = 4
-_ROUNDS = 5
-_FAR = 6.0
-"""Of how many 1-sigma a number stands far from what is expected."""
-_MOST_LEFT_OUT = 0.05
+"""Samples beside one, two on each side, that say what to expect of it."""
 
 
 def _among_neighbours(values: Array) -> Array:
@@ -120,14 +138,14 @@ def _among_neighbours(values: Array) -> Array:
     return np.asarray((np.maximum(lower, low) + np.minimum(higher, high)) / 2)
 
 
-def _far(values: Array, expected: Array) -> NDArray[np.bool_]:
+def _far(values: Array, expected: Array, settings: SplineSettings) -> NDArray[np.bool_]:
     """Numbers that stand further from what is expected than those of their channel do."""
     residual = np.abs(values - expected)
     # The median is hardly moved by the few that stand far.
     sigma = np.median(residual, axis=0) / 0.6745
-    far = residual > _FAR * sigma + 1e-9 * np.abs(values).max(axis=0)
+    far = residual > settings.far * sigma + 1e-9 * np.abs(values).max(axis=0)
     # Where many stand far, none is the exception.
-    return np.asarray(far & (far.mean(axis=0) <= _MOST_LEFT_OUT))
+    return np.asarray(far & (far.mean(axis=0) <= settings.most_left_out))
 
 
 def _fit(
@@ -211,18 +229,15 @@ def pieces(start: float, end: float, spacing: float) -> list[tuple[float, float,
         Start and end of what is fitted, start and end of what is used of it [s]; at the ends of the
         part a knot spacing, where derivatives are poor, is not used.
     """
-    count = max(1, round((end - start) / _LONGEST_PIECE))
+    count = max(1, round((end - start) / SPLINE.longest_piece))
     cuts = np.linspace(start, end, count + 1)
-    overlap = _OVERLAP_SPACINGS * spacing
-    return [
-        (
-            max(start, float(a) - overlap),
-            min(end, float(b) + overlap),
-            float(a) if i else start + spacing,
-            float(b) if i + 1 < count else end - spacing,
-        )
-        for i, (a, b) in enumerate(pairwise(cuts))
-    ]
+    overlap = SPLINE.overlap * spacing
+    found = []
+    for i, (a, b) in enumerate(pairwise(cuts.tolist())):
+        first = a if i else start + spacing
+        last = b if i + 1 < count else end - spacing
+        found.append((max(start, a - overlap), min(end, b + overlap), first, last))
+    return found
 
 
 def choose_spacing(

@@ -19,12 +19,14 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from steelyard.errors import InputError
 
-_LARGEST_FILE = 2**19  # bytes; reading line numbers along takes seconds beyond it
+_LARGEST_FILE = 2**19
+"""Bytes: reading line numbers along takes seconds beyond it."""
 _LARGEST_NUMBER = 1e15
-_DEEPEST = 200  # brackets in each other; beyond, the parser spends seconds before it gives up
-_MOST_VALUES = (
-    200_000  # after aliases are expanded: a file of a few lines can name itself a billion times
-)
+"""Squares of larger numbers lose all digits of others."""
+_DEEPEST = 200
+"""Brackets in each other: beyond, the parser spends seconds before it gives up."""
+_MOST_VALUES = 200_000
+"""After aliases are expanded: a file of a few lines can name itself a billion times."""
 
 
 class FileModel(BaseModel):
@@ -39,7 +41,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 @dataclass(frozen=True)
-class Document:
+class YamlDocument:
     """A YAML file as plain values, with the lines they came from."""
 
     path: Path
@@ -60,7 +62,7 @@ class Document:
         return InputError(f"{self.where(key)}: {message}")
 
 
-def read_yaml(path: Path, what: str = "YAML") -> Document:
+def read_yaml(path: Path, what: str = "YAML") -> YamlDocument:
     """Read a YAML 1.2 file. JSON is YAML too, in which a comma may also stand behind the last item.
 
     Args:
@@ -108,7 +110,7 @@ def read_yaml(path: Path, what: str = "YAML") -> Document:
         raise InputError(
             f"{path}: expected text, found half a character (a lone surrogate); remove it"
         ) from None
-    return Document(path, data, lines)
+    return YamlDocument(path, data, lines)
 
 
 def _depth(text: str) -> int:
@@ -156,13 +158,8 @@ def require_file(path: Path, what: str = "file") -> None:
     try:
         if path.is_file():
             return
-        found = (
-            "a folder"
-            if path.is_dir()
-            else "something that is no regular file"
-            if path.exists()
-            else "nothing there"
-        )
+        found = "something that is no regular file" if path.exists() else "nothing there"
+        found = "a folder" if path.is_dir() else found
     except OSError as error:
         found = f"'{error.strerror}'"
     except ValueError as error:
@@ -227,7 +224,7 @@ def _text(node: Any) -> str:
 
 
 def validate(
-    model: type[Model], document: Document, data: Any = None, key: tuple[str | int, ...] = ()
+    model: type[Model], document: YamlDocument, data: Any = None, key: tuple[str | int, ...] = ()
 ) -> Model:
     """Check plain values against a model.
 
@@ -265,7 +262,7 @@ def validate(
         raise document.error(path, _sentence(first, path, known) + more) from None
 
 
-def _check_sizes(document: Document, value: Any, key: tuple[str | int, ...]) -> None:
+def _check_sizes(document: YamlDocument, value: Any, key: tuple[str | int, ...]) -> None:
     """Refuse numbers that no quantity has, and whose squares would overflow."""
     if isinstance(value, dict | list):
         for part, entry in value.items() if isinstance(value, dict) else enumerate(value):
@@ -286,6 +283,7 @@ def _with_tuples(value: Any) -> Any:
 
 
 def _real_keys(location: tuple[str | int, ...], data: Any) -> tuple[str | int, ...]:
+    """Keys of a location of pydantic that stand in the file."""
     real: list[str | int] = []
     for i, part in enumerate(location):
         inside = (isinstance(data, dict) and part in data) or (
@@ -336,6 +334,7 @@ def _inside(kind: Any, part: str | int) -> Any:
 
 
 def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> str:
+    """One sentence for a problem of pydantic: what was expected, what was found, what to do."""
     kind, found = problem["type"], problem.get("input")
     context = problem.get("ctx", {})
     location = problem["loc"]
@@ -349,14 +348,9 @@ def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> st
         return f"expected this key, found it missing; add '{name}'"
     if kind == "extra_forbidden":
         close = difflib.get_close_matches(name, known, n=1)
-        hint = (
-            f"; did you mean '{close[0]}'?"
-            if close
-            else f"; known here: {', '.join(known)}"
-            if known
-            else "; remove it"
-        )
-        return f"expected a known key, found '{name}'{hint}"
+        others = f"known here: {', '.join(known)}" if known else "remove it"
+        hint = f"did you mean '{close[0]}'?" if close else others
+        return f"expected a known key, found '{name}'; {hint}"
     if kind in {"union_tag_invalid", "literal_error"}:
         expected = context.get("expected_tags") or context.get("expected")
         return (
@@ -396,10 +390,8 @@ def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> st
 
 
 def _dotted(key: Sequence[str | int]) -> str:
-    text = ""
-    for part in key:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
-    return text
+    parts = [f"[{part}]" if isinstance(part, int) else f".{part}" for part in key]
+    return "".join(parts).removeprefix(".")
 
 
 def _short(value: Any) -> str:

@@ -398,7 +398,7 @@ EXPERIMENT_FILE = [
             change(EXPERIMENT, f"    imu: {IMU}\n", ""),
             change(EXPERIMENT, f"    tracker: {TRACKER}\n", ""),
         ),
-        r"experiment\.yaml:22: 'runs\[0\]': run 'moving': expected a stream that tells the motion",
+        r"experiment\.yaml:22: 'runs\[0\]': run 'moving': expected a stream that measures the motion",
     ),
     case(
         "run without streams",

@@ -14,7 +14,7 @@ from steelyard.clocks.clock_signals import (
     RATE,
     ROTATION,
     SPECIFIC_FORCE,
-    Clock,
+    LogClock,
     Signal,
     clocks_of,
 )
@@ -85,7 +85,7 @@ def tracker(motion, rng, *, late=0.0, drift=0.0, duration=20.0, noise=5e-4, rate
     seen = 1e3 * Rotation.from_euler("xyz", [0.3, 0.2, 1.0]).apply(seen) + rng.normal(
         0, 1e3 * noise, seen.shape
     )
-    return Clock(("tracker",), {POSITION: Signal(t * (1 + drift) + late, seen)})
+    return LogClock(("tracker",), {POSITION: Signal(t * (1 + drift) + late, seen)})
 
 
 def imu(motion, rng, *, late=0.0, duration=20.0, attitude=True, rate=50.0):
@@ -109,7 +109,7 @@ def imu(motion, rng, *, late=0.0, duration=20.0, attitude=True, rate=50.0):
             )
         )
         signals[ROTATION] = quaternions * signs[:, None]
-    return Clock(("imu",), {name: Signal(t + late, values) for name, values in signals.items()})
+    return LogClock(("imu",), {name: Signal(t + late, values) for name, values in signals.items()})
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -148,7 +148,7 @@ def test_part_of_a_recording_that_overlaps():
     first = imu(motion, rng, duration=30.0)
     late = tracker(motion, rng, duration=30.0)
     signal = late.signals[POSITION].between(12.0, 30.0)
-    second = Clock(("tracker",), {POSITION: Signal(signal.time + 100.0, signal.values)})
+    second = LogClock(("tracker",), {POSITION: Signal(signal.time + 100.0, signal.values)})
     assert joined([first, second])[1].value == pytest.approx(100.0, abs=0.005)
 
 
@@ -156,7 +156,7 @@ def test_a_gap_is_no_motion():
     motion, rng = Motion(4), np.random.default_rng(0)
     whole = tracker(motion, rng).signals[POSITION]
     kept = (whole.time < 7.0) | (whole.time > 9.5)
-    second = Clock(("tracker",), {POSITION: Signal(whole.time[kept] + 7.0, whole.values[kept])})
+    second = LogClock(("tracker",), {POSITION: Signal(whole.time[kept] + 7.0, whole.values[kept])})
     assert joined([imu(motion, rng), second])[1].value == pytest.approx(7.0, abs=0.005)
 
 
@@ -166,14 +166,14 @@ def test_motion_that_repeats_itself_tells_nothing():
         [imu(motion, rng, duration=60.0), tracker(motion, rng, duration=60.0, late=0.7)]
     )[1]
     # It may be told by where the recordings end, but must not be claimed to be precise and wrong.
-    assert not offset.told or abs(offset.value - 0.7) < 0.01
+    assert not offset.known or abs(offset.value - 0.7) < 0.01
 
 
 def test_rest_tells_nothing():
     still, rng = Motion(6), np.random.default_rng(0)
     still.sizes = still.sizes * 1e-6
     offset = joined([imu(still, rng), tracker(still, rng)])[1]
-    assert not offset.told
+    assert not offset.known
     assert offset.reason
 
 
@@ -224,7 +224,7 @@ def test_clocks_of_an_experiment():
     experiment, ahead = recorded(0)
     auto = without_clocks(experiment)
     for found in offsets_of(auto, auto.runs[0]):
-        assert found.told
+        assert found.known
         for name in found.instruments:
             assert abs(found.value - ahead[name]) < 0.004, name
     exact = synchronise(auto)

@@ -6,9 +6,10 @@ import pytest
 from recordings import RUN, save, table, write_small
 from scipy.spatial.transform import Rotation
 
-from steelyard.experiment.faults import clipped, faults_of, held, stuck, timing, without_stuck
+from steelyard.experiment.faults import clipped, faults_of, held, timing
 from steelyard.experiment.model import Stream
 from steelyard.experiment.read import read_experiment
+from steelyard.experiment.stuck import StuckSettings, repeats, stuck, stuck_alone, without_stuck
 from steelyard.instruments import Position
 
 RATE = 100.0
@@ -93,6 +94,22 @@ class TestStuck:
 
     def test_noise_is_no_fault(self, rng):
         assert not any(stuck(noisy(rng)[:, i : i + 1]).any() for i in range(3))
+
+    def test_repeats_are_five_in_a_row_at_least(self):
+        values = np.arange(40.0)
+        values[11:16], values[21:25] = values[10], values[20]
+        assert repeats(values[:, None]) == [(11, 16)]
+        values[12] = np.nan
+        assert repeats(values[:, None]) == []
+
+    def test_channels_that_stop_alone_are_found_and_an_instrument_that_stops_is_not(self, rng):
+        values = noisy(rng)
+        values[301:340, 1] = values[300, 1]
+        expected = np.zeros(values.shape, dtype=bool)
+        expected[301:340, 1] = True
+        values[601:640] = values[600]
+        np.testing.assert_array_equal(stuck_alone(values), expected)
+        assert not stuck_alone(values, StuckSettings(chance=1e-300)).any()
 
     def test_what_stops_is_taken_out_of_a_run_and_kept_in_mind(self, rng):
         values = noisy(rng)

@@ -286,7 +286,7 @@ def test_cogiro_is_the_bundled_one_but_for_its_shifted_anchors():
         imported,
         r"yz -1\.539, xz 3\.012, xy -0\.453 are read as \+integral.*turned.*--products matrix",
     )
-    assert told(imported, "physics cannot tell the sign")
+    assert told(imported, "physics cannot decide the sign")
 
 
 def test_the_two_matrices_of_the_sheet_are_one_body_only_with_its_signs(tmp_path):
@@ -437,7 +437,7 @@ PHYSICS = [
         "with products of the other sign .--products integral. a body can exist",
     ),
     ("[1, 1, 1, 0.45, 0.45, 0.45]", "integral", True, "the sign of the products is that of a body"),
-    ("[1, 1, 1, 0.1, 0.1, 0.1]", "matrix", True, "physics cannot tell the sign"),
+    ("[1, 1, 1, 0.1, 0.1, 0.1]", "matrix", True, "physics cannot decide the sign"),
     ("[1, 1, 5, 0.1, 0.1, 0.1]", "matrix", False, "nor can one with products of the other sign"),
 ]
 

@@ -28,10 +28,10 @@ from rosbags.rosbag2 import StoragePlugin
 from time_limits import bounded
 
 from steelyard.errors import InputError
-from steelyard.logs import hdf5, matlab, mcap, npz, ros_bag, tdms
-from steelyard.logs.formats import open_log
+from steelyard.logs import hdf5, matlab, mcap, npz, ros1_bag, ros2_bag, ros_bag, tdms
+from steelyard.logs.formats import open_log, topics
 from steelyard.logs.log import Part
-from steelyard.logs.messages import in_time_order
+from steelyard.logs.messages import FileSection, Interval, Message, in_time_order
 from steelyard.logs.ros_message import cdr_decoder, ros1_decoder
 from steelyard.logs.ros_types import types_of
 
@@ -248,14 +248,169 @@ def test_pieces_that_do_not_overlap_are_read_one_by_one():
     def piece(start):
         def read():
             reading.append(start)
-            return [mcap.Message(start + i, None, 0, b"") for i in range(10)]
+            return [Message(start + i, None, 0, b"") for i in range(10)]
 
-        return start, read
+        return FileSection(Interval(start, start + 9), read)
 
     messages = in_time_order(piece(start) for start in (20, 0, 10))
     assert next(messages).received == 0
     assert reading == [0]
     assert [message.received for message in messages] == list(range(1, 30))
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        *((name, ["/cables", "/imu", "/tracker"]) for name in ("json.mcap", "ros2.mcap")),
+        *((name, ["/cables", "/imu", "/tracker"]) for name in ("ros1.bag", "old.db3")),
+        *((name, ["cables", "imu", "tracker"]) for name in ("a.h5", "v5.mat", "v73.mat")),
+        *((name, []) for name in ("a.tdms", "imu.npz")),
+    ],
+)
+def test_topics_of_every_format(small, name, expected):
+    path, _ = small[name]
+    assert topics(path) == expected
+    for topic in expected:
+        assert read(path, topic)[0]
+
+
+def test_a_table_has_no_topics(tmp_path, found):
+    files.write_csv(tmp_path / "a.csv", found["imu"])
+    files.write_parquet(tmp_path / "a.parquet", found["imu"])
+    assert topics(tmp_path / "a.csv") == topics(tmp_path / "a.parquet") == []
+
+
+def test_only_group_needs_no_topic(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["day/run/x"] = np.arange(3.0)
+        file["day/run/more/y"] = np.arange(3.0)
+    assert topics(tmp_path / "a.h5") == []
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        for name in ("one, two", "three"):
+            file[f"day/{name}/x"] = np.arange(3.0)
+    assert topics(tmp_path / "b.h5") == ["day.one, two", "day.three"]
+
+
+# Windows
+
+
+SECONDS, HERTZ = 300, 20
+"""Of a recording that is long beside its windows."""
+
+
+def long_streams(stamps):
+    """A tracker of some minutes whose stamps are these functions of time."""
+    t = np.arange(SECONDS * HERTZ) / HERTZ + 1
+    rng = np.random.default_rng(8)
+    stamped = np.round(stamps(t), 6)
+    return {"tracker": {"t": stamped, **{axis: rng.normal(size=len(t)) for axis in "xyz"}}}
+
+
+LONG = {
+    "json.mcap": files.write_mcap_json,
+    "plain.mcap": lambda path, found: files.write_mcap_json(path, found, use_chunking=False),
+    "ros2.mcap": files.write_mcap_ros2,
+    "ros1.bag": lambda path, found: files.write_bag(path, found, chunk_size=4096),
+    "ros2-folder": files.write_bag2,
+    "old.db3": files.write_old_database,
+}
+"""Formats of messages."""
+
+
+@pytest.fixture
+def decoded(monkeypatch):
+    """How many messages were decoded."""
+    count = []
+
+    def counting(decoder):
+        def decode(data):
+            count.append(len(data))
+            return decoder(data)
+
+        return decode
+
+    for module in (mcap, ros1_bag, ros2_bag):
+        contents = {mcap: "_Contents", ros1_bag: "_Bag", ros2_bag: "_Database"}[module]
+        decoder_of = getattr(module, contents).decoder
+        monkeypatch.setattr(
+            getattr(module, contents),
+            "decoder",
+            lambda self, channel, decoder_of=decoder_of: counting(decoder_of(self, channel)),
+        )
+    return count
+
+
+@pytest.mark.parametrize("name", LONG)
+@pytest.mark.parametrize("column", ["header.stamp", "receive_time"])
+def test_a_window_does_not_decode_every_message(tmp_path, decoded, name, column):
+    found = long_streams(lambda t: t)
+    LONG[name](tmp_path / name, found)
+    t, x = found["tracker"]["t"], found["tracker"]["x"]
+    for start in (1.0, 120.0, SECONDS - 0.5):
+        received = start + (files.DELAY * 1e-9 if column == "receive_time" else 0)
+        part = Part(column, received - 1e-6, received + 1 + 1e-6)
+        with open_log(tmp_path / name, "tracker") as log:
+            decoded.clear()
+            values = log.read(["point.x"], part)["point.x"]
+        inside = (t >= start - 1e-6) & (t <= start + 1 + 1e-6)
+        np.testing.assert_array_equal(values, x[inside])
+        # The window, two seconds on either side, and single messages of the bisection.
+        assert len(values) <= len(decoded) <= len(values) + 4 * HERTZ + 50
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        lambda t: t + 1.7e9,
+        lambda t: t**2 / SECONDS,
+        lambda t: np.round(t),
+        lambda t: np.where(t < 100, t, t + 1e9),
+        lambda t: t + 0.03 * (np.arange(len(t)) % 2),
+        lambda t: np.maximum(t, 200.0),
+    ],
+    ids=["epoch", "uneven", "coarse", "jump", "overtaken", "late"],
+)
+def test_a_window_of_any_stamps_is_the_part_of_all(tmp_path, stamps):
+    """Clocks of their own, uneven ones, and messages that overtake each other a little."""
+    found = long_streams(stamps)
+    files.write_mcap_json(tmp_path / "a.mcap", found, times=np.arange(SECONDS * HERTZ) / HERTZ)
+    t, x = found["tracker"]["t"], found["tracker"]["x"]
+    for first, last in ((0, 30), (2500, 2520), (len(t) - 1, len(t) - 1)):
+        start, end = sorted((t[first], t[last]))
+        _, values = read(tmp_path / "a.mcap", None, ["point.x"], Part("header.stamp", start, end))
+        np.testing.assert_array_equal(values["point.x"], x[(t >= start) & (t <= end)])
+
+
+def test_a_clock_that_was_set_back_is_read_as_a_whole(tmp_path):
+    """Times decrease somewhere: then nothing is skipped."""
+    found = long_streams(lambda t: np.where(t < 150, t + 1000, t))
+    files.write_mcap_json(tmp_path / "a.mcap", found, times=np.arange(SECONDS * HERTZ) / HERTZ)
+    t, x = found["tracker"]["t"], found["tracker"]["x"]
+    for start in (1010.0, 200.0):
+        part = Part("header.stamp", start, start + 5)
+        _, values = read(tmp_path / "a.mcap", None, ["point.x"], part)
+        np.testing.assert_array_equal(values["point.x"], x[(t >= start) & (t <= start + 5)])
+
+
+def test_chunks_outside_a_window_are_not_unpacked(tmp_path, monkeypatch):
+    files.write_mcap_ros2(tmp_path / "a.mcap", long_streams(lambda t: t), chunk_size=1024)
+    sizes = []
+    unpack = mcap.unpacked
+
+    def counted(data, method, size):
+        sizes.append(size)
+        return unpack(data, method, size)
+
+    with open_log(tmp_path / "a.mcap") as log:
+        everything = len(log.read(["point.x"])["point.x"])
+        monkeypatch.setattr(mcap, "unpacked", counted)
+        log.read(["point.x"])
+        chunks = len(sizes)
+        sizes.clear()
+        log.read(["point.x"], Part("header.stamp", 120, 121))
+    assert everything == SECONDS * HERTZ
+    assert chunks > 400
+    assert len(sizes) < chunks / 5
 
 
 # Messages of ROS
@@ -792,8 +947,8 @@ def test_pieces_of_large_arrays(tmp_path, monkeypatch):
     a, t = rng.normal(size=(100, 3)), np.arange(100.0)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["t"], file["a"] = t, a
-    with hdf5.opened_here(tmp_path / "a.h5", None) as log:
-        values = log.read(["a[2]", "t", "a[0]"], Part("t", 10.5, 77))
+    with hdf5.arrays_here(tmp_path / "a.h5", None) as arrays:
+        values = arrays.log(None).read(["a[2]", "t", "a[0]"], Part("t", 10.5, 77))
     np.testing.assert_array_equal(values["a[2]"], a[11:78, 2])
     np.testing.assert_array_equal(values["a[0]"], a[11:78, 0])
 

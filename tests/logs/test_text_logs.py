@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from steelyard.errors import InputError
-from steelyard.experiment.streams import Place, read_stream
+from steelyard.experiment.streams import StreamPlace, read_stream
 from steelyard.instruments import Tension
 from steelyard.logs import plain
 from steelyard.logs.formats import open_log
@@ -665,7 +665,9 @@ def test_a_wrong_character_in_one_row_leaves_no_other_row_wrong(tmp_path, data):
 
 
 def tension(path, span=None, **place):
-    return read_stream(Place(path, **place), Tension(kind="tension"), 2, static=False, span=span)
+    return read_stream(
+        StreamPlace(path, **place), Tension(kind="tension"), 2, static=False, span=span
+    )
 
 
 TIMES = np.arange(12) * 0.25

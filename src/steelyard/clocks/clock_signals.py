@@ -1,4 +1,4 @@
-"""What the streams of one clock say of the motion, as smooth functions of its time."""
+"""What the streams of one clock measure of the motion, as smooth functions of its time."""
 
 from __future__ import annotations
 
@@ -10,19 +10,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
+from steelyard.clocks.settings import SMOOTHING
 from steelyard.experiment.model import Experiment, Run, is_force
 from steelyard.instruments import Command, Instrument
 from steelyard.motion.state import motion_of_quaternions
+from steelyard.rotations import quaternions_of
 from steelyard.smoothing import Samples1D, Smoothed, choose_spacing, fit, segments
 
-POSITION, ROTATION, RATE, FORCE, SPECIFIC_FORCE, LENGTH = (
-    "position",
-    "rotation",
-    "rate",
-    "force",
-    "specific force",
-    "length",
-)
+POSITION, ROTATION, RATE = "position", "rotation", "rate"
+FORCE, SPECIFIC_FORCE, LENGTH = "force", "specific force", "length"
 _KINDS = {
     "position": POSITION,
     "orientation": ROTATION,
@@ -33,12 +29,7 @@ _KINDS = {
     "force": FORCE,
     "torque": FORCE,
 }
-"""Quantity of an instrument -> what it tells of the motion."""
-_FINEST, _WIDEST = 0.02, 0.5
-"""Spacing of knots [s]: 25 Hz is all that a platform on cables does."""
-_CANDIDATES = 7
-_BRIDGED = 0.1
-"""Spacing of knots across which samples may be missing [s]."""
+"""Quantity of an instrument -> what it measures of the motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +54,12 @@ class Signal:
 
 
 @dataclass(frozen=True, eq=False)
-class Clock:
+class LogClock:
     """The streams of one clock."""
 
     instruments: tuple[str, ...]
     signals: Mapping[str, Signal] = field(default_factory=dict)
-    """What it tells -> its samples; the densest where several instruments tell the same."""
+    """What is measured -> its samples; the densest where several instruments measure the same."""
     forces: bool = False
     """Whether it is the clock of the forces, which defines the time."""
 
@@ -80,7 +71,7 @@ class Clock:
         )
 
 
-def clocks_of(experiment: Experiment, run: Run) -> tuple[Clock, ...]:
+def clocks_of(experiment: Experiment, run: Run) -> tuple[LogClock, ...]:
     """The clocks of a run, that of the forces first."""
     groups: dict[str, list[str]] = {}
     for name, stream in run.streams.items():
@@ -94,7 +85,8 @@ def clocks_of(experiment: Experiment, run: Run) -> tuple[Clock, ...]:
 
 def _clock(
     experiment: Experiment, run: Run, names: tuple[str, ...], reference: str | None
-) -> Clock:
+) -> LogClock:
+    """The signals of instruments that share a clock, in platform axes."""
     signals: dict[str, Signal] = {}
     # A command is not where the platform is; what has been measured goes first.
     for name in sorted(names, key=lambda n: isinstance(experiment.instruments[n], Command)):
@@ -103,11 +95,11 @@ def _clock(
             flat = values.reshape(len(values), -1)
             turned = _mounting(experiment.instruments[name])
             use = np.isfinite(flat).all(axis=1) & np.concatenate([[True], np.diff(stream.time) > 0])
-            if use.sum() < _FEWEST:
+            if use.sum() < SMOOTHING.fewest:
                 continue
             kind = _KINDS[quantity]
             if kind == ROTATION:
-                samples = Signal(stream.time[use], _quaternions(values[use] @ turned.T))
+                samples = Signal(stream.time[use], quaternions_of(values[use] @ turned.T))
             else:
                 # Vectors of the platform's axes; places and tensions have axes of their own.
                 inside = kind in (RATE, SPECIFIC_FORCE)
@@ -118,22 +110,13 @@ def _clock(
                     signals[kind] = Signal(there.time, np.hstack([there.values, samples.values]))
             elif there is None or samples.step < 0.5 * there.step:
                 signals[kind] = samples
-    return Clock(names, signals, reference in names)
-
-
-_FEWEST = 10
+    return LogClock(names, signals, reference in names)
 
 
 def _mounting(instrument: Instrument) -> Array:
     """R_platform_instrument as the experiment file has it, shape (3, 3)."""
     rpy = getattr(instrument, "rpy_deg", (0.0, 0.0, 0.0))
     return np.asarray(Rotation.from_euler("ZYX", rpy[::-1], degrees=True).as_matrix())
-
-
-def _quaternions(rotations: Array) -> Array:
-    quaternions = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
-    flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
-    return np.asarray(quaternions * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,14 +139,14 @@ def smooth(signal: Signal, start: float, end: float) -> Smooth:
     """Fit a signal over an interval, but for its gaps."""
     own = signal.between(start, end)
     width = signal.values.shape[1]
-    if len(own.time) < _FEWEST:
+    if len(own.time) < SMOOTHING.fewest:
         return Smooth((), width)
     start, end = float(own.time[0]), float(own.time[-1])
-    finest = max(2 * own.step, _FINEST)
-    candidates = np.geomspace(finest, max(finest, _WIDEST), _CANDIDATES)
+    finest = max(2 * own.step, SMOOTHING.finest)
+    candidates = np.geomspace(finest, max(finest, SMOOTHING.widest), SMOOTHING.candidates)
     samples = Samples1D(own.time, own.values)
     # Judged on the longest stretch without a gap; uneven sampling alone makes none.
-    stretches = segments([own.time], start, end, max(finest, _BRIDGED))
+    stretches = segments([own.time], start, end, max(finest, SMOOTHING.bridged))
     longest = max(stretches, key=lambda s: s[1] - s[0])
     spacing = choose_spacing([samples], [float(c) for c in candidates], *longest, robust=True)
     parts = []
@@ -176,14 +159,14 @@ def smooth(signal: Signal, start: float, end: float) -> Smooth:
 
 
 class ClockSignals:
-    """Smooth functions of what a clock tells, over an interval of its time."""
+    """Signals of a clock as smooth functions over an interval of its time."""
 
-    def __init__(self, clock: Clock, start: float, end: float) -> None:
+    def __init__(self, clock: LogClock, start: float, end: float) -> None:
         self.clock, self.start, self.end = clock, start, end
         self._smooth: dict[str, Smooth] = {}
 
     def has(self, *kinds: str) -> bool:
-        """Whether the clock tells all of these."""
+        """Whether the clock has all of these signals."""
         return all(kind in self.clock.signals for kind in kinds)
 
     def samples(self, kind: str) -> Signal:

@@ -10,31 +10,10 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.clocks.clock_signals import Clock
+from steelyard.clocks.clock_signals import LogClock
 from steelyard.clocks.search import Candidate, candidates
+from steelyard.clocks.settings import OFFSET, OffsetSettings
 from steelyard.clocks.shift import Shift, refined
-
-_LEAST_GAIN = 8.0
-"""Log likelihood that two clocks must share."""
-_TRIED = 3
-_CLOSE = 0.7
-"""Part of the largest gain that others must have to be looked at closer."""
-_ALIKE = 0.9
-"""Part of it with which they are as likely."""
-_MUCH = 0.2
-"""Logarithm of the variance by which one must be better then."""
-_APART = 0.3
-"""Of shifts that are different ones [s]."""
-_PART = 40.0
-"""Of a recording that is looked at in detail at once [s]."""
-_MOST_PARTS = 6
-_LARGEST_SIGMA = 0.05
-"""Of what still counts as told [s]."""
-_LEAST_DRIFT = 5e-6
-_FASTEST_DRIFT = 2e-4
-"""No clock of an instrument is worse."""
-_CLEAR = 4.0
-"""1-sigmas by which a drift must stand out."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +27,8 @@ class Offset:
     begins."""
     sigma: float
     """1-sigma [s]."""
-    told: bool
-    """Whether the recording tells it."""
+    known: bool
+    """Whether the recording determines it."""
     reason: str = ""
     """Why it does not."""
     drift: float = 0.0
@@ -57,21 +36,21 @@ class Offset:
     drift_sigma: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values; null where the recording does not tell."""
+        """Plain values; null where the recording does not determine them."""
         return {
             "instruments": list(self.instruments),
-            "offset": self.value if self.told else None,
-            "standard_deviation": self.sigma if self.told else None,
+            "offset": self.value if self.known else None,
+            "standard_deviation": self.sigma if self.known else None,
             "drift": self.drift,
             "drift_standard_deviation": self.drift_sigma or None,
-            "told": self.told,
+            "told": self.known,
             "reason": self.reason or None,
         }
 
 
 @dataclass(frozen=True)
 class Link:
-    """What two clocks say of each other."""
+    """What the streams of two clocks share."""
 
     first: int
     second: int
@@ -83,21 +62,20 @@ class Link:
         return self.found[0].gain if self.found else 0.0
 
 
-def joined(clocks: Sequence[Clock]) -> list[Offset]:
+def joined(clocks: Sequence[LogClock], settings: OffsetSettings = OFFSET) -> list[Offset]:
     """Offsets of clocks against the first one, by the pairs that share most.
 
     Args:
         clocks: Of one run; that of the forces, if it is among them, only where there are but two.
+        settings: When an offset counts as found.
     """
     if len(clocks) < 2:
         return [Offset(c.instruments, 0.0, 0.0, True) for c in clocks]
-    links = sorted(
-        (
-            Link(i, j, tuple(candidates(clocks[i], clocks[j], _TRIED)))
-            for i, j in combinations(range(len(clocks)), 2)
-        ),
-        key=lambda link: -link.gain,
-    )
+    links = []
+    for i, j in combinations(range(len(clocks)), 2):
+        found = candidates(clocks[i], clocks[j], settings.tried)
+        links.append(Link(i, j, tuple(found)))
+    links.sort(key=lambda link: -link.gain)
     known = {0: Offset(clocks[0].instruments, 0.0, 0.0, True)}
     while len(known) < len(clocks):
         link = next(
@@ -106,115 +84,118 @@ def joined(clocks: Sequence[Clock]) -> list[Offset]:
         assert link is not None  # every pair has a link
         forward = link.first in known
         old, new = (link.first, link.second) if forward else (link.second, link.first)
-        known[new] = _beyond(known[old], _measured(clocks, link), clocks[new], 1 if forward else -1)
+        step = _measured(clocks, link, settings)
+        known[new] = _beyond(known[old], step, clocks[new], 1 if forward else -1)
     return [known[i] for i in range(len(clocks))]
 
 
-def _beyond(old: Offset, step: Offset, clock: Clock, sign: int) -> Offset:
+def _beyond(old: Offset, step: Offset, clock: LogClock, sign: int) -> Offset:
+    """Offset of a clock by that of another one and the step from there."""
     return Offset(
         clock.instruments,
         old.value + sign * step.value,
         float(np.hypot(old.sigma, step.sigma)),
-        old.told and step.told,
+        old.known and step.known,
         step.reason or old.reason,
         old.drift + sign * step.drift,
         float(np.hypot(old.drift_sigma, step.drift_sigma)),
     )
 
 
-def _measured(clocks: Sequence[Clock], link: Link) -> Offset:
+def _measured(clocks: Sequence[LogClock], link: Link, settings: OffsetSettings) -> Offset:
     """Offset of the second clock of a link against the first one."""
     first, second = clocks[link.first], clocks[link.second]
     names = f"{' and '.join(first.instruments)} against {' and '.join(second.instruments)}"
-    if link.gain < _LEAST_GAIN:
-        return Offset(
-            second.instruments,
-            0.0,
-            np.inf,
-            False,
-            f"{names}: the motion that both saw is too little",
-        )
-    tried = [
-        (c, s) for c in link.found for s in [_overall(first, second, c.shift)] if s is not None
+
+    def unknown(value: float, reason: str) -> Offset:
+        return Offset(second.instruments, value, np.inf, False, f"{names}: {reason}")
+
+    if link.gain < settings.least_gain:
+        return unknown(0.0, "the motion that both recorded is too small")
+    refinements = [(c, _overall(first, second, c.shift, settings)) for c in link.found]
+    # The likeliest of the rough search, unless the finer one decides among those about as likely.
+    close = [
+        (c, shift)
+        for c, shift in refinements
+        if shift is not None and c.gain > settings.close_gain * link.gain
     ]
-    if not tried:
-        return Offset(
-            second.instruments, link.found[0].shift, np.inf, False, f"{names}: too little overlaps"
-        )
-    # The likeliest of the rough search, unless the finer one knows better among those about as
-    # likely.
-    close = sorted((t for t in tried if t[0].gain > _CLOSE * link.gain), key=lambda t: t[1].cost)
     if not close:
-        return Offset(
-            second.instruments, link.found[0].shift, np.inf, False, f"{names}: too little overlaps"
-        )
+        return unknown(link.found[0].shift, "too little overlaps")
+    close.sort(key=lambda pair: pair[1].cost)
     best = close[0][1]
-    others = [
-        s
-        for c, s in close[1:]
-        if c.gain > _ALIKE * link.gain
-        and abs(s.value - best.value) > _APART
-        and s.cost < best.cost + _MUCH
-    ]
-    if others:
-        shifts = " and ".join(f"{s:.3f} s" for s in sorted((best.value, others[0].value)))
-        reason = f"{names}: the motion repeats itself, so that shifts of {shifts} explain it alike"
-        return Offset(second.instruments, best.value, np.inf, False, reason)
-    told = best.sigma < _LARGEST_SIGMA
-    reason = (
-        ""
-        if told
-        else f"{names}: the motion is too slow to tell it better than to {best.sigma * 1e3:.0f} ms"
-    )
-    drift, deviation = _drift(first, second, best)
-    return Offset(second.instruments, best.value, best.sigma, told, reason, drift, deviation)
+    for candidate, shift in close[1:]:
+        is_as_likely = candidate.gain > settings.equal_gain * link.gain
+        fits_as_well = shift.cost < best.cost + settings.clearly_better
+        if is_as_likely and fits_as_well and abs(shift.value - best.value) > settings.distinct:
+            return unknown(best.value, ambiguous(best, shift))
+    drift, deviation = _drift(first, second, best, settings)
+    known = best.sigma < settings.largest_sigma
+    reason = "" if known else f"{names}: {uncertain(best)}"
+    return Offset(second.instruments, best.value, best.sigma, known, reason, drift, deviation)
 
 
-def _overall(first: Clock, second: Clock, guess: float) -> Shift | None:
+def ambiguous(one: Shift, other: Shift) -> str:
+    """Why an offset is not known where two shifts are equally likely."""
+    low, high = sorted((one.value, other.value))
+    return f"the motion is periodic, so that shifts of {low:.3f} s and {high:.3f} s fit alike"
+
+
+def uncertain(shift: Shift) -> str:
+    """Why an offset is not known where its shift is too uncertain."""
+    return f"the motion is too slow: the 1-sigma of the shift is {shift.sigma * 1e3:.0f} ms"
+
+
+def _overall(
+    first: LogClock, second: LogClock, guess: float, settings: OffsetSettings
+) -> Shift | None:
     """Shift over the recording, or its liveliest part."""
     start, end = _common(first, second, guess)
-    if end - start <= 1.5 * _PART:
-        return refined(first, second, guess, around=(start, end))
-    return refined(first, second, guess, around=liveliest(first, start, end))
+    if end - start > 1.5 * settings.part:
+        start, end = liveliest(first, start, end, settings)
+    return refined(first, second, guess, around=(start, end))
 
 
-def _common(first: Clock, second: Clock, shift: float) -> tuple[float, float]:
+def _common(first: LogClock, second: LogClock, shift: float) -> tuple[float, float]:
     """Part of the first clock's time that the second one was running too."""
     a, b = first.span, second.span
     return max(a[0], b[0] - shift), min(a[1], b[1] - shift)
 
 
-def liveliest(clock: Clock, start: float, end: float) -> tuple[float, float]:
-    """Part of an interval in which a clock sees most change."""
+def liveliest(
+    clock: LogClock, start: float, end: float, settings: OffsetSettings = OFFSET
+) -> tuple[float, float]:
+    """Part of an interval in which the signals of a clock change most."""
     signal = next(iter(clock.signals.values())).between(start, end)
     scaled = signal.values / np.maximum(signal.values.std(axis=0), 1e-300)
     # Means over half a second: changes of these are motion, not noise.
     bins = np.floor((signal.time - signal.time[0]) / 0.5).astype(np.int64)
     count = np.maximum(np.bincount(bins), 1)
-    means = np.column_stack(
-        [np.bincount(bins, scaled[:, i]) / count for i in range(scaled.shape[1])]
-    )
+    means = np.column_stack([np.bincount(bins, column) / count for column in scaled.T])
     changes = np.concatenate([[0.0], np.cumsum(np.sum(np.diff(means, axis=0) ** 2, axis=1))])
-    width = round(_PART / 0.5)
+    width = round(settings.part / 0.5)
     gained = changes[width:] - changes[:-width]
     begin = start + 0.5 * float(np.argmax(gained)) if len(gained) else start
-    return begin, min(end, begin + _PART)
+    return begin, min(end, begin + settings.part)
 
 
-def _drift(first: Clock, second: Clock, overall: Shift) -> tuple[float, float]:
+def _drift(
+    first: LogClock, second: LogClock, overall: Shift, settings: OffsetSettings
+) -> tuple[float, float]:
     """By how much the second clock runs faster than the first one, with its 1-sigma; 0 where none
     shows.
     """
 
     def at(middle: float, reach: float) -> Shift | None:
-        around = (middle - _PART / 2, middle + _PART / 2)
+        around = (middle - settings.part / 2, middle + settings.part / 2)
         return refined(first, second, overall.value, around=around, reach=reach)
 
-    return drift_of(at, _common(first, second, overall.value))
+    return drift_of(at, _common(first, second, overall.value), settings)
 
 
 def drift_of(
-    at: Callable[[float, float], Shift | None], span: tuple[float, float]
+    at: Callable[[float, float], Shift | None],
+    span: tuple[float, float],
+    settings: OffsetSettings = OFFSET,
 ) -> tuple[float, float]:
     """Drift between two clocks with its 1-sigma, from parts of a recording; 0 where none shows, or
     it is too short to show any.
@@ -222,26 +203,26 @@ def drift_of(
     Args:
         at: Shift about a time of the first clock [s], looked for as far as a reach [s].
         span: Part of the first clock's time in which both ran [s].
+        settings: When a drift counts as found.
     """
     start, end = span
-    if end - start < 3 * _PART:
+    if end - start < 3 * settings.part:
         return 0.0, 0.0
-    count = min(_MOST_PARTS, int((end - start) / _PART))
-    middles = np.linspace(start + _PART / 2, end - _PART / 2, count)
-    reach = max(0.05, _FASTEST_DRIFT * (end - start))
-    parts = [at(float(middle), reach) for middle in middles]
-    told = [
-        (m, p)
-        for m, p in zip(middles, parts, strict=True)
-        if p is not None and p.sigma < _LARGEST_SIGMA
-    ]
-    if len(told) < 3:
+    count = min(settings.most_parts, int((end - start) / settings.part))
+    middles = np.linspace(start + settings.part / 2, end - settings.part / 2, count)
+    reach = max(0.05, settings.largest_drift * (end - start))
+    times, values, sigmas = [], [], []
+    for middle in middles:
+        shift = at(float(middle), reach)
+        if shift is not None and shift.sigma < settings.largest_sigma:
+            times.append(middle)
+            values.append(shift.value)
+            sigmas.append(shift.sigma)
+    if len(times) < 3:
         return 0.0, 0.0
-    time = np.array([m for m, _ in told])
-    slope, sigma = _line(
-        time, np.array([p.value for _, p in told]), np.array([p.sigma for _, p in told])
-    )
-    return (slope, sigma) if abs(slope) > max(_CLEAR * sigma, _LEAST_DRIFT) else (0.0, sigma)
+    slope, sigma = _line(np.array(times), np.array(values), np.array(sigmas))
+    is_clear = abs(slope) > max(settings.significant * sigma, settings.least_drift)
+    return (slope, sigma) if is_clear else (0.0, sigma)
 
 
 def _line(x: Array, y: Array, sigma: Array) -> tuple[float, float]:

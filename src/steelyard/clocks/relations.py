@@ -1,11 +1,10 @@
-"""What the streams of two clocks share: readings of one as a linear function of what the other
-tells at the same instant.
+"""What the streams of two clocks share: readings of one as a linear function of the other's.
 
 Each relation is exact physics up to constants that nobody needs to know beforehand (mounting,
 units, signs, axes, biases, lever arms): they are coefficients of a regression. Only one thing must
 not be among them, a shift in time. Under reversal of time positions, rotations, accelerations and
 forces stay as they are and velocities turn their sign; as long as readings of one parity are
-explained by functions of the same parity, no combination of coefficients can do what a shift does,
+regressed on functions of the same parity, no combination of coefficients can do what a shift does,
 to first order.
 """
 
@@ -13,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -27,176 +27,146 @@ from steelyard.clocks.clock_signals import (
     ClockSignals,
     Signal,
 )
+from steelyard.rotations import cross_matrices
+
+Regressors = Callable[[Array], Array]
+"""Regressors at times of a clock [s], shape (n,): shape (n, p)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Relation:
-    """Readings of one clock, explained by another."""
+    """Readings of one clock as a linear function of another's."""
 
     name: str
-    samples: Signal
-    """What is to be explained, at its own times."""
-    beside: Callable[[Array], Array]
-    """What the first clock itself knows, shape (n, b), at its own times."""
-    explain: Callable[[Array], Array]
-    """What the other clock tells, shape (n, p), at its own times."""
-    exact: bool
-    """Whether the physics is linear; else the geometry of the cables changes and leaves something
-    over."""
+    response: Signal
+    """Readings of the first clock."""
+    own: Regressors
+    """Regressors that the first clock has itself, at its own times."""
+    other: Regressors
+    """Regressors of the other clock, at its own times."""
+    linear: bool
+    """Whether the physics is linear; else the geometry of the cables changes and leaves
+    residuals."""
 
 
 def relations(of: ClockSignals, by: ClockSignals) -> Iterator[Relation]:
     """All that the readings of one clock share with another one.
 
     Args:
-        of: Whose readings are explained.
-        by: What explains them.
+        of: Whose readings are the responses.
+        by: Whose readings are the regressors.
     """
     if of.has(ROTATION) and by.has(ROTATION):
-        yield Relation("rotation", _matrices(of), _nothing, lambda t: _flat(by.turning(t)[0]), True)
+        raw = of.samples(ROTATION)
+        # Elements of rotation matrices are linear in the products of their quaternions.
+        products = Signal(raw.time, _products(raw.values))
+        yield Relation("rotation", products, _none, partial(_rotation, by), True)
     if of.has(RATE) and by.has(ROTATION):
-        yield Relation(
-            "gyro and rotation", of.samples(RATE), _nothing, lambda t: by.turning(t)[1], True
-        )
+        rate = of.samples(RATE)
+        yield Relation("gyro and rotation", rate, _none, lambda t: by.turning(t)[1], True)
     elif of.has(RATE) and by.has(RATE):
-        yield Relation("gyros", of.samples(RATE), _nothing, lambda t: by.at(RATE, t), True)
+        yield Relation("gyros", of.samples(RATE), _none, partial(by.at, RATE), True)
     if of.has(POSITION) and by.has(POSITION):
         # Targets differ by lever arms, which turn with the platform.
-        with_by = by.has(ROTATION)
-        beside = (
-            (lambda t: _flat(of.turning(t)[0])) if of.has(ROTATION) and not with_by else _nothing
-        )
-        yield Relation(
-            "position", of.samples(POSITION), beside, lambda t: _placed(by, t, turned=with_by), True
-        )
+        own = partial(_rotation, of) if of.has(ROTATION) and not by.has(ROTATION) else _none
+        yield Relation("position", of.samples(POSITION), own, partial(_position, by), True)
     if of.has(SPECIFIC_FORCE):
-        yield from _accelerometer(of, by)
-    if of.has(FORCE):
-        yield from _carried(of, by, of.samples(FORCE), "force")
+        yield from _of_accelerometer(of, by)
+    if of.has(FORCE) and (by.has(SPECIFIC_FORCE) or by.has(POSITION) or by.has(ROTATION)):
+        # Forces follow the specific force of the platform, its rotation and its position.
+        turns = of.has(ROTATION) and not by.has(ROTATION)
+        own = partial(_rotation_terms, of) if turns else _none
+        yield Relation("force", of.samples(FORCE), own, partial(_motion_terms, by), False)
     if of.has(LENGTH) and by.has(POSITION):
-        yield Relation(
-            "cable length",
-            of.samples(LENGTH),
-            _nothing,
-            lambda t: _with_squares(_placed(by, t, turned=by.has(ROTATION))),
-            False,
-        )
+        squares = partial(_position_and_squares, by)
+        yield Relation("cable length", of.samples(LENGTH), _none, squares, False)
 
 
-def _nothing(time: Array) -> Array:
-    return np.zeros((len(time), 0))
-
-
-def _flat(matrices: Array) -> Array:
-    return matrices.reshape(len(matrices), -1)
-
-
-def _matrices(of: ClockSignals) -> Signal:
-    raw = of.samples(ROTATION)
-    return Signal(raw.time, _products_of_quaternion(raw.values))
-
-
-def _products_of_quaternion(q: Array) -> Array:
-    """Nine elements of the rotation matrices are linear in the ten products of their quaternions;
-    those in their place, shape (n, 10).
+def _of_accelerometer(of: ClockSignals, by: ClockSignals) -> Iterator[Relation]:
+    """The relation of an accelerometer to the motion that the other clock knows, by what is there
+    to turn it into the axes of the accelerometer.
     """
-    i, j = np.triu_indices(4)
-    return np.asarray(q[:, i] * q[:, j])
-
-
-def _placed(by: ClockSignals, time: Array, *, turned: bool) -> Array:
-    position = by.at(POSITION, time)
-    return np.hstack([position, _flat(by.turning(time)[0])]) if turned else position
-
-
-def _accelerometer(of: ClockSignals, by: ClockSignals) -> Iterator[Relation]:
+    raw = of.samples(SPECIFIC_FORCE)
+    acceleration = partial(by.at, POSITION, order=2)
     if by.has(POSITION, ROTATION):
-        yield Relation(
-            "acceleration", of.samples(SPECIFIC_FORCE), _nothing, lambda t: _motion(by, t), True
-        )
+        yield Relation("acceleration", raw, _none, partial(_specific_force_terms, by), True)
     elif by.has(POSITION) and of.has(ROTATION):
         # In the axes of the world, where the other clock knows the acceleration; biases and lever
         # arms turn with the platform.
-        raw = of.samples(SPECIFIC_FORCE)
         R = of.turning(raw.time)[0]
         world = Signal(raw.time, np.einsum("nij,nj->ni", R, raw.values))
-        yield Relation(
-            "acceleration", world, lambda t: _levers(of, t), lambda t: by.at(POSITION, t, 2), True
-        )
+        yield Relation("acceleration", world, partial(_lever_terms, of), acceleration, True)
     elif by.has(POSITION):
         # Without any attitude the platform must hardly turn.
-        turned = (lambda t: _turned_by_rate(of, t)) if of.has(RATE) else _nothing
-        yield Relation(
-            "acceleration",
-            of.samples(SPECIFIC_FORCE),
-            turned,
-            lambda t: by.at(POSITION, t, 2),
-            False,
-        )
+        own = partial(_gyro_terms, of) if of.has(RATE) else _none
+        yield Relation("acceleration", raw, own, acceleration, False)
     elif by.has(ROTATION):
-        yield Relation(
-            "direction of gravity",
-            of.samples(SPECIFIC_FORCE),
-            _nothing,
-            lambda t: _turning(by, t),
-            False,
-        )
+        yield Relation("direction of gravity", raw, _none, partial(_rotation_terms, by), False)
     elif by.has(SPECIFIC_FORCE):
-        yield Relation(
-            "accelerometers",
-            of.samples(SPECIFIC_FORCE),
-            _nothing,
-            lambda t: by.at(SPECIFIC_FORCE, t),
-            False,
-        )
+        other = partial(by.at, SPECIFIC_FORCE)
+        yield Relation("accelerometers", raw, _none, other, False)
 
 
-def _carried(of: ClockSignals, by: ClockSignals, samples: Signal, name: str) -> Iterator[Relation]:
-    """Forces carry the platform: they follow its specific force and its turning, and where it
-    is.
-    """
-    if by.has(SPECIFIC_FORCE) or by.has(POSITION) or by.has(ROTATION):
-        beside = (
-            (lambda t: _turning(of, t)) if of.has(ROTATION) and not by.has(ROTATION) else _nothing
-        )
-        yield Relation(name, samples, beside, lambda t: _everything(by, t), False)
+# Regressors
 
 
-def _everything(by: ClockSignals, time: Array) -> Array:
-    """All even functions of the motion that a clock tells."""
+def _none(time: Array) -> Array:
+    return np.zeros((len(time), 0))
+
+
+def _rotation(by: ClockSignals, time: Array) -> Array:
+    """Elements of the rotation matrix, shape (n, 9)."""
+    return _flat(by.turning(time)[0])
+
+
+def _position(by: ClockSignals, time: Array) -> Array:
+    """Position, and the rotation for lever arms where it is known, shape (n, 3) or (n, 12)."""
+    position = by.at(POSITION, time)
+    return np.hstack([position, _rotation(by, time)]) if by.has(ROTATION) else position
+
+
+def _position_and_squares(by: ClockSignals, time: Array) -> Array:
+    """The same with products of its deviations, shape (n, p + p (p + 1) / 2)."""
+    position = _position(by, time)
+    centred = position - np.nanmean(position, axis=0)
+    return np.hstack([centred, _products(centred)])
+
+
+def _motion_terms(by: ClockSignals, time: Array) -> Array:
+    """All even functions of the motion that a clock knows."""
     found = []
     if by.has(POSITION, ROTATION):
-        found += [_motion(by, time), by.at(POSITION, time)]
+        found += [_specific_force_terms(by, time), by.at(POSITION, time)]
     elif by.has(POSITION):
         found += [by.at(POSITION, time, 2), by.at(POSITION, time)]
     elif by.has(ROTATION):
-        found.append(_turning(by, time))
+        found.append(_rotation_terms(by, time))
     if by.has(SPECIFIC_FORCE):
-        force_samples = by.at(SPECIFIC_FORCE, time)
-        found.append(force_samples)
+        specific_force = by.at(SPECIFIC_FORCE, time)
+        found.append(specific_force)
         if by.has(ROTATION):
-            found.append(np.einsum("nij,nj->ni", by.turning(time)[0], force_samples))
+            found.append(np.einsum("nij,nj->ni", by.turning(time)[0], specific_force))
     if by.has(RATE) and not by.has(ROTATION):
-        found.append(_turned_by_rate(by, time))
+        found.append(_gyro_terms(by, time))
     return np.hstack(found)
 
 
-def _motion(by: ClockSignals, time: Array) -> Array:
+def _specific_force_terms(by: ClockSignals, time: Array) -> Array:
     """Specific force of any point in the turning frame, and its parts, shape (n, 21)."""
     R = by.turning(time)[0]
     inside = np.einsum("nji,nj->ni", R, by.at(POSITION, time, 2))
-    return np.hstack([inside, _turning(by, time)])
+    return np.hstack([inside, _rotation_terms(by, time)])
 
 
-def _turning(by: ClockSignals, time: Array) -> Array:
+def _rotation_terms(by: ClockSignals, time: Array) -> Array:
     """Axes of the world in the turning frame, angular acceleration and the centripetal products,
     shape (n, 18).
     """
     R, omega, alpha = by.turning(time)
-    return np.hstack([_flat(R), alpha, _squares(omega)])
+    return np.hstack([_flat(R), alpha, _products(omega)])
 
 
-def _turned_by_rate(by: ClockSignals, time: Array) -> Array:
+def _gyro_terms(by: ClockSignals, time: Array) -> Array:
     """Angle since the beginning, angular acceleration and the centripetal products, shape (n,
     12).
     """
@@ -204,29 +174,23 @@ def _turned_by_rate(by: ClockSignals, time: Array) -> Array:
     steps = np.diff(raw.time, prepend=raw.time[0])[:, None]
     angle = np.cumsum(raw.values * steps, axis=0)
     turned = np.column_stack([np.interp(time, raw.time, angle[:, i]) for i in range(3)])
-    return np.hstack([turned, by.at(RATE, time, 1), _squares(by.at(RATE, time))])
+    return np.hstack([turned, by.at(RATE, time, 1), _products(by.at(RATE, time))])
 
 
-def _levers(of: ClockSignals, time: Array) -> Array:
+def _lever_terms(of: ClockSignals, time: Array) -> Array:
     """How biases and lever arms appear in the axes of the world, shape (n, 18): R, and its second
     derivative.
     """
     R, omega, alpha = of.turning(time)
-    W = _cross(omega)
-    return np.hstack([_flat(R), _flat(R @ (_cross(alpha) + W @ W))])
+    W = cross_matrices(omega)
+    return np.hstack([_flat(R), _flat(R @ (cross_matrices(alpha) + W @ W))])
 
 
-def _cross(v: Array) -> Array:
-    zero = np.zeros(len(v))
-    x, y, z = v.T
-    return np.asarray(np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1)).reshape(-1, 3, 3)
+def _flat(matrices: Array) -> Array:
+    return matrices.reshape(len(matrices), -1)
 
 
-def _squares(v: Array) -> Array:
+def _products(v: Array) -> Array:
+    """Products of all pairs of components, squares among them, shape (n, k (k + 1) / 2)."""
     i, j = np.triu_indices(v.shape[1])
     return np.asarray(v[:, i] * v[:, j])
-
-
-def _with_squares(v: Array) -> Array:
-    centred = v - np.nanmean(v, axis=0)
-    return np.hstack([centred, _squares(centred)])

@@ -10,23 +10,9 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from steelyard.arrays import Array
-from steelyard.clocks.clock_signals import Clock, ClockSignals
+from steelyard.clocks.clock_signals import ClockSignals, LogClock
 from steelyard.clocks.relations import Relation, relations
-
-_BLOCK = 0.5
-"""Residuals further apart have nothing to do with each other [s]."""
-REACH = 0.3
-"""Beside the first guess [s]."""
-_GRID = 41
-_LEAST_FREE = 0.25
-"""Part of the blocks that are free at least, however many coefficients are fitted."""
-_LASTING = 0.1
-"""Time after which a motion tells something new [s]."""
-_PER_COEFFICIENT = 3.0
-_ROUNDING = 1e-7
-"""Of readings in units of how far they vary."""
-_STEP = 1e-3
-"""Of differences [s]."""
+from steelyard.clocks.settings import SHIFT, ShiftSettings
 
 
 @dataclass(frozen=True)
@@ -38,11 +24,11 @@ class Shift:
     sigma: float
     """1-sigma as the residuals show it [s]."""
     cost: float
-    """Mean logarithm of the variance that is left; less is better."""
+    """Mean logarithm of the residual variance; less is better."""
 
 
-class Term(Protocol):
-    """Readings of one clock, explained by another one at any shift."""
+class ShiftTerm(Protocol):
+    """Readings of one clock that are regressed on those of another one at any shift."""
 
     @property
     def time(self) -> Array:
@@ -51,18 +37,22 @@ class Term(Protocol):
 
     @property
     def coefficients(self) -> float:
-        """Numbers that are fitted along, for each channel."""
+        """Of the regression, for each channel."""
         ...
 
     def residual(self, shift: float) -> Array:
-        """What is not explained, in any unit, shape (n, k); NaN where a reading meets nothing that
-        could explain it.
-        """
+        """Residuals in any unit, shape (n, k); NaN where a reading meets no regressor."""
         ...
 
 
 def refined(
-    first: Clock, second: Clock, guess: float, *, around: tuple[float, float], reach: float = REACH
+    first: LogClock,
+    second: LogClock,
+    guess: float,
+    *,
+    around: tuple[float, float],
+    reach: float | None = None,
+    settings: ShiftSettings = SHIFT,
 ) -> Shift | None:
     """Improve a first guess; None where too little overlaps.
 
@@ -71,25 +61,30 @@ def refined(
         second: Another one.
         guess: Of the shift [s].
         around: Interval of the first clock to look at [s].
-        reach: How far from the guess to look [s].
+        reach: How far from the guess to look [s]; None: as the settings say.
+        settings: Levels of the refinement.
     """
+    reach = settings.reach if reach is None else reach
     start, end = around
     one = ClockSignals(first, start, end)
     other = ClockSignals(second, start + guess - 2 * reach, end + guess + 2 * reach)
     found = [(r, 1) for r in relations(one, other)] + [(r, -1) for r in relations(other, one)]
-    if any(r.exact for r, _ in found):
-        found = [(r, sign) for r, sign in found if r.exact]
-    terms = [_Regression(relation, sign, guess, reach) for relation, sign in found]
-    return least([term for term in terms if term.enough], guess, reach)
+    if any(r.linear for r, _ in found):
+        found = [(r, sign) for r, sign in found if r.linear]
+    terms = [_Regression(relation, sign, guess, reach, settings) for relation, sign in found]
+    return least([term for term in terms if term.enough], guess, reach, settings)
 
 
-def least(terms: Sequence[Term], guess: float, reach: float) -> Shift | None:
-    """The shift that leaves least unexplained; None where there is nothing to explain.
+def least(
+    terms: Sequence[ShiftTerm], guess: float, reach: float, settings: ShiftSettings = SHIFT
+) -> Shift | None:
+    """The shift of least residuals; None where there are none.
 
     Args:
-        terms: Readings to explain, of the first clock or of the second one.
+        terms: Regressions of the readings of the first clock or of the second one.
         guess: About which to look [s].
         reach: How far from it to look [s].
+        settings: Levels of the refinement.
     """
     if not terms:
         return None
@@ -97,14 +92,14 @@ def least(terms: Sequence[Term], guess: float, reach: float) -> Shift | None:
     def cost(shift: float) -> float:
         return float(np.mean([np.mean(_log_variance(term.residual(shift))) for term in terms]))
 
-    shifts = guess + np.linspace(-reach, reach, _GRID)
+    shifts = guess + np.linspace(-reach, reach, settings.grid)
     costs = [cost(float(s)) for s in shifts]
     lowest = int(np.argmin(costs))
-    low, high = shifts[max(lowest - 1, 0)], shifts[min(lowest + 1, _GRID - 1)]
+    low, high = shifts[max(lowest - 1, 0)], shifts[min(lowest + 1, settings.grid - 1)]
     best = float(
         minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-6}).x
     )
-    return Shift(best, _deviation(terms, best), cost(best))
+    return Shift(best, _deviation(terms, best, settings), cost(best))
 
 
 def _log_variance(residual: Array) -> Array:
@@ -117,66 +112,67 @@ class _Regression:
     time: Array
     coefficients: float
 
-    def __init__(self, relation: Relation, sign: int, guess: float, reach: float) -> None:
-        self.relation, self.sign = relation, sign
-        time, values = relation.samples.time, relation.samples.values
-        beside = relation.beside(time) if len(time) else np.zeros((0, 0))
-        use = np.asarray(np.isfinite(values).all(axis=1) & np.isfinite(beside).all(axis=1))
+    def __init__(
+        self, relation: Relation, sign: int, guess: float, reach: float, settings: ShiftSettings
+    ) -> None:
+        self.relation, self.sign, self.settings = relation, sign, settings
+        time, values = relation.response.time, relation.response.values
+        own = relation.own(time) if len(time) else np.zeros((0, 0))
+        use = np.asarray(np.isfinite(values).all(axis=1) & np.isfinite(own).all(axis=1))
         # The same samples at every shift, or costs could not be compared.
-        for shift in (guess - reach - _STEP, guess, guess + reach + _STEP):
+        lowest = guess - reach - settings.difference
+        highest = guess + reach + settings.difference
+        for shift in (lowest, guess, highest):
             if use.any():
-                use[use] = np.isfinite(relation.explain(time[use] + sign * shift)).all(axis=1)
-        lasting = float(np.ptp(time[use])) if use.any() else 0.0
-        if beside.shape[1] * _LASTING > lasting / _PER_COEFFICIENT:
-            # So short a motion would be explained by lever arms alone.
-            beside = beside[:, :0]
-        self.time, self.values, self.beside = time[use], values[use], beside[use]
-        deviation = self.values.std(axis=0) if use.any() else np.zeros(values.shape[1])
-        moving = deviation > 1e-9 * (np.abs(self.values).max(axis=0, initial=0.0) + 1e-300)
-        self.values = self.values[:, moving] / np.maximum(deviation[moving], 1e-300)
-        self.coefficients = (
-            (1 + beside.shape[1] + relation.explain(self.time[:1] + sign * guess).shape[1])
-            if use.any()
-            else 0
-        )
+                use[use] = np.isfinite(relation.other(time[use] + sign * shift)).all(axis=1)
+        duration = float(np.ptp(time[use])) if use.any() else 0.0
+        if own.shape[1] * settings.correlation_time > duration / settings.per_coefficient:
+            # Lever arms alone would fit the readings of so short a motion.
+            own = own[:, :0]
+        self.time, self.own = time[use], own[use]
+        deviation = values[use].std(axis=0) if use.any() else np.zeros(values.shape[1])
+        largest = np.abs(values[use]).max(axis=0, initial=0.0)
+        moving = deviation > 1e-9 * (largest + 1e-300)
+        self.values = values[use][:, moving] / np.maximum(deviation[moving], 1e-300)
+        self.coefficients = 0
+        if use.any():
+            others = relation.other(self.time[:1] + sign * guess).shape[1]
+            self.coefficients = 1 + own.shape[1] + others
         self.enough = bool(moving.any()) and len(self.time) > 2 * self.coefficients
 
     def residual(self, shift: float) -> Array:
-        """What is not explained, shape (n, k)."""
-        X = np.hstack(
-            [
-                np.ones((len(self.time), 1)),
-                self.beside,
-                self.relation.explain(self.time + self.sign * shift),
-            ]
-        )
+        """Residuals in units of how far the readings vary, shape (n, k)."""
+        other = self.relation.other(self.time + self.sign * shift)
+        X = np.hstack([np.ones((len(self.time), 1)), self.own, other])
         # At some shifts a reading may meet a gap.
         whole = np.isfinite(X).all(axis=1)
         X = X[whole]
         X[:, 1:] -= X[:, 1:].mean(axis=0)
         X /= np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+        values = self.values[whole]
         left = np.full(self.values.shape, np.nan)
-        left[whole] = self.values[whole] - X @ np.linalg.lstsq(X, self.values[whole], rcond=1e-8)[0]
-        # Noise-free readings are explained to rounding; that is not worth more than a seventh
-        # digit.
-        return np.asarray(np.sqrt(left**2 + _ROUNDING**2) * np.sign(left + (left == 0)))
+        left[whole] = values - X @ np.linalg.lstsq(X, values, rcond=1e-8)[0]
+        signs = np.sign(left + (left == 0))
+        return np.asarray(np.sqrt(left**2 + self.settings.rounding**2) * signs)
 
 
-def _deviation(terms: Sequence[Term], shift: float) -> float:
-    """1-sigma [s] from how much stretches of the recording contradict each other."""
+def _deviation(terms: Sequence[ShiftTerm], shift: float, settings: ShiftSettings) -> float:
+    """1-sigma [s] from how much blocks of the recording contradict each other."""
+    step = settings.difference
     curvature, scores = 0.0, []
     for term in terms:
         residual = term.residual(shift)
-        slope = (term.residual(shift + _STEP) - term.residual(shift - _STEP)) / (2 * _STEP)
+        slope = (term.residual(shift + step) - term.residual(shift - step)) / (2 * step)
         weight = 1 / (np.nanmean(residual**2, axis=0) + 1e-300)
         curvature += float(np.nansum(slope**2 * weight))
-        blocks = np.floor((term.time - term.time[0]) / _BLOCK).astype(np.int64)
+        blocks = np.floor((term.time - term.time[0]) / settings.block).astype(np.int64)
         scores.append(np.bincount(blocks, np.nansum(slope * residual * weight, axis=1)))
     if curvature <= 0:
         return np.inf
-    # Relations of the same instants err together. What is fitted along has taken its part of every
+    # Relations of the same instants err together. The coefficients have taken their part of every
     # residual.
     count = max(len(s) for s in scores)
     together = np.sum([np.pad(s, (0, count - len(s))) for s in scores], axis=0)
-    free = max(count - min(term.coefficients for term in terms), _LEAST_FREE * count)
+    coefficients = min(term.coefficients for term in terms)
+    free = max(count - coefficients, settings.least_free * count)
     return float(np.sqrt(np.sum(together**2) * count / free) / curvature)

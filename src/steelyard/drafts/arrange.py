@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.drafts.clocks import one_clock
-from steelyard.drafts.survey import Found, Unused, name_of
-from steelyard.drafts.topics import TREES
+from steelyard.drafts.settings import ARRANGE
+from steelyard.drafts.survey import DraftStream, Unused, name_of
 from steelyard.drafts.words import INSTRUMENTS, words_of
 from steelyard.logs.formats import ending_of
 
@@ -33,17 +34,16 @@ _NAMES = {
 }
 _ONCE = frozenset({"tension", "wrench", "length", "command"})
 """Kinds that a run has but one stream of."""
-_EPOCH = 1e8  # [s]
-_FEWEST = 10
-"""Samples that a stream in motion has."""
+_GROUPED = (".h5", ".hdf5", ".mat", ".tdms")
+"""Endings of logs that hold groups of arrays."""
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class RunGroup:
     """Streams that belong to one run."""
 
     name: str
-    streams: tuple[Found, ...]
+    streams: tuple[DraftStream, ...]
     static: bool
 
     @property
@@ -59,34 +59,34 @@ class DraftRun:
 
     name: str
     static: bool
-    streams: Mapping[str, Found]
+    streams: Mapping[str, DraftStream]
     agree: bool
     """Whether the clocks do."""
     why: str
-    """What tells that."""
+    """Why, or why not."""
 
 
-def groups_of(found: Sequence[Found]) -> tuple[list[Group], list[Unused]]:
+def groups_of(found: Sequence[DraftStream]) -> tuple[list[RunGroup], list[Unused]]:
     """Sort streams into runs.
 
     Returns:
         Runs that have forces and motion, and what is left.
     """
     unused: list[Unused] = []
-    moving = [f for f in found if not f.static and len(f.stream) >= _FEWEST]
+    moving = [f for f in found if not f.static and len(f.stream) >= ARRANGE.fewest]
     unused += [
         Unused(
             name_of(f.place.path, f.place.topic), f"{f.kind}: {len(f.stream)} samples are too few"
         )
         for f in found
-        if not f.static and len(f.stream) < _FEWEST
+        if not f.static and len(f.stream) < ARRANGE.fewest
     ]
-    groups: list[Group] = []
+    groups: list[RunGroup] = []
     for static, streams in ((True, [f for f in found if f.static]), (False, moving)):
-        by_name: dict[tuple[Path, str], list[Found]] = {}
+        by_name: dict[tuple[Path, str], list[DraftStream]] = {}
         for each in streams:
             by_name.setdefault(_key(each), []).append(each)
-        made = [Group(_name(key), tuple(its), static) for key, its in by_name.items()]
+        made = [RunGroup(_name(key), tuple(its), static) for key, its in by_name.items()]
         made, dropped = _joined(made, static)
         unused += dropped
         for group in made:
@@ -99,35 +99,38 @@ def groups_of(found: Sequence[Found]) -> tuple[list[Group], list[Unused]]:
                     Unused(name_of(f.place.path, f.place.topic), _lacks(f, fitted))
                     for f in fitted.streams
                 ]
-    return _named_apart(groups), unused
+    return _distinctly_named(groups), unused
 
 
-def _lacks(found: Found, group: Group) -> str:
+def _lacks(found: DraftStream, group: RunGroup) -> str:
     missing = "forces" if not FORCES & {f.kind for f in group.streams} else "motion"
     return f"{found.kind}: no log of {missing} that belongs to it"
 
 
-def _key(found: Found) -> tuple[Path, str]:
+def _key(found: DraftStream) -> tuple[Path, str]:
     """Folder and what is left of the file's name without words that say which instrument."""
     path = found.place.path
     folder = path.parent
     stem = path.name if path.is_dir() else path.name.split(".")[0]
     parts = re.split(r"([_\-. ]+)", stem)
-    kept = "".join(
-        "" if part and INSTRUMENTS.issuperset(words_of(part)) and words_of(part) else part
-        for part in parts
-    )
+    kept = "".join(part for part in parts if not _is_instrument(part))
     kept = re.sub(r"([_\-. ])[_\-. ]+", r"\1", kept)
     group = found.place.topic
-    if group and ending_of(path) in TREES and not INSTRUMENTS.issuperset(words_of(group)):
+    if group and ending_of(path) in _GROUPED and not INSTRUMENTS.issuperset(words_of(group)):
         # Of a file of arrays that holds several recordings, each group is one.
         kept = f"{kept}-{group}".strip("-")
     numbered = re.fullmatch(r"([a-z]+)(\d+)", kept.lower())
     if numbered and numbered[1] in INSTRUMENTS:
         kept = numbered[2]
-    if words_of(folder.name) and INSTRUMENTS.issuperset(words_of(folder.name)):
+    if _is_instrument(folder.name):
         folder = folder.parent
     return folder, kept.strip("_-. ")
+
+
+def _is_instrument(text: str) -> bool:
+    """Whether all words of a text say which instrument, one at least."""
+    words = words_of(text)
+    return bool(words) and INSTRUMENTS.issuperset(words)
 
 
 def _name(key: tuple[Path, str]) -> str:
@@ -135,7 +138,7 @@ def _name(key: tuple[Path, str]) -> str:
     return part or os.fsencode(folder.resolve().name).decode(errors="replace") or "run"
 
 
-def _joined(groups: Sequence[Group], static: bool) -> tuple[list[Group], list[Unused]]:
+def _joined(groups: Sequence[RunGroup], static: bool) -> tuple[list[RunGroup], list[Unused]]:
     """Groups that lack forces or motion put together: those recorded at the same time, else all
     that has no double.
     """
@@ -143,24 +146,24 @@ def _joined(groups: Sequence[Group], static: bool) -> tuple[list[Group], list[Un
     rest = [found for group in groups if not group.complete for found in group.streams]
     if not rest or static:
         return [*whole, *(group for group in groups if not group.complete)], []
-    if all(float(found.stream.time[0]) > _EPOCH for found in rest):
+    if all(float(found.stream.time[0]) > ARRANGE.since_1970 for found in rest):
         for bunch in _overlapping(rest):
             home = next(
                 (i for i, group in enumerate(whole) if _overlap(group.streams, bunch)), None
             )
             if home is None:
-                whole.append(Group(_name(_key(bunch[0])), tuple(bunch), static))
+                whole.append(RunGroup(_name(_key(bunch[0])), tuple(bunch), static))
             else:
                 whole[home] = replace(whole[home], streams=(*whole[home].streams, *bunch))
         return whole, []
     if not whole:
-        return [Group(_name((rest[0].place.path.parent, "")), tuple(rest), static)], []
+        return [RunGroup(_name((rest[0].place.path.parent, "")), tuple(rest), static)], []
     return [*whole, *(group for group in groups if not group.complete)], []
 
 
-def _overlapping(streams: Sequence[Found]) -> Iterable[list[Found]]:
+def _overlapping(streams: Sequence[DraftStream]) -> Iterable[list[DraftStream]]:
     """Streams whose times overlap, bunch by bunch."""
-    bunch: list[Found] = []
+    bunch: list[DraftStream] = []
     end = -np.inf
     for found in sorted(streams, key=lambda f: float(f.stream.time[0])):
         if bunch and float(found.stream.time[0]) > end:
@@ -173,15 +176,15 @@ def _overlapping(streams: Sequence[Found]) -> Iterable[list[Found]]:
         yield bunch
 
 
-def _overlap(one: Sequence[Found], other: Sequence[Found]) -> bool:
+def _overlap(one: Sequence[DraftStream], other: Sequence[DraftStream]) -> bool:
     start = max(min(float(f.stream.time[0]) for f in each) for each in (one, other))
     end = min(max(float(f.stream.time[-1]) for f in each) for each in (one, other))
     return start < end
 
 
-def _fitted(group: Group) -> tuple[Group, list[Unused]]:
+def _fitted(group: RunGroup) -> tuple[RunGroup, list[Unused]]:
     """The group without doubles, and of poses at rest without what has other rows."""
-    kept: list[Found] = []
+    kept: list[DraftStream] = []
     unused: list[Unused] = []
     for found in group.streams:
         log = name_of(found.place.path, found.place.topic)
@@ -218,7 +221,7 @@ def _fitted(group: Group) -> tuple[Group, list[Unused]]:
     return replace(group, streams=tuple(kept)), unused
 
 
-def _same(one: Found, other: Found) -> bool:
+def _same(one: DraftStream, other: DraftStream) -> bool:
     return (
         one.kind == other.kind
         and len(one.stream) == len(other.stream)
@@ -230,8 +233,8 @@ def _same(one: Found, other: Found) -> bool:
     )
 
 
-def _named_apart(groups: Sequence[Group]) -> list[Group]:
-    """Runs of different names; those of the same name are told apart by the folder around them."""
+def _distinctly_named(groups: Sequence[RunGroup]) -> list[RunGroup]:
+    """Runs of different names; those of the same name get that of the folder around them."""
     names = [group.name for group in groups]
     taken: set[str] = set()
     named = []
@@ -251,21 +254,19 @@ def _named_apart(groups: Sequence[Group]) -> list[Group]:
     return named
 
 
-def runs_of(groups: Sequence[Group]) -> list[DraftRun]:
+def runs_of(groups: Sequence[RunGroup]) -> list[DraftRun]:
     """Runs whose streams stand under the names of their instruments, the same in all runs."""
-    several = {
-        f.kind
-        for group in groups
-        for f in group.streams
-        if sum(o.kind == f.kind for o in group.streams) > 1
-    }
+    several: set[str] = set()
+    for group in groups:
+        counts = Counter(found.kind for found in group.streams)
+        several.update(kind for kind, count in counts.items() if count > 1)
     known: dict[str, str] = {}
     """Name -> settings of the instrument."""
     runs = []
     for group in groups:
-        streams: dict[str, Found] = {}
+        streams: dict[str, DraftStream] = {}
         for found in group.streams:
-            base = _NAMES[found.kind] if found.kind not in several else _apart(found)
+            base = _NAMES[found.kind] if found.kind not in several else _own_name(found)
             settings = json.dumps([found.kind, found.settings], sort_keys=True)
             name, count = base, 2
             while name in streams or known.get(name, settings) != settings:
@@ -277,8 +278,8 @@ def runs_of(groups: Sequence[Group]) -> list[DraftRun]:
     return runs
 
 
-def _apart(found: Found) -> str:
-    """A name that tells an instrument from others of its kind."""
+def _own_name(found: DraftStream) -> str:
+    """A name that distinguishes an instrument from others of its kind."""
     own = [*found.label, *words_of(found.place.topic or "")] or [
         word for word in words_of(found.place.path.name.split(".")[0]) if word in INSTRUMENTS
     ]

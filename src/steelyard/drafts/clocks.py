@@ -6,32 +6,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from steelyard.drafts.survey import Found
-
-_SINCE_1970 = 1e8
-"""A clock that reads more counts from a time that all computers share [s]."""
-_AGREE = 0.1
-"""Clocks that begin and end together within so much, or within two samples, are one [s]."""
-_LONG_RUNNING = 20.0
-"""Streams that overlap on clocks that have run so many times as long as the recording are no
-chance."""
+from steelyard.drafts.settings import ARRANGE
+from steelyard.drafts.survey import DraftStream
 
 
-def one_clock(streams: Sequence[Found]) -> tuple[bool, str]:
-    """Whether the times of streams may be compared, and what tells it."""
+def one_clock(streams: Sequence[DraftStream]) -> tuple[bool, str]:
+    """Whether the times of streams may be compared, and why."""
     if len({(f.place.path, f.place.topic, f.place.columns.get("t", "t")) for f in streams}) == 1:
         return True, "one file, one clock"
     starts = np.array([found.stream.time[0] for found in streams])
     ends = np.array([found.stream.time[-1] for found in streams])
     overlap, shortest = float(ends.min() - starts.max()), float((ends - starts).min())
-    if overlap < 0.5 * shortest or overlap <= 0:
+    if overlap < ARRANGE.overlap * shortest or overlap <= 0:
         return False, "their times do not overlap"
-    if starts.min() > _SINCE_1970:
+    if starts.min() > ARRANGE.since_1970:
         return True, "all times count since 1970 and overlap"
-    if starts.min() > _LONG_RUNNING * float((ends - starts).max()):
+    if starts.min() > ARRANGE.long_running * float((ends - starts).max()):
         return True, "all clocks had run for long and overlap"
     rates = [found.rate for found in streams if found.rate]
-    close = max(_AGREE, 2 / min(rates) if rates else 0.0)
+    close = max(ARRANGE.agree, 2 / min(rates) if rates else 0.0)
     if np.ptp(starts) <= close and np.ptp(ends) <= close and np.ptp(starts) > 0:
         return True, "all begin and end together"
     if np.ptp(starts) == 0:

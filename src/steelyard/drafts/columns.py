@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from steelyard.drafts.vectors import AXES, CONTRACT, Group, groups_among, hinted, label_of
+from steelyard.drafts.vectors import AXES, CONTRACT, VectorColumns, groups_among, hinted, label_of
 from steelyard.drafts.words import COMMANDS, IGNORED, LENGTHS, TENSIONS, TRACKERS, Name, read_name
 
 _MOST_TIMES = 5
@@ -177,11 +177,11 @@ def _cable_claim(kind: str, template: tuple[str, ...], members: Mapping[int, Nam
     )
 
 
-def _instruments(groups: Sequence[Group]) -> Iterable[Claim]:
+def _instruments(groups: Sequence[VectorColumns]) -> Iterable[Claim]:
     """Groups of one sensor together, each orientation with the sensor that it most likely is of."""
     labels = list(dict.fromkeys((group.label, group.commanded) for group in groups))
     for label, commanded in labels:
-        its: dict[str, list[Group]] = {}
+        its: dict[str, list[VectorColumns]] = {}
         for group in groups:
             if (group.label, group.commanded) == (label, commanded):
                 its.setdefault(group.quantity, []).append(group)
@@ -215,21 +215,19 @@ def _instruments(groups: Sequence[Group]) -> Iterable[Claim]:
             yield _claim("attitude", [group])
 
 
-def _form(group: Group) -> int:
+def _form(group: VectorColumns) -> int:
     """Quaternions before angles before matrices, as the contract looks for them."""
-    return 0 if "qw" in group.columns else 1 if "roll" in group.columns else 2
+    first = [column for column in ("qw", "roll", "r11") if column in group.columns]
+    return ("qw", "roll", "r11").index(first[0])
 
 
-def _claim(kind: str, groups: Sequence[Group]) -> Claim:
-    return Claim(
-        kind,
-        {contract: name.column for group in groups for contract, name in group.columns.items()},
-        groups[0].label,
-        {
-            name.column: name.unit
-            for group in groups
-            for name in group.columns.values()
-            if name.unit
-        },
-        tuple(check for group in groups for check in group.checks),
-    )
+def _claim(kind: str, groups: Sequence[VectorColumns]) -> Claim:
+    """An instrument of a kind that has the columns of these vectors."""
+    names: dict[str, Name] = {}
+    checks: list[str] = []
+    for group in groups:
+        names.update(group.columns)
+        checks += group.checks
+    columns = {contract: name.column for contract, name in names.items()}
+    units = {name.column: name.unit for name in names.values() if name.unit}
+    return Claim(kind, columns, groups[0].label, units, tuple(checks))

@@ -9,20 +9,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from steelyard.drafts.arrange import DraftRun, Group, groups_of, runs_of
+from steelyard.drafts.arrange import DraftRun, RunGroup, groups_of, runs_of
 from steelyard.drafts.clocks import one_clock
 from steelyard.drafts.compare import compared
-from steelyard.drafts.survey import Found, Unused, hints_of, name_of, streams_in
-from steelyard.drafts.topics import topics_of
+from steelyard.drafts.survey import DraftStream, Unused, hints_of, name_of, streams_in
 from steelyard.errors import InputError
-from steelyard.logs.formats import FORMATS, ending_of
+from steelyard.logs.formats import FORMATS, ending_of, topics
 from steelyard.robot.model import Robot
 
 _OF_THE_DEVICE = {"acts_on", "gravity", "rpy_deg"}
-"""Keys that one recording may tell and another of the same device may not."""
+"""Keys that one recording may show and another of the same device may not."""
 _ORDER = ("tension", "wrench", "imu", "attitude", "position", "pose", "length", "command")
 MOST_LOGS = 1000
+"""Files that are looked at: each takes a tenth of a second at least."""
 MOST_STREAMS = 2000
+"""In all logs: all of them are in memory at once."""
 Progress = Callable[[str, float], None]
 
 
@@ -42,13 +43,13 @@ def draft(logs: Sequence[Path], robot: Robot, progress: Progress | None = None) 
     Args:
         logs: Files, or folders with files in them or one level below.
         robot: What they were recorded on.
-        progress: Is told what is being done.
+        progress: Called with what is being done.
 
     Raises:
         InputError: A log is not there, or no run has both forces and motion.
     """
     paths, unused = logs_in(logs)
-    found: list[Found] = []
+    found: list[DraftStream] = []
     for i, path in enumerate(paths):
         if progress is not None:
             progress(f"reading {path.name}", i / len(paths))
@@ -116,53 +117,54 @@ def _is_bag(path: Path) -> bool:
     return path.is_dir() and (path / "metadata.yaml").is_file()
 
 
-def _look(path: Path, robot: Robot) -> tuple[list[Found], list[Unused]]:
+def _look(path: Path, robot: Robot) -> tuple[list[DraftStream], list[Unused]]:
+    """Streams of all topics of a log, and what in it no instrument has."""
     try:
         str(path).encode()
     except UnicodeEncodeError:
         return [], [Unused(f"{path}", "its name is no text that a file could say; rename it")]
     try:
-        topics = topics_of(path)
+        choices: Sequence[str | None] = topics(path) or [None]
     except InputError as error:
         return [], [Unused(f"{path}", str(error))]
-    found: list[Found] = []
+    found: list[DraftStream] = []
     unused: list[Unused] = []
-    for topic in topics:
+    for topic in choices:
         streams, left = streams_in(path, topic, robot, hints_of(path, topic))
         found += streams
         unused += left
     return found, unused
 
 
-def _agreed(groups: Sequence[Group]) -> list[Group]:
-    """Settings that one run tells and another cannot are those of both, where no two runs
+def _agreed(groups: Sequence[RunGroup]) -> list[RunGroup]:
+    """Settings that one run shows and another cannot are those of both, where no two runs
     contradict each other.
     """
-    told: dict[tuple[tuple[str, tuple[str, ...]], str], list[Any]] = {}
+    shown: dict[tuple[str, tuple[str, ...]], dict[str, list[Any]]] = {}
     for group in groups:
         for found in group.streams:
-            for key in _OF_THE_DEVICE & found.settings.keys():
-                told.setdefault(((found.kind, found.label), key), []).append(found.settings[key])
-    alike = {
-        place: values[0]
-        for place, values in told.items()
-        if all(value == values[0] for value in values)
-    }
+            own = shown.setdefault((found.kind, found.label), {})
+            for key, value in found.settings.items():
+                if key in _OF_THE_DEVICE:
+                    own.setdefault(key, []).append(value)
+    agreed = []
+    for group in groups:
+        streams = [_settled(each, shown[each.kind, each.label]) for each in group.streams]
+        agreed.append(replace(group, streams=tuple(streams)))
+    return agreed
 
-    def settled(found: Found) -> Found:
-        known = {
-            key: value
-            for (device, key), value in alike.items()
-            if device == (found.kind, found.label) and key not in found.settings
-        }
-        checks = tuple(check for check in found.checks if not any(key in check for key in known))
-        return (
-            replace(found, settings={**found.settings, **known}, checks=checks) if known else found
-        )
 
-    return [
-        replace(group, streams=tuple(settled(found) for found in group.streams)) for group in groups
-    ]
+def _settled(found: DraftStream, shown: Mapping[str, Sequence[Any]]) -> DraftStream:
+    """A stream with the settings that all others of its device agree on; what they answer need not
+    be checked.
+    """
+    known = dict(found.settings)
+    checks = found.checks
+    for key, values in shown.items():
+        if key not in known and all(value == values[0] for value in values):
+            known[key] = values[0]
+            checks = tuple(check for check in checks if key not in check)
+    return replace(found, settings=known, checks=checks)
 
 
 def _instruments(runs: Sequence[DraftRun]) -> dict[str, dict[str, Any]]:
@@ -205,7 +207,7 @@ def _places(logs: Sequence[Path]) -> str:
     return f"{logs[0]}" if len(logs) == 1 else f"{logs[0]} and {len(logs) - 1} more"
 
 
-def _nothing(paths: Sequence[Path], found: Sequence[Found], unused: Sequence[Unused]) -> str:
+def _nothing(paths: Sequence[Path], found: Sequence[DraftStream], unused: Sequence[Unused]) -> str:
     """Why there is no run."""
     if not paths:
         return (
@@ -228,7 +230,7 @@ def _nothing(paths: Sequence[Path], found: Sequence[Found], unused: Sequence[Unu
     )
 
 
-def describe(found: Found) -> dict[str, Any]:
+def describe(found: DraftStream) -> dict[str, Any]:
     """A stream as plain values."""
     return {
         "log": name_of(found.place.path, None),

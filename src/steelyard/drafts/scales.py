@@ -1,5 +1,5 @@
-"""From the values of columns to their units: what a platform can do tells milliseconds from
-seconds, and g from m/s^2.
+"""From the values of columns to their units: what a platform can do distinguishes milliseconds
+from seconds, and g from m/s^2.
 """
 
 from __future__ import annotations
@@ -11,20 +11,16 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.drafts.settings import SCALES
 from steelyard.robot.model import Robot
 
-_STEPS = 1e-5, 10.0
-"""Median time between samples that a reader takes [s]."""
 _SINCE_1970 = (("ns", 1e17, 1e-9), ("us", 1e14, 1e-6), ("ms", 1e11, 1e-3), ("s", 1e8, 1.0))
 """Unit, the least that a time since 1970 is in it (1973), and its factor."""
-_GRAVITIES = (("g", 0.75, 1.35), ("m/s^2", 7.5, 12.6), ("mg", 750.0, 1260.0))
-_FAST = 5.0
-"""What a platform hardly exceeds, where its robot file states no limit [rad/s]."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Units that the values of an instrument's columns seem to have, and what else they tell."""
+    """Units that the values of an instrument's columns seem to have, and what else they show."""
 
     units: Mapping[str, str] = field(default_factory=dict)
     """Column of the contract -> unit, where it is not SI."""
@@ -42,12 +38,14 @@ def time_unit(time: Array) -> tuple[str, str]:
         return "s", ""
     step, size = float(np.median(steps)), abs(float(time[0]))
     for unit, least, factor in _SINCE_1970:
-        if size >= least and _STEPS[0] <= step * factor <= _STEPS[1]:
+        is_step = SCALES.shortest_step <= step * factor <= SCALES.longest_step
+        if size >= least and is_step:
             return unit, f"times since 1970 in {unit}"
     whole = bool(np.all(time == np.round(time)))
     if step < 2 and not (whole and len(time) > 100):
         return "s", ""
-    unit = "ms" if step < 500 else "us" if step < 5e5 else "ns"
+    # Rates down to 2 Hz.
+    unit = next((unit for unit, longest in (("ms", 500), ("us", 5e5)) if step < longest), "ns")
     return unit, f"steps of {step:.4g} are likeliest {unit}"
 
 
@@ -60,9 +58,8 @@ def scale_of(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale:
             states, shape (n,).
         robot: What it is on.
     """
-    parts = [
-        part for part in (guess(kind, values, robot) for guess in _GUESSES) if part is not None
-    ]
+    guesses = [guess(kind, values, robot) for guess in _GUESSES]
+    parts = [part for part in guesses if part is not None]
     return Scale(
         {name: unit for part in parts for name, unit in part.units.items()},
         {key: value for part in parts for key, value in part.settings.items()},
@@ -81,16 +78,17 @@ def _vector(values: Mapping[str, Array], names: Sequence[str]) -> Array | None:
 
 
 def _acceleration(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    """Unit of an accelerometer by the gravity in its readings, and whether it is in them."""
     names = ("ax", "ay", "az")
     rows = _vector(values, names)
     if kind != "imu" or rows is None:
         return None
     norms = np.linalg.norm(rows, axis=1)
     typical = float(np.median(norms))
-    steady = float(np.std(norms)) < 0.25 * typical or float(
-        np.linalg.norm(rows.mean(axis=0))
-    ) > 0.8 * float(norms.mean())
-    for unit, low, high in _GRAVITIES if steady else ():
+    is_constant = float(np.std(norms)) < SCALES.steady * typical
+    one_way = float(np.linalg.norm(rows.mean(axis=0))) > SCALES.one_way * float(norms.mean())
+    steady = is_constant or one_way
+    for unit, low, high in SCALES.gravity if steady else ():
         if low <= typical <= high:
             units = {} if unit == "m/s^2" else dict.fromkeys(names, unit)
             return Scale(
@@ -98,7 +96,7 @@ def _acceleration(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale
                 {"gravity": "included"},
                 why=(f"readings of {typical:.4g} at rest are gravity in {unit}",),
             )
-    if typical < (0.3 if steady else 3.0):
+    if typical < (SCALES.no_gravity_steady if steady else SCALES.no_gravity):
         text = f"readings of {typical:.2g} in the middle hold no gravity"
         return Scale(
             {},
@@ -112,13 +110,14 @@ def _acceleration(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale
 
 
 def _gyro(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    """Degrees where rates are too fast for radians."""
     names = ("wx", "wy", "wz")
     rows = _vector(values, names)
     if kind != "imu" or rows is None:
         return None
     fastest = float(np.percentile(np.linalg.norm(rows, axis=1), 99))
-    limit = robot.limits.angular_speed or _FAST
-    if fastest > 3 * limit:
+    limit = robot.limits.angular_speed or SCALES.fast
+    if fastest > SCALES.too_fast * limit:
         text = f"rates up to {fastest:.3g} are too fast for rad/s"
         return Scale(
             dict.fromkeys(names, "deg/s"), why=(text,), checks=("that the gyro reads deg/s",)
@@ -127,13 +126,14 @@ def _gyro(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
 
 
 def _angles(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    """Degrees where angles are too large for radians."""
     names = ("roll", "pitch", "yaw")
     rows = _vector(values, names)
     if rows is None:
         return None
     largest = float(np.abs(rows).max())
     tilt = float(np.percentile(np.abs(rows[:, :2]), 99))
-    limit = 3 * float(np.abs(robot.limits.rpy).max()) if robot.limits.rpy else np.inf
+    limit = SCALES.tilt * float(np.abs(robot.limits.rpy).max()) if robot.limits.rpy else np.inf
     if largest > 2 * np.pi * 1.01 or tilt > limit:
         return Scale(dict.fromkeys(names, "deg"), why=(f"angles up to {largest:.3g} are degrees",))
     return Scale(checks=("that roll, pitch, yaw are radians",) if largest > 1 else ())
@@ -145,12 +145,13 @@ def _position(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | N
     if kind not in {"position", "pose", "command"} or rows is None:
         return None
     largest = float(np.abs(rows).max())
-    if largest > 100:
+    if largest > SCALES.largest_position:
         return Scale(dict.fromkeys(names, "mm"), why=(f"positions up to {largest:.4g} are mm",))
     return Scale()
 
 
 def _tension(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    """Unit of tensions by the weight they hold, and their sign."""
     names = [f"f{i + 1}" for i in range(robot.m)]
     rows = _vector(values, names)
     if kind != "tension" or rows is None:
@@ -181,17 +182,18 @@ def _force_unit(total: float, weight: float | None, highest: float | None) -> tu
     """
     if weight:
         beside = f"together they are {total:.3g}, the platform weighs {weight:.3g} N"
-        if total < 0.05 * weight:
+        if total < SCALES.kilonewtons * weight:
             return "kN", f"{beside}: kN"
-        if total < 0.8 * weight:
+        if total < SCALES.kilograms * weight:
             return "kgf", f"{beside}: kgf"
-        return ("mN", f"{beside}: mN") if total > 300 * weight else ("N", "")
-    if highest and total < 0.005 * highest:
+        return ("mN", f"{beside}: mN") if total > SCALES.millinewtons * weight else ("N", "")
+    if highest and total < SCALES.kilonewtons_of_limit * highest:
         return "kN", f"together they are {total:.3g}, the cables may bear {highest:.3g} N: kN"
     return "N", ""
 
 
 def _length(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    """Millimetres where lengths are too long for the frame."""
     names = [f"l{i + 1}" for i in range(robot.m)]
     rows = _vector(values, names)
     if kind != "length" or rows is None:
@@ -204,7 +206,7 @@ def _length(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | Non
             " counts of the winches"
         ),
     )
-    if typical > 100 * reach:
+    if typical > SCALES.millimetres * reach:
         return Scale(
             dict.fromkeys(names, "mm"),
             why=(f"lengths of {typical:.3g} on a frame of {reach:.3g} m are mm",),
@@ -214,6 +216,7 @@ def _length(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | Non
 
 
 def _wrench(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+    """Millimetres where torques are too large for the forces."""
     force, torque = _vector(values, ("fx", "fy", "fz")), _vector(values, ("tx", "ty", "tz"))
     if kind != "wrench" or force is None or torque is None:
         return None
@@ -221,7 +224,7 @@ def _wrench(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | Non
         np.median(np.linalg.norm(torque, axis=1))
         / max(np.median(np.linalg.norm(force, axis=1)), 1e-12)
     )
-    if lever > 20:
+    if lever > SCALES.lever:
         return Scale(
             dict.fromkeys(("tx", "ty", "tz"), "N mm"),
             why=(f"torques {lever:.3g} times as large as forces are N mm",),

@@ -20,7 +20,7 @@ from steelyard.drafts.words import words_of
 from steelyard.errors import InputError
 from steelyard.experiment.fields import column_in
 from steelyard.experiment.model import Stream
-from steelyard.experiment.streams import Place, needed_columns, read_stream
+from steelyard.experiment.streams import StreamPlace, needed_columns, read_stream
 from steelyard.instruments import AnyInstrument, Instrument
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import Log
@@ -32,15 +32,15 @@ _INSTRUMENT: TypeAdapter[Instrument] = TypeAdapter(AnyInstrument)
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class DraftStream:
     """A stream, as far as it is known what it is."""
 
-    place: Place
+    place: StreamPlace
     kind: str
     label: tuple[str, ...]
-    """Words that tell its instrument from others of its kind."""
+    """Words that distinguish its instrument from others of its kind."""
     settings: Mapping[str, Any]
-    """Keys of its instrument that the values tell."""
+    """Keys of its instrument that the values show."""
     static: bool
     stream: Stream
     used: tuple[str, ...]
@@ -70,6 +70,14 @@ class Found:
         """With all that is known of it."""
         return instrument_of(self.kind, self.settings)
 
+    def because(self, reason: str, **settings: Any) -> DraftStream:
+        """With settings that its values show, and why."""
+        return replace(self, settings={**self.settings, **settings}, why=(*self.why, reason))
+
+    def to_check(self, check: str) -> DraftStream:
+        """With something more that a person should look at."""
+        return replace(self, checks=(*self.checks, check))
+
 
 @dataclass(frozen=True)
 class Unused:
@@ -92,7 +100,7 @@ def name_of(path: Path, topic: str | None) -> str:
 
 def streams_in(
     path: Path, topic: str | None, robot: Robot, hints: Sequence[str]
-) -> tuple[list[Found], list[Unused]]:
+) -> tuple[list[DraftStream], list[Unused]]:
     """Look through one topic of one log.
 
     Args:
@@ -141,8 +149,8 @@ def streams_in(
 
 
 def read_again(
-    found: Found, m: int, *, claimed: frozenset[str] = frozenset(), **changes: Any
-) -> Found:
+    found: DraftStream, m: int, *, claimed: frozenset[str] = frozenset(), **changes: Any
+) -> DraftStream:
     """A stream read as it is described now.
 
     Raises:
@@ -161,7 +169,7 @@ def _claimed(claims: Iterable[Claim], claim: Claim, m: int) -> frozenset[str]:
     )
 
 
-def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> Found:
+def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> DraftStream:
     """What a claim comes to, once its values have been looked at; the stream is still to be
     read.
     """
@@ -195,8 +203,8 @@ def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> Found:
         for name, column in columns.items()
         if column_in(log.names, name, None) != column
     }
-    return Found(
-        place=Place(log.path, topic, named, units),
+    return DraftStream(
+        place=StreamPlace(log.path, topic, named, units),
         kind=claim.kind,
         label=claim.label,
         settings=scale.settings,

@@ -11,7 +11,7 @@ from typing import Any
 from steelyard.display import printable
 from steelyard.drafts.arrange import DraftRun
 from steelyard.drafts.draft import Draft
-from steelyard.drafts.survey import Found, instrument_of
+from steelyard.drafts.survey import DraftStream, instrument_of
 from steelyard.experiment.form import FORMAT, UncertaintyForm
 from steelyard.instruments.base import DEFAULT_DELAY
 from steelyard.robot.model import Robot
@@ -21,75 +21,54 @@ SCHEMA = "experiment.schema.json"
 _PLAIN = re.compile(r"(\.{1,2}/)*[A-Za-z_][\w./\-]*", re.ASCII)
 _WORDS = frozenset(["true", "false", "null", "yes", "no", "on", "off", "nan", "inf", "y", "n"])
 _WIDTH = 110
-_GIVEN = {
+"""Characters of a line of the file."""
+_POSITION = "origin of the instrument in the platform frame [m]"
+_RPY = "instrument frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]"
+_ZEROS = "[0.0, 0.0, 0.0]"
+_FRAME = (
+    "frame",
+    "{position: [0, 0, 0], rpy_deg: [0, 0, 0]}",
+    "tracker frame in the world frame [m], [deg]",
+)
+
+
+def _noise(example: str, units: str) -> tuple[str, str, str]:
+    return "noise", example, f"1-sigma per sample {units}; default: estimated"
+
+
+_KEYS: dict[str, tuple[tuple[str, str, str], ...]] = {
     "tension": (
         ("end", "winch", "where the sensors sit at the winches; default: platform"),
-        ("noise", "5.0", "1-sigma per sample [N]; default: estimated"),
+        _noise("5.0", "[N]"),
     ),
     "wrench": (
-        ("position", "[0.0, 0.0, 0.0]", "origin of the sensor in the platform frame [m]"),
-        (
-            "rpy_deg",
-            "[0.0, 0.0, 0.0]",
-            "sensor frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]",
-        ),
+        ("position", _ZEROS, _POSITION.replace("instrument", "sensor")),
+        ("rpy_deg", _ZEROS, _RPY.replace("instrument", "sensor")),
         ("acts_on", "body", "whose load the log has: body, or sensor"),
-        (
-            "noise",
-            "{force: 0.1, torque: 0.01}",
-            "1-sigma per sample [N], [N m]; default: estimated",
-        ),
+        _noise("{force: 0.1, torque: 0.01}", "[N], [N m]"),
     ),
     "imu": (
-        ("position", "[0.0, 0.0, 0.0]", "origin of the instrument in the platform frame [m]"),
-        (
-            "rpy_deg",
-            "[0.0, 0.0, 0.0]",
-            "instrument frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]",
-        ),
+        ("position", _ZEROS, _POSITION),
+        ("rpy_deg", _ZEROS, _RPY),
         ("gravity", "included", "removed, where the device took it out"),
-        (
-            "noise",
+        _noise(
             "{angular_velocity: 0.002, specific_force: 0.03, orientation: 0.005}",
-            "1-sigma per sample [rad/s], [m/s^2], [rad]; default: estimated",
+            "[rad/s], [m/s^2], [rad]",
         ),
     ),
-    "attitude": (
-        (
-            "rpy_deg",
-            "[0.0, 0.0, 0.0]",
-            "instrument frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]",
-        ),
-        ("noise", "0.005", "1-sigma per sample [rad]; default: estimated"),
-    ),
+    "attitude": (("rpy_deg", _ZEROS, _RPY), _noise("0.005", "[rad]")),
     "position": (
-        ("target", "[0.0, 0.0, 0.0]", "tracked point in the platform frame [m]"),
-        (
-            "frame",
-            "{position: [0, 0, 0], rpy_deg: [0, 0, 0]}",
-            "tracker frame in the world frame [m], [deg]",
-        ),
-        ("noise", "0.0005", "1-sigma per sample [m]; default: estimated"),
+        ("target", _ZEROS, "tracked point in the platform frame [m]"),
+        _FRAME,
+        _noise("0.0005", "[m]"),
     ),
     "pose": (
-        ("position", "[0.0, 0.0, 0.0]", "origin of the tracked frame in the platform frame [m]"),
-        (
-            "rpy_deg",
-            "[0.0, 0.0, 0.0]",
-            "tracked frame -> platform frame, R = Rz(yaw) Ry(pitch) Rx(roll) [deg]",
-        ),
-        (
-            "frame",
-            "{position: [0, 0, 0], rpy_deg: [0, 0, 0]}",
-            "tracker frame in the world frame [m], [deg]",
-        ),
-        (
-            "noise",
-            "{position: 0.0005, rotation: 0.001}",
-            "1-sigma per sample [m], [rad]; default: estimated",
-        ),
+        ("position", _ZEROS, _POSITION.replace("instrument", "tracked frame")),
+        ("rpy_deg", _ZEROS, _RPY.replace("instrument", "tracked")),
+        _FRAME,
+        _noise("{position: 0.0005, rotation: 0.001}", "[m], [rad]"),
     ),
-    "length": (("noise", "0.001", "1-sigma per sample [m]; default: estimated"),),
+    "length": (_noise("0.001", "[m]"),),
     "command": (
         (
             "noise",
@@ -138,6 +117,7 @@ def _lines(
     files: Mapping[str, str],
     with_schema: bool,
 ) -> Iterator[str]:
+    """Lines of the file, part by part."""
     if with_schema:
         yield f"# yaml-language-server: $schema={SCHEMA}"
     yield (
@@ -171,6 +151,7 @@ def _lines(
 def _instrument(
     name: str, keys: Mapping[str, Any], runs: Sequence[DraftRun], m: int
 ) -> Iterator[str]:
+    """Lines of an instrument: what was guessed, what to check, and what may be added."""
     found = [run.streams[name] for run in runs if name in run.streams]
     kind = str(keys["kind"])
     yield f"  {scalar(name)}:"
@@ -183,7 +164,7 @@ def _instrument(
         dict.fromkeys(c for f in found for c in f.checks)
     ):
         yield f"    # check: {comment(check)}"
-    for key, example, meaning in _GIVEN[kind]:
+    for key, example, meaning in _KEYS[kind]:
         if key not in keys:
             yield f"    # {key}: {example}    # {meaning}"
     yield f"    # {_calibration(name, keys, m)}"
@@ -213,6 +194,7 @@ def _calibration(name: str, keys: Mapping[str, Any], m: int) -> str:
 
 
 def _run(run: DraftRun, draft: Draft, files: Mapping[str, str]) -> Iterator[str]:
+    """Lines of a run: its streams, clocks and window."""
     yield f"  - name: {scalar(run.name)}"
     if run.static:
         yield "    static: true    # no column of time: rows are poses at rest"
@@ -244,15 +226,17 @@ def _run(run: DraftRun, draft: Draft, files: Mapping[str, str]) -> Iterator[str]
     )
 
 
-def _stream(name: str, found: Found, files: Mapping[str, str]) -> Iterator[str]:
+def _stream(name: str, found: DraftStream, files: Mapping[str, str]) -> Iterator[str]:
+    """Lines of a stream: its file, columns and units, and why."""
     place = found.place
     file = scalar(files[str(place.path)])
-    rate = "poses" if found.static else f"samples, {found.rate:.4g} Hz" if found.rate else "samples"
-    told = f"{len(found.times)} {rate}"
+    counted = f"{len(found.times)} {'poses' if found.static else 'samples'}"
+    if found.rate:
+        counted += f", {found.rate:.4g} Hz"
     if not (place.topic or place.columns or place.units):
-        yield f"    {scalar(name)}: {file}    # {told}"
+        yield f"    {scalar(name)}: {file}    # {counted}"
     else:
-        yield f"    {scalar(name)}:    # {told}"
+        yield f"    {scalar(name)}:    # {counted}"
         yield f"      file: {file}"
         if place.topic is not None:
             yield f"      topic: {scalar(place.topic)}"
@@ -281,20 +265,13 @@ def _mapping(key: str, values: Mapping[str, str]) -> Iterator[str]:
 def flow(value: Any) -> str:
     """A value in one line."""
     if isinstance(value, Mapping):
-        return (
-            "{"
-            + ", ".join(f"{scalar(str(key))}: {flow(entry)}" for key, entry in value.items())
-            + "}"
-        )
+        entries = [f"{scalar(str(key))}: {flow(entry)}" for key, entry in value.items()]
+        return "{" + ", ".join(entries) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(flow(entry) for entry in value) + "]"
-    return (
-        scalar(value)
-        if isinstance(value, str)
-        else f"{value:g}"
-        if isinstance(value, float)
-        else str(value)
-    )
+    if isinstance(value, str):
+        return scalar(value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def scalar(text: str) -> str:
@@ -303,21 +280,16 @@ def scalar(text: str) -> str:
     """
     if _PLAIN.fullmatch(text) and text.lower() not in _WORDS:
         return text
-    escaped = "".join(
-        (
-            f"\\{c}"
-            if c in '"\\'
-            else (
-                c
-                if c.isprintable()
-                else f"\\U{ord(c):08X}"
-                if ord(c) > 0xFFFF
-                else f"\\u{ord(c):04X}"
-            )
-        )
-        for c in text
-    )
-    return f'"{escaped}"'
+    return '"' + "".join(map(_escaped, text)) + '"'
+
+
+def _escaped(letter: str) -> str:
+    """A letter between quotation marks of YAML."""
+    if letter in '"\\':
+        return f"\\{letter}"
+    if letter.isprintable():
+        return letter
+    return f"\\U{ord(letter):08X}" if ord(letter) > 0xFFFF else f"\\u{ord(letter):04X}"
 
 
 def comment(text: str) -> str:

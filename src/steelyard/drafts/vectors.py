@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from steelyard.drafts.words import ANGLES, COMMANDS, NEUTRAL, QUANTITIES, Name, quantity_of
 
 AXES = ("x", "y", "z")
+_ANGLES = ("roll", "pitch", "yaw")
 CONTRACT = {
     "angular_velocity": "w",
     "specific_force": "a",
@@ -21,17 +22,22 @@ GRAVITY_OR_GYRO = "that gx, gy, gz are rates of a gyro and not the gravity"
 
 
 @dataclass(frozen=True)
-class Group:
+class VectorColumns:
     """Columns of one vector or rotation."""
 
     quantity: str
     columns: Mapping[str, Name]
-    label: tuple[str, ...]
-    commanded: bool
+    label: tuple[str, ...] = ()
+    """Words that say whose it is."""
     checks: tuple[str, ...] = ()
+    """What a person should look at."""
+    commanded: bool = False
+    """Whether it is a set point."""
 
 
-def groups_among(names: Sequence[Name], hints: Sequence[str], commanded: bool) -> Iterable[Group]:
+def groups_among(
+    names: Sequence[Name], hints: Sequence[str], commanded: bool
+) -> Iterable[VectorColumns]:
     """Complete vectors and rotations."""
     members: dict[tuple[str, tuple[str, ...]], dict[str, Name]] = {}
     for name in names:
@@ -71,57 +77,71 @@ def _group(
     its: Mapping[str, Name],
     hints: Sequence[str],
     forces: set[tuple[str, ...]],
-) -> Group | None:
-    keys, label = set(its), label_of(template)
-    if keys >= {"roll", "pitch", "yaw"}:
-        if quantity_of(template) is None:
-            return None
-        if _says_rate(template):
-            named = dict(
-                zip(("wx", "wy", "wz"), (its["roll"], its["pitch"], its["yaw"]), strict=True)
-            )
-            return Group(
-                "angular_velocity",
-                named,
-                label,
-                False,
-                ("that the rates are those about the axes of the body",),
-            )
-        return Group("orientation", {k: its[k] for k in ("roll", "pitch", "yaw")}, label, False)
+) -> VectorColumns | None:
+    """The vector or rotation that components of one template are; None: they are none.
+
+    Args:
+        template: Words that their names share.
+        its: Component -> name.
+        hints: Words of topic and file.
+        forces: Labels of forces, beside which a ``t`` is a torque.
+    """
     quantity = quantity_of(template)
     if quantity is None:
         return None
-    if keys >= {"w", "x", "y", "z"} and quantity in {"orientation", ""}:
-        return Group("orientation", {f"q{axis}": its[axis] for axis in "wxyz"}, label, False)
-    for digits in (("0", "1", "2", "3"), ("1", "2", "3", "4")):
-        if quantity == "orientation" and keys == set(digits):
-            named = dict(zip(("qw", "qx", "qy", "qz"), (its[d] for d in digits), strict=True))
-            return Group(
-                "orientation",
-                named,
-                label,
-                False,
-                ("that the scalar part of the quaternion comes first",),
-            )
-    axes = next((a for a in (AXES, ("0", "1", "2"), ("1", "2", "3")) if keys >= set(a)), None)
-    if axes is None or (axes != AXES and (len(keys) != 3 or not quantity)):
+    if its.keys() >= set(_ANGLES):
+        return _of_angles(template, its)
+    return _quaternion(template, its, quantity) or _vector(template, its, quantity, hints, forces)
+
+
+def _of_angles(template: tuple[str, ...], its: Mapping[str, Name]) -> VectorColumns:
+    """Roll, pitch, yaw, or their rates."""
+    label = label_of(template)
+    if not _says_rate(template):
+        return VectorColumns("orientation", {angle: its[angle] for angle in _ANGLES}, label)
+    rates = {f"w{axis}": its[angle] for axis, angle in zip(AXES, _ANGLES, strict=True)}
+    check = "that the rates are those about the axes of the body"
+    return VectorColumns("angular_velocity", rates, label, (check,))
+
+
+def _quaternion(
+    template: tuple[str, ...], its: Mapping[str, Name], quantity: str
+) -> VectorColumns | None:
+    """Four components by letters or numbers; None: they are no quaternion."""
+    label = label_of(template)
+    if its.keys() >= set("wxyz") and quantity in {"orientation", ""}:
+        return VectorColumns("orientation", {f"q{axis}": its[axis] for axis in "wxyz"}, label)
+    for digits in ("0123", "1234"):
+        if quantity == "orientation" and its.keys() == set(digits):
+            named = {f"q{axis}": its[d] for axis, d in zip("wxyz", digits, strict=True)}
+            check = "that the scalar part of the quaternion comes first"
+            return VectorColumns("orientation", named, label, (check,))
+    return None
+
+
+def _vector(
+    template: tuple[str, ...],
+    its: Mapping[str, Name],
+    quantity: str,
+    hints: Sequence[str],
+    forces: set[tuple[str, ...]],
+) -> VectorColumns | None:
+    """Three components by letters or numbers; None: they are no vector."""
+    label = label_of(template)
+    axes = next((axes for axes in ("xyz", "012", "123") if its.keys() >= set(axes)), None)
+    if axes is None or (axes != "xyz" and (len(its) != 3 or not quantity)):
         return None
     if template == ("g", "@"):
-        return Group("angular_velocity", _xyz("w", its, axes), (), False, (GRAVITY_OR_GYRO,))
+        return VectorColumns("angular_velocity", _xyz("w", its, axes), checks=(GRAVITY_OR_GYRO,))
     if not quantity:
         quantity = (hinted(hints) if template == ("@",) else None) or "position"
     if quantity == "torque" and template[:-1][-1:] == ("t",) and label not in forces:
         quantity = "position"
     if quantity == "orientation":
-        named = dict(zip(("roll", "pitch", "yaw"), (its[a] for a in axes), strict=True))
-        return Group(
-            quantity,
-            named,
-            label,
-            False,
-            ("that these are roll, pitch and yaw, R = Rz(yaw) Ry(pitch) Rx(roll)",),
-        )
-    return Group(quantity, _xyz(CONTRACT[quantity], its, axes), label, False)
+        named = {angle: its[a] for angle, a in zip(_ANGLES, axes, strict=True)}
+        check = "that these are roll, pitch and yaw, R = Rz(yaw) Ry(pitch) Rx(roll)"
+        return VectorColumns(quantity, named, label, (check,))
+    return VectorColumns(quantity, _xyz(CONTRACT[quantity], its, axes), label)
 
 
 def _xyz(letter: str, its: Mapping[str, Name], axes: Sequence[str]) -> dict[str, Name]:
@@ -143,7 +163,7 @@ def hinted(hints: Sequence[str]) -> str | None:
     return named[0] if named else None
 
 
-def _matrix(names: Sequence[Name]) -> Group | None:
+def _matrix(names: Sequence[Name]) -> VectorColumns | None:
     """Nine columns of a rotation matrix, row by row."""
     found: dict[str, Name] = {}
     listed: dict[tuple[str, ...], dict[int, Name]] = {}
@@ -168,19 +188,22 @@ def _matrix(names: Sequence[Name]) -> Group | None:
         ):
             listed.setdefault(words[:-1], {})[int(words[-1])] = name
     for first in "10":
-        cells = [f"{int(first) + i}{int(first) + j}" for i in range(3) for j in range(3)]
-        if all(cell in found for cell in cells):
-            named = {
-                f"r{i + 1}{j + 1}": found[cells[3 * i + j]] for i in range(3) for j in range(3)
-            }
-            return Group("orientation", named, label_of(found[cells[0]].words[:-2]), False)
+        numbers = [str(int(first) + i) for i in range(3)]
+        cells = [row + column for row in numbers for column in numbers]
+        if found.keys() >= set(cells):
+            own = [found[cell] for cell in cells]
+            return VectorColumns("orientation", _rows(own), label_of(own[0].words[:-2]))
     for words, its in listed.items():
         if sorted(its) == list(range(9)):
-            named = {f"r{i + 1}{j + 1}": its[3 * i + j] for i in range(3) for j in range(3)}
-            return Group(
-                "orientation", named, label_of(words), False, ("that the matrix stands row by row",)
-            )
+            own = [its[i] for i in range(9)]
+            check = "that the matrix stands row by row"
+            return VectorColumns("orientation", _rows(own), label_of(words), (check,))
     return None
+
+
+def _rows(cells: Sequence[Name]) -> dict[str, Name]:
+    """Nine elements of a matrix, row by row, by their columns of the contract."""
+    return {f"r{i // 3 + 1}{i % 3 + 1}": cell for i, cell in enumerate(cells)}
 
 
 def label_of(words: Iterable[str]) -> tuple[str, ...]:

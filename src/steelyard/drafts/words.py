@@ -12,6 +12,11 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
+def _meanings(meanings: dict[str, str]) -> dict[str, str]:
+    """Word -> what it means, of what is meant -> its words."""
+    return {word: meaning for meaning, words in meanings.items() for word in words.split()}
+
+
 QUANTITIES: dict[str, frozenset[str]] = {
     "angular_velocity": _words(
         "gyro gyr gyroscope omega w drehrate angvel angularvelocity winkelgeschwindigkeit"
@@ -43,25 +48,14 @@ COMMANDS = _words(
 TRACKERS = _words("tracker leica vicon optitrack mocap laser lasertracker prism")
 """Words of file names that mean positions."""
 TIMES = _words("t time timestamp timestamps stamp zeit zeitstempel clock datetime date utc")
-_TIME_UNITS = {
-    "s": "s",
-    "sec": "s",
-    "secs": "s",
-    "second": "s",
-    "seconds": "s",
-    "ms": "ms",
-    "msec": "ms",
-    "millis": "ms",
-    "milliseconds": "ms",
-    "us": "us",
-    "usec": "us",
-    "micros": "us",
-    "microseconds": "us",
-    "ns": "ns",
-    "nsec": "ns",
-    "nanos": "ns",
-    "nanoseconds": "ns",
-}
+_TIME_UNITS = _meanings(
+    {
+        "s": "s sec secs second seconds",
+        "ms": "ms msec millis milliseconds",
+        "us": "us usec micros microseconds",
+        "ns": "ns nsec nanos nanoseconds",
+    }
+)
 IGNORED = _words(
     "mag magnetic magnetometer magnetfeld temp temperature current voltage jerk covariance cov"
     " variance std sigma error err status seq sequence id frame child twist linear jounce snap gps"
@@ -72,14 +66,7 @@ _SPEEDS = _words("velocity vel speed rate rates")
 _ANGULAR = _words("angular ang rot rotational turn gyro omega roll pitch yaw body")
 NEUTRAL = _words("vector data msg value values field header pose transform linear raw in of the si")
 """Words that say nothing of whose a column is."""
-ANGLES = {
-    "roll": "roll",
-    "pitch": "pitch",
-    "yaw": "yaw",
-    "phi": "roll",
-    "theta": "pitch",
-    "psi": "yaw",
-}
+ANGLES = _meanings({"roll": "roll phi", "pitch": "pitch theta", "yaw": "yaw psi"})
 """Words of the angles -> column of the contract."""
 INSTRUMENTS = _words(
     "imu imus accel acc accelerometer gyro gyr wrench fts ft ati force forces kraft cables cable"
@@ -90,77 +77,42 @@ INSTRUMENTS = _words(
 )
 """Words of file names that say which instrument, not which run."""
 
+_ENDINGS = {
+    "deg/s": "deg s, deg per s, deg sec, degs, dps",
+    "rad/s": "rad s, rad per s, rad sec, rads, rps",
+    "m/s^2": "m s 2, m per s 2, mps 2, ms 2, mss",
+    "kN": "k n, kn",
+    "mN": "m n",
+    "daN": "da n, dan",
+    "N": "n",
+    "kgf": "kgf, kg",
+    "lbf": "lbf",
+    "N m": "n m, nm",
+    "N mm": "nmm",
+    "g": "g",
+    "mg": "mg",
+    "m": "m",
+    "cm": "cm",
+    "mm": "mm",
+    "deg": "deg, degree, degrees",
+    "rad": "rad, radians",
+}
+"""Unit -> how it is written behind a name, in words."""
 _UNIT_ENDINGS: dict[tuple[str, ...], str] = {
-    ("deg", "s"): "deg/s",
-    ("deg", "per", "s"): "deg/s",
-    ("deg", "sec"): "deg/s",
-    ("degs",): "deg/s",
-    ("dps",): "deg/s",
-    ("rad", "s"): "rad/s",
-    ("rad", "per", "s"): "rad/s",
-    ("rad", "sec"): "rad/s",
-    ("rads",): "rad/s",
-    ("rps",): "rad/s",
-    ("m", "s", "2"): "m/s^2",
-    ("m", "per", "s", "2"): "m/s^2",
-    ("mps", "2"): "m/s^2",
-    ("ms", "2"): "m/s^2",
-    ("mss",): "m/s^2",
-    ("k", "n"): "kN",
-    ("m", "n"): "mN",
-    ("da", "n"): "daN",
-    ("g",): "g",
-    ("mg",): "mg",
-    ("mm",): "mm",
-    ("cm",): "cm",
-    ("m",): "m",
-    ("n",): "N",
-    ("kn",): "kN",
-    ("dan",): "daN",
-    ("kgf",): "kgf",
-    ("kg",): "kgf",
-    ("lbf",): "lbf",
-    ("nm",): "N m",
-    ("n", "m"): "N m",
-    ("nmm",): "N mm",
-    ("deg",): "deg",
-    ("degree",): "deg",
-    ("degrees",): "deg",
-    ("rad",): "rad",
-    ("radians",): "rad",
-    **{(word,): unit for word, unit in _TIME_UNITS.items()},
+    tuple(ending.split()): unit for unit, text in _ENDINGS.items() for ending in text.split(", ")
 }
-"""How a unit is written behind a name."""
-UNIT_OF = {
-    "time": "s",
-    "angular_velocity": "rad/s",
-    "specific_force": "m/s^2",
-    "orientation": "rad",
-    "torque": "N m",
-    "force": "N",
-    "position": "m",
-}
-"""Quantity -> its SI unit."""
+_UNIT_ENDINGS.update({(word,): unit for word, unit in _TIME_UNITS.items()})
 
 _COMPACT = re.compile(
-    r"(?P<base>w|a|f|t|m|q|p|r|g|acc|accel|gyr|gyro|omega|pos|quat|force|torque|tau|mom|rot|cmd|ref|des)(?P<axis>[xyzw])"
+    r"(?P<base>w|a|f|t|m|q|p|r|g|acc|accel|gyr|gyro|omega|pos|quat|force|torque|tau|mom|rot|cmd|ref"
+    r"|des)(?P<axis>[xyzw])"
 )
-_SHARP = str.maketrans(
-    {
-        "ä": "ae",
-        "ö": "oe",
-        "ü": "ue",
-        "ß": "ss",
-        "Ä": "ae",
-        "Ö": "oe",
-        "Ü": "ue",
-        "ω": "omega",
-        "φ": "phi",
-        "θ": "theta",
-        "ψ": "psi",
-        "τ": "tau",
-    }
-)
+# fmt: off
+_SHARP = str.maketrans({
+    "ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "ae", "Ö": "oe", "Ü": "ue",
+    "ω": "omega", "φ": "phi", "θ": "theta", "ψ": "psi", "τ": "tau",
+})
+# fmt: on
 _LONGEST = 200
 """Characters of a name that are looked at."""
 _MOST_NUMBERS = 4
@@ -173,7 +125,7 @@ class Name:
 
     column: str
     words: tuple[str, ...]
-    """Letters and numbers of the name in lower case; a component stands apart from its vector."""
+    """Letters and numbers of the name in lower case; a component and its vector are two."""
     unit: str | None = None
     """Where the name ends with one."""
 
@@ -214,16 +166,16 @@ class Name:
 
 
 def read_name(column: str) -> Name:
-    """Take the name of a column apart."""
+    """Words, component and unit of the name of a column."""
     words = words_of(column)
     for length in (4, 3, 2, 1):
         ending = _UNIT_ENDINGS.get(words[-length:]) if len(words) > length else None
-        rest = Name(column, _apart(words[:-length]), ending)
-        if ending and _carries(rest, ending):
+        rest = Name(column, _components(words[:-length]), ending)
+        if ending and _may_have_unit(rest, ending):
             return rest
     if len(words) == 1 and words[0] in _TIME_UNITS:
         return Name(column, words, _TIME_UNITS[words[0]])
-    return Name(column, _apart(words))
+    return Name(column, _components(words))
 
 
 def words_of(text: str) -> tuple[str, ...]:
@@ -232,8 +184,8 @@ def words_of(text: str) -> tuple[str, ...]:
     return tuple(re.findall(r"[a-z]+|\d+", text.lower()))
 
 
-def _apart(words: tuple[str, ...]) -> tuple[str, ...]:
-    """Components apart from their vector: wx is w, x."""
+def _components(words: tuple[str, ...]) -> tuple[str, ...]:
+    """Words with components as words of their own: wx is w, x."""
     parts: list[str] = []
     for word in words:
         match = _COMPACT.fullmatch(word)
@@ -241,7 +193,7 @@ def _apart(words: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(parts)
 
 
-def _carries(name: Name, unit: str) -> bool:
+def _may_have_unit(name: Name, unit: str) -> bool:
     """Whether what is left of a name may have a unit."""
     if unit in FACTORS["s"]:
         return name.is_time

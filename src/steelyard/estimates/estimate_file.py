@@ -20,7 +20,7 @@ from steelyard.estimates.estimate_names import FILE_NAME, LONGEST_NAME, short_na
 from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six
 from steelyard.json_file import read_json
-from steelyard.yaml_file import Document, FileModel, require_file, validate
+from steelyard.yaml_file import FileModel, YamlDocument, require_file, validate
 
 ALL = "all"
 """Stands for every method of a file."""
@@ -121,7 +121,7 @@ def read_estimate_file(path: Path) -> EstimateFile:
     """
     path = path / FILE_NAME if path.is_dir() else path
     require_file(path, "file that identify wrote, or its folder")
-    document = Document(path, read_json(path), {})
+    document = YamlDocument(path, read_json(path), {})
     if not isinstance(document.data, dict):
         raise document.error(
             (),
@@ -210,7 +210,7 @@ def _some(entry: Any, form: type[FileModel]) -> Any:
     return {key: entry[key] for key in form.model_fields if key in entry}
 
 
-def _check_extent(document: Document, values: dict[str, Any]) -> None:
+def _check_extent(document: YamlDocument, values: dict[str, Any]) -> None:
     """Refuse what would take long to check."""
     level: list[Any] = [values]
     count = depth = 0
@@ -240,7 +240,7 @@ def _kind(value: Any) -> str:
     return "a list" if isinstance(value, list) else "nothing" if value is None else "a single value"
 
 
-def _nominal(document: Document, form: _NominalForm | None) -> Inertia | None:
+def _nominal(document: YamlDocument, form: _NominalForm | None) -> Inertia | None:
     if form is None:
         return None
     try:
@@ -249,7 +249,7 @@ def _nominal(document: Document, form: _NominalForm | None) -> Inertia | None:
         raise document.error(("nominal",), f"{error}; correct it") from None
 
 
-def _estimate(document: Document, name: str, entry: _EntryForm) -> Estimate:
+def _estimate(document: YamlDocument, name: str, entry: _EntryForm) -> Estimate:
     """An estimate of the file, refused where its numbers are no estimate."""
     key = ("estimates", name)
     value = _ten(document, key, entry)
@@ -290,7 +290,7 @@ def _estimate(document: Document, name: str, entry: _EntryForm) -> Estimate:
     )
 
 
-def _ten(document: Document, key: tuple[str, ...], body: _BodyForm) -> Array:
+def _ten(document: YamlDocument, key: tuple[str, ...], body: _BodyForm) -> Array:
     """The ten of :data:`BODY_PARAMETERS`, NaN for null."""
     inertia = np.array(body.inertia, dtype=np.float64)
     if not np.allclose(
@@ -302,7 +302,7 @@ def _ten(document: Document, key: tuple[str, ...], body: _BodyForm) -> Array:
     return np.array([body.mass, *body.center_of_gravity, *six(inertia)], dtype=np.float64)
 
 
-def _matrix(document: Document, key: tuple[str, ...], form: _CovarianceForm) -> Array:
+def _matrix(document: YamlDocument, key: tuple[str, ...], form: _CovarianceForm) -> Array:
     """The numbers of a covariance, NaN for null."""
     if form.parameters != BODY_PARAMETERS:
         raise document.error(

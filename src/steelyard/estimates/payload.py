@@ -7,15 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, complex_step_jacobian
 from steelyard.estimates.comparison_notes import BOUND_NOTE, INDEPENDENT_NOTE, doubts
 from steelyard.estimates.comparison_settings import SETTINGS, ComparisonSettings
 from steelyard.estimates.estimate import Estimate, judge
 from steelyard.estimates.named_estimate import NamedEstimate, same_source
 from steelyard.inertia import BODY_PARAMETERS, symmetric
-
-_STEP = 1e-200
-"""Of complex-step derivatives: its square is 0 in double precision, so that they are exact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +141,7 @@ def _difference_body(a: Estimate, b: Estimate) -> tuple[Array, Array]:
     spread = np.zeros((20, 20))
     spread[:10, :10], spread[10:, 10:] = a.covariance, b.covariance
     value = body(both)
-    jacobian = np.column_stack([body(both + 1j * _STEP * e).imag / _STEP for e in np.eye(20)])
+    jacobian = complex_step_jacobian(body, both)
     finite = np.isfinite(value)
     value[~finite] = np.nan
     jacobian[~finite] = 0.0

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.instruments import Instrument
+from steelyard.rotations import sign_continuous
 
 
 def stream_columns(
@@ -51,11 +52,7 @@ def _as_columns(rotations: Array, form: tuple[str, ...]) -> Array:
     values = np.full((len(rotations), len(form)), np.nan)
     turned = Rotation.from_matrix(rotations[valid])
     if len(form) == 4:
-        quaternions = turned.as_quat(canonical=True, scalar_first=True)
-        # q and -q are one rotation; of the two, the one closer to the sample before.
-        jumps = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
-        quaternions[1:][np.cumsum(jumps) % 2 == 1] *= -1
-        values[valid] = quaternions
+        values[valid] = sign_continuous(turned.as_quat(canonical=True, scalar_first=True))
     else:
         values[valid] = turned.as_euler("ZYX")[:, ::-1]
     return values

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import polars as pl
 
-Clock = Literal["own", "common"]
+ClockChoice = Literal["own", "common"]
 """Whose times a table has."""
 _MOST_SHOWN = 12
 """Runs that are shown one by one."""
@@ -64,8 +64,8 @@ class Stream:
         return len(self.time)
 
     def __repr__(self) -> str:
-        told = f", {', '.join(self.values)}" if self.values else ""
-        return f"Stream: {self._extent()}{told}, from {printable(self.source)}"
+        quantities = f", {', '.join(self.values)}" if self.values else ""
+        return f"Stream: {self._extent()}{quantities}, from {printable(self.source)}"
 
     def _extent(self) -> str:
         """How many samples, and when."""
@@ -147,7 +147,7 @@ class Experiment:
         names = ", ".join(run.name for run in self.runs)
         raise InputError(f"run: expected one of {names}, found '{name}'; choose one of these")
 
-    def columns(self, run: str, instrument: str, *, clock: Clock = "own") -> dict[str, Array]:
+    def columns(self, run: str, instrument: str, *, clock: ClockChoice = "own") -> dict[str, Array]:
         """What an instrument recorded in a run, as the columns of the contract in SI; shape (n,)
         each.
 
@@ -176,21 +176,17 @@ class Experiment:
         )
         return {name: values for name, (values, _) in columns.items()}
 
-    def to_polars(self, run: str, instrument: str, *, clock: Clock = "own") -> pl.DataFrame:
+    def to_polars(self, run: str, instrument: str, *, clock: ClockChoice = "own") -> pl.DataFrame:
         """The same as a frame of Polars, null where there is no sample."""
         return tables.to_polars(self.columns(run, instrument, clock=clock))
 
-    def to_pandas(self, run: str, instrument: str, *, clock: Clock = "own") -> pd.DataFrame:
+    def to_pandas(self, run: str, instrument: str, *, clock: ClockChoice = "own") -> pd.DataFrame:
         """The same as a frame of pandas, NaN where there is no sample.
 
         Raises:
             SteelyardError: pandas is not installed.
         """
         return tables.to_pandas(self.columns(run, instrument, clock=clock))
-
-    def of_kind(self, kind: type[Instrument]) -> dict[str, Instrument]:
-        """Instruments of one kind, in the order of the file."""
-        return {name: i for name, i in self.instruments.items() if isinstance(i, kind)}
 
     def force_instrument(self, run: Run) -> str | None:
         """The instrument whose clock defines the time of a run: its first tension or wrench
@@ -199,7 +195,7 @@ class Experiment:
         return next((n for n in self.instruments if n in run.streams and self.is_force(n)), None)
 
     def is_force(self, name: str) -> bool:
-        """Whether an instrument reads what carries the platform."""
+        """Whether an instrument measures the forces on the platform."""
         return is_force(self.instruments[name])
 
     def delay(self, run: Run, name: str) -> Prior:
@@ -232,17 +228,21 @@ class Experiment:
         """
         if run.static:
             return run.streams[name].time
-        value = self.delay(run, name).value
-        late = delay if delay is not None else float(np.mean(value)) if value is not None else 0.0
+        late = self._mean_delay(run, name) if delay is None else delay
         if run.sync:
             return run.streams[name].time - run.sync[name] - late
         reference = self.force_instrument(run)
         origin = run.streams[reference].time[0] if reference else 0.0
         return run.streams[name].time - origin - late
 
+    def _mean_delay(self, run: Run, name: str) -> float:
+        """Delay of an instrument's clock as known beforehand [s]."""
+        value = self.delay(run, name).value
+        return 0.0 if value is None else float(np.mean(value))
+
 
 def is_force(instrument: Instrument) -> bool:
-    """Whether an instrument reads what carries the platform."""
+    """Whether an instrument measures the forces on the platform."""
     return isinstance(instrument, Tension | Wrench)
 
 

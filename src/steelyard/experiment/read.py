@@ -10,17 +10,18 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.experiment.faults import without_stuck
 from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, PlanForm, RunForm
 from steelyard.experiment.model import Experiment, Fault, Run, is_force, is_motion
-from steelyard.experiment.streams import Place, first_time, needed_columns, read_stream
+from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
+from steelyard.experiment.stuck import without_stuck
 from steelyard.instruments import Instrument
 from steelyard.logs.log import NoRowsError
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import Document, read_yaml, validate
+from steelyard.yaml_file import YamlDocument, read_yaml, validate
 
 _FEWEST_SAMPLES = 10
+"""Force samples in the common time of a run: fewer determine no body."""
 _BESIDE = 5.0
 """Of a stream beside the window of its run that is read along [s]: clocks may differ by their
 delays, filters have edges."""
@@ -51,7 +52,7 @@ def read_experiment(path: str | Path) -> Experiment:
 def read_plan(path: str | Path) -> Experiment:
     """Read what an experiment file says of robot and instruments, recorded or not.
 
-    Recordings are looked at only where an instrument states no rate and they have to tell it.
+    Recordings are looked at only where an instrument states no rate and they have to show it.
 
     Args:
         path: The file.
@@ -67,7 +68,7 @@ def read_plan(path: str | Path) -> Experiment:
     return _experiment(form, _described(form, document), (), path)
 
 
-def _described(form: ExperimentForm, document: Document) -> Robot:
+def _described(form: ExperimentForm, document: YamlDocument) -> Robot:
     """The robot, once it has been seen that instruments and runs go with it."""
     robot = read_robot(form.robot, document.path.parent)
     _check_names(form, document)
@@ -78,6 +79,7 @@ def _described(form: ExperimentForm, document: Document) -> Robot:
 def _experiment(
     form: ExperimentForm, robot: Robot, runs: tuple[Run, ...], path: Path
 ) -> Experiment:
+    """The experiment, once all of its parts are read."""
     return Experiment(
         # The name of a folder may be bytes that are no text.
         name=form.name or os.fsencode(path.parent.resolve().name).decode(errors="replace"),
@@ -91,6 +93,7 @@ def _experiment(
 
 
 def _known(form: KnownBodyForm) -> dict[str, tuple[float, float]]:
+    """Body parameter -> value and 1-sigma known beforehand."""
     entries = {
         "mass": form.mass,
         **{f"c{axis}": getattr(form.center_of_gravity, axis) for axis in "xyz"},
@@ -103,7 +106,8 @@ def _known(form: KnownBodyForm) -> dict[str, tuple[float, float]]:
     }
 
 
-def _check_names(form: ExperimentForm, document: Document) -> None:
+def _check_names(form: ExperimentForm, document: YamlDocument) -> None:
+    """Refuse two runs of one name, and streams of instruments that are not there."""
     names = [run.name for run in form.runs]
     for i, name in enumerate(names):
         if name in names[:i]:
@@ -122,7 +126,7 @@ def _check_names(form: ExperimentForm, document: Document) -> None:
 
 
 def check_instruments(
-    instruments: Mapping[str, Instrument], robot: Robot, document: Document
+    instruments: Mapping[str, Instrument], robot: Robot, document: YamlDocument
 ) -> None:
     """What the form of an instrument cannot say, because it depends on its name or on the robot."""
     for name, instrument in instruments.items():
@@ -152,8 +156,9 @@ def check_instruments(
 
 
 def _read_run(
-    i: int, form: RunForm, whole: ExperimentForm, robot: Robot, document: Document
+    i: int, form: RunForm, whole: ExperimentForm, robot: Robot, document: YamlDocument
 ) -> Run:
+    """Read the streams of a run, of a window only what it needs."""
     key = ("runs", i)
     if not form.streams:
         raise document.error(
@@ -162,7 +167,9 @@ def _read_run(
             " their files",
         )
     places = {
-        name: Place(document.path.parent / stream.file, stream.topic, stream.columns, stream.units)
+        name: StreamPlace(
+            document.path.parent / stream.file, stream.topic, stream.columns, stream.units
+        )
         for name, stream in form.streams.items()
     }
     sync = _sync(form, whole, document, key)
@@ -171,19 +178,17 @@ def _read_run(
         sync, spans = _spans(form, whole, places, sync)
     streams = {}
     for name, place in places.items():
-        others = [
-            n
-            for n, its in places.items()
-            if n != name and (its.path, its.topic) == (place.path, place.topic)
-        ]
-        needed = (needed_columns(whole.instruments[n], robot.m, places[n].columns) for n in others)
+        claimed: set[str] = set()
+        for other, its in places.items():
+            if other != name and (its.path, its.topic) == (place.path, place.topic):
+                claimed |= needed_columns(whole.instruments[other], robot.m, its.columns)
         try:
             streams[name] = read_stream(
                 place,
                 whole.instruments[name],
                 robot.m,
                 static=form.static,
-                claimed=frozenset().union(*needed),
+                claimed=claimed,
                 span=spans.get(name),
             )
         except NoRowsError as error:
@@ -207,7 +212,7 @@ def _read_run(
 
 
 def _spans(
-    form: RunForm, whole: ExperimentForm, places: Mapping[str, Place], sync: dict[str, float]
+    form: RunForm, whole: ExperimentForm, places: Mapping[str, StreamPlace], sync: dict[str, float]
 ) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
     """What to read of each stream for a window, on its own clock [s], and the event that the window
     counts from.
@@ -230,7 +235,7 @@ def _spans(
 
 
 def _sync(
-    form: RunForm, whole: ExperimentForm, document: Document, key: tuple[str | int, ...]
+    form: RunForm, whole: ExperimentForm, document: YamlDocument, key: tuple[str | int, ...]
 ) -> dict[str, float]:
     """Event time of every stream; instruments of one file or one clock may share one entry."""
     if not form.sync or form.static or isinstance(form.sync, str):
@@ -266,7 +271,7 @@ def _sync(
 
 
 def _check_run(
-    experiment: Experiment, run: Run, document: Document, key: tuple[str | int, ...]
+    experiment: Experiment, run: Run, document: YamlDocument, key: tuple[str | int, ...]
 ) -> None:
     """What one run needs before anything can be estimated from it."""
     force = experiment.force_instrument(run)
@@ -279,7 +284,7 @@ def _check_run(
     if not any(is_motion(experiment.instruments[name]) for name in run.streams):
         raise document.error(
             key,
-            f"run '{run.name}': expected a stream that tells the motion (imu, attitude, position,"
+            f"run '{run.name}': expected a stream that measures the motion (imu, attitude, position,"
             " pose), found none; add one",
         )
     if run.window and run.window[0] >= run.window[1]:

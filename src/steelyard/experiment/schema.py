@@ -124,7 +124,9 @@ def _plain_default(value: Any) -> str | None:
         return None if value.sigma is None else f"{value.sigma:g}"
     if isinstance(value, tuple) and value:
         return f"[{', '.join(f'{part:g}' for part in value)}]"
-    return f"{value:g}" if isinstance(value, float) else value if isinstance(value, str) else None
+    if isinstance(value, float):
+        return f"{value:g}"
+    return value if isinstance(value, str) else None
 
 
 def _field_documents(model: type[BaseModel]) -> Mapping[str, str]:

@@ -32,7 +32,7 @@ matrix far above."""
 
 
 @dataclass(frozen=True)
-class Place:
+class StreamPlace:
     """Where the stream of an instrument is, and how its log writes it."""
 
     path: Path
@@ -47,7 +47,7 @@ class Place:
 
 
 def read_stream(
-    place: Place,
+    place: StreamPlace,
     instrument: Instrument,
     m: int,
     *,
@@ -116,7 +116,7 @@ def read_stream(
     return Stream(time, values, str(path), angles)
 
 
-def first_time(place: Place) -> float:
+def first_time(place: StreamPlace) -> float:
     """Time of the first row of a log, on its own clock [s].
 
     Raises:
@@ -134,7 +134,7 @@ def first_time(place: Place) -> float:
         return float(log.read([timed], rows=1)[timed][0] * names.factor("t", "s"))
 
 
-def _as_named(log: Log, place: Place) -> Place:
+def _as_named(log: Log, place: StreamPlace) -> StreamPlace:
     """A place whose columns are called as the log calls them, not as it spells them."""
     columns = {column: log.spellings.get(name, name) for column, name in place.columns.items()}
     units = {log.spellings.get(name, name): unit for name, unit in place.units.items()}
@@ -144,7 +144,7 @@ def _as_named(log: Log, place: Place) -> Place:
 class _Names:
     """Columns of the contract in one log."""
 
-    def __init__(self, log: Log, place: Place, free: Sequence[str]) -> None:
+    def __init__(self, log: Log, place: StreamPlace, free: Sequence[str]) -> None:
         self.log, self.place = log, place
         self.free = dict.fromkeys(free)
 
@@ -250,6 +250,7 @@ def _present_quantities(
 
 
 def _check_time(where: Callable[[int], str], name: str, time: Array) -> None:
+    """Refuse times that are missing or decrease."""
     gaps = np.flatnonzero(np.isnan(time))
     if len(gaps):
         raise InputError(
@@ -313,6 +314,7 @@ def _check_rotation(
     error: Array,
     what: str,
 ) -> None:
+    """Refuse rotations that are further off than few digits make them."""
     wrong = np.flatnonzero(error > _LARGEST_SHEAR)
     if len(wrong):
         raise InputError(

@@ -21,6 +21,7 @@ from steelyard.robot import cable
 from steelyard.robot.kinematics import attachments_at, cables_at
 from steelyard.robot.model import Robot
 from steelyard.robot.tension import distribute
+from steelyard.rotations import cross_matrices
 from steelyard.simulation.trajectories import workspace_of
 
 LEAST_CABLES = 6
@@ -221,9 +222,8 @@ def _time_step(body: Inertia, stiffness: Array) -> float:
         body: That swings.
         stiffness: By displacements and rotations about the platform origin, in P, shape (6, 6).
     """
-    m, (x, y, z) = body.mass, body.first_moment
-    h = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    mass = np.block([[m * np.eye(3), -h], [h, body.inertia_about_origin]])
+    h = cross_matrices(body.first_moment[None])[0]
+    mass = np.block([[body.mass * np.eye(3), -h], [h, body.inertia_about_origin]])
     fastest = float(np.sqrt(eigh(stiffness, mass, eigvals_only=True).max()))
     return next((step for step in _TIME_STEPS if fastest * step <= _PHASE_A_STEP), _TIME_STEPS[-1])
 

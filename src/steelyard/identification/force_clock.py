@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.clocks.shift import REACH, Shift, least
+from steelyard.clocks.settings import SHIFT
+from steelyard.clocks.shift import Shift, least
 from steelyard.dynamics import platform_regressor
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.preparation import samples_of
@@ -251,7 +252,7 @@ def likeliest(task: Carrying, shifts: Array) -> tuple[Shift | None, Shift | None
     return best, rival
 
 
-def near(task: Carrying, guess: float, reach: float = REACH) -> Shift | None:
+def near(task: Carrying, guess: float, reach: float = SHIFT.reach) -> Shift | None:
     """The best shift near a guess."""
     rows = np.intersect1d(task.inside(guess - reach - 1e-3), task.inside(guess + reach + 1e-3))
     return least([_Balance(task, rows)], guess, reach) if len(rows) >= 10 else None

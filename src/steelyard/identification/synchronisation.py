@@ -18,11 +18,12 @@ from steelyard.clocks.clock_signals import (
     RATE,
     ROTATION,
     SPECIFIC_FORCE,
-    Clock,
+    LogClock,
     clocks_of,
 )
-from steelyard.clocks.offsets import Offset, drift_of, joined, liveliest
+from steelyard.clocks.offsets import Offset, ambiguous, drift_of, joined, liveliest, uncertain
 from steelyard.clocks.search import candidates
+from steelyard.clocks.settings import OFFSET
 from steelyard.clocks.shift import Shift
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run, Stream
@@ -36,8 +37,6 @@ _LONG = 60.0
 """Recordings longer than that are not looked at at every shift, and not as a whole [s]."""
 _BESIDE = 0.5
 """Looked at beside a shift that the rough search has found [s]."""
-_LARGEST_SIGMA = 0.05
-"""Of what still counts as told [s]."""
 _MOVED = 0.01
 """A correction of a clock after which the fit is made once more [s]."""
 
@@ -81,7 +80,7 @@ def synchronise(experiment: Experiment, progress: Progress = None) -> Synchronis
             continue
         tell("finding the clocks", 0.5 * i / len(experiment.runs))
         own = offsets_of(experiment, run)
-        lost = next((offset for offset in own if not offset.told), None)
+        lost = next((offset for offset in own if not offset.known), None)
         if lost is not None:
             raise InputError(
                 f"{experiment.source or experiment.name}: run '{run.name}': expected a motion that"
@@ -120,7 +119,7 @@ def offsets_of(experiment: Experiment, run: Run) -> tuple[Offset, ...]:
                 each,
                 value=each.value + forces.value,
                 sigma=float(np.hypot(each.sigma, forces.sigma)),
-                told=each.told and forces.told,
+                known=each.known and forces.known,
                 reason=each.reason or forces.reason,
                 drift=each.drift + forces.drift,
                 drift_sigma=float(np.hypot(each.drift_sigma, forces.drift_sigma)),
@@ -134,7 +133,7 @@ _MOTION = (POSITION, ROTATION, RATE, SPECIFIC_FORCE)
 
 
 def _against_motion(
-    experiment: Experiment, run: Run, clocks: tuple[Clock, ...], motion: list[Offset]
+    experiment: Experiment, run: Run, clocks: tuple[LogClock, ...], motion: list[Offset]
 ) -> Offset:
     """Time of the first motion clock less that of the forces."""
     first, reference = clocks[0], clocks[1]
@@ -163,19 +162,9 @@ def _against_motion(
     if best is None:
         return nothing
     if rival is not None:
-        both = " and ".join(f"{value:.3f} s" for value in sorted((best.value, rival.value)))
-        return replace(
-            nothing,
-            reason=f"{names}: the motion repeats itself, so that shifts of {both} explain it alike",
-        )
-    if not best.sigma < _LARGEST_SIGMA:
-        return replace(
-            nothing,
-            reason=(
-                f"{names}: the motion is too slow to tell it better than to"
-                f" {best.sigma * 1e3:.0f} ms"
-            ),
-        )
+        return replace(nothing, reason=f"{names}: {ambiguous(best, rival)}")
+    if not best.sigma < OFFSET.largest_sigma:
+        return replace(nothing, reason=f"{names}: {uncertain(best)}")
 
     def at(middle: float, reach: float) -> Shift | None:
         there = carrying(experiment, placed, (middle - 20.0, middle + 20.0))
@@ -185,7 +174,7 @@ def _against_motion(
     return Offset(first.instruments, best.value, best.sigma, True, "", drift, deviation)
 
 
-def _near_candidates(first: Clock, others: tuple[Clock, ...], motion: list[Offset]) -> Array:
+def _near_candidates(first: LogClock, others: tuple[LogClock, ...], motion: list[Offset]) -> Array:
     """Shifts of a long recording that a rough look at forces and motion finds worth while [s]."""
     found = [
         c.shift - offset.value

@@ -1,5 +1,5 @@
-"""From what files of another program say of a robot to a robot file; what is taken, left out and
-assumed is told.
+"""From what files of another program say of a robot to a robot file, with notes of what is taken,
+left out and assumed.
 """
 
 from __future__ import annotations
@@ -17,11 +17,14 @@ from steelyard.imports.sources import printable
 from steelyard.inertia import Inertia, six
 from steelyard.robot.file import robot_of
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import Document
+from steelyard.yaml_file import YamlDocument
 
-_GRAVITY = 9.81  # [m/s^2], of robot files that do not say
-_CLOSEST_ANCHORS = 1e-6  # [m], as in robot files
+_GRAVITY = 9.81
+"""Of robot files that do not say [m/s^2]."""
+_CLOSEST_ANCHORS = 1e-6
+"""Distance of two anchors, as robot files demand it [m]."""
 _LONGEST_NAME = 100
+"""Characters of the name of a robot."""
 
 
 def assemble(
@@ -57,7 +60,7 @@ def assemble(
         "platform": None if body is None else _platform(body.inertia),
     }
     values = {key: value for key, value in values.items() if value}
-    robot = robot_of(Document(description.files[0], values, {}))
+    robot = robot_of(YamlDocument(description.files[0], values, {}))
     assumed = (
         ()
         if description.gravity
@@ -81,6 +84,7 @@ def assemble(
 
 
 def _check_anchors(description: Description) -> None:
+    """Refuse a robot without cables, or with two cables from one anchor."""
     cables = description.cables
     if not cables:
         raise InputError(
@@ -132,13 +136,13 @@ def _properties(cables: Sequence[Cable]) -> tuple[dict[str, float], tuple[str, .
     properties, notes = {}, []
     for key in ("diameter", "axial_stiffness"):
         found = {getattr(each, key) for each in cables}
-        told = sorted(value for value in found if value is not None)
+        known = sorted(value for value in found if value is not None)
         if len(found) > 1:
             notes.append(
-                f"{key} left out: it differs between the cables ({told[0]:g} to {told[-1]:g})"
+                f"{key} left out: it differs between the cables ({known[0]:g} to {known[-1]:g})"
             )
-        elif told:
-            properties[key] = told[0]
+        elif known:
+            properties[key] = known[0]
     return properties, tuple(notes)
 
 
@@ -152,7 +156,7 @@ def _platform(body: Inertia) -> dict[str, Any]:
 
 
 def _missing(robot: Robot) -> tuple[str, ...]:
-    """What a robot file may have and these files do not tell."""
+    """What a robot file may have and these files do not state."""
     lacking: list[tuple[str, Callable[[Robot], bool]]] = [
         ("tension", lambda r: not np.isfinite(r.tension_limits[1])),
         (
@@ -166,4 +170,4 @@ def _missing(robot: Robot) -> tuple[str, ...]:
         ("limits.speed and others", lambda r: r.limits.speed is None),
     ]
     missing = [what for what, lacks in lacking if lacks(robot)]
-    return (f"not told, add what you know: {', '.join(missing)}",) if missing else ()
+    return (f"not stated, add what you know: {', '.join(missing)}",) if missing else ()

@@ -12,16 +12,18 @@ import math
 from collections.abc import Sequence
 
 from steelyard.errors import InputError
-from steelyard.imports.description import Body, Cable, Description, Vector
+from steelyard.imports.description import Cable, DescribedBody, Description, Vector
 from steelyard.imports.sources import Source, printable
 from steelyard.imports.xml_file import Element
 
 NAME = "CASPR XML"
 
 _GRAVITY = (0.0, 0.0, -9.81)
+"""Of CASPR, which states none in its files [m/s^2]."""
 _FREE_JOINTS = {"SPATIAL_EULER_XYZ": 6, "SPATIAL_QUATERNION": 7}
 """Joints that carry nothing, with their number of coordinates; the first three are the position."""
-_HALF_TURN = 3.14  # [rad]
+_HALF_TURN = 3.14
+"""Limit of an angle that is none [rad]: CASPR writes pi with two digits and more."""
 _VARIABLE_STIFFNESS = {
     "cable_vsd_flexure_linear",
     "cable_vsd_polynomial",
@@ -78,6 +80,7 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
 
 
 def _pair(sources: Sequence[Source]) -> tuple[Element, Element]:
+    """The files of bodies and of cables."""
     found: dict[str, Element] = {}
     for source in sources:
         if isinstance(source, Element):
@@ -97,6 +100,7 @@ def _pair(sources: Sequence[Source]) -> tuple[Element, Element]:
 
 
 def _link(bodies: Element) -> Element:
+    """The only link, which nothing but cables holds."""
     links = bodies.child("links").children
     if len(links) != 1 or links[0].tag != "link_rigid":
         raise bodies.error(
@@ -118,7 +122,8 @@ def _link(bodies: Element) -> Element:
     return link
 
 
-def _body(link: Element) -> Body:
+def _body(link: Element) -> DescribedBody:
+    """Mass, centre of gravity and inertia of a link."""
     physical = link.child("physical")
     inertia = physical.child("inertia")
     reference = inertia.attribute("ref")
@@ -129,7 +134,7 @@ def _body(link: Element) -> Body:
         x, y, z = (inertia.child(key).number() for key in keys.split())
         return x, y, z
 
-    return Body(
+    return DescribedBody(
         where=physical.where,
         mass=_positive(physical.child("mass")),
         center_of_gravity=physical.child("com_location").vector(),
@@ -155,20 +160,16 @@ def _limits(joint: Element, origin: Vector) -> tuple[dict[str, object], tuple[st
     count = _FREE_JOINTS[joint.attribute("type")]
     low, high = (joint.numbers_of(key, count, infinite=True) for key in ("q_min", "q_max"))
     notes = []
-    if count == 6 and any(
-        a > -_HALF_TURN or b < _HALF_TURN for a, b in zip(low[3:], high[3:], strict=True)
-    ):
+    turns = zip(low[3:], high[3:], strict=True)
+    if count == 6 and any(a > -_HALF_TURN or b < _HALF_TURN for a, b in turns):
         notes.append(
             "limits of rotation left out: CASPR's angles are R = Rx Ry Rz, those of a robot file R"
             " = Rz Ry Rx; write limits.rpy_deg yourself"
         )
-    box = [
-        [round(o + q, 12) for o, q in zip(origin, corner[:3], strict=True)]
-        for corner in (low, high)
-    ]
-    if any(
-        not math.isfinite(a) or not math.isfinite(b) or a >= b for a, b in zip(*box, strict=True)
-    ):
+    lower = [round(o + q, 12) for o, q in zip(origin, low[:3], strict=True)]
+    upper = [round(o + q, 12) for o, q in zip(origin, high[:3], strict=True)]
+    box = [lower, upper]
+    if not all(math.isfinite(a) and math.isfinite(b) and a < b for a, b in zip(*box, strict=True)):
         return {}, (*notes, "limits of position left out: q_min and q_max are no box")
     return {"position": box}, tuple(notes)
 
@@ -207,6 +208,7 @@ def _chosen(cables: Element, name: str | None) -> tuple[Element, tuple[str, ...]
 
 
 def _cable(cable: Element, cog: Vector, link: Element) -> Cable:
+    """A cable from its anchor to its attachment on the platform."""
     if cable.tag not in _CABLES:
         raise cable.error(
             f"expected one of {', '.join(sorted(_CABLES))}, found '{cable.tag[:60]}'; leave it out"
@@ -284,6 +286,7 @@ def _leaving(point: Element) -> tuple[Vector, float, Vector]:
 
 
 def _reference_note(chosen: Element, cog: Vector) -> tuple[str, ...]:
+    """Note of attachments that are measured from the centre of gravity."""
     count = sum(
         1 for each in chosen.children if each.attributes.get("attachment_reference") == "com"
     )
@@ -298,6 +301,7 @@ def _reference_note(chosen: Element, cog: Vector) -> tuple[str, ...]:
 
 
 def _stiffness_notes(chosen: Element) -> tuple[str, ...]:
+    """Notes of what the stiffness of cables was taken from."""
     springs = [each for each in chosen.children if each.tag == "cable_linear_spring"]
     variable = [each for each in chosen.children if each.tag in _VARIABLE_STIFFNESS]
     notes = []
@@ -326,6 +330,7 @@ def _routing_note(chosen: Element) -> tuple[str, ...]:
 
 
 def _unread_note(link: Element, chosen: Element) -> tuple[str, ...]:
+    """Note of elements that are not read."""
     tags = {
         each.tag
         for cable in chosen.children

@@ -18,14 +18,16 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from steelyard.arrays import Array
-from steelyard.imports.description import Body, Cable, Description, Vector
+from steelyard.imports.description import Cable, DescribedBody, Description, Vector
 from steelyard.imports.sources import ForeignModel, Matrix, Source, only_document, unread
-from steelyard.yaml_file import Document, validate
+from steelyard.yaml_file import YamlDocument, validate
 
 NAME = "cdpyr"
 
 _ORTHONORMAL = 1e-6
+"""How far a matrix may be from a rotation: rounding of decimal numbers."""
 _SYMMETRIC = 1e-6
+"""How far an inertia matrix may be from a symmetric one, as a part of its largest element."""
 _SIGN_UNKNOWN = (
     "cdpyr makes no use of them, and its own model of CoGiRo has the signs of the data sheet,"
     " +integral(x y dm)"
@@ -47,7 +49,7 @@ ExtendedMatrix = tuple[
 _IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-class PulleyForm(ForeignModel):
+class CdpyrPulleyForm(ForeignModel):
     """Roller."""
 
     radius: Annotated[float, Field(ge=0)]
@@ -59,10 +61,10 @@ class AnchorForm(ForeignModel):
 
     position: Vector
     dcm: Matrix | None = None
-    pulley: PulleyForm | None = None
+    pulley: CdpyrPulleyForm | None = None
 
 
-class FrameForm(ForeignModel):
+class CdpyrFrameForm(ForeignModel):
     """What does not move."""
 
     anchors: tuple[AnchorForm, ...]
@@ -89,7 +91,7 @@ class InertiaForm(ForeignModel):
     angular: ExtendedMatrix | None = None
 
 
-class PlatformForm(ForeignModel):
+class CdpyrPlatformForm(ForeignModel):
     """Body."""
 
     anchors: tuple[AttachmentForm, ...]
@@ -98,7 +100,7 @@ class PlatformForm(ForeignModel):
     inertia: InertiaForm | None = None
 
 
-class CableForm(ForeignModel):
+class CdpyrCableForm(ForeignModel):
     """What a cable is made of."""
 
     diameter: Annotated[float, Field(ge=0)] | None = None
@@ -113,20 +115,20 @@ class ChainForm(ForeignModel):
     cable: Annotated[int, Field(ge=0)]
 
 
-class RobotForm(ForeignModel):
+class CdpyrRobotForm(ForeignModel):
     """The whole file."""
 
     name: str | None = None
-    frame: FrameForm
-    platforms: tuple[PlatformForm, ...]
-    cables: tuple[CableForm, ...] = ()
+    frame: CdpyrFrameForm
+    platforms: tuple[CdpyrPlatformForm, ...]
+    cables: tuple[CdpyrCableForm, ...] = ()
     kinematic_chains: tuple[ChainForm, ...]
 
 
 def recognises(source: Source) -> bool:
     """Whether a file has the parts of a robot of cdpyr."""
     return (
-        isinstance(source, Document)
+        isinstance(source, YamlDocument)
         and isinstance(source.data, dict)
         and {"frame", "platforms", "kinematic_chains"} <= source.data.keys()
     )
@@ -143,7 +145,7 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
         InputError: The file is wrong, or there are several, or it has more than one platform.
     """
     document = only_document(sources, NAME)
-    form = validate(RobotForm, document)
+    form = validate(CdpyrRobotForm, document)
     if len(form.platforms) != 1:
         raise document.error(
             ("platforms",),
@@ -173,7 +175,8 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
     )
 
 
-def _cable(form: RobotForm, i: int, document: Document) -> Cable:
+def _cable(form: CdpyrRobotForm, i: int, document: YamlDocument) -> Cable:
+    """A cable by the indices of its chain."""
     chain = form.kinematic_chains[i]
     platform = form.platforms[0]
     for name, index, among in (
@@ -207,7 +210,7 @@ def _cable(form: RobotForm, i: int, document: Document) -> Cable:
     )
 
 
-def _rotation(dcm: Matrix | None, document: Document, key: tuple[str | int, ...]) -> Array:
+def _rotation(dcm: Matrix | None, document: YamlDocument, key: tuple[str | int, ...]) -> Array:
     R = np.array(dcm or _IDENTITY)
     if (
         np.abs(R).max() > 1 + _ORTHONORMAL
@@ -218,7 +221,9 @@ def _rotation(dcm: Matrix | None, document: Document, key: tuple[str | int, ...]
     return R
 
 
-def _body(platform: PlatformForm, document: Document) -> tuple[Body | None, tuple[str, ...]]:
+def _body(
+    platform: CdpyrPlatformForm, document: YamlDocument
+) -> tuple[DescribedBody | None, tuple[str, ...]]:
     """Body and what is to be said of it."""
     inertia = platform.inertia
     where: tuple[str | int, ...] = ("platforms", 0, "inertia")
@@ -239,7 +244,7 @@ def _body(platform: PlatformForm, document: Document) -> tuple[Body | None, tupl
         raise document.error(
             (*where, "angular"), f"expected a symmetric matrix, found {J.tolist()}; correct it"
         )
-    body = Body(
+    body = DescribedBody(
         where=document.where(where),
         mass=mass,
         center_of_gravity=platform.center_of_gravity,

@@ -43,7 +43,7 @@ class Cable:
 
 
 @dataclass(frozen=True)
-class Body:
+class DescribedBody:
     """The nominal platform, with its inertia as it stands in the files."""
 
     where: str
@@ -66,7 +66,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Description:
-    """A robot in SI units, as far as the files tell it."""
+    """A robot in SI units, as far as the files state it."""
 
     format: str
     """Name of the format."""
@@ -74,7 +74,7 @@ class Description:
     cables: tuple[Cable, ...]
     name: str = ""
     """Empty: the files do not say, and theirs will do."""
-    body: Body | None = None
+    body: DescribedBody | None = None
     gravity: Vector | None = None
     """World frame [m/s^2]; None: the files do not say."""
     limits: Mapping[str, object] = field(default_factory=dict)

@@ -15,10 +15,11 @@ from steelyard.imports.sources import Source, printable, read_source
 from steelyard.imports.xml_file import Element
 
 _MOST_NAMED = 6
+"""Files that a message names."""
 
 
 @dataclass(frozen=True)
-class Format:
+class RobotFormat:
     """One format."""
 
     recognises: Callable[[Source], bool]
@@ -32,14 +33,14 @@ class Format:
 
 
 FORMATS = {
-    caspr.NAME: Format(
+    caspr.NAME: RobotFormat(
         caspr.recognises, caspr.describe, "roots 'bodies_system' and 'cables'", has_sets=True
     ),
-    irma.NAME: Format(irma.recognises, irma.describe, "'actuator' with 'pos_OD_glob'"),
-    cdpyr.NAME: Format(
+    irma.NAME: RobotFormat(irma.recognises, irma.describe, "'actuator' with 'pos_OD_glob'"),
+    cdpyr.NAME: RobotFormat(
         cdpyr.recognises, cdpyr.describe, "'frame', 'platforms' and 'kinematic_chains'"
     ),
-    ros.NAME: Format(ros.recognises, ros.describe, "'points' with 'frame' and 'platform'"),
+    ros.NAME: RobotFormat(ros.recognises, ros.describe, "'points' with 'frame' and 'platform'"),
 }
 
 

@@ -14,7 +14,9 @@ from steelyard.robot.model import Robot
 from steelyard.yaml_file import to_yaml
 
 _WIDTH = 120
+"""Characters of a line of the comment in the robot file."""
 _LONGEST_PATH = 1000
+"""Characters of a path in the result."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,20 +18,22 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from steelyard.imports.description import Body, Cable, Description, Vector
+from steelyard.imports.description import Cable, DescribedBody, Description, Vector
 from steelyard.imports.sources import Column, ForeignModel, Matrix, Source, only_document, unread
-from steelyard.yaml_file import Document, validate
+from steelyard.yaml_file import YamlDocument, validate
 
 NAME = "IRMA JSON"
 
-_GRAVITY = 9.80665  # [m/s^2], of all their programs
+_GRAVITY = 9.80665
+"""Of all their programs [m/s^2]."""
 _SYMMETRIC = 1e-6
+"""How far an inertia matrix may be from a symmetric one, as a part of its largest element."""
 _HELD_BY_CABLES = {"THREE_R_THREE_T", "THREE_T"}
 
 _MATRIX = "as 'inertia_mat_G_loc' is a matrix in IRMA's programs"
 
 
-class PulleyForm(ForeignModel):
+class IrmaPulleyForm(ForeignModel):
     """Roller and one end of a cable."""
 
     radius: Annotated[float, Field(ge=0)]
@@ -51,7 +53,7 @@ class ActuatorForm(ForeignModel):
     """One cable."""
 
     active: bool | Literal[0, 1] = True
-    pulley: PulleyForm
+    pulley: IrmaPulleyForm
     winch: WinchForm
 
 
@@ -64,7 +66,7 @@ class OldCableForm(ForeignModel):
     vers_k: Column | None = None
 
 
-class PlatformForm(ForeignModel):
+class IrmaPlatformForm(ForeignModel):
     """Body and load."""
 
     mass: Annotated[float, Field(gt=0)]
@@ -76,18 +78,18 @@ class PlatformForm(ForeignModel):
     ext_torque_loc: Column = (0.0, 0.0, 0.0)
 
 
-class RobotForm(ForeignModel):
+class IrmaRobotForm(ForeignModel):
     """The whole file."""
 
     motion_pattern: str = "THREE_R_THREE_T"
     actuator: tuple[ActuatorForm, ...] = ()
     cable: tuple[OldCableForm, ...] = ()
-    platform: PlatformForm
+    platform: IrmaPlatformForm
 
 
 def recognises(source: Source) -> bool:
     """Whether a file has the points of IRMA's robots."""
-    if not isinstance(source, Document) or not isinstance(source.data, dict):
+    if not isinstance(source, YamlDocument) or not isinstance(source.data, dict):
         return False
     entries = source.data.get("actuator", source.data.get("cable"))
     return isinstance(entries, list) and any(_has_points(entry) for entry in entries)
@@ -109,7 +111,7 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
         InputError: The file is wrong, or there are several.
     """
     document = only_document(sources, NAME)
-    form = validate(RobotForm, document)
+    form = validate(IrmaRobotForm, document)
     if form.motion_pattern not in _HELD_BY_CABLES:
         raise document.error(
             ("motion_pattern",),
@@ -134,26 +136,20 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
     )
 
 
-def _cables(form: RobotForm, document: Document) -> list[Cable]:
+def _cables(form: IrmaRobotForm, document: YamlDocument) -> list[Cable]:
+    """Cables of the active actuators, with rollers at the winch or on the platform."""
     cables = []
     for i, each in enumerate(form.actuator):
         if not each.active:
             continue
         pulley, winch = each.pulley, each.winch
-        fixed, moving = (
-            (pulley.swivel_point, winch.platform_point),
-            (
-                pulley.frame_point,
-                winch.platform_swivel_point,
-            ),
-        )
+        fixed = (pulley.swivel_point, winch.platform_point)
+        moving = (pulley.frame_point, winch.platform_swivel_point)
         where = document.where(("actuator", i))
         if None not in fixed:
-            radius, axis = (
-                pulley.radius,
-                _axis(pulley.radius, pulley.vers_k, document, ("actuator", i, "pulley", "vers_k")),
-            )
-            cables.append(Cable(where, *fixed, radius, axis))  # type: ignore[arg-type]
+            key = ("actuator", i, "pulley", "vers_k")
+            axis = _axis(pulley.radius, pulley.vers_k, document, key)
+            cables.append(Cable(where, *fixed, pulley.radius, axis))  # type: ignore[arg-type]
         elif None not in moving:
             cables.append(Cable(where, *moving))  # type: ignore[arg-type]
         else:
@@ -165,7 +161,8 @@ def _cables(form: RobotForm, document: Document) -> list[Cable]:
     return cables
 
 
-def _old_cables(form: RobotForm, document: Document) -> list[Cable]:
+def _old_cables(form: IrmaRobotForm, document: YamlDocument) -> list[Cable]:
+    """Cables of the older form of the file."""
     return [
         Cable(
             document.where(("cable", i)),
@@ -179,7 +176,7 @@ def _old_cables(form: RobotForm, document: Document) -> list[Cable]:
 
 
 def _axis(
-    radius: float, axis: Vector | None, document: Document, key: tuple[str | int, ...]
+    radius: float, axis: Vector | None, document: YamlDocument, key: tuple[str | int, ...]
 ) -> Vector:
     """Swivel axis; without a roller any will do."""
     if not radius:
@@ -193,7 +190,8 @@ def _axis(
     return axis
 
 
-def _body(platform: PlatformForm, document: Document) -> Body:
+def _body(platform: IrmaPlatformForm, document: YamlDocument) -> DescribedBody:
+    """Mass, centre of gravity and inertia, whose matrix has to be symmetric."""
     J = platform.inertia
     largest = max(abs(value) for row in J for value in row)
     for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -203,7 +201,7 @@ def _body(platform: PlatformForm, document: Document) -> Body:
                 f"expected a symmetric matrix, found {J[i][j]:g} and {J[j][i]:g} in two places that"
                 " belong together; correct one",
             )
-    return Body(
+    return DescribedBody(
         where=document.where(("platform",)),
         mass=platform.mass,
         center_of_gravity=platform.center_of_gravity,
@@ -214,7 +212,7 @@ def _body(platform: PlatformForm, document: Document) -> Body:
     )
 
 
-def _gravity(platform: PlatformForm, document: Document) -> tuple[Vector, str]:
+def _gravity(platform: IrmaPlatformForm, document: YamlDocument) -> tuple[Vector, str]:
     """Gravity [m/s^2]: along minus the axis of the file."""
     axis = platform.gravity_axis or platform.grav_ax
     if axis is None:
@@ -233,7 +231,7 @@ def _gravity(platform: PlatformForm, document: Document) -> tuple[Vector, str]:
     return (x, y, z), f"gravity {_GRAVITY} m/s^2, IRMA's constant, against the axis of the file"
 
 
-def _turning_note(form: RobotForm) -> tuple[str, ...]:
+def _turning_note(form: IrmaRobotForm) -> tuple[str, ...]:
     if form.motion_pattern == "THREE_R_THREE_T":
         return ()
     return (
@@ -244,7 +242,7 @@ def _turning_note(form: RobotForm) -> tuple[str, ...]:
     )
 
 
-def _inactive_note(form: RobotForm) -> tuple[str, ...]:
+def _inactive_note(form: IrmaRobotForm) -> tuple[str, ...]:
     idle = [str(i) for i, each in enumerate(form.actuator) if not each.active]
     return (
         (f"actuators {', '.join(idle)} (counted from 0) are not active and left out",)
@@ -253,7 +251,8 @@ def _inactive_note(form: RobotForm) -> tuple[str, ...]:
     )
 
 
-def _roller_notes(form: RobotForm) -> tuple[str, ...]:
+def _roller_notes(form: IrmaRobotForm) -> tuple[str, ...]:
+    """Notes of winches on the platform, whose rollers a robot file cannot have."""
     notes = []
     moving = [
         each.pulley.radius
@@ -271,13 +270,10 @@ def _roller_notes(form: RobotForm) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _load_note(platform: PlatformForm) -> tuple[str, ...]:
-    loads = [
-        f"{key} ({', '.join(f'{v:g}' for v in value)})"
-        for key, value in (
-            ("ext_force_loc", platform.ext_force_loc),
-            ("ext_torque_loc", platform.ext_torque_loc),
-        )
-        if any(value)
-    ]
+def _load_note(platform: IrmaPlatformForm) -> tuple[str, ...]:
+    given = {"ext_force_loc": platform.ext_force_loc, "ext_torque_loc": platform.ext_torque_loc}
+    loads = []
+    for key, value in given.items():
+        if any(value):
+            loads.append(f"{key} ({', '.join(f'{v:g}' for v in value)})")
     return (f"constant load on the platform left out: {', '.join(loads)}",) if loads else ()

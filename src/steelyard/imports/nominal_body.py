@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.imports.description import Body, Convention, Point
+from steelyard.imports.description import Convention, DescribedBody, Point
 from steelyard.inertia import Inertia, point_inertia, symmetric
 
 _OTHER: dict[Convention, Convention] = {"matrix": "integral", "integral": "matrix"}
@@ -34,7 +34,9 @@ class NominalBody:
     """What was taken for what, and whether such a body can exist."""
 
 
-def nominal_body(body: Body, *, products: Convention | None, about: Point | None) -> NominalBody:
+def nominal_body(
+    body: DescribedBody, *, products: Convention | None, about: Point | None
+) -> NominalBody:
     """Decide what a description of a body means.
 
     Args:
@@ -80,7 +82,7 @@ def nominal_body(body: Body, *, products: Convention | None, about: Point | None
     )
 
 
-def _inertia(body: Body, convention: Convention, point: Point) -> Inertia:
+def _inertia(body: DescribedBody, convention: Convention, point: Point) -> Inertia:
     sign = -1.0 if convention == "integral" else 1.0
     J = symmetric([*body.moments, *(sign * value for value in body.products)])
     if point == "origin":
@@ -103,7 +105,7 @@ def _impossible(body: Inertia) -> tuple[str, ...]:
 def _sign(body: Inertia, turned: Inertia, convention: Convention) -> str:
     """What the condition that a body exists says of the sign of the products."""
     if body.is_physical and turned.is_physical:
-        return "physics cannot tell the sign of the products: with either a body can exist"
+        return "physics cannot decide the sign of the products: with either a body can exist"
     if body.is_physical:
         return "the sign of the products is that of a body: with the other sign none can exist"
     if turned.is_physical:

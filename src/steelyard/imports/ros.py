@@ -14,9 +14,9 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from steelyard.imports.description import Body, Cable, Convention, Description, Vector
+from steelyard.imports.description import Cable, Convention, DescribedBody, Description, Vector
 from steelyard.imports.sources import ForeignModel, Source, only_document, unread
-from steelyard.yaml_file import Document, validate
+from steelyard.yaml_file import YamlDocument, validate
 
 NAME = "ROS-style YAML"
 
@@ -45,7 +45,7 @@ class InertialForm(ForeignModel):
     xy: float = 0.0
 
 
-class PlatformForm(ForeignModel):
+class RosPlatformForm(ForeignModel):
     """Body."""
 
     mass: Annotated[float, Field(gt=0)] | None = None
@@ -67,24 +67,24 @@ class JointsForm(ForeignModel):
     actuated: ActuatedForm = ActuatedForm()
 
 
-class CableForm(ForeignModel):
+class RosCableForm(ForeignModel):
     """What the cables are made of."""
 
     radius: Annotated[float, Field(ge=0)] = 0.0
 
 
-class RobotForm(ForeignModel):
+class RosRobotForm(ForeignModel):
     """The whole file, or what stands under 'model'."""
 
     points: tuple[PointForm, ...]
-    platform: PlatformForm = PlatformForm()
+    platform: RosPlatformForm = RosPlatformForm()
     joints: JointsForm = JointsForm()
-    cable: CableForm = CableForm()
+    cable: RosCableForm = RosCableForm()
 
 
 def recognises(source: Source) -> bool:
     """Whether a file has a list of points of frame and platform."""
-    return isinstance(source, Document) and _place(source.data) is not None
+    return isinstance(source, YamlDocument) and _place(source.data) is not None
 
 
 def _place(data: Any) -> tuple[str, ...] | None:
@@ -111,7 +111,7 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
     """
     document = only_document(sources, NAME)
     place = _place(document.data) or ()
-    form = validate(RobotForm, document, document.data[_INNER] if place else None, place)
+    form = validate(RosRobotForm, document, document.data[_INNER] if place else None, place)
     winch = form.joints.actuated
     body = _body(form.platform, document, place)
     return Description(
@@ -138,7 +138,10 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
     )
 
 
-def _body(platform: PlatformForm, document: Document, place: tuple[str, ...]) -> Body | None:
+def _body(
+    platform: RosPlatformForm, document: YamlDocument, place: tuple[str, ...]
+) -> DescribedBody | None:
+    """Mass and inertia of the platform; None: the file has not both."""
     named = platform.inertial
     moments: Vector
     products: Vector
@@ -153,7 +156,7 @@ def _body(platform: PlatformForm, document: Document, place: tuple[str, ...]) ->
         return None
     if platform.mass is None:
         return None
-    return Body(
+    return DescribedBody(
         where=document.where((*place, "platform")),
         mass=platform.mass,
         center_of_gravity=(0.0, 0.0, 0.0),
@@ -164,7 +167,7 @@ def _body(platform: PlatformForm, document: Document, place: tuple[str, ...]) ->
     )
 
 
-def _body_notes(platform: PlatformForm, body: Body | None) -> tuple[str, ...]:
+def _body_notes(platform: RosPlatformForm, body: DescribedBody | None) -> tuple[str, ...]:
     if body is not None:
         return ("centre of gravity at the origin of the platform frame, as the simulator puts it",)
     missing = "inertia" if platform.mass is not None else "mass"

@@ -14,13 +14,16 @@ from steelyard import display
 from steelyard.errors import InputError
 from steelyard.imports.description import Vector
 from steelyard.imports.xml_file import Element, read_xml
-from steelyard.yaml_file import Document, FileModel, read_yaml, require_file
+from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, require_file
 
-Source = Element | Document
+Source = Element | YamlDocument
 
-_HEAD = 1024  # bytes
+_HEAD = 1024
+"""Bytes that show whether a file is XML."""
 _MOST_NAMED = 12
+"""Keys that a note names."""
 _LONGEST_TEXT = 60
+"""Characters of a text from a file in a message."""
 
 
 class ForeignModel(FileModel):
@@ -60,7 +63,7 @@ def read_source(path: Path) -> Source:
     return read_yaml(path, "XML, JSON or YAML")
 
 
-def only_document(sources: Sequence[Source], name: str) -> Document:
+def only_document(sources: Sequence[Source], name: str) -> YamlDocument:
     """The one JSON or YAML file of a robot.
 
     Raises:
@@ -72,7 +75,7 @@ def only_document(sources: Sequence[Source], name: str) -> Document:
             " time"
         )
     source = sources[0]
-    if not isinstance(source, Document):
+    if not isinstance(source, YamlDocument):
         raise InputError(
             f"{source.path}: expected JSON or YAML of {name}, found XML; check the path"
         )
@@ -95,6 +98,7 @@ def unread(model: BaseModel) -> tuple[str, ...]:
 
 
 def _unread(value: Any, key: str) -> list[str]:
+    """Keys of a form and of those within it that are not read."""
     if isinstance(value, tuple):
         return [inner for entry in value for inner in _unread(entry, key)]
     if not isinstance(value, BaseModel):

@@ -15,10 +15,14 @@ from steelyard.errors import InputError
 from steelyard.imports.description import Vector
 from steelyard.yaml_file import require_file
 
-_LARGEST_FILE = 2**22  # bytes
+_LARGEST_FILE = 2**22
+"""Bytes: models of robots have a hundredth of it."""
 _MOST_ELEMENTS = 100_000
+"""Of one file."""
 _DEEPEST = 64
+"""Elements within elements."""
 _LARGEST_NUMBER = 1e15
+"""Squares of larger numbers lose all digits of others."""
 
 
 @dataclass(frozen=True)
@@ -169,6 +173,7 @@ class _Builder:
         self.parser.SkippedEntityHandler = self.entity
 
     def build(self, content: bytes) -> Element:
+        """Parse the whole file into its root element."""
         try:
             self.parser.Parse(content, True)
         except expat.ExpatError as error:

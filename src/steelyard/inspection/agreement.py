@@ -26,6 +26,7 @@ from steelyard.inspection.frames import (
     turning,
 )
 from steelyard.inspection.picture import Picture
+from steelyard.rotations import cross_matrices
 
 BAD = 1.8
 """Ratio beyond which an agreement is none."""
@@ -183,13 +184,7 @@ def _constant(n: int, sigma: Array, name: str) -> Freedom:
 
 def _tilt(vectors: Array, sigma: Array, name: str = "misalignment") -> Freedom:
     """A small rotation: theta x v."""
-    return Freedom(-_skew(vectors), sigma, (name,))
-
-
-def _skew(v: Array) -> Array:
-    zero = np.zeros(len(v))
-    x, y, z = v.T
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    return Freedom(-cross_matrices(vectors), sigma, (name,))
 
 
 def _late(rate: Array, sigma: float) -> Freedom:
@@ -331,7 +326,9 @@ def accelerometer_and_motion(
     lever = lever_of(picture, of_force[0])
     predicted = moved(specific_force(picture, turned, where), turned.omega, turned.alpha, lever)
     n = len(predicted)
-    by_lever = _skew(turned.alpha) + _skew(turned.omega) @ _skew(turned.omega)
+    by_lever = cross_matrices(turned.alpha) + cross_matrices(turned.omega) @ cross_matrices(
+        turned.omega
+    )
     between = tuple(dict.fromkeys(s for s in (of_force, of_attitude, of_position) if s))
     follows = 9.81 * turned.noise[0]
     noise = np.sqrt(

@@ -47,6 +47,7 @@ from steelyard.inspection.motion_amendments import (
     of_vectors,
 )
 from steelyard.inspection.picture import Picture
+from steelyard.rotations import cross_matrices
 
 _MOST = 6
 """Mistakes that are looked for in one run."""
@@ -316,7 +317,9 @@ def _wanted_places(picture: Picture, name: str) -> Iterator[Array]:
     turned = turning(picture, orientation)
     source = (name, "position")
     n = len(turned.omega)
-    by_lever = _cross(turned.alpha) + _cross(turned.omega) @ _cross(turned.omega)
+    by_lever = cross_matrices(turned.alpha) + cross_matrices(turned.omega) @ cross_matrices(
+        turned.omega
+    )
     if source in picture.seen and picture.instruments[name].kind in {"position", "pose"}:
         origin, R = tracker_frame(picture, name)
         seen = picture.seen[source].mapped(R)
@@ -355,10 +358,6 @@ def _solved(columns: Array, target: Array) -> Array:
         np.vstack([A, held]), np.concatenate([target.ravel(), np.zeros(len(held))]), rcond=None
     )
     return np.asarray(value)
-
-
-def _cross(v: Array) -> Array:
-    return np.asarray(np.cross(v[:, None, :], np.eye(3)[None], axisa=2, axisb=2).swapaxes(1, 2))
 
 
 def _clocks(now: Judged, suspects: set[str]) -> Iterator[Amendment]:

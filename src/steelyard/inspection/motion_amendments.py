@@ -34,6 +34,7 @@ from steelyard.inspection.frames import (
     turning,
 )
 from steelyard.inspection.picture import Picture, Seen
+from steelyard.rotations import quaternions_of
 from steelyard.units import FACTORS
 
 _PREFIX = {"angular_velocity": "w", "specific_force": "a", "position": ""}
@@ -328,10 +329,8 @@ def _both(matrix: Array) -> Callable[[Seen], Seen]:
 
 def _reordered(order: tuple[int, ...]) -> Callable[[Array], Array]:
     def change(rotations: Array) -> Array:
-        q = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
         # The sign of a quaternion is lost; without jumps it goes on as it began.
-        flips = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)
-        q *= np.concatenate([[1.0], np.cumprod(flips)])[:, None]
+        q = quaternions_of(rotations)
         return np.asarray(Rotation.from_quat(q[:, list(order)], scalar_first=True).as_matrix())
 
     return change

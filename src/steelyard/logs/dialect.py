@@ -1,6 +1,6 @@
 """How a text file writes its table: what separates cells, the decimal sign, where the rows begin.
 
-Nothing is declared in such files. What is numbers tells where the table begins;
+Nothing is declared in such files. Numbers show where the table begins;
 :mod:`steelyard.logs.header` reads what stands above it.
 """
 
@@ -22,6 +22,7 @@ _FEW, _MANY = 200, 2_000
 _CHARACTERS = 1 << 19
 """That are looked at, where few lines have many of them."""
 _SHOWN = 20
+"""Rows that a dialect keeps, from which a header is judged."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,9 @@ def _reading(lines: Sequence[str], separator: str) -> Dialect:
 
 
 def _rows_of(rows: Sequence[Sequence[str]], separator: str, decimal: Decimal) -> Dialect:
+    """The dialect that rows have with a separator and a decimal mark, scored by how many cells are
+    values.
+    """
     value = [[_is_value(cell, decimal) for cell in row] for row in rows]
     text = [
         [not v and not is_missing(cell) for v, cell in zip(value[i], row, strict=True)]

@@ -4,38 +4,56 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from steelyard.errors import InputError
 from steelyard.logs import hdf5, matlab, mcap, npz, parquet, ros_bag, tdms, text
 from steelyard.logs.log import MOST_COLUMNS, Log
-from steelyard.logs.plain import told
+from steelyard.logs.plain import readable
 from steelyard.yaml_file import require_file
 
-Reader = Callable[[Path, str | None], AbstractContextManager[Log]]
-"""Opens a log of one format: its path, and which of its topics, groups or messages."""
 
-FORMATS: dict[str, Reader] = {
-    ".csv": text.opened,
-    ".txt": text.opened,
-    ".tsv": text.opened,
-    ".dat": text.opened,
-    ".lvm": text.opened,
-    ".csv.gz": text.opened,
-    ".txt.gz": text.opened,
-    ".tsv.gz": text.opened,
-    ".dat.gz": text.opened,
-    ".parquet": parquet.opened,
-    ".mcap": mcap.opened,
-    ".bag": ros_bag.opened,
-    ".db3": ros_bag.opened,
-    ".h5": hdf5.opened,
-    ".hdf5": hdf5.opened,
-    ".mat": matlab.opened,
-    ".tdms": tdms.opened,
-    ".npz": npz.opened,
+@dataclass(frozen=True)
+class LogFormat:
+    """How logs of one format are read."""
+
+    opened: Callable[[Path, str | None], AbstractContextManager[Log]]
+    """Opens a log: its path, and which of its topics, groups or structures."""
+    topics: Callable[[Path], list[str]]
+    """Those of which one has to be chosen; none: the log is one table."""
+
+
+def _one_table(path: Path) -> list[str]:
+    """Topics of a format that has none."""
+    return []
+
+
+_TEXT = LogFormat(text.opened, _one_table)
+_BAG = LogFormat(ros_bag.opened, ros_bag.topics)
+_HDF5 = LogFormat(hdf5.opened, hdf5.topics)
+
+FORMATS: dict[str, LogFormat] = {
+    ".csv": _TEXT,
+    ".txt": _TEXT,
+    ".tsv": _TEXT,
+    ".dat": _TEXT,
+    ".lvm": _TEXT,
+    ".csv.gz": _TEXT,
+    ".txt.gz": _TEXT,
+    ".tsv.gz": _TEXT,
+    ".dat.gz": _TEXT,
+    ".parquet": LogFormat(parquet.opened, _one_table),
+    ".mcap": LogFormat(mcap.opened, mcap.topics),
+    ".bag": _BAG,
+    ".db3": _BAG,
+    ".h5": _HDF5,
+    ".hdf5": _HDF5,
+    ".mat": LogFormat(matlab.opened, matlab.topics),
+    ".tdms": LogFormat(tdms.opened, tdms.topics),
+    ".npz": LogFormat(npz.opened, _one_table),
 }
-"""Ending -> reader. A folder with a ``metadata.yaml`` is a ROS 2 bag."""
+"""Ending -> format. A folder with a ``metadata.yaml`` is a ROS 2 bag."""
 
 _BAG_FOLDER = "metadata.yaml"
 
@@ -58,7 +76,7 @@ def open_log(path: Path, topic: str | None = None) -> Iterator[Log]:
     """Open a log of any format.
 
     Args:
-        path: Of a file, or of the folder of a ROS 2 bag; its ending tells the format.
+        path: Of a file, or of the folder of a ROS 2 bag; its ending says the format.
         topic: Which of the topics (MCAP, ROS bags) or groups (HDF5, MATLAB structures, TDMS) it
             holds; None: it has but one.
 
@@ -68,7 +86,7 @@ def open_log(path: Path, topic: str | None = None) -> Iterator[Log]:
     Raises:
         InputError: It is not there, in none of the formats or damaged, or has no such topic.
     """
-    with _reader(path)(path, topic) as log:
+    with _format(path).opened(path, topic) as log:
         if len(log.names) > MOST_COLUMNS:
             raise InputError(
                 f"{path}: expected at most {MOST_COLUMNS} columns, found {len(log.names)}; check"
@@ -77,10 +95,26 @@ def open_log(path: Path, topic: str | None = None) -> Iterator[Log]:
         yield log
 
 
-def _reader(path: Path) -> Reader:
+def topics(path: Path) -> list[str]:
+    """Topics, groups or structures of a log of any format, of which one has to be chosen.
+
+    Args:
+        path: Of a file, or of the folder of a ROS 2 bag; its ending says the format.
+
+    Returns:
+        Their names, as :func:`open_log` takes them; none: the log is one table.
+
+    Raises:
+        InputError: It is not there, in none of the formats or damaged.
+    """
+    return _format(path).topics(path)
+
+
+def _format(path: Path) -> LogFormat:
+    """The format of a log by its ending, if the file begins as such files do."""
     try:
         if (path / _BAG_FOLDER).is_file():
-            return ros_bag.opened
+            return _BAG
     except (OSError, ValueError):
         pass
     require_file(path, "log")
@@ -90,7 +124,7 @@ def _reader(path: Path) -> Reader:
             f"{path}: expected a log in one of the formats {', '.join(FORMATS)}, found"
             f" '{path.suffix}'; convert it to CSV"
         )
-    with told(path), path.open("rb") as file:
+    with readable(path), path.open("rb") as file:
         beginning = file.read(16)
     for magic, endings in _BEGINNINGS.items():
         if beginning.startswith(magic) and ending not in endings:

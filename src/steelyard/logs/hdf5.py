@@ -13,18 +13,22 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.logs.log import Log
-from steelyard.logs.nested import Key, Source, is_number, is_row, log_of_arrays
+from steelyard.logs.nested import Arrays, Key, Source, is_number, is_row
 from steelyard.logs.packages import require_package
 from steelyard.logs.size import check_unpacked
-from steelyard.logs.subprocess_reader import opened_in_subprocess, serve
+from steelyard.logs.subprocess_reader import opened_in_subprocess, serve, topics_in_subprocess
 from steelyard.units import is_unit
 
+_WHAT = "an HDF5 file"
 _MOST_OBJECTS = 20_000
+"""Groups and datasets of one file: recordings have hundreds; each costs a millisecond."""
 _DEEPEST = 50
+"""Groups within groups."""
 _FILTERS = {1, 2, 3, 4, 5, 6, 32000}
 """Deflate, shuffle, Fletcher's checksum, szip, n-bit, scale-offset, LZF: those that come with the
 library; others are looked for as plugins in folders of the system."""
 _LONGEST_UNIT = 64
+"""Bytes of the name of a unit."""
 
 
 def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:
@@ -34,18 +38,30 @@ def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:
         InputError: The file is damaged, or has no such group.
     """
     require_package(path, "h5py", "h5py", "HDF5")
-    return opened_in_subprocess(__name__, path, topic, "an HDF5 file")
+    return opened_in_subprocess(__name__, path, topic, _WHAT)
+
+
+def topics(path: Path) -> list[str]:
+    """Groups of an HDF5 file from which one has to be chosen; none: it is one table.
+
+    Raises:
+        InputError: The file is damaged, or has too many groups.
+    """
+    require_package(path, "h5py", "h5py", "HDF5")
+    return topics_in_subprocess(__name__, path, _WHAT)
 
 
 @contextmanager
-def opened_here(path: Path, topic: str | None) -> Iterator[Log]:
-    """Open a group of an HDF5 file in this process; damaged ones may raise anything, or end it."""
+def arrays_here(path: Path, topic: str | None) -> Iterator[Arrays]:
+    """The arrays of an HDF5 file, read in this process; damaged ones may raise anything, or end
+    it.
+    """
     import h5py
 
     with h5py.File(path, "r") as file:
         others: list[str] = []
         sources = dict(sources_of(path, file, others))
-        yield log_of_arrays(path, sources, topic, what="group", others=others)
+        yield Arrays(path, sources, others=others)
 
 
 def sources_of(
@@ -197,4 +213,4 @@ class _Reader:
 
 
 if __name__ == "__main__":
-    serve(opened_here, "an HDF5 file")
+    serve(arrays_here, _WHAT)

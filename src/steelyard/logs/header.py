@@ -33,7 +33,7 @@ class Header:
     first: int
     """Lines above the first row."""
     names: tuple[str, ...]
-    """Of the columns, units in brackets apart; those without are ``[0]``, ``[1]``, … by their
+    """Of the columns, without units in brackets; those without are ``[0]``, ``[1]``, … by their
     place."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Column -> unit as the file states it, known or not."""
@@ -223,7 +223,8 @@ def _names(rows: Sequence[Sequence[str]], width: int) -> tuple[list[str], list[s
         width: Columns.
     """
     row, *levels = [[*row, *[""] * (width - len(row))] for row in rows] or [[""] * width]
-    names, units = [_apart(name)[0] for name in row], [_apart(name)[1] for name in row]
+    parts = [_name_and_unit(name) for name in row]
+    names, units = [name for name, _ in parts], [unit for _, unit in parts]
     # "force (left)" and "force (right)" are not both "force".
     counts = Counter(names)
     names = [whole if counts[name] > 1 else name for name, whole in zip(names, row, strict=True)]
@@ -243,7 +244,7 @@ def _names(rows: Sequence[Sequence[str]], width: int) -> tuple[list[str], list[s
     return [name or f"[{j}]" for j, name in enumerate(names)], units
 
 
-def _apart(name: str) -> tuple[str, str]:
+def _name_and_unit(name: str) -> tuple[str, str]:
     """A name without its unit, and the unit."""
     found = _BRACKETS.fullmatch(name)
     if found:

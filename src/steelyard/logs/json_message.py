@@ -12,6 +12,7 @@ from steelyard.logs.nested import MOST_ELEMENTS
 _STAMPS = ({"sec", "nanosec"}, {"sec", "nsec"}, {"secs", "nsecs"}, {"seconds", "nanoseconds"})
 """Keys of a time or a duration in whole seconds and nanoseconds."""
 _DEEPEST = 50
+"""Values within values: messages have a few; the parser stops at a thousand."""
 
 
 def decode_json(data: bytes) -> Values:

@@ -17,6 +17,7 @@ MOST_COLUMNS = 10_000
 _LARGEST = 1e30
 """No reading in any unit is larger; beyond it squares overflow."""
 _BLOCK = 1 << 14
+"""Rows that are checked at once."""
 
 
 class NoRowsError(InputError):
@@ -98,6 +99,7 @@ class Log:
         return table
 
     def _check(self, table: Table, part: Part | None) -> None:
+        """Refuse infinite and impossible numbers, and columns without a single one."""
         filled = np.zeros(len(table), dtype=bool)
         # A few rows at a time, without a copy of all of them.
         for first in range(0, len(table.cells), _BLOCK):

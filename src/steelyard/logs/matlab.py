@@ -17,37 +17,31 @@ from steelyard.logs.hdf5 import sources_of
 from steelyard.logs.log import Log
 from steelyard.logs.nested import (
     MOST_ELEMENTS,
+    Arrays,
     Key,
     Source,
     is_number,
-    log_of_arrays,
     with_rows_first,
 )
 from steelyard.logs.packages import listed, require_package
 from steelyard.logs.size import check_unpacked
-from steelyard.logs.subprocess_reader import opened_in_subprocess, serve
+from steelyard.logs.subprocess_reader import opened_in_subprocess, serve, topics_in_subprocess
 
-_NUMBERS = {
-    "double",
-    "single",
-    "int8",
-    "uint8",
-    "int16",
-    "uint16",
-    "int32",
-    "uint32",
-    "int64",
-    "uint64",
-    "logical",
-}
+_WHAT = "a MATLAB file"
+_INTEGERS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
+_NUMBERS = {"double", "single", "logical", *_INTEGERS}
 """Classes of MATLAB."""
 _HEADER = 128
+"""Bytes of the header of a file of version 5."""
 _COMPRESSED = 15
 """Type of an element that is packed."""
 _PIECE = 1 << 20
+"""Bytes that are unpacked at once."""
 _DEEPEST = 50
+"""Structures within structures."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _USERBLOCK = 512
+"""Bytes before the HDF5 part of a file of version 7.3."""
 
 
 def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:
@@ -58,14 +52,27 @@ def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:
     """
     if _is_hdf5(path):
         require_package(path, "h5py", "h5py", "MATLAB 7.3")
-    return opened_in_subprocess(__name__, path, topic, "a MATLAB file")
+    return opened_in_subprocess(__name__, path, topic, _WHAT)
+
+
+def topics(path: Path) -> list[str]:
+    """Structures of a MATLAB file from which one has to be chosen; none: it is one table.
+
+    Raises:
+        InputError: The file is damaged, or has too many structures.
+    """
+    if _is_hdf5(path):
+        require_package(path, "h5py", "h5py", "MATLAB 7.3")
+    return topics_in_subprocess(__name__, path, _WHAT)
 
 
 @contextmanager
-def opened_here(path: Path, topic: str | None) -> Iterator[Log]:
-    """Open a MATLAB file in this process; damaged ones may raise anything, or end it."""
+def arrays_here(path: Path, topic: str | None) -> Iterator[Arrays]:
+    """The arrays of a MATLAB file, or of one of its variables, read in this process; damaged ones
+    may raise anything, or end it.
+    """
     if not _is_hdf5(path):
-        yield _log(path, *_variables(path, topic), topic)
+        yield _arrays(path, *_variables(path, topic))
         return
     import h5py
 
@@ -84,18 +91,17 @@ def opened_here(path: Path, topic: str | None) -> Iterator[Log]:
         return False
 
     with h5py.File(path, "r") as file:
-        yield _log(
-            path, dict(sources_of(path, file, others, accepted, rows_last=True)), others, topic
-        )
+        sources = dict(sources_of(path, file, others, accepted, rows_last=True))
+        yield _arrays(path, sources, others)
 
 
-def _log(path: Path, sources: dict[Key, Source], others: list[str], topic: str | None) -> Log:
+def _arrays(path: Path, sources: dict[Key, Source], others: list[str]) -> Arrays:
     if not sources and others:
         raise InputError(
             f"{path}: expected arrays of numbers or structures of them, found {listed(others)};"
             " save numbers, such as [x.Time, x.Data]"
         )
-    return log_of_arrays(path, sources, topic, what="structure", others=others)
+    return Arrays(path, sources, group="structure", others=others)
 
 
 def _is_hdf5(path: Path) -> bool:
@@ -186,4 +192,4 @@ def _sources(key: Key, value: Any) -> Iterator[tuple[Key, Source]]:
 
 
 if __name__ == "__main__":
-    serve(opened_here, "a MATLAB file")
+    serve(arrays_here, _WHAT)

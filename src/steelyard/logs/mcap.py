@@ -1,4 +1,9 @@
-"""MCAP files: messages in JSON or of ROS."""
+"""MCAP files: messages in JSON or of ROS.
+
+Records are read here and not by ``mcap.reader``, which unpacks whatever a chunk states or holds: a
+file of 9 KB takes 500 MB of memory there, and without an index it keeps all messages in memory. It
+reads single schemas and channels.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +16,26 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from steelyard.errors import InputError
 from steelyard.logs.compressed import LARGEST_BLOCK, MOST_UNPACKED, unpacked
 from steelyard.logs.json_message import decode_json
 from steelyard.logs.log import Log
-from steelyard.logs.messages import Decoder, Message, Recording, in_time_order, log_of_topic
+from steelyard.logs.messages import (
+    Decoder,
+    FileSection,
+    Interval,
+    Message,
+    Recording,
+    in_time_order,
+    spanned,
+)
 from steelyard.logs.packages import require_package, shown
 from steelyard.logs.ros_message import cdr_decoder, ros1_decoder
 from steelyard.logs.ros_types import types_of
 from steelyard.logs.size import check_unpacked
+from steelyard.logs.topic_table import log_of_topic
 
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
@@ -29,6 +43,7 @@ if TYPE_CHECKING:
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+_MESSAGE_OPCODE = 5
 _CHUNK = struct.Struct("<QQQII")
 _REGION = 1 << 22
 """Bytes of messages outside of chunks that are read at once."""
@@ -47,6 +62,16 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
         yield log_of_topic(recording_of(path, file), topic)
 
 
+def topics(path: Path) -> list[str]:
+    """Topics of an MCAP file.
+
+    Raises:
+        InputError: The file is damaged or cut off.
+    """
+    with path.open("rb") as file:
+        return list(recording_of(path, file).topics)
+
+
 def recording_of(path: Path, file: IO[bytes]) -> Recording:
     """The messages of an MCAP file that is open.
 
@@ -63,15 +88,26 @@ def recording_of(path: Path, file: IO[bytes]) -> Recording:
     for channel in contents.channels.values():
         schema = contents.schemas.get(channel.schema_id)
         topics[channel.topic] = schema.name if schema and schema.name else channel.message_encoding
-    return Recording(path, topics, contents.messages, contents.decoder)
+    whole = spanned(block.interval for block in contents.blocks)
+    return Recording(path, topics, whole, contents.messages, contents.decoder)
+
+
+class _Head(NamedTuple):
+    """A message outside of chunks."""
+
+    received: int
+    """[ns]."""
+    start: int
+    """Of its record in the file."""
+    end: int
 
 
 @dataclass(frozen=True)
-class _Piece:
+class _Block:
     """A chunk, or messages in a row outside of chunks."""
 
-    start: int
-    """When the first message was received [ns]."""
+    interval: Interval
+    """When its messages were received."""
     place: int
     """Of its records, packed or not."""
     length: int
@@ -90,8 +126,7 @@ class _Contents:
     file: IO[bytes]
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
-    pieces: list[_Piece] = field(default_factory=list)
-    """With the channels that each holds, where an index says so."""
+    blocks: list[_Block] = field(default_factory=list)
     held: dict[int, set[int]] = field(default_factory=dict)
     """Place of a chunk -> channels in it, where the file says so."""
 
@@ -106,50 +141,62 @@ class _Contents:
         from mcap.opcode import Opcode
 
         size = os.fstat(self.file.fileno()).st_size
+        region: list[_Head] = []
+        ended = False
+        for opcode, begin, length in self._heads(size):
+            if opcode == Opcode.MESSAGE:
+                received = _MESSAGE.unpack(self.file.read(_MESSAGE.size))[2]
+                region.append(_Head(received, begin - _HEAD.size, begin + length))
+            if region and (opcode != Opcode.MESSAGE or region[-1].end - region[0].start > _REGION):
+                self.blocks.append(_region(region))
+                region = []
+            if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+                self._define(opcode, self.file.read(length))
+            elif opcode == Opcode.CHUNK:
+                self.blocks.append(self._chunk(begin, length))
+            elif opcode == Opcode.MESSAGE_INDEX and self.blocks:
+                held = self.held.setdefault(self.blocks[-1].place, set())
+                held.add(struct.unpack("<H", self.file.read(2))[0])
+            ended = opcode == Opcode.FOOTER
+        if not ended:
+            raise ValueError("no footer at its end")
+        unpacked_size = sum(block.size for block in self.blocks)
+        check_unpacked(self.path, unpacked_size, size, always=MOST_UNPACKED)
+        known = set().union(*self.held.values()) <= self.channels.keys()
+        if not known or not self.channels:
+            self._define_by_chunks()
+
+    def _heads(self, size: int) -> Iterator[tuple[int, int, int]]:
+        """Records of the file: opcode, where the content begins, and its length; the file stands
+        there.
+        """
         self.file.seek(0)
         if self.file.read(len(MAGIC)) != MAGIC:
             raise ValueError("another beginning")
         self.file.seek(max(size - len(MAGIC), 0))
         if size < 2 * len(MAGIC) or self.file.read(len(MAGIC)) != MAGIC:
             raise self._cut_off()
-        place, end, ended = len(MAGIC), size - len(MAGIC), False
-        region: list[tuple[int, int, int]] = []
-        while place < end:
+        place = len(MAGIC)
+        while place < size - len(MAGIC):
             self.file.seek(place)
             opcode, length = _HEAD.unpack(self.file.read(_HEAD.size))
-            begin, place = place + _HEAD.size, place + _HEAD.size + length
-            if place > end:
+            begin = place + _HEAD.size
+            place = begin + length
+            if place > size - len(MAGIC):
                 raise ValueError(f"a record of {length} bytes that runs over the end")
-            if opcode == Opcode.MESSAGE:
-                region.append(
-                    (_MESSAGE.unpack(self.file.read(_MESSAGE.size))[2], begin - _HEAD.size, place)
-                )
-            if region and (opcode != Opcode.MESSAGE or place - region[0][1] > _REGION):
-                self.pieces.append(_region(region))
-                region = []
-            if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-                self._define(opcode, self.file.read(length))
-            elif opcode == Opcode.CHUNK:
-                self.pieces.append(self._chunk(begin, length))
-            elif opcode == Opcode.MESSAGE_INDEX and self.pieces:
-                self.held.setdefault(self.pieces[-1].place, set()).add(
-                    struct.unpack("<H", self.file.read(2))[0]
-                )
-            ended = opcode == Opcode.FOOTER
-        if not ended:
-            raise ValueError("no footer at its end")
-        check_unpacked(
-            self.path, sum(piece.size for piece in self.pieces), size, always=MOST_UNPACKED
-        )
-        known = set().union(*self.held.values()) <= self.channels.keys()
-        if not known or not self.channels:
-            # Channels need not be repeated outside of the chunks.
-            for piece in self.pieces:
-                for opcode, record in _records(self._read(piece)):
-                    if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-                        self._define(opcode, bytes(record))
+            yield opcode, begin, length
+
+    def _define_by_chunks(self) -> None:
+        """Find channels and schemas that are not repeated outside of the chunks."""
+        from mcap.opcode import Opcode
+
+        for block in self.blocks:
+            for opcode, record in _records(self._read(block)):
+                if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+                    self._define(opcode, bytes(record))
 
     def _define(self, opcode: int, record: bytes) -> None:
+        """Take note of a schema or a channel."""
         from mcap.data_stream import ReadDataStream
         from mcap.exceptions import McapError
         from mcap.opcode import Opcode
@@ -166,8 +213,9 @@ class _Contents:
         except McapError as error:
             raise ValueError(str(error) or "a record that is cut off") from None
 
-    def _chunk(self, begin: int, length: int) -> _Piece:
-        start, _, size, crc, text = _CHUNK.unpack(self.file.read(_CHUNK.size))
+    def _chunk(self, begin: int, length: int) -> _Block:
+        """The chunk whose record begins at a place, by its head."""
+        start, end, size, crc, text = _CHUNK.unpack(self.file.read(_CHUNK.size))
         if text > 32:
             raise ValueError("a chunk with a name of its compression that is too long")
         compression = self.file.read(text).decode()
@@ -176,29 +224,37 @@ class _Contents:
             raise ValueError(
                 f"a chunk of {size} bytes, packed into {packed}, in a record of {length}"
             )
-        return _Piece(start, begin + _CHUNK.size + text + 8, packed, compression, size, crc)
+        place = begin + _CHUNK.size + text + 8
+        return _Block(Interval(start, end), place, packed, compression, size, crc)
 
-    def _read(self, piece: _Piece) -> bytes:
-        self.file.seek(piece.place)
-        block = unpacked(self.file.read(piece.length), piece.compression, piece.size)
-        if piece.crc and zlib.crc32(block) != piece.crc:
+    def _read(self, block: _Block) -> bytes:
+        self.file.seek(block.place)
+        data = unpacked(self.file.read(block.length), block.compression, block.size)
+        if block.crc and zlib.crc32(data) != block.crc:
             raise ValueError("a chunk whose checksum does not fit")
-        return block
+        return data
 
-    def messages(self, topic: str) -> Iterator[Message]:
+    def messages(self, topic: str, within: Interval | None) -> Iterator[Message]:
         """Messages of a topic in the order in which they were received."""
         channels = {number for number, channel in self.channels.items() if channel.topic == topic}
-        pieces = [piece for piece in self.pieces if self.held.get(piece.place, channels) & channels]
-        return in_time_order(
-            (piece.start, partial(self._messages, piece, channels)) for piece in pieces
-        )
+        pieces = [
+            FileSection(block.interval, partial(self._messages, block, channels))
+            for block in self.blocks
+            if self.held.get(block.place, channels) & channels
+        ]
+        return in_time_order(pieces, within)
 
-    def _messages(self, piece: _Piece, channels: set[int]) -> list[Message]:
+    def _messages(self, block: _Block, channels: set[int]) -> list[Message]:
+        """Messages of some channels in a block."""
         found = []
         try:
-            for opcode, record in _records(self._read(piece)):
-                if opcode == 5 and (head := _MESSAGE.unpack_from(record))[0] in channels:
-                    found.append(Message(head[2], head[3], head[0], bytes(record[_MESSAGE.size :])))
+            for opcode, record in _records(self._read(block)):
+                if opcode != _MESSAGE_OPCODE:
+                    continue
+                channel, _, received, published = _MESSAGE.unpack_from(record)
+                if channel in channels:
+                    data = bytes(record[_MESSAGE.size :])
+                    found.append(Message(received, published, channel, data))
         except (ValueError, struct.error) as error:
             raise _damaged(self.path, error) from None
         return found
@@ -234,14 +290,16 @@ class _Contents:
 _DECODERS: dict[str, Callable[[Any, str], Decoder]] = {"cdr": cdr_decoder, "ros1": ros1_decoder}
 
 
-def _region(messages: list[tuple[int, int, int]]) -> _Piece:
-    begin, end = messages[0][1], messages[-1][2]
-    return _Piece(min(time for time, _, _ in messages), begin, end - begin, size=end - begin)
+def _region(messages: list[_Head]) -> _Block:
+    """Messages in a row."""
+    times = [message.received for message in messages]
+    begin, end = messages[0].start, messages[-1].end
+    return _Block(Interval(min(times), max(times)), begin, end - begin, size=end - begin)
 
 
-def _records(block: bytes) -> Iterator[tuple[int, memoryview]]:
+def _records(data: bytes) -> Iterator[tuple[int, memoryview]]:
     """Records of a chunk: opcode and content."""
-    view, place = memoryview(block), 0
+    view, place = memoryview(data), 0
     while place < len(view):
         opcode, length = _HEAD.unpack_from(view, place)
         place += _HEAD.size + length

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.logs.log import Log, Part
-from steelyard.logs.packages import listed, shown
+from steelyard.logs.packages import MOST_LISTED, listed, shown
 from steelyard.logs.size import check_unpacked
 
 MOST_ELEMENTS = 1000
@@ -78,52 +78,77 @@ def is_row(shape: tuple[int, ...]) -> bool:
     return len(shape) == 2 and shape[0] == 1 and shape[1] > 1
 
 
-def log_of_arrays(
-    path: Path,
-    sources: Mapping[Key, Source],
-    topic: str | None,
-    *,
-    what: str,
-    whole: bool = False,
-    others: Sequence[str] = (),
-) -> Log:
-    """A table of the arrays of a file.
+@dataclass(frozen=True, eq=False)
+class Arrays:
+    """The arrays of real numbers in a file, in groups within groups."""
 
-    Args:
-        path: Of the file.
-        sources: Its arrays of real numbers.
-        topic: Group that the table is made of; None: the only one that holds arrays.
-        what: Groups, as the format calls them.
-        whole: Whether, without a topic, several groups make one table.
-        others: What else there is and why it is left out, for the message where there is nothing to
-            read.
+    path: Path
+    sources: Mapping[Key, Source]
+    group: str = "group"
+    """What the format calls a group."""
+    joined: bool = False
+    """Whether several groups make one table where no topic is named."""
+    others: Sequence[str] = ()
+    """What else there is and why it is left out, for the message where there is nothing to read."""
 
-    Raises:
-        InputError: There is no such group, or several and none is named, or nothing to read.
-    """
-    wide = [".".join(key) for key, source in sources.items() if source.elements > MOST_ELEMENTS]
-    sources = {key: source for key, source in sources.items() if source.elements <= MOST_ELEMENTS}
-    if not sources:
-        others = [
-            *(f"{name}: more than {MOST_ELEMENTS} numbers at an instant" for name in wide),
-            *others,
-        ]
+    def topics(self) -> list[str]:
+        """Groups from which one has to be chosen; none: the arrays are one table.
+
+        Raises:
+            InputError: There are too many, or nothing to read.
+        """
+        _, inner = _outermost(self._narrow())
+        if len(inner) > MOST_LISTED:
+            raise self._several(inner)
+        return [] if self.joined else inner
+
+    def log(self, topic: str | None) -> Log:
+        """A table of the arrays.
+
+        Args:
+            topic: Group that the table is made of; None: the only one that holds arrays.
+
+        Raises:
+            InputError: There is no such group, or several and none is named, or nothing to read.
+        """
+        sources = self._narrow()
+        if topic is not None:
+            group = _group(self.path, sources, topic, self.group)
+        else:
+            group, inner = _outermost(sources)
+            if inner and not self.joined:
+                raise self._several(inner)
+        columns = {
+            key[len(group) :]: source
+            for key, source in sources.items()
+            if key[: len(group)] == group
+        }
+        table = _Columns(self.path, dict(_elements(columns)))
+        units = {name: source.unit for name, (source, _) in table.columns.items() if source.unit}
+        return Log(self.path, tuple(table.columns), table.load, units)
+
+    def _narrow(self) -> dict[Key, Source]:
+        """The arrays that are no images or clouds of points, one at least."""
+        wide, narrow = [], {}
+        for key, source in self.sources.items():
+            if source.elements > MOST_ELEMENTS:
+                wide.append(f"{'.'.join(key)}: more than {MOST_ELEMENTS} numbers at an instant")
+            else:
+                narrow[key] = source
+        if narrow:
+            return narrow
+        left_out = [*wide, *self.others]
+        because = f" (left out: {listed(left_out)})" if left_out else ""
         raise InputError(
-            f"{path}: expected arrays of numbers with an instant per row, found"
-            f" none{f' (left out: {listed(others)})' if others else ''}; check the recording"
+            f"{self.path}: expected arrays of numbers with an instant per row, found none{because};"
+            " check the recording"
         )
-    group = (
-        _only_group(path, sources, what, whole)
-        if topic is None
-        else _group(path, sources, topic, what)
-    )
-    columns = {
-        key[len(group) :]: source for key, source in sources.items() if key[: len(group)] == group
-    }
-    table = _Table(path, dict(_elements(columns)))
-    units = {name: source.unit for name, (source, _) in table.columns.items() if source.unit}
-    names = tuple(name for name, _ in _elements(columns))
-    return Log(path, names, table.load, units)
+
+    def _several(self, groups: Sequence[str]) -> InputError:
+        return InputError(
+            f"{self.path}: expected 'topic' to say which of its {self.group}s to read, found"
+            f" {listed(groups)}; name one"
+        )
 
 
 def _groups(sources: Mapping[Key, Source]) -> dict[Key, None]:
@@ -131,20 +156,18 @@ def _groups(sources: Mapping[Key, Source]) -> dict[Key, None]:
     return dict.fromkeys(key[:depth] for key in sources for depth in range(len(key)))
 
 
-def _only_group(path: Path, sources: Mapping[Key, Source], what: str, whole: bool) -> Key:
+def _outermost(sources: Mapping[Key, Source]) -> tuple[Key, list[str]]:
+    """The outermost group with arrays of its own or with several groups, and names of the latter
+    where it has no arrays.
+    """
     group: Key = ()
     groups = _groups(sources)
     while not any(key[:-1] == group for key in sources):
         inner = [other for other in groups if len(other) == len(group) + 1 and other[:-1] == group]
         if len(inner) > 1:
-            if whole:
-                break
-            raise InputError(
-                f"{path}: expected 'topic' to say which of its {what}s to read, found"
-                f" {listed('.'.join(g) for g in inner)}; name one"
-            )
+            return group, [".".join(key) for key in inner]
         group = inner[0]
-    return group
+    return group, []
 
 
 def _group(path: Path, sources: Mapping[Key, Source], topic: str, what: str) -> Key:
@@ -171,7 +194,7 @@ def _elements(
 
 
 @dataclass(frozen=True, eq=False)
-class _Table:
+class _Columns:
     """Columns of arrays that may be larger than the memory."""
 
     path: Path
@@ -180,6 +203,7 @@ class _Table:
     def load(
         self, names: Sequence[str], part: Part | None, rows: int | None
     ) -> Mapping[str, Array]:
+        """See :attr:`Log.load`."""
         wanted = list(dict.fromkeys([*names, *([part.column] if part else [])]))
         n = self._rows(wanted)
         packed = self.path.stat().st_size

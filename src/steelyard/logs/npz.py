@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.logs.log import MOST_COLUMNS, Log
-from steelyard.logs.nested import Key, Source, is_number, log_of_arrays, with_rows_first
+from steelyard.logs.nested import Arrays, Key, Source, is_number, with_rows_first
 from steelyard.logs.packages import shown
 from steelyard.logs.size import check_unpacked
 
@@ -70,7 +70,7 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
                 f" ({shown(', '.join(objects))}), which are never read; save them with a number"
                 " type, such as np.asarray(x, dtype=float)"
             )
-        yield log_of_arrays(path, sources, None, what="group", whole=True)
+        yield Arrays(path, sources, joined=True).log(None)
 
 
 def _header(

@@ -9,8 +9,10 @@ from pathlib import Path
 
 from steelyard.errors import InputError
 
-_LISTED = 20
+MOST_LISTED = 20
+"""Names of a file in one message."""
 _LONGEST = 80
+"""Characters of a name from a file in a message."""
 
 
 def require_package(path: Path, package: str, module: str, what: str) -> None:
@@ -41,5 +43,5 @@ def shown(text: str, longest: int = _LONGEST) -> str:
 
 def listed(names: Iterable[str]) -> str:
     """The first names of a file, for messages."""
-    first = [shown(name) for name in islice(names, _LISTED + 1)]
-    return (", ".join(first[:_LISTED]) + (", …" if len(first) > _LISTED else "")) or "none"
+    first = [shown(name) for name in islice(names, MOST_LISTED + 1)]
+    return (", ".join(first[:MOST_LISTED]) + (", …" if len(first) > MOST_LISTED else "")) or "none"

@@ -34,7 +34,7 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
         raise InputError(
             f"{path}: expected no 'topic' for a Parquet file, found '{topic}'; leave it out"
         )
-    with _damage_told(path):
+    with _one_sentence(path):
         table = pl.scan_parquet(_source(path), glob=False)
         schema = table.collect_schema()
         rows_there = table.select(pl.len()).collect().item()
@@ -43,6 +43,7 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
     column = {name: (expression, kind) for name, expression, kind in leaves}
 
     def load(names: Sequence[str], part: Part | None, rows: int | None) -> Mapping[str, Array]:
+        """See :attr:`Log.load`."""
         for name in names:
             kind = column[name][1]
             if not (kind.is_numeric() or kind.is_temporal()):
@@ -61,7 +62,7 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
                 _in_seconds(*column[part.column]).is_between(part.start, part.end)
             )
         chosen = chosen.select(column[name][0].alias(name) for name in dict.fromkeys(names))
-        with _damage_told(path):
+        with _one_sentence(path):
             frame = (chosen if rows is None else chosen.head(rows)).collect(
                 engine="streaming" if part else "auto"
             )
@@ -99,7 +100,7 @@ def _in_seconds(column: pl.Expr, kind: _Kind) -> pl.Expr:
 
 
 @contextmanager
-def _damage_told(path: Path) -> Iterator[None]:
+def _one_sentence(path: Path) -> Iterator[None]:
     import polars as pl
 
     try:

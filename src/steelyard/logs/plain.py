@@ -18,10 +18,13 @@ from steelyard.logs.size import check_unpacked
 _PIECE = 1 << 23
 """Bytes that are in memory at once: few, but enough to keep several processors busy."""
 _LONGEST_LINE = 1 << 22
+"""Bytes of a line: ten thousand columns have a tenth of it."""
 _PACKED = 1 << 14
+"""Bytes that are unpacked at once: each may become a thousand."""
 _MEMBERS = 100_000
 """Files in one; some programs write one for every 64 KiB."""
 _ALWAYS = 1 << 26
+"""Bytes that any packed text may become."""
 _RATIO = 20
 """Bytes of text that a byte may become: that of recordings becomes three to ten."""
 _GZIP = b"\x1f\x8b"
@@ -39,7 +42,7 @@ def pieces(path: Path) -> Iterator[tuple[bytes, float]]:
         InputError: It cannot be read, is damaged or no text, has a line without end, or unpacks to
             far more than a log of its size.
     """
-    with told(path), path.open("rb") as file:
+    with readable(path), path.open("rb") as file:
         size = max(os.fstat(file.fileno()).st_size, 1)
         held = b""
         for block in _texts(path, file, size):
@@ -58,8 +61,8 @@ def pieces(path: Path) -> Iterator[tuple[bytes, float]]:
 
 
 @contextmanager
-def told(path: Path) -> Iterator[None]:
-    """Tell of a file that cannot be read.
+def readable(path: Path) -> Iterator[None]:
+    """Turn errors of the system into one sentence.
 
     Raises:
         InputError: It cannot.
@@ -123,6 +126,7 @@ def _damaged(path: Path, reason: str) -> InputError:
 
 
 def _decoder(path: Path, beginning: bytes) -> Callable[[bytes, bool], bytes]:
+    """What turns blocks of a file into UTF-8."""
     encoding = _utf16(beginning[:4096])
     if encoding is None:
         if b"\0" in beginning[:4096]:

@@ -1,4 +1,8 @@
-"""Bags of ROS 1, in version 2.0 of their format."""
+"""Bags of ROS 1, in version 2.0 of their format.
+
+Records are read here and not by ``rosbags.rosbag1``, which unpacks whatever a chunk holds and keeps
+the index of every message in memory.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,15 @@ from typing import IO
 
 from steelyard.errors import InputError
 from steelyard.logs.compressed import LARGEST_BLOCK, MOST_UNPACKED, unpacked
-from steelyard.logs.messages import Decoder, Message, Recording, in_time_order
+from steelyard.logs.messages import (
+    Decoder,
+    FileSection,
+    Interval,
+    Message,
+    Recording,
+    in_time_order,
+    spanned,
+)
 from steelyard.logs.packages import require_package, shown
 from steelyard.logs.ros_message import ros1_decoder
 from steelyard.logs.ros_types import full_name, types_of
@@ -24,6 +36,7 @@ _MESSAGE, _HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
 _LENGTH = struct.Struct("<I")
 _TIME = struct.Struct("<II")
 _LONGEST_HEADER = 1 << 20
+"""Bytes of the header of a record: it has a few names and numbers."""
 
 Fields = dict[bytes, bytes]
 """Of the header of a record."""
@@ -44,7 +57,8 @@ def opened(path: Path) -> Iterator[Recording]:
         except (ValueError, KeyError, struct.error) as error:
             raise _damaged(path, error) from None
         topics = {each.topic: full_name(each.type) for each in bag.connections.values()}
-        yield Recording(path, topics, bag.messages, bag.decoder)
+        whole = spanned(chunk.interval for chunk in bag.chunks)
+        yield Recording(path, topics, whole, bag.messages, bag.decoder)
 
 
 @dataclass(frozen=True)
@@ -56,8 +70,8 @@ class _Connection:
 
 @dataclass(frozen=True)
 class _Chunk:
-    start: int
-    """When the first message was received [ns]."""
+    interval: Interval
+    """When its messages were received."""
     place: int
     """Of its data."""
     length: int
@@ -103,11 +117,11 @@ class _Bag:
         except struct.error:
             raise self._cut_off() from None
         end = len(_MAGIC)
-        for place, (start, held) in sorted(places.items()):
+        for place, (interval, held) in sorted(places.items()):
             # One after the other: overlapping ones would be read again and again.
             if not end <= place < index:
                 raise ValueError("chunks that overlap")
-            chunk = self._chunk(place, start, held)
+            chunk = self._chunk(place, interval, held)
             self.chunks.append(chunk)
             end = chunk.place + chunk.length
         if end > index or len(places) != chunks:
@@ -116,13 +130,15 @@ class _Bag:
             self.path, sum(chunk.size for chunk in self.chunks), self.size, always=MOST_UNPACKED
         )
 
-    def messages(self, topic: str) -> Iterator[Message]:
+    def messages(self, topic: str, within: Interval | None) -> Iterator[Message]:
         """Messages of a topic in the order in which they were received."""
         wanted = {number for number, each in self.connections.items() if each.topic == topic}
-        chunks = [chunk for chunk in self.chunks if chunk.connections & wanted]
-        return in_time_order(
-            (chunk.start, partial(self._messages, chunk, wanted)) for chunk in chunks
-        )
+        pieces = [
+            FileSection(chunk.interval, partial(self._messages, chunk, wanted))
+            for chunk in self.chunks
+            if chunk.connections & wanted
+        ]
+        return in_time_order(pieces, within)
 
     def decoder(self, number: int) -> Decoder:
         """Decoder of the messages of a connection."""
@@ -132,6 +148,7 @@ class _Bag:
         )
 
     def _messages(self, chunk: _Chunk, wanted: set[int]) -> list[Message]:
+        """Messages of some connections in a chunk."""
         self.file.seek(chunk.place)
         found = []
         try:
@@ -143,18 +160,12 @@ class _Bag:
                 place += 4 + length
                 if place > len(block):
                     raise ValueError("a record that runs over the end of its chunk")
-                if (
-                    fields[b"op"][0] == _MESSAGE
-                    and (number := _LENGTH.unpack(fields[b"conn"])[0]) in wanted
-                ):
-                    found.append(
-                        Message(
-                            _nanoseconds(fields[b"time"]),
-                            None,
-                            number,
-                            block[place - length : place],
-                        )
-                    )
+                if fields[b"op"][0] != _MESSAGE:
+                    continue
+                number = _LENGTH.unpack(fields[b"conn"])[0]
+                if number in wanted:
+                    received = _nanoseconds(fields[b"time"])
+                    found.append(Message(received, None, number, block[place - length : place]))
         except (ValueError, KeyError, IndexError, struct.error) as error:
             raise _damaged(self.path, error) from None
         return found
@@ -185,23 +196,26 @@ class _Bag:
             head[b"topic"].decode() or topic, kind, definition
         )
 
-    def _chunk_info(self) -> tuple[int, tuple[int, frozenset[int]]]:
+    def _chunk_info(self) -> tuple[int, tuple[Interval, frozenset[int]]]:
+        """Place of a chunk, when its messages were received, and of which connections they are."""
         fields = self._fields(_CHUNK_INFO)
         pairs = self._data()
+        place = struct.unpack("<Q", fields[b"chunk_pos"])[0]
+        start = _nanoseconds(fields[b"start_time"])
+        end = _nanoseconds(fields[b"end_time"])
         held = frozenset(number for number, _ in struct.iter_unpack("<II", pairs))
-        return struct.unpack("<Q", fields[b"chunk_pos"])[0], (
-            _nanoseconds(fields[b"start_time"]),
-            held,
-        )
+        return place, (Interval(start, end), held)
 
-    def _chunk(self, place: int, start: int, held: frozenset[int]) -> _Chunk:
+    def _chunk(self, place: int, interval: Interval, held: frozenset[int]) -> _Chunk:
+        """The chunk at a place, by its header."""
         self.file.seek(place)
         fields = self._fields(_CHUNK)
         length = _LENGTH.unpack(self.file.read(4))[0]
         size = _LENGTH.unpack(fields[b"size"])[0]
         if size > LARGEST_BLOCK or length > self.size:
             raise ValueError(f"a chunk of {size} bytes, packed into {length}")
-        return _Chunk(start, self.file.tell(), length, fields[b"compression"].decode(), size, held)
+        compression = fields[b"compression"].decode()
+        return _Chunk(interval, self.file.tell(), length, compression, size, held)
 
     def _cut_off(self) -> InputError:
         return InputError(

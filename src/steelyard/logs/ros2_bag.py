@@ -1,4 +1,8 @@
-"""Bags of ROS 2: a folder with its parts, or one SQLite database alone."""
+"""Bags of ROS 2: a folder with its parts, or one SQLite database alone.
+
+Databases are read here and not by ``rosbags.rosbag2``, which runs what a file computes in columns
+of its own, and counts all messages when it opens one.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ from pathlib import Path, PurePath
 from steelyard.errors import InputError
 from steelyard.logs import mcap
 from steelyard.logs.compressed import MOST_UNPACKED
-from steelyard.logs.messages import Decoder, Message, Recording
+from steelyard.logs.messages import Decoder, Interval, Message, Recording, spanned
 from steelyard.logs.packages import listed, require_package, shown
 from steelyard.logs.ros_message import cdr_decoder
 from steelyard.logs.ros_types import types_of
@@ -21,6 +25,8 @@ from steelyard.yaml_file import read_yaml, require_file
 _METADATA = "metadata.yaml"
 _FORMS = {"ros2msg": "msg", "ros2idl": "idl"}
 _TABLES = {"topics", "messages"}
+_TIME_INDEX = "timestamp_idx"
+"""Index of messages by time, as all recorders make it."""
 _STEPS = 1_000_000
 """Of the database's machine, between looks at how many there were."""
 _MOST_STEPS, _STEPS_PER_BYTE = 50, 20
@@ -55,6 +61,7 @@ def opened(path: Path) -> Iterator[Recording]:
 
 
 def _parts(folder: Path) -> tuple[list[Path], str]:
+    """Files of a bag and the format they are stored in, by its metadata."""
     document = read_yaml(folder / _METADATA)
     about = (
         document.data.get("rosbag2_bagfile_information")
@@ -94,9 +101,9 @@ def _joined(path: Path, recordings: list[Recording]) -> Recording:
     channels: list[tuple[Recording, int]] = []
     places: dict[tuple[int, int], int] = {}
 
-    def messages(topic: str) -> Iterator[Message]:
+    def messages(topic: str, within: Interval | None) -> Iterator[Message]:
         for i, recording in enumerate(recordings):
-            for message in recording.messages(topic):
+            for message in recording.messages(topic, within):
                 place = places.setdefault((i, message.channel), len(channels))
                 if place == len(channels):
                     channels.append((recording, message.channel))
@@ -106,7 +113,8 @@ def _joined(path: Path, recordings: list[Recording]) -> Recording:
         recording, number = channels[channel]
         return recording.decoder(number)
 
-    return Recording(path, topics, messages, decoder)
+    whole = spanned(recording.interval for recording in recordings)
+    return Recording(path, topics, whole, messages, decoder)
 
 
 @contextmanager
@@ -123,7 +131,7 @@ def _database(path: Path) -> Iterator[Recording]:
         except (sqlite3.Error, ValueError) as error:  # the latter of names that are no text
             raise _damaged(path, error) from None
         topics = {topic.name: topic.type for topic in database.topics.values()}
-        yield Recording(path, topics, database.messages, database.decoder)
+        yield Recording(path, topics, database.interval, database.messages, database.decoder)
     finally:
         connection.close()
 
@@ -165,6 +173,7 @@ class _Database:
         self.path, self.connection = path, connection
         self.topics: dict[int, _Topic] = {}
         self.definitions: dict[str, tuple[str, str]] = {}
+        self.interval: Interval | None = None
         self._size = path.stat().st_size
         self._steps = 0
         connection.set_progress_handler(self._is_too_long, _STEPS)
@@ -195,17 +204,34 @@ class _Database:
                     " message_definitions"
                 )
             }
+        self.interval = self._interval()
 
-    def messages(self, topic: str) -> Iterator[Message]:
+    def _interval(self) -> Interval | None:
+        """From the first message to the last, where the database has an index of its times."""
+        query = "SELECT count(*) FROM sqlite_master WHERE type = 'index' AND name = ?"
+        if not self.connection.execute(query, (_TIME_INDEX,)).fetchone()[0]:
+            return None
+        first, last = (
+            self.connection.execute(f"SELECT {end}(timestamp) FROM messages").fetchone()[0]
+            for end in ("min", "max")
+        )
+        known = isinstance(first, int) and isinstance(last, int)
+        return Interval(first, last) if known else None
+
+    def messages(self, topic: str, within: Interval | None) -> Iterator[Message]:
         """Messages of a topic in the order in which they were received."""
         numbers = [number for number, each in self.topics.items() if each.name == topic]
         marks = ", ".join("?" for _ in numbers)
-        self._steps = read = 0
+        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"
+        if within is None:
+            self._steps = 0
+        else:
+            query += " AND timestamp BETWEEN ? AND ?"
+            numbers += within
+        read = 0
         try:
             for number, received, data in self.connection.execute(
-                f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER"
-                " BY timestamp, id",
-                numbers,
+                f"{query} ORDER BY timestamp, id", numbers
             ):
                 if not isinstance(received, int) or not isinstance(data, bytes):
                     raise _damaged(self.path, ValueError("a message that is no bytes with a time"))

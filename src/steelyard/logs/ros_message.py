@@ -37,6 +37,7 @@ _PLACEHOLDER = "structure_needs_at_least_one_member"
 _MOST_FIELDS = 100_000
 """Fields of one message with those of its fields; a type may be made to have any number of them."""
 _DEEPEST = 50
+"""Types within types."""
 _PADDING = 7
 """Bytes behind a message that mean nothing."""
 
@@ -55,8 +56,8 @@ def ros1_decoder(types: Types, name: str) -> Decoder:
 
 
 def cdr_decoder(types: Types, name: str) -> Decoder:
-    """Decoder of ROS 2 messages of a type, in plain CDR of version 1; their first bytes tell the
-    byte order.
+    """Decoder of ROS 2 messages of a type, in plain CDR of version 1; their first bytes state
+    the byte order.
     """
     layouts: dict[str, list[Step]] = {}
 
@@ -100,7 +101,7 @@ class _Layout:
 
     def _end_run(self) -> None:
         if self._run:
-            self._done.append(_Run(self._run, self.order, self.widest))
+            self._done.append(_NumberBlock(self._run, self.order, self.widest))
             self._run = []
 
     def _append(self, step: Step) -> None:
@@ -108,6 +109,7 @@ class _Layout:
         self._done.append(step)
 
     def _add_type(self, name: str, label: str, depth: int) -> None:
+        """Add the steps of a message type; times are one number each."""
         if depth > _DEEPEST:
             raise ValueError("a type within itself")
         if name in TIMES and label:
@@ -125,6 +127,7 @@ class _Layout:
             self._add(description, f"{label}.{field}" if label else field, depth)
 
     def _add(self, description: Any, label: str, depth: int) -> None:
+        """Add the steps of a field."""
         self._fields += 1
         if self._fields > _MOST_FIELDS:
             raise ValueError(f"a type of more than {_MOST_FIELDS} fields")
@@ -137,7 +140,7 @@ class _Layout:
             (inner, name), size = detail
             number = size if kind == _ARRAY else None
             if inner == _NAME:
-                self._append(_Group(name, label, number, self))
+                self._append(_MessageList(name, label, number, self))
             elif inner != _BASE:
                 raise ValueError("an array of arrays")
             elif name[0] == "string":
@@ -168,7 +171,7 @@ class _Layout:
         return struct.unpack_from(self.order + "I", data, place)[0], place + 4
 
 
-class _Run:
+class _NumberBlock:
     """Numbers in a row, read at once."""
 
     def __init__(self, fields: list[tuple[str, str]], order: str, widest: int) -> None:
@@ -257,7 +260,7 @@ class _Numbers:
         return end
 
 
-class _Group:
+class _MessageList:
     """A list of messages."""
 
     def __init__(self, name: str, label: str, number: int | None, layout: _Layout) -> None:

@@ -23,6 +23,7 @@ _SEPARATOR = "=" * 80 + "\n"
 _IDL_TEXT = re.compile(r'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _IDL_ANNOTATION = re.compile(r"@\s*\w+(\s*\([^()]*\))?|^#[^\n]*", re.MULTILINE)
 _MOST_CONSTANTS = 200
+"""Constants of a definition in IDL: each costs its parser milliseconds."""
 
 
 def types_of(path: Path, name: str, form: str, definition: str, *, ros1: bool) -> Types:
@@ -103,6 +104,7 @@ def _parsed_msg(definition: str, name: str) -> dict[str, Any]:
 
 
 def _parsed_idl(definition: str) -> dict[str, Any]:
+    """Types of a definition in IDL, unless its parser would take long."""
     from rosbags.typesys import get_types_from_idl
 
     # Its time grows sixtyfold with every bracket in an expression; shifts make numbers of any

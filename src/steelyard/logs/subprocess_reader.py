@@ -1,5 +1,5 @@
-"""Readers in a process apart: what their libraries do with a damaged file is more than an exception
-can catch.
+"""Readers that run in a subprocess: what their libraries do with a damaged file is more than an
+exception can catch.
 
 A process of its own may fail, take too long or ask for too much memory; here that is a sentence.
 """
@@ -14,13 +14,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.logs.log import Log, Part
+from steelyard.logs.nested import Arrays
 from steelyard.logs.packages import shown
 
 _SECONDS, _BYTES_PER_SECOND = 6, 5_000_000
@@ -31,7 +32,7 @@ _MEMORY, _MEMORY_PER_BYTE = 768 << 20, 8
 
 @contextmanager
 def opened_in_subprocess(module: str, path: Path, topic: str | None, what: str) -> Iterator[Log]:
-    """Open a log in a process apart.
+    """Open a log in a subprocess.
 
     Args:
         module: Module that calls :func:`serve` when it is run.
@@ -42,28 +43,41 @@ def opened_in_subprocess(module: str, path: Path, topic: str | None, what: str) 
     Raises:
         InputError: The reader said so, or it failed.
     """
+    with _started(module, path, what) as reader:
+        about = reader.ask({"path": os.fspath(path), "topic": topic})
+        yield Log(path, tuple(about["names"]), reader.load, about["units"])
+
+
+def topics_in_subprocess(module: str, path: Path, what: str) -> list[str]:
+    """Groups from which one has to be chosen; see :func:`opened_in_subprocess`."""
+    with _started(module, path, what) as reader:
+        return list(reader.ask({"path": os.fspath(path)})["topics"])
+
+
+@contextmanager
+def _started(module: str, path: Path, what: str) -> Iterator[_Subprocess]:
+    """A subprocess that runs a module, and ends with the block."""
     # Nothing is imported from the working folder, which may be that of the log.
     command = [sys.executable, "-P", "-m", module]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     ) as process:
-        reader = _Apart(process, path, what)
         try:
-            about = reader.ask({"path": os.fspath(path), "topic": topic})
-            yield Log(path, tuple(about["names"]), reader.load, about["units"])
+            yield _Subprocess(process, path, what)
         finally:
             with suppress(OSError):
                 process.stdin.close() if process.stdin else None
             process.kill()
 
 
-class _Apart:
+class _Subprocess:
     """The other end of :func:`serve`."""
 
     def __init__(self, process: subprocess.Popen[bytes], path: Path, what: str) -> None:
         self.process, self.path, self.what = process, path, what
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Send a request and read the line of the answer."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         line = b""
@@ -79,6 +93,7 @@ class _Apart:
         return answer
 
     def load(self, names: Sequence[str], part: Part | None, rows: int | None) -> dict[str, Array]:
+        """See :attr:`Log.load`."""
         assert self.process.stdout is not None
         unique = list(dict.fromkeys(names))
         n = self.ask(
@@ -101,58 +116,64 @@ class _Apart:
         )
 
 
-def serve(reader: Callable[[Path, str | None], AbstractContextManager[Log]], what: str) -> None:
-    """Answer the requests of :func:`opened_in_subprocess` with a reader; the body of a module that
-    is run.
+def serve(
+    arrays_in: Callable[[Path, str | None], AbstractContextManager[Arrays]], what: str
+) -> None:
+    """Answer the requests of :func:`opened_in_subprocess` and :func:`topics_in_subprocess`; the
+    body of a module that is run.
 
     Args:
-        reader: Opens a log.
+        arrays_in: Opens a file; the topic that is wanted, None: any.
         what: The format, with an article.
     """
     # Libraries that print do so elsewhere.
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-
-    def answer(message: Mapping[str, Any], columns: Sequence[Array] = ()) -> None:
-        out.write(json.dumps(message).encode() + b"\n")
-        for values in columns:
-            out.write(np.ascontiguousarray(values, dtype=np.float64).tobytes())
-        out.flush()
-
     request = json.loads(sys.stdin.buffer.readline())
     path = Path(request["path"])
     try:
         size = path.stat().st_size
         _limit_memory(_MEMORY + _MEMORY_PER_BYTE * size)
         _limit_time(_SECONDS + size // _BYTES_PER_SECOND)
-        with reader(path, request["topic"]) as log:
-            answer({"names": log.names, "units": dict(log.units)})
+        with arrays_in(path, request.get("topic")) as arrays:
+            if "topic" not in request:
+                _answer(out, {"topics": arrays.topics()})
+                return
+            log = arrays.log(request["topic"])
+            _answer(out, {"names": log.names, "units": dict(log.units)})
             for line in sys.stdin.buffer:
-                request = json.loads(line)
                 _limit_time(_SECONDS + size // _BYTES_PER_SECOND)
-                part = Part(**request["part"]) if request["part"] else None
-                try:
-                    columns = log.load(request["names"], part, request["rows"])
-                except InputError as error:
-                    answer({"error": str(error)})
-                    continue
-                n = len(next(iter(columns.values()), ()))
-                answer({"rows": n}, [columns[name] for name in request["names"]])
+                _answer_rows(out, log, json.loads(line))
     except InputError as error:
-        answer({"error": str(error)})
+        _answer(out, {"error": str(error)})
     # What the libraries raise on damaged files is of any kind.
     except Exception as error:
-        reason = shown((str(error).splitlines() or [""])[0] or type(error).__name__, 120).rstrip(
-            "."
+        reason = (str(error).splitlines() or [""])[0] or type(error).__name__
+        sentence = (
+            f"{path}: expected {what}, found one that is damaged or cut off"
+            f" ({shown(reason, 120).rstrip('.')}); copy it again"
         )
-        answer(
-            {
-                "error": (
-                    f"{path}: expected {what}, found one that is damaged or cut off ({reason});"
-                    " copy it again"
-                )
-            }
-        )
+        _answer(out, {"error": sentence})
+
+
+def _answer_rows(out: IO[bytes], log: Log, request: Mapping[str, Any]) -> None:
+    """Columns of a part of a log, as :meth:`_Subprocess.load` asks for them."""
+    part = Part(**request["part"]) if request["part"] else None
+    try:
+        columns = log.load(request["names"], part, request["rows"])
+    except InputError as error:
+        _answer(out, {"error": str(error)})
+        return
+    rows = len(next(iter(columns.values()), ()))
+    _answer(out, {"rows": rows}, [columns[name] for name in request["names"]])
+
+
+def _answer(out: IO[bytes], message: Mapping[str, Any], columns: Sequence[Array] = ()) -> None:
+    """A message on a line of its own, and the bytes of columns behind it."""
+    out.write(json.dumps(message).encode() + b"\n")
+    for values in columns:
+        out.write(np.ascontiguousarray(values, dtype=np.float64).tobytes())
+    out.flush()
 
 
 def _limit_time(seconds: int) -> None:
@@ -176,7 +197,7 @@ def _limit_memory(more: int) -> None:
         import resource
 
         pages = int(Path("/proc/self/statm").read_text().split()[0])
-    except (ImportError, OSError):  # other systems do not tell, or keep no such limit
+    except (ImportError, OSError):  # other systems do not say, or keep no such limit
         return
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     limit = pages * resource.getpagesize() + more

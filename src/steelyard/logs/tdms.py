@@ -14,11 +14,12 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.logs.log import Log
-from steelyard.logs.nested import Key, Source, is_number, log_of_arrays
+from steelyard.logs.nested import Arrays, Key, Source, is_number
 from steelyard.logs.packages import require_package
 from steelyard.logs.subprocess_reader import opened_in_subprocess, serve
 from steelyard.units import is_unit
 
+_WHAT = "a TDMS file"
 _UNITS = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit")
 _TIME = "t"
 _LEAD = struct.Struct("<4sIIQQ")
@@ -36,12 +37,19 @@ def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:
         InputError: The file is damaged or cut off, or has no such group.
     """
     require_package(path, "npTDMS", "nptdms", "TDMS")
-    return opened_in_subprocess(__name__, path, topic, "a TDMS file")
+    return opened_in_subprocess(__name__, path, topic, _WHAT)
+
+
+def topics(path: Path) -> list[str]:
+    """None: without a topic, all groups of a TDMS file are one table."""
+    return []
 
 
 @contextmanager
-def opened_here(path: Path, topic: str | None) -> Iterator[Log]:
-    """Open a TDMS file in this process; damaged ones may raise anything, or take forever."""
+def arrays_here(path: Path, topic: str | None) -> Iterator[Arrays]:
+    """The channels of a TDMS file, read in this process; damaged ones may raise anything, or take
+    forever.
+    """
     from nptdms import TdmsFile
 
     # As a file that is open: by its name, an index beside it would be read instead, which may be of
@@ -50,12 +58,13 @@ def opened_here(path: Path, topic: str | None) -> Iterator[Log]:
         _check_segments(path, file)
         file.seek(0)
         with TdmsFile.open(file) as contents:
-            yield _log(path, contents, topic)
+            yield Arrays(path, _sources(path, contents), joined=True)
 
 
-def _log(path: Path, contents: Any, topic: str | None) -> Log:
+def _sources(path: Path, contents: Any) -> dict[Key, Source]:
+    """Channels of numbers by group and name, and columns of their times."""
     sources: dict[Key, Source] = {}
-    clock = _Clock([channel for group in contents.groups() for channel in group.channels()])
+    clock = _SharedClock([channel for group in contents.groups() for channel in group.channels()])
     for group in contents.groups():
         channels = {
             channel.name: channel for channel in group.channels() if is_number(channel.dtype)
@@ -63,7 +72,7 @@ def _log(path: Path, contents: Any, topic: str | None) -> Log:
         for name, channel in channels.items():
             sources[group.name, name] = _source(path, channel)
         sources.update(clock.times(group.name, channels))
-    return log_of_arrays(path, sources, topic, what="group", whole=True)
+    return sources
 
 
 def _check_segments(path: Path, file: IO[bytes]) -> None:
@@ -115,7 +124,7 @@ class _Waveform:
         return self.start + self.increment * np.arange(self.n, dtype=np.float64)
 
 
-class _Clock:
+class _SharedClock:
     """Times of channels that state but their rate; all channels of a file share one clock."""
 
     def __init__(self, channels: list[Any]) -> None:
@@ -136,6 +145,7 @@ class _Clock:
                 yield (group, name, _TIME), _times(waveform)
 
     def _waveform(self, channel: Any) -> _Waveform | None:
+        """Times of a channel that states its rate; None: it does not."""
         increment = channel.properties.get("wf_increment")
         if not isinstance(increment, float) or not increment > 0 or not len(channel):
             return None
@@ -163,4 +173,4 @@ def _started(channel: Any) -> float | None:
 
 
 if __name__ == "__main__":
-    serve(opened_here, "a TDMS file")
+    serve(arrays_here, _WHAT)

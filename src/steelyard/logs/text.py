@@ -17,7 +17,7 @@ from steelyard.logs.dialect import dialect_of
 from steelyard.logs.frames import as_array
 from steelyard.logs.header import header_of
 from steelyard.logs.log import MOST_COLUMNS, Log, Part
-from steelyard.logs.plain import pieces, told
+from steelyard.logs.plain import pieces, readable
 from steelyard.logs.rows import Lines, RowForm, ShortRows, separated, sound_rows, unquoted
 from steelyard.logs.size import check_unpacked
 from steelyard.logs.table import Table
@@ -44,18 +44,18 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
         raise InputError(
             f"{path}: expected no 'topic' for a text file, found '{topic}'; leave it out"
         )
-    table = _Table(path)
+    table = _TextTable(path)
     yield Log(
         path, table.names, table.load, table.header.units, table.header.spellings, table.line_of
     )
 
 
-class _Table:
+class _TextTable:
     """The rows of a text file below its header."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with told(path):
+        with readable(path):
             self.size = path.stat().st_size
         lines = _first_lines(path)
         self.dialect = dialect_of(lines)
@@ -182,7 +182,7 @@ class _Table:
         if frame is None or frame.height != len(lines):
             raise InputError(
                 f"{self.path}: expected a table from line {line} on, found cells that cannot be"
-                " told apart; check the quotation marks"
+                " separated; check the quotation marks"
             )
         if all(kind.is_numeric() for kind in frame.dtypes):
             return frame.to_numpy(order="c"), lines
@@ -265,9 +265,9 @@ class _Table:
             if time is None or name not in clocks:
                 continue
             times, own = found[time], found[clocks[name]]
-            apart = np.flatnonzero((own != times) & ~(np.isnan(own) & np.isnan(times)))
-            if len(apart):
-                i = int(apart[0])
+            differing = np.flatnonzero((own != times) & ~(np.isnan(own) & np.isnan(times)))
+            if len(differing):
+                i = int(differing[0])
                 raise InputError(
                     f"{self.path}:{lines[i]}: column '{name}': expected a sample at the time"
                     f" {times[i]:.9g} of column '{time}', found one at {own[i]:.9g}; read it as a"

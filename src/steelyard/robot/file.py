@@ -13,7 +13,7 @@ from pydantic import Field
 from steelyard.errors import InputError
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six, symmetric
 from steelyard.robot.model import CableProperties, Limits, Robot
-from steelyard.yaml_file import Document, FileModel, read_yaml, validate
+from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, validate
 
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
@@ -172,7 +172,7 @@ def read_robot(name_or_path: str | Path, folder: Path = Path()) -> Robot:
     return robot_of(read_yaml(folder / name_or_path))
 
 
-def robot_of(document: Document) -> Robot:
+def robot_of(document: YamlDocument) -> Robot:
     """The robot that a document describes.
 
     Raises:
@@ -216,7 +216,7 @@ def _platform(form: PlatformForm | None) -> Inertia | None:
     )
 
 
-def _check(form: RobotForm, document: Document) -> None:
+def _check(form: RobotForm, document: YamlDocument) -> None:
     """What the form of the file cannot say."""
     for i, one in enumerate(form.cables):
         for j, other in enumerate(form.cables[:i]):

@@ -20,7 +20,7 @@ from steelyard.instruments.base import exact, sigma
 from steelyard.instruments.equations import predict
 from steelyard.robot.model import Robot
 from steelyard.simulation.forward_dynamics import Response
-from steelyard.yaml_file import Document, FileModel, read_yaml, validate
+from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, validate
 
 _LATEST_START = 5.0
 """Clocks show an arbitrary time at the common event, up to this [s]."""
@@ -60,7 +60,7 @@ def _suite(robot: Robot, sync: float, values: Mapping[str, Mapping[str, Any]]) -
         if robot.m
         else {"sensor": {"kind": "wrench", "clock": "recorder", "rate": values["tension"]["rate"]}}
     )
-    document = Document(
+    document = YamlDocument(
         Path("sensors"),
         {
             "sync": sync,
@@ -160,7 +160,7 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
     return _sensors(read_yaml(Path(which)), robot)
 
 
-def _sensors(document: Document, robot: Robot) -> Sensors:
+def _sensors(document: YamlDocument, robot: Robot) -> Sensors:
     data, own_sync = _without_own_sync(document)
     form = validate(SensorsForm, document, data)
     if not any(i.kind in {"tension", "wrench"} for i in form.instruments.values()):
@@ -178,7 +178,7 @@ def _sensors(document: Document, robot: Robot) -> Sensors:
     return Sensors(_stated(form, own_sync, robot.m))
 
 
-def _without_own_sync(document: Document) -> tuple[Any, dict[str, float]]:
+def _without_own_sync(document: YamlDocument) -> tuple[Any, dict[str, float]]:
     """The document without the ``sync`` of single instruments, which know nothing of simulation,
     and these [s].
     """

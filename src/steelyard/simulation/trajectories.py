@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError, InputError
-from steelyard.experiment.streams import Place, read_stream
+from steelyard.experiment.streams import StreamPlace, read_stream
 from steelyard.instruments import Command
 from steelyard.motion.limits import check_times, commanded_tensions, motion_extremes
 from steelyard.motion.trajectory import Repeated, RestToRest, Sampled, Trajectory, multisine
@@ -215,7 +215,7 @@ def from_file(path: Path, robot: Robot) -> Sampled:
     Raises:
         InputError: The file is wrong.
     """
-    stream = read_stream(Place(path), Command(kind="command"), robot.m, static=False)
+    stream = read_stream(StreamPlace(path), Command(kind="command"), robot.m, static=False)
     time, first = np.unique(stream.time, return_index=True)
     if len(time) < 4:
         raise InputError(

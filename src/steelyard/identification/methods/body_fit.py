@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, complex_step_jacobian
 from steelyard.estimates.estimate import Estimate, judge, told_by
 from steelyard.inertia import point_inertia, six
 
@@ -52,10 +52,7 @@ def from_two_steps(
             [[mass], c, x[7:13] - six(point_inertia(mass, c)), x[4:7] * mass, x[13:16]]
         )
 
-    step = 1e-200
-    jacobian = np.column_stack(
-        [body(joint + 1j * step * e).imag / step for e in np.eye(len(joint))]
-    )
+    jacobian = complex_step_jacobian(body, joint)
     value, covariance = body(joint), jacobian @ covariance @ jacobian.T
     return BodyFit(
         value[:10], covariance[:10, :10], value[10:], covariance[10:, 10:], residual, condition

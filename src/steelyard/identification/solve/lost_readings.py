@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array, stretches
 from steelyard.experiment.model import Experiment
+from steelyard.experiment.stuck import repeats
 from steelyard.identification.model.motion_residuals import Tally, motion_residuals
 from steelyard.identification.model.segment import Label
 from steelyard.identification.solve.joint_fit import State
@@ -73,13 +74,11 @@ def without_lost(experiment: Experiment, state: State, *, arrived: bool) -> tupl
 
 def _frozen(values: Array, far: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Readings that stay the same many times in a row and stand far at least once, shape (n,)."""
-    flat = values.reshape(len(values), -1)
     found = np.zeros(len(values), dtype=bool)
-    for first, last in stretches(np.all(flat[1:] == flat[:-1], axis=1)):
-        # The first of them was still a reading.
-        run = slice(first + 1, last + 1)
-        if last - first >= STUCK_FAR and far[run].any():
-            found[run] = True
+    # The first of them was still a reading.
+    for first, last in repeats(values.reshape(len(values), -1)):
+        if far[first:last].any():
+            found[first:last] = True
     return found
 
 

@@ -8,20 +8,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from steelyard.arrays import Array, stretches
+from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run, is_motion
+from steelyard.experiment.stuck import FEWEST_REPEATS, stuck_alone
 from steelyard.identification.model.calibration_parameters import Calibration, clock_of
 from steelyard.identification.model.force_noise import force_sigma, least_sigma
 from steelyard.identification.model.force_residuals import Forces
 from steelyard.identification.model.knot_spacing import Channelled, best_spacing
 from steelyard.identification.model.motion_residuals import PARTS, Reading, Segment, jerk_matrices
-from steelyard.identification.model.preparation import Samples, quaternions_of
+from steelyard.identification.model.preparation import Samples
 from steelyard.identification.model.segment import motion_at
 from steelyard.identification.model.smoothness import LOOSER
 from steelyard.instruments import Command, Length
+from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, Samples1D, fit, knots
 
 _LEAST_NOISE = 1e-4
@@ -41,9 +42,6 @@ _JUDGED = 20.0
 _LEAST_JERK = 1e-2
 """Mean square of a third derivative to begin with, at least [m^2/s^6], [1/s^6]: where nothing tells
 the place, it begins as if at rest."""
-_STUCK = 10
-"""Least number of equal readings in a row, in one channel while others change, that are taken for a
-stuck sensor."""
 _COMMANDED = {"position": 0.02, "orientation": 0.02}
 """1-sigma of how far a platform is from its command, where that stands in for a measurement [m],
 [rad]."""
@@ -573,9 +571,9 @@ def _without_stuck(experiment: Experiment, run: Run) -> tuple[Run, list[str]]:
     for name, stream in run.streams.items():
         values = dict(stream.values)
         for quantity, each in stream.values.items():
-            if each.ndim != 2 or each.shape[1] < 2 or len(each) < 2 * _STUCK:
+            if each.ndim != 2 or each.shape[1] < 2 or len(each) < 2 * FEWEST_REPEATS:
                 continue
-            mask = _stuck(each)
+            mask = stuck_alone(each)
             for channel in np.flatnonzero(mask.any(axis=0)):
                 own = np.flatnonzero(mask[:, channel])
                 time = experiment.common_time(run, name)[own]
@@ -586,19 +584,3 @@ def _without_stuck(experiment: Experiment, run: Run) -> tuple[Run, list[str]]:
             values[quantity] = np.where(mask, np.nan, each)
         streams[name] = replace(stream, values=values)
     return replace(run, streams=streams), notes
-
-
-def _stuck(values: Array) -> NDArray[np.bool_]:
-    """Readings that repeat the one before them for long, while those of the other channels do not,
-    shape (n, k).
-    """
-    same = np.zeros(values.shape, dtype=bool)
-    same[1:] = values[1:] == values[:-1]
-    mask = np.zeros_like(same)
-    for channel in range(values.shape[1]):
-        others = np.delete(same, channel, axis=1)
-        for first, last in stretches(same[:, channel]):
-            # Some that repeat now and then are the steps of a coarse converter.
-            if last - first >= _STUCK - 1 and others[first:last].mean() < 0.2:
-                mask[first:last, channel] = True
-    return mask if mask.mean() < 0.5 else np.zeros_like(mask)
