@@ -13,19 +13,25 @@ from scipy.spatial.transform import Rotation
 from simulated import EXACT, changed
 
 from steelyard.batch import Batched
-from steelyard.excitation.appraisal import (
-    appraise,
+from steelyard.excitation.cable_vibration import CableVibration
+from steelyard.excitation.commanded_state import COMMAND, COMMAND_WITH_JERK, motion_of
+from steelyard.excitation.evaluation import (
+    evaluate_motions,
+    fit_noise_free,
     highest_frequency,
     natural_frequencies,
-    rehearse,
 )
-from steelyard.excitation.course import SIX, Course
-from steelyard.excitation.criterion import Criterion, Target
-from steelyard.excitation.demands import AT, Demands, Margin
-from steelyard.excitation.information import Outlook
-from steelyard.excitation.ringing import ALLOWED, BAND, PER_INTERVAL, Ringing
-from steelyard.excitation.search import Problem
-from steelyard.excitation.sight import INSTANT, View, border_of, columns_of, motion_of
+from steelyard.excitation.linearisation_point import (
+    LinearisationPoint,
+    border_columns,
+    prior_information,
+)
+from steelyard.excitation.motion_constraints import Margin, MotionConstraints
+from steelyard.excitation.motion_spline import COORDINATES, MotionSpline
+from steelyard.excitation.optimality_criterion import OptimalityCriterion, Target
+from steelyard.excitation.predicted_information import PredictedInformation
+from steelyard.excitation.search import DesignProblem
+from steelyard.excitation.settings import DEFAULT as SETTINGS
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import DRAG, Calibration
 from steelyard.identification.model.calibration_parameters import ROBOT as FILE
@@ -156,7 +162,7 @@ REACH = np.array([4, 3, 1.5, 0.6, 0.6, 0.6])
 
 
 def some_course(end=END, seed=1):
-    course = Course(START, end, 8.0, 7, REACH)
+    course = MotionSpline(START, end, 8.0, 7, REACH)
     return course, 0.2 * np.random.default_rng(seed).normal(size=course.size)
 
 
@@ -186,12 +192,12 @@ def test_a_course_without_freedom_taken_is_the_plain_move():
 
 def test_commands_along_a_course_are_its_trajectory_and_its_derivatives():
     course, x = some_course()
-    times = course.instants(3)
+    times = course.midpoints(3)
     assert len(times) == 21
     np.testing.assert_allclose(times, (course.duration / 21) * (np.arange(21) + 0.5))
     commands = course.at(times).commands(x)
     for order in range(4):
-        found = commands[:, SIX * order : SIX * (order + 1)]
+        found = commands[:, COORDINATES * order : COORDINATES * (order + 1)]
         np.testing.assert_allclose(found, course.trajectory(x).derivative(times, order), atol=1e-11)
     # And the last of these is the third derivative of the pose in time.
     middle = times[10]
@@ -204,30 +210,30 @@ def test_commands_along_a_course_are_its_trajectory_and_its_derivatives():
 @pytest.mark.parametrize("numbers", [18, 24])
 def test_what_follows_commands_is_gathered_to_what_follows_the_coefficients(numbers):
     course, x = some_course()
-    along = course.at(course.instants(4))
+    samples = course.at(course.midpoints(4))
     rng = np.random.default_rng(2)
     weight = rng.normal(size=(28, numbers))
 
     def total(x):
-        return np.sum(weight * np.sin(along.commands(x)[:, :numbers]))
+        return np.sum(weight * np.sin(samples.commands(x)[:, :numbers]))
 
-    slope = weight * np.cos(along.commands(x)[:, :numbers])
+    slope = weight * np.cos(samples.commands(x)[:, :numbers])
     expected = [central(total, x, way) for way in np.eye(course.size)]
-    assert_near(along.gathered(slope), np.array(expected), 1e-9)
+    assert_near(samples.gradient(slope), np.array(expected), 1e-9)
 
 
 @pytest.mark.parametrize("numbers", [18, 24])
 def test_what_follows_commands_is_spread_over_the_coefficients_of_its_instants(numbers):
     course, x = some_course()
-    along = course.at(course.instants(4))
+    samples = course.at(course.midpoints(4))
     mixed = np.random.default_rng(3).normal(size=(28, 2, numbers))
 
     def at(x):
-        return np.sin(np.einsum("ngc,nc->ng", mixed, along.commands(x)[:, :numbers]))
+        return np.sin(np.einsum("ngc,nc->ng", mixed, samples.commands(x)[:, :numbers]))
 
-    outer = np.cos(np.einsum("ngc,nc->ng", mixed, along.commands(x)[:, :numbers]))
-    columns, there = along.pattern
-    spread = along.spread(outer[:, :, None] * mixed)
+    outer = np.cos(np.einsum("ngc,nc->ng", mixed, samples.commands(x)[:, :numbers]))
+    columns, there = samples.sparsity
+    spread = samples.jacobian(outer[:, :, None] * mixed)
     found = np.zeros((28, 2, course.size))
     for i in range(28):
         assert len(set(columns[i][there[i]])) == there[i].sum()
@@ -238,14 +244,14 @@ def test_what_follows_commands_is_spread_over_the_coefficients_of_its_instants(n
 
 def test_the_course_nearest_to_a_course_is_itself():
     course, x = some_course()
-    np.testing.assert_allclose(course.near(course.trajectory(x)), x, atol=1e-10)
+    np.testing.assert_allclose(course.fitted_to(course.trajectory(x)), x, atol=1e-10)
 
 
 def test_the_course_nearest_to_another_motion_is_the_one_of_least_squares():
     course, _ = some_course(START)
     motion = multisine(list(START), list(0.2 * REACH), course.duration, 3)
     times = np.linspace(0, course.duration, 8 * course.intervals + 1)
-    found = course.near(motion)
+    found = course.fitted_to(motion)
 
     def missed(x):
         return np.sum(
@@ -264,19 +270,19 @@ def test_the_highest_frequency_of_a_motion_has_all_but_a_hundredth_of_its_power_
     # %.
     time = np.linspace(0, 10, 2001)
     for share, expected in ((0.005, 0.5), (0.015, 2.0)):
-        poses = np.zeros((2001, SIX))
+        poses = np.zeros((2001, COORDINATES))
         poses[:, 1] = (
             np.sin(2 * np.pi * 0.5 * time) + np.sqrt(share) * np.sin(2 * np.pi * 2.0 * time) / 16
         )
         assert highest_frequency(Sampled.through(time, poses)) == pytest.approx(expected, abs=0.11)
-    assert highest_frequency(Sampled.through(time, np.zeros((2001, SIX)))) == 0.0
+    assert highest_frequency(Sampled.through(time, np.zeros((2001, COORDINATES)))) == 0.0
 
 
 # From commands to motion
 
 
 def test_a_command_moves_the_quaternion_as_scipy_turns_it_in_time():
-    command = ca.SX.sym("command", INSTANT)
+    command = ca.SX.sym("command", COMMAND_WITH_JERK)
     function = Batched(
         "motion", {"command": command}, dict(zip("pvaj", motion_of(command), strict=True))
     )
@@ -311,7 +317,7 @@ class Plan:
 
     @cached_property
     def joint(self):
-        return rehearse(self.experiment, {"run": MOTION}, self.level)
+        return fit_noise_free(self.experiment, {"run": MOTION}, self.level)
 
     @cached_property
     def calibration_parameters(self):
@@ -319,7 +325,7 @@ class Plan:
 
     @cached_property
     def view(self):
-        return View.of(self.joint, self.joint.study.experiment.runs[0], self.level)
+        return LinearisationPoint.of(self.joint, self.joint.study.experiment.runs[0], self.level)
 
     @cached_property
     def elsewhere(self):
@@ -342,7 +348,7 @@ class Plan:
 
     @cached_property
     def known(self):
-        return border_of(self.calibration_parameters)
+        return prior_information(self.calibration_parameters)
 
     @cached_property
     def outlook(self):
@@ -353,7 +359,7 @@ class Plan:
         return self.seen_by(self.elsewhere)
 
     def seen_by(self, view):
-        return Outlook(view, self.segment, DURATION, len(self.known))
+        return PredictedInformation(view, self.segment, DURATION, len(self.known))
 
     @cached_property
     def commands(self):
@@ -490,12 +496,12 @@ def test_what_looks_at_the_motion_is_linearised_as_the_estimators_do(which):
     view = plan(which).elsewhere
     calibration_parameters, robot = view.calibration.calibration_parameters, view.experiment.robot
     state, motion = states_at(view, INSTANTS), quaternion_motion(INSTANTS)
-    column_of = columns_of(calibration_parameters)
-    sights = plan(which).outlook_elsewhere.sights
-    assert [sight.name for sight in sights] == [name for name, *_ in view.readers] + [
-        view.forces[0]
+    column_of = border_columns(calibration_parameters)
+    sights = plan(which).outlook_elsewhere.instruments
+    assert [sight.name for sight in sights] == [name for name, *_ in view.motion_readings] + [
+        view.force_readings[0]
     ]
-    for (name, quantity, sigma, rate), sight in zip(view.readers, sights, strict=False):
+    for (name, quantity, sigma, rate), sight in zip(view.motion_readings, sights, strict=False):
         instrument = view.experiment.instruments[name]
         errors = view.calibration.of(name, instrument, "run")
         measured = predict(instrument, robot, state, errors)[quantity]
@@ -543,7 +549,7 @@ def delayed(view, name, quantity):
         view.experiment.robot,
         view.calibration.gravity,
     )
-    orders = commands_at(INSTANTS).reshape(-1, 4, SIX)
+    orders = commands_at(INSTANTS).reshape(-1, 4, COORDINATES)
     tension = states_at(view, INSTANTS).tension  # taken as known
 
     def reading(t):
@@ -596,7 +602,7 @@ def assert_information(found, expected, relative):
 @pytest.mark.parametrize("which", ELSEWHERE)
 def test_the_balance_of_forces_tells_what_it_tells_the_estimators(which):
     view, known = plan(which).elsewhere, plan(which).known
-    robot, (name, quantities, sigma, rate) = view.experiment.robot, view.forces
+    robot, (name, quantities, sigma, rate) = view.experiment.robot, view.force_readings
     instrument = view.experiment.instruments[name]
     readings = predict(
         instrument, robot, states_at(view, INSTANTS), view.calibration.of(name, instrument, "run")
@@ -617,13 +623,13 @@ def test_the_balance_of_forces_tells_what_it_tells_the_estimators(which):
         segment,
         forces,
         view.calibration,
-        columns_of(calibration_parameters),
+        border_columns(calibration_parameters),
         view.parameters,
         {},
         Tally(),
     )
     np.testing.assert_allclose(rows.residual, 0.0, atol=1e-4)
-    sight = plan(which).outlook_elsewhere.sights[-1]
+    sight = plan(which).outlook_elsewhere.instruments[-1]
     by_motion, by_border = sight.derivatives(commands_at(INSTANTS))
     by_order = by_motion.reshape(len(INSTANTS), 6, 3, POSE)
     along = np.einsum("oni,nkod->nkid", segment.basis(INSTANTS).values[:3], by_order).reshape(
@@ -634,7 +640,9 @@ def test_the_balance_of_forces_tells_what_it_tells_the_estimators(which):
     if which == "heavy":
         # That cables sag is of no account for derivatives, the module says: a few per cent of what
         # is known of body and drag.
-        place = columns_of(calibration_parameters)[calibration_parameters.places[FILE, DRAG, None]]
+        place = border_columns(calibration_parameters)[
+            calibration_parameters.places[FILE, DRAG, None]
+        ]
         own = along.shape[2] + np.concatenate([np.arange(TEN), place])
         found, expected = found[:, own][:, :, own], expected[:, own][:, :, own]
         assert expected[:, -1, -1].min() > 0
@@ -645,7 +653,7 @@ def test_the_balance_of_forces_tells_what_it_tells_the_estimators(which):
 @pytest.mark.parametrize("which", ["tight", "bare"])
 def test_what_is_seen_changes_along_the_command_as_differences_say(which):
     rng, commands = np.random.default_rng(5), commands_at(INSTANTS)
-    for sight in plan(which).outlook_elsewhere.sights:
+    for sight in plan(which).outlook_elsewhere.instruments:
         at = sight.derivatives(commands)
         # Each column in its own unit: they differ by many orders.
         unit = [np.maximum(np.sqrt(np.mean(each**2, axis=(0, 1))), 1e-6) for each in at]
@@ -658,7 +666,7 @@ def test_what_is_seen_changes_along_the_command_as_differences_say(which):
                 for w, d in zip(repeated, sight.derivatives(rows), strict=True)
             )
 
-        assert_near(sight.slope(commands, *weight), in_every_way(total, commands), DIFFERENCES)
+        assert_near(sight.gradient(commands, *weight), in_every_way(total, commands), DIFFERENCES)
 
 
 # What a motion will tell
@@ -689,8 +697,10 @@ def test_information_changes_along_the_commands_as_differences_say(which):
     half = rng.normal(size=information.shape)
     weights = [(half + half.T) * np.outer(size, size), criterion_of(found).value(information)[1]]
     for weight in weights:
-        slope = found.outlook.slope(seen, weight)
-        ways = rng.normal(size=(4, *found.commands.shape)) * np.repeat([0.1, 0.3, 1.0, 1.0], SIX)
+        slope = found.outlook.gradient(seen, weight)
+        ways = rng.normal(size=(4, *found.commands.shape)) * np.repeat(
+            [0.1, 0.3, 1.0, 1.0], COORDINATES
+        )
         for way in ways:
 
             def total(commands, weight=weight):
@@ -747,14 +757,16 @@ def dense(band):
 def test_all_that_is_told_of_a_parameter_is_told_at_some_instant_or_was_known_or_is_smoothness():
     found = plan("bare")
     target, margin = Target.default(BODY), Margin(0.2, 1.0)
-    seen = appraise(found.experiment, {"run": MOTION}, target=target, margin=margin, level=0.0)
+    seen = evaluate_motions(
+        found.experiment, {"run": MOTION}, target=target, margin=margin, level=0.0
+    )
     np.testing.assert_allclose(
         seen.standard_deviation, found.joint.bound.standard_deviation, rtol=1e-6
     )
     J = body_jacobian(found.view.parameters)
     ways = np.linalg.inv(found.information[0] + found.known)[:, :TEN] @ J.T
     known = np.einsum("id,ij,jd->d", ways, found.known, ways) / np.einsum("di,id->d", J, ways[:TEN])
-    told = seen.told["run"]
+    told = seen.information_shares["run"]
     # Each instant stands for the time around it, all together for the whole run.
     step = told.time[1] - told.time[0]
     np.testing.assert_allclose([told.time[0], DURATION - told.time[-1]], step / 2, rtol=1e-9)
@@ -766,7 +778,7 @@ def test_all_that_is_told_of_a_parameter_is_told_at_some_instant_or_was_known_or
 
 
 def criterion_of(found):
-    return Criterion.about(
+    return OptimalityCriterion.with_floor(
         found.view.parameters, Target.default(BODY), found.known, found.information[0]
     )
 
@@ -775,7 +787,7 @@ def test_ratios_are_those_of_the_inverse_of_the_information():
     found = plan("unsure")
     target = Target(0.5, 0.003, 2.0)
     wanted = np.array([0.5, *[0.003] * 3, *[2.0] * 6])
-    criterion = Criterion(BODY.parameters, target, found.known, np.zeros(TEN))
+    criterion = OptimalityCriterion(BODY.parameters, target, found.known, np.zeros(TEN))
     information = found.information[0]
     inverse = np.linalg.inv(information + found.known)
     assert_near(criterion.covariance(information), inverse, 1e-7)
@@ -796,7 +808,7 @@ def test_the_criterion_changes_with_the_information_as_differences_say(which):
     information, criterion = found.information[0], criterion_of(plan(which))
     value, slope = criterion.value(information)
     assert_near(slope, slope.T, 1e-14)
-    left = criterion.ratios(information)[0] ** 2 - criterion.untold
+    left = criterion.ratios(information)[0] ** 2 - criterion.variance_floor
     assert value == pytest.approx(np.log(np.sqrt(np.linalg.norm(left))), abs=1e-9)
     # In units of how well each is known, or hardly any change would leave the matrix positive.
     root = np.linalg.cholesky(information + found.known)
@@ -814,7 +826,7 @@ def test_no_motion_tells_a_gain_that_all_force_sensors_share():
     common = np.hypot(0.01 / np.sqrt(8), 0.005)
     target = Target.default(BODY)
     each = np.array([target.mass, *[target.cog] * 3, *[target.inertia] * 6])
-    untold = np.sqrt(criterion_of(found).untold) * each
+    untold = np.sqrt(criterion_of(found).variance_floor) * each
     body = np.abs(Inertia.from_parameters(found.view.parameters).body_parameters)
     np.testing.assert_allclose(untold[[0, 4, 5, 6]], common * body[[0, 4, 5, 6]], rtol=0.01)
     # The centre of gravity is where it is on any scale.
@@ -840,12 +852,12 @@ SHARE = 0.85
 @cache
 def demands(level=0.0):
     suite = {**paper_sensors(HEAVY).instruments, "tracker": TRACKER}
-    return Demands(LIMITED, suite, MARGIN, level, SHARE)
+    return MotionConstraints(LIMITED, suite, MARGIN, level, SHARE)
 
 
 def demanded(commands, level=0.0):
     """Name -> values, shape (n, k)."""
-    values = demands(level).values(commands[:, :AT])
+    values = demands(level).values(commands[:, :COMMAND])
     names = np.array(demands(level).names)
     return {name: values[:, names == name] for name in dict.fromkeys(names)}
 
@@ -901,10 +913,10 @@ def test_cables_are_fed_as_fast_as_their_lengths_change_in_time():
 
 def test_what_has_no_limit_demands_nothing():
     free = replace(LIMITED, limits=type(LIMITED.limits)(), tension_limits=(50.0, np.inf))
-    names = Demands(free, paper_sensors(HEAVY).instruments, MARGIN, 0.0, SHARE).names
+    names = MotionConstraints(free, paper_sensors(HEAVY).instruments, MARGIN, 0.0, SHARE).names
     # Of the least tensions alone.
     assert names == ("tension",) * 8 + ("tension at rest",) * 8
-    assert Demands(replace(BARE, limits=STRAIGHT.limits), {}, MARGIN, 0.0, SHARE).names == (
+    assert MotionConstraints(replace(BARE, limits=STRAIGHT.limits), {}, MARGIN, 0.0, SHARE).names == (
         *("position",) * 6, *("orientation",) * 6, "speed", "acceleration", "angular speed", "angular acceleration",
     )  # fmt: skip
 
@@ -917,7 +929,10 @@ def bodies_around(n, seed=8):
         share = MARGIN.share * (rng.uniform(-1, 1) if i % 2 else rng.choice([-1, 1]))
         way = rng.normal(size=3)
         shift = (
-            MARGIN.off * (rng.uniform() ** (1 / 3) if i % 2 else 1.0) * way / np.linalg.norm(way)
+            MARGIN.cog_offset
+            * (rng.uniform() ** (1 / 3) if i % 2 else 1.0)
+            * way
+            / np.linalg.norm(way)
         )
         scale = 1 + share
         yield (
@@ -929,15 +944,15 @@ def bodies_around(n, seed=8):
 @pytest.mark.parametrize("level", [0.0, TIGHT])
 @pytest.mark.parametrize("name", ["tension", "tension at rest"])
 def test_bodies_within_the_margin_are_moved_by_the_tensions_that_are_demanded(name, level):
-    assert MARGIN.off == pytest.approx(0.2 * LIMITED.size / 2.5)
+    assert MARGIN.cog_offset == pytest.approx(0.2 * LIMITED.size / 2.5)
     commands = random_commands(30)
-    commands[:, SIX:] *= 0.7  # as gentle as the robot's limits ask for
+    commands[:, COORDINATES:] *= 0.7  # as gentle as the robot's limits ask for
     found = demanded(commands, level)[name]
     low, high = LIMITED.tension_limits
     unit = BODY.mass * 9.81 / 2
     least, most = low + unit * (1 - found[:, :8]), high + unit * (found[:, 8:] - 1)
     if name == "tension at rest":
-        commands[:, SIX:] = 0.0
+        commands[:, COORDINATES:] = 0.0
     position, R, _, _, omega, alpha, s = motions(commands)
     W = structure_of(LIMITED, position, R)
     inverse, even = np.linalg.pinv(W), np.full(8, level)
@@ -963,29 +978,31 @@ def test_bodies_within_the_margin_are_moved_by_the_tensions_that_are_demanded(na
 
 @pytest.mark.parametrize("level", [0.0, TIGHT])
 def test_demands_change_along_the_command_as_differences_say(level):
-    commands = random_commands(10, seed=9)[:, :AT]
+    commands = random_commands(10, seed=9)[:, :COMMAND]
     values, slope = demands(level).linearised(commands)
     np.testing.assert_allclose(values, demands(level).values(commands), atol=1e-12)
-    assert slope.shape == (10, len(demands(level).names), AT)
+    assert slope.shape == (10, len(demands(level).names), COMMAND)
     assert_near(slope, in_every_way(demands(level).values, commands), DIFFERENCES)
 
 
-# Ringing
+# Vibration on elastic cables
 
 
-LIVELY = Course(START, START, 6.0, 11, REACH)
+LIVELY = MotionSpline(START, START, 6.0, 11, REACH)
 
 
 @cache
 def ringing():
-    return Ringing(
-        LIMITED, LIVELY.instants(PER_INTERVAL), natural_frequencies(LIMITED, START, 0.0)[0]
+    return CableVibration(
+        LIMITED,
+        LIVELY.midpoints(SETTINGS.vibration_instants),
+        natural_frequencies(LIMITED, START, 0.0)[0],
     )
 
 
 def ringing_commands():
     x = 0.05 * np.random.default_rng(2).normal(size=LIVELY.size)
-    return LIVELY.at(ringing().times).commands(x)[:, :AT]
+    return LIVELY.at(ringing().times).commands(x)[:, :COMMAND]
 
 
 def stiffness_of(robot, position, R):
@@ -1023,11 +1040,16 @@ def test_ringing_is_what_the_bent_cables_add_in_the_band_of_their_resonance():
     n, step = len(found.times), found.times[1] - found.times[0]
     frequency = np.fft.rfftfreq(n, step)
     spectrum = np.fft.rfft(bent, axis=0) * -((2 * np.pi * frequency[:, None]) ** 2)
-    spectrum[(frequency < BAND * found.lowest) | (np.arange(len(frequency)) >= n // 2)] = 0
+    spectrum[
+        (frequency < SETTINGS.vibration_band * found.lowest_frequency)
+        | (np.arange(len(frequency)) >= n // 2)
+    ] = 0
     accelerated = np.fft.irfft(spectrum, n, axis=0)
     limits = np.repeat([LIMITED.limits.acceleration, LIMITED.limits.angular_acceleration], 3)
     resonance = 1 / (2 * LIMITED.cable.damping_ratio)
-    expected = np.sum(np.mean((accelerated * resonance / (ALLOWED * limits)) ** 2, axis=0))
+    expected = np.sum(
+        np.mean((accelerated * resonance / (SETTINGS.vibration_level * limits)) ** 2, axis=0)
+    )
     value, _ = found.value(commands)
     assert expected > 1e-3
     assert value == pytest.approx(expected, rel=1e-7)
@@ -1053,18 +1075,18 @@ def test_ringing_changes_along_the_commands_as_differences_say():
 @cache
 def problem():
     pose = np.array([0, 0, 1.5, 0, 0, 0.0])
-    course = Course(pose, pose, DURATION, 8, REACH)
+    course = MotionSpline(pose, pose, DURATION, 8, REACH)
     found = plan("unsure")
     lowest = natural_frequencies(LIMITED, pose, 0.0)[0]
-    rings = Ringing(LIMITED, course.instants(PER_INTERVAL), lowest)
-    return Problem(course, found.outlook, criterion_of(found), demands(), rings)
+    rings = CableVibration(LIMITED, course.midpoints(SETTINGS.vibration_instants), lowest)
+    return DesignProblem(course, found.outlook, criterion_of(found), demands(), rings)
 
 
 @cache
 def beginning():
     """A gentle motion that keeps all limits."""
     motion = multisine([0, 0, 1.5, 0, 0, 0], [0.4, 0.3, 0.2, 0.1, 0.1, 0.15], DURATION, 3, seed=3)
-    return problem().course.near(motion)
+    return problem().spline.fitted_to(motion)
 
 
 def test_the_objective_changes_with_the_course_as_differences_say():
@@ -1095,8 +1117,8 @@ def test_the_constraints_change_with_the_course_as_differences_say():
             matrix[-1] @ way, expected[-1], atol=DIFFERENCES * np.linalg.norm(matrix[-1])
         )
     # They are those of the trajectory itself.
-    course = problem().course
-    times = course.instants(5)
+    course = problem().spline
+    times = course.midpoints(5)
     commands = np.hstack([course.trajectory(x).derivative(times, order) for order in range(3)])
     np.testing.assert_allclose(value[:-1], demands().values(commands).ravel(), atol=1e-10)
 
@@ -1109,7 +1131,7 @@ def searched():
     told = []
     return (
         problem().search(
-            beginning(), steps=STEPS, seconds=600.0, told=lambda *news: told.append(news)
+            beginning(), steps=STEPS, seconds=600.0, progress=lambda *news: told.append(news)
         ),
         told,
     )
@@ -1127,13 +1149,13 @@ def test_a_search_of_a_few_steps_makes_the_experiment_better_within_the_limits()
     assert [step for step, _ in told] == list(range(1, len(told) + 1))
     # A search that is broken off may stand outside the limits for the moment; then the best within
     # them is at hand.
-    kept = found.kept
+    kept = found.best_feasible
     assert problem().constraints(kept)[0].max() <= 1.01
     # By a third at least of all 1-sigma together.
     assert problem().objective(kept)[0] < before - 0.4
     # Not above the limits between the instants either that are looked at.
     times = np.linspace(0, DURATION, 500)
-    motion = problem().course.trajectory(kept)
+    motion = problem().spline.trajectory(kept)
     commands = np.hstack([motion.derivative(times, order) for order in range(3)])
     assert demands().values(commands).max() < 1.02
 

@@ -16,20 +16,21 @@ from steelyard.cli.verbs import print_json
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
 from steelyard.estimates.estimate_file import read_estimates
-from steelyard.excitation.appraisal import Appraisal, appraise
-from steelyard.excitation.criterion import Target
-from steelyard.excitation.demands import Demands, Margin
-from steelyard.excitation.design import design, designed_body
+from steelyard.excitation.design import design
 from steelyard.excitation.design_file import (
     RATE,
     RESULT,
-    appraisal_dict,
     command_names,
     design_dict,
+    evaluation_dict,
     write_design,
 )
+from steelyard.excitation.design_set_up import designed_body
+from steelyard.excitation.evaluation import MotionEvaluation, evaluate_motions
+from steelyard.excitation.motion_constraints import Margin, MotionConstraints
+from steelyard.excitation.optimality_criterion import Target
 from steelyard.excitation.plan import is_experiment, planned
-from steelyard.excitation.poses import held
+from steelyard.excitation.rest_poses import with_tension_level
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
@@ -82,12 +83,12 @@ def run_design(
         before = sum((_information(each, platform) for each in earlier), start=np.zeros((10, 10)))
         wanted = _target(target, platform)
         if check is not None:
-            appraisal = _checked(experiment, check, duration, margin, wanted, before, tell)
-            values = appraisal_dict(appraisal)
+            evaluation = _checked(experiment, check, duration, margin, wanted, before, tell)
+            values = evaluation_dict(evaluation)
             if out is not None:
                 with results_folder(out, force=force) as folder:
                     write_json(values, folder / RESULT)
-                    write_document(design_document(appraisal), folder, REPORT)
+                    write_document(design_document(evaluation), folder, REPORT)
         else:
             if duration is None:
                 raise InputError(
@@ -109,21 +110,21 @@ def run_design(
                 processes=processes or os.cpu_count() or 1,
                 progress=tell,
             )
-            appraisal, values = found.appraisal, design_dict(found)
+            evaluation, values = found.appraisal, design_dict(found)
             with results_folder(out, force=force) as folder:
                 write_design(found, folder, rate)
-                write_document(design_document(appraisal), folder, REPORT)
+                write_document(design_document(evaluation), folder, REPORT)
     if as_json:
         print_json(values)
         return
-    show_design(appraisal)
+    show_design(evaluation)
     if check is None and out is not None:
         if not found.in_time:
             print(
                 "The time was up before all searches had ended: another run may find another"
                 " motion; a larger --budget helps."
             )
-        files = ", ".join(name for _, name in command_names(appraisal))
+        files = ", ".join(name for _, name in command_names(evaluation))
         print(f"\n{files} and {RESULT} are in {out}/; {REPORT}.html shows the motion.")
         if is_experiment(place):
             print(
@@ -250,7 +251,7 @@ def _checked(
     target: Target,
     before: Array,
     tell: Progress,
-) -> Appraisal:
+) -> MotionEvaluation:
     """What a given motion will tell and what it takes; limits that it exceeds are said, not
     refused.
     """
@@ -260,13 +261,15 @@ def _checked(
         if which == "paper"
         else trajectories(robot, which, duration, check=False)
     )
-    demands = held(Demands(robot, experiment.instruments, Margin(margin, robot.size), 0.0, 1.0))
-    return appraise(
+    constraints = with_tension_level(
+        MotionConstraints(robot, experiment.instruments, Margin(margin, robot.size), 0.0, 1.0)
+    )
+    return evaluate_motions(
         experiment,
         runs,
         target=target,
-        margin=demands.margin,
-        level=demands.level,
+        margin=constraints.margin,
+        level=constraints.level,
         before=before,
         progress=tell,
     )

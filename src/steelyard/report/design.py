@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from steelyard.digits import LABELS
-from steelyard.excitation.appraisal import Appraisal, Told
+from steelyard.excitation.evaluation import InformationShares, MotionEvaluation
 from steelyard.excitation.verification import Verified
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.motion.limits import Use
@@ -28,18 +28,18 @@ _NEAR = 0.3
 """Lowest natural frequency over which a motion should not come near, as a part of it."""
 
 
-def grids(appraisal: Appraisal) -> tuple[Grid, ...]:
+def grids(evaluation: MotionEvaluation) -> tuple[Grid, ...]:
     """What is shown, as tables."""
     return (
-        _precision(appraisal),
-        *(_use(name, each, appraisal) for name, each in appraisal.verified.items()),
+        _precision(evaluation),
+        *(_use(name, each, evaluation) for name, each in evaluation.verified.items()),
     )
 
 
-def _precision(appraisal: Appraisal) -> Grid:
-    runs = list(appraisal.trajectories)
+def _precision(evaluation: MotionEvaluation) -> Grid:
+    runs = list(evaluation.trajectories)
     several = len(runs) > 1 or not np.allclose(
-        appraisal.each[runs[0]], appraisal.standard_deviation, equal_nan=True
+        evaluation.each[runs[0]], evaluation.standard_deviation, equal_nan=True
     )
     heading = [
         "",
@@ -51,31 +51,31 @@ def _precision(appraisal: Appraisal) -> Grid:
     ]
     rows = []
     for i, (label, unit, factor) in enumerate(LABELS):
-        alone, total = float(appraisal.each[runs[0]][i]), float(appraisal.standard_deviation[i])
-        wanted = float(appraisal.target.each[i])
+        alone, total = float(evaluation.each[runs[0]][i]), float(evaluation.standard_deviation[i])
+        wanted = float(evaluation.target.each[i])
         values = (alone, total) if several else (total,)
         share = "" if np.isnan(total) else f"{total / wanted:.2f}"
-        drawn = "  ".join(drawn_over_time(appraisal.told[run], i) for run in runs)
+        drawn = "  ".join(drawn_over_time(evaluation.information_shares[run], i) for run in runs)
         shown = ("not told" if np.isnan(v) else f"{v * factor:.3g}" for v in values)
         rows.append((label, unit, *shown, f"{wanted * factor:.3g}", share, drawn))
     title = (
-        f"What {'a motion' if len(runs) == 1 else f'{len(runs)} motions'} of {_seconds(appraisal)}"
+        f"What {'a motion' if len(runs) == 1 else f'{len(runs)} motions'} of {_seconds(evaluation)}"
         " will tell"
     )
     return Grid(title, tuple(heading), tuple(rows), frozenset(range(2, len(heading) - 1)))
 
 
-def drawn_over_time(told: Told, parameter: int) -> str:
+def drawn_over_time(shares: InformationShares, parameter: int) -> str:
     """Share of a parameter that each part of a run tells, as a row of bars."""
-    edges = np.linspace(0, len(told.time), min(_PARTS, len(told.time)) + 1).astype(int)
-    parts = np.array([told.share[a:b, parameter].mean() for a, b in pairwise(edges)])
+    edges = np.linspace(0, len(shares.time), min(_PARTS, len(shares.time)) + 1).astype(int)
+    parts = np.array([shares.share[a:b, parameter].mean() for a, b in pairwise(edges)])
     largest = parts.max()
     if not np.isfinite(largest) or largest <= 0:
         return ""
     return "".join(_BARS[min(int(8 * each / largest), 7)] for each in parts)
 
 
-def _use(name: str, verified: Verified, appraisal: Appraisal) -> Grid:
+def _use(name: str, verified: Verified, evaluation: MotionEvaluation) -> Grid:
     elastic = {use.name: use for use in verified.elastic}
     heading = (
         "",
@@ -106,7 +106,7 @@ def _use(name: str, verified: Verified, appraisal: Appraisal) -> Grid:
                 )
             )
         if use.name == "tension" and verified.bodies is not None:
-            share = f"tension, body within {appraisal.margin.share:.0%}"
+            share = f"tension, body within {evaluation.margin.share:.0%}"
             bodies = verified.bodies
             rows.append(
                 (
@@ -120,7 +120,7 @@ def _use(name: str, verified: Verified, appraisal: Appraisal) -> Grid:
             )
     title = (
         "What it takes of the robot"
-        if len(appraisal.verified) == 1
+        if len(evaluation.verified) == 1
         else f"What '{name}' takes of the robot"
     )
     return Grid(title, heading, tuple(rows), frozenset(range(2, len(heading))))
@@ -142,14 +142,14 @@ def _shown(values: Sequence[object] | None) -> list[str]:
     return [f"{a:.3g} to {b:.3g}" for a, b in zip(low, high, strict=True)]
 
 
-def _seconds(appraisal: Appraisal) -> str:
-    lengths = sorted({each.duration for each in appraisal.trajectories.values()})
+def _seconds(evaluation: MotionEvaluation) -> str:
+    lengths = sorted({each.duration for each in evaluation.trajectories.values()})
     return " and ".join(f"{length:g} s" for length in lengths)
 
 
-def statements(appraisal: Appraisal) -> Iterator[str]:
+def statements(evaluation: MotionEvaluation) -> Iterator[str]:
     """What there is to say about it, one sentence each."""
-    parameter, ratio = appraisal.worst
+    parameter, ratio = evaluation.worst
     label = dict(zip(BODY_PARAMETERS, (label for label, *_ in LABELS), strict=True))[parameter]
     if np.isfinite(ratio):
         verdict = (
@@ -161,7 +161,7 @@ def statements(appraisal: Appraisal) -> Iterator[str]:
     untold = [
         name
         for name, told in zip(
-            (label for label, *_ in LABELS), np.isnan(appraisal.standard_deviation), strict=True
+            (label for label, *_ in LABELS), np.isnan(evaluation.standard_deviation), strict=True
         )
         if told
     ]
@@ -170,45 +170,45 @@ def statements(appraisal: Appraisal) -> Iterator[str]:
             f"cannot tell {', '.join(untold)}: the motion does not show"
             f" {'it' if len(untold) == 1 else 'them'}"
         )
-    for name, verified in appraisal.verified.items():
+    for name, verified in evaluation.verified.items():
         for text in verified.violations:
             yield f"'{name}': the robot cannot do it: {text}"
-    if len(appraisal.natural_frequencies):
-        swings = ", ".join(f"{each:.2g}" for each in appraisal.natural_frequencies[:3])
+    if len(evaluation.natural_frequencies):
+        swings = ", ".join(f"{each:.2g}" for each in evaluation.natural_frequencies[:3])
         yield (
             f"the platform swings on its cables at {swings} Hz and above (where it begins; the"
             " stiffness is known to a factor only), the motion is below"
-            f" {appraisal.highest_frequency:.2g} Hz"
+            f" {evaluation.highest_frequency:.2g} Hz"
         )
-        if appraisal.highest_frequency > _NEAR * appraisal.natural_frequencies[0]:
+        if evaluation.highest_frequency > _NEAR * evaluation.natural_frequencies[0]:
             yield "that is near: the platform may ring on its cables"
-    elif appraisal.experiment.robot.m:
+    elif evaluation.experiment.robot.m:
         yield (
             "the stiffness of the cables is not known: how the platform swings on them was not"
-            f" looked at; the motion is below {appraisal.highest_frequency:.2g} Hz (add 'cable:"
+            f" looked at; the motion is below {evaluation.highest_frequency:.2g} Hz (add 'cable:"
             " {axial_stiffness: …}' to the robot file)"
         )
-    limits = appraisal.experiment.robot.limits
+    limits = evaluation.experiment.robot.limits
     free = [name.replace("_", " ") for name in _RATES if getattr(limits, name) is None]
     if free:
         yield (
             f"the robot file does not limit {', '.join(free)}: check that the robot can do what the"
             " table says, or add 'limits' to it"
         )
-    if appraisal.experiment.robot.m:
+    if evaluation.experiment.robot.m:
         yield (
-            f"tensions are those nearest to {appraisal.level:g} N; they stay within the limits for"
-            f" a body up to {appraisal.margin.share:.0%} lighter or heavier with its centre of"
-            f" gravity up to {appraisal.margin.off * 1e3:.0f} mm off"
-            if appraisal.feasible
-            else f"tensions are those nearest to {appraisal.level:g} N"
+            f"tensions are those nearest to {evaluation.level:g} N; they stay within the limits for"
+            f" a body up to {evaluation.margin.share:.0%} lighter or heavier with its centre of"
+            f" gravity up to {evaluation.margin.cog_offset * 1e3:.0f} mm off"
+            if evaluation.feasible
+            else f"tensions are those nearest to {evaluation.level:g} N"
         )
 
 
-def show_design(appraisal: Appraisal) -> None:
+def show_design(evaluation: MotionEvaluation) -> None:
     """Print to standard output."""
     screen: Console = console()
-    for grid in grids(appraisal):
+    for grid in grids(evaluation):
         screen.print(drawn_grid(grid, whole_names=True))
-    for text in statements(appraisal):
+    for text in statements(evaluation):
         screen.print(Text(text, style="red" if "cannot" in text else ""))

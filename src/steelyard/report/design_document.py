@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.digits import LABELS
-from steelyard.excitation.appraisal import Appraisal
 from steelyard.excitation.design_file import motion_columns
+from steelyard.excitation.evaluation import MotionEvaluation
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.design import grids, statements
 from steelyard.report.document import (
@@ -34,15 +34,15 @@ _MOST_POINTS = 1000
 _INSTANTS_A_SECOND = 20.0
 
 
-def design_document(appraisal: Appraisal) -> Document:
+def design_document(evaluation: MotionEvaluation) -> Document:
     """Everything that there is to say and to see of a planned experiment."""
     said = tuple(
-        Statement(text, "bad" if "cannot" in text else "") for text in statements(appraisal)
+        Statement(text, "bad" if "cannot" in text else "") for text in statements(evaluation)
     )
-    precision, *uses = grids(appraisal)
-    columns = {run: _thinned(motion_columns(appraisal, run)) for run in appraisal.trajectories}
+    precision, *uses = grids(evaluation)
+    columns = {run: _thinned(motion_columns(evaluation, run)) for run in evaluation.trajectories}
     told = [_told(run, each) for run, each in columns.items()]
-    robot = appraisal.experiment.robot
+    robot = evaluation.experiment.robot
     blocks: list[Block] = []
     if (shape := shape_of(robot)) is not None:
         centre = None if robot.platform is None else np.array(robot.platform.center_of_gravity)
@@ -50,10 +50,10 @@ def design_document(appraisal: Appraisal) -> Document:
             robot_scene(shape, [_course(run, each) for run, each in columns.items()], centre)
         )
     for run, each in columns.items():
-        blocks += list(_motion(run, each, appraisal))
+        blocks += list(_motion(run, each, evaluation))
     return Document(
-        f"{appraisal.experiment.name}: a planned experiment",
-        _lead(appraisal),
+        f"{evaluation.experiment.name}: a planned experiment",
+        _lead(evaluation),
         (
             Section("precision", "What it will tell", (precision, Statements(said), *told)),
             Section("motion", "The motion", tuple(blocks)),
@@ -62,10 +62,10 @@ def design_document(appraisal: Appraisal) -> Document:
     )
 
 
-def _lead(appraisal: Appraisal) -> Statement:
-    parameter, ratio = appraisal.worst
+def _lead(evaluation: MotionEvaluation) -> Statement:
+    parameter, ratio = evaluation.worst
     label = dict(zip(BODY_PARAMETERS, (label for label, *_ in LABELS), strict=True))[parameter]
-    if not appraisal.feasible:
+    if not evaluation.feasible:
         return Statement(
             "The robot cannot do this motion within its limits; below stands what it exceeds.",
             "bad",
@@ -136,8 +136,10 @@ def _told(run: str, columns: Mapping[str, Array]) -> Figure:
     )
 
 
-def _motion(run: str, columns: Mapping[str, Array], appraisal: Appraisal) -> Iterator[Figure]:
-    robot = appraisal.experiment.robot
+def _motion(
+    run: str, columns: Mapping[str, Array], evaluation: MotionEvaluation
+) -> Iterator[Figure]:
+    robot = evaluation.experiment.robot
     limits = robot.limits
     yield _lines(run, "place", "position [m]", columns, "xyz")
     yield _lines(
