@@ -17,8 +17,9 @@ from steelyard.motion.state import State
 from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
-from steelyard.simulation.forward_dynamics import ExactMotion
-from steelyard.simulation.sensors import draw_errors, paper_sensors, record
+from steelyard.simulation.recording import draw_errors, record
+from steelyard.simulation.response import ExactMotion
+from steelyard.simulation.sensors import paper_sensors
 from steelyard.simulation.trajectories import feasible_multisine
 
 DURATION = 3600.0

@@ -25,7 +25,7 @@ from steelyard.errors import InputError
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.synchronisation import offsets_of, synchronise
-from steelyard.simulation.sensors import draw_errors
+from steelyard.simulation.recording import draw_errors
 
 G = np.array([0, 0, -9.81])
 STEP = 1e-4  # [s], of differences

@@ -16,8 +16,10 @@ from steelyard.identification.model.preparation import prepare
 from steelyard.identification.solve.kinematic_fit import fit_kinematics
 from steelyard.instruments import Attitude, Pose
 from steelyard.robot.file import read_robot
-from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
-from steelyard.simulation.sensors import draw_errors, ideal_sensors, paper_sensors, record
+from steelyard.simulation.forward_dynamics import CablePlatform
+from steelyard.simulation.recording import draw_errors, record
+from steelyard.simulation.response import ExactMotion
+from steelyard.simulation.sensors import ideal_sensors, paper_sensors
 from steelyard.simulation.trajectories import feasible_multisine
 from steelyard.smoothing import DEGREE, knots
 

@@ -40,8 +40,10 @@ from steelyard.motion.trajectory import RestToRest
 from steelyard.robot.file import read_robot
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import CableProperties
-from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
-from steelyard.simulation.sensors import draw_errors, read_sensors, record
+from steelyard.simulation.forward_dynamics import CablePlatform
+from steelyard.simulation.recording import draw_errors, record
+from steelyard.simulation.response import ExactMotion
+from steelyard.simulation.sensors import read_sensors
 from steelyard.simulation.simulate import simulate
 from steelyard.simulation.trajectories import feasible_multisine
 

@@ -237,8 +237,8 @@ class Inertia:
     def __repr__(self) -> str:
         x, y, z = (f"{value * 1e3:.6g}" for value in self.center_of_gravity)
         moments = zip(BODY_PARAMETERS[4:], six(self.inertia), strict=True)
-        told = ", ".join(f"{name[1:]} {value:.6g}" for name, value in moments)
-        return f"Inertia: {self.mass:.6g} kg at ({x}, {y}, {z}) mm, {told} kg m²"
+        listed = ", ".join(f"{name[1:]} {value:.6g}" for name, value in moments)
+        return f"Inertia: {self.mass:.6g} kg at ({x}, {y}, {z}) mm, {listed} kg m²"
 
     # What other programs want
 

@@ -22,7 +22,7 @@ from steelyard.instruments import Command
 from steelyard.motion.limits import Use
 from steelyard.motion.trajectory import Trajectory
 from steelyard.output import write_json, write_table
-from steelyard.simulation.forward_dynamics import ExactMotion
+from steelyard.simulation.response import ExactMotion
 
 FORMAT = "steelyard-design/1"
 RESULT = "design.json"

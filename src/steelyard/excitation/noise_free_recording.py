@@ -21,7 +21,7 @@ from steelyard.motion.state import State
 from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
-from steelyard.simulation.forward_dynamics import ExactMotion
+from steelyard.simulation.response import ExactMotion
 
 _LEAST_TENSION = 1.0
 """At which the sag of a cable is evaluated [N]: a slack one would have none that is finite."""

@@ -24,7 +24,8 @@ from steelyard.motion.state import State
 from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
-from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
+from steelyard.simulation.forward_dynamics import CablePlatform
+from steelyard.simulation.response import ExactMotion
 
 _ROUNDING = 1e-9
 """Of tensions, in parts of the range between their limits."""

@@ -22,7 +22,7 @@ from steelyard.identification.model.preparation import Samples, prepare
 from steelyard.identification.model.sources import choose_sources
 from steelyard.instruments import Quantity
 from steelyard.instruments.equations import sensitivity, sensitivity_to
-from steelyard.robot.cable_inertia import dragging
+from steelyard.robot.cable_inertia import cable_inertia_wrench
 from steelyard.robot.geometry import WrenchByGeometry, wrench_by_geometry
 
 _MOST_DRAWS = 4
@@ -317,7 +317,7 @@ def by_drag(experiment: Experiment, samples: Samples, gravity: Array) -> Array |
         or not robot.cable.linear_density
     ):
         return None
-    return dragging(
+    return cable_inertia_wrench(
         robot,
         position=samples.position,
         rotation=samples.rotation,
