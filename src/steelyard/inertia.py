@@ -78,7 +78,7 @@ class Inertia:
     """Mass, centre of gravity and inertia of a body, in platform axes.
 
     Any numbers may stand here, also those of a body that cannot exist: an estimate has to be shown
-    as it is. :attr:`is_physical` tells.
+    as it is. :attr:`is_physical` says whether it can.
     """
 
     mass: float

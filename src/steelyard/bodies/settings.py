@@ -29,7 +29,7 @@ class BodySettings:
     """What the reference body is worth where data are silent: a standard deviation of a thousand
     such bodies; it only decides between bodies that fit equally well."""
     reference_share: float = 1e-5
-    """The same, at most, in parts of what the data tell best, so that rounding of these does not
+    """The same, at most, in parts of what the data know best, so that rounding of these does not
     drown it."""
 
     # Newton's method

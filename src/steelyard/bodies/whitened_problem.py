@@ -11,9 +11,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.bodies.settings import DEFAULT, BodySettings
 
-ROW, COLUMN = (
-    np.array(k) for k in zip(*((i, j) for j in range(4) for i in range(j + 1)), strict=True)
-)
+_UPPER = [(i, j) for j in range(4) for i in range(j + 1)]
+ROW, COLUMN = np.array(_UPPER).T
 """Where the ten of :func:`svec` stand in the matrix: the upper triangle by columns, as Clarabel
 wants it."""
 DIAGONAL = ROW == COLUMN

@@ -13,6 +13,7 @@ from steelyard.arrays import Array
 from steelyard.digits import LABELS
 from steelyard.display import Display
 from steelyard.excitation.design_set_up import (
+    MotionFamily,
     check_direct_move,
     designed_body,
     motion_family,
@@ -32,6 +33,7 @@ from steelyard.excitation.search import DesignProblem, SearchResult
 from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.excitation.verification import Verified
 from steelyard.experiment.model import Experiment
+from steelyard.identification.model.calibration_parameters import CalibrationParameters
 from steelyard.identification.solve.bound import known_information
 from steelyard.identification.solve.joint_study import Joint
 from steelyard.identification.solve.normal_equations import TEN
@@ -161,23 +163,11 @@ def design(
         starts = [random_start(spline, int(rng.integers(2**31)), settings) for _ in range(count)]
         report("design: predicted information", 0.03 + 0.85 * run / runs)
         fitting = time.time()
-        predicted, joint = predicted_information(
-            experiment, spline, starts[0], constraints.level, settings
+        problem, calibration_parameters, information = _problem(
+            experiment, family, starts[0], wanted, before, information, settings
         )
         fitting = time.time() - fitting
-        if information is None:
-            information = _prior(experiment, joint, before)
-        at_start, _ = predicted.information(spline.at(predicted.times).commands(starts[0]))
-        criterion = OptimalityCriterion.with_floor(
-            joint.study.parameters, wanted, information, at_start, settings
-        )
-        problem = DesignProblem(
-            spline, predicted, criterion, constraints, family.vibration, settings
-        )
-        # What follows the searches takes as long as some fits, on a busy machine too.
-        share = min(settings.search_share, 1 - settings.fits_afterwards * fitting / budget)
-        least = settings.least_search_share * budget / runs
-        until = max(begun + share * budget * (run + 1) / runs, time.time() + least)
+        until = _end_of_search(begun, budget, run, runs, fitting, settings)
         ends = multi_start(
             problem,
             starts,
@@ -195,7 +185,6 @@ def design(
             lambda fraction: report("design: checking the limits", fraction),
         )
         trajectories[name] = spline.trajectory(x)
-        calibration_parameters = joint.fit.state.calibration.calibration_parameters
         information = shared_information(
             information + problem.information(x)[0], calibration_parameters
         )
@@ -213,6 +202,38 @@ def design(
     return Design(evaluation, tuple(ends), seed, in_time)
 
 
+def _problem(
+    experiment: Experiment,
+    family: MotionFamily,
+    start: Array,
+    wanted: Target,
+    before: Array | float,
+    information: Array | None,
+    settings: DesignSettings,
+) -> tuple[DesignProblem, CalibrationParameters, Array]:
+    """The problem of one run, with the calibration parameters and the information before it.
+
+    Args:
+        experiment: Robot and instruments.
+        family: Motions to choose from.
+        start: Free coefficients about which all is linearised, shape (6 f,).
+        wanted: 1-sigma.
+        before: Information on the ten from earlier recordings, shape (10, 10).
+        information: That runs before this one leave, shape (b, b); None: it is the first.
+        settings: Of the design.
+    """
+    spline, constraints = family.spline, family.constraints
+    predicted, joint = predicted_information(experiment, spline, start, constraints.level, settings)
+    if information is None:
+        information = _prior(experiment, joint, before)
+    at_start, _ = predicted.information(spline.at(predicted.times).commands(start))
+    criterion = OptimalityCriterion.with_floor(
+        joint.study.parameters, wanted, information, at_start, settings
+    )
+    problem = DesignProblem(spline, predicted, criterion, constraints, family.vibration, settings)
+    return problem, joint.fit.state.calibration.calibration_parameters, information
+
+
 def _prior(experiment: Experiment, joint: Joint, before: Array | float) -> Array:
     """Information before the first run: priors, known parameters, earlier estimates, shape (b,
     b).
@@ -222,6 +243,25 @@ def _prior(experiment: Experiment, joint: Joint, before: Array | float) -> Array
     jacobian = body_jacobian(joint.study.parameters)
     information[:TEN, :TEN] += known_information(experiment.known, jacobian)
     return information
+
+
+def _end_of_search(
+    begun: float, budget: float, run: int, runs: int, fitting: float, settings: DesignSettings
+) -> float:
+    """When the searches of a run end at the latest, by :func:`time.time` [s].
+
+    Args:
+        begun: When the design began.
+        budget: Of the whole design [s].
+        run: Number of the run, from 0.
+        runs: How many there are.
+        fitting: Time of a noise-free fit [s].
+        settings: Of the design.
+    """
+    # What follows the searches takes as long as some fits, on a busy machine too.
+    share = min(settings.search_share, 1 - settings.fits_afterwards * fitting / budget)
+    least = settings.least_search_share * budget / runs
+    return max(begun + share * budget * (run + 1) / runs, time.time() + least)
 
 
 def _search_progress(

@@ -138,36 +138,32 @@ def evaluation_dict(evaluation: MotionEvaluation) -> dict[str, Any]:
         "commands": [],
     }
     for run, name in command_names(evaluation):
-        verified, shares = evaluation.verified[run], evaluation.information_shares[run]
-        trajectory = evaluation.trajectories[run]
-        ends = trajectory.derivative(np.array([0.0, trajectory.duration]), 0)
-        entries["commands"].append(
-            {
-                "file": name,
-                "duration": trajectory.duration,
-                "start": _pose(ends[0]),
-                "end": _pose(ends[1]),
-                "standard_deviation": named(evaluation.each[run]),
-                "limits": _limits(verified),
-                "allowed": {
-                    _key(use): _extremes(use.limit) for use in verified.commanded if use.limit
-                },
-                "on_elastic_cables": (
-                    {_key(use): _extremes(use.extremes) for use in verified.elastic} or None
-                ),
-                "tension_within_margin": (
-                    None if verified.bodies is None else _extremes(verified.bodies.extremes)
-                ),
-                "told": {
-                    "t": plain(shares.time),
-                    **{
-                        parameter: plain(share)
-                        for parameter, share in zip(BODY_PARAMETERS, shares.share.T, strict=True)
-                    },
-                },
-            }
-        )
+        entries["commands"].append({"file": name, **_command_dict(evaluation, run)})
     return entries
+
+
+def _command_dict(evaluation: MotionEvaluation, run: str) -> dict[str, Any]:
+    """One motion in the shape of the contract."""
+    verified, shares = evaluation.verified[run], evaluation.information_shares[run]
+    trajectory = evaluation.trajectories[run]
+    ends = trajectory.derivative(np.array([0.0, trajectory.duration]), 0)
+    bodies = verified.bodies
+    by_parameter = zip(BODY_PARAMETERS, shares.share.T, strict=True)
+    return {
+        "duration": trajectory.duration,
+        "start": _pose(ends[0]),
+        "end": _pose(ends[1]),
+        "standard_deviation": named(evaluation.each[run]),
+        "limits": _limits(verified),
+        "allowed": {_key(use): _extremes(use.limit) for use in verified.commanded if use.limit},
+        "on_elastic_cables": {_key(use): _extremes(use.extremes) for use in verified.elastic}
+        or None,
+        "tension_within_margin": None if bodies is None else _extremes(bodies.extremes),
+        "told": {
+            "t": plain(shares.time),
+            **{parameter: plain(share) for parameter, share in by_parameter},
+        },
+    }
 
 
 def _limits(verified: Verified) -> dict[str, Any]:
@@ -185,7 +181,11 @@ def _extremes(values: tuple[Any, ...] | None) -> Any:
         return None
     if len(values) == 1:
         return values[0]
-    return [list(each) if isinstance(each, tuple) else plain(np.float64(each)) for each in values]
+    return [_plain_values(each) for each in values]
+
+
+def _plain_values(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else plain(np.float64(value))
 
 
 def _pose(pose: Array) -> dict[str, Any]:

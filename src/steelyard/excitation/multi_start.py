@@ -17,7 +17,7 @@ from steelyard.excitation.search import DesignProblem, SearchResult
 MultiStartProgress = Callable[[int, int, float], None]
 """Is given the number of the start, of the step, and the logarithm of the norm reached there."""
 _POLL = 0.1
-"""How long the parent waits for news before it looks whether all searches have ended [s]."""
+"""How long the parent waits for progress before it checks whether all searches have ended [s]."""
 
 
 def multi_start(

@@ -60,7 +60,9 @@ class Use:
 
 
 def _shown(values: tuple[Any, ...]) -> str:
-    texts = [f"{value:g}" if isinstance(value, int) else f"{value:.3g}" for value in values]
+    texts = []
+    for value in values:
+        texts.append(f"{value:g}" if isinstance(value, int) else f"{value:.3g}")
     return " to ".join(texts)
 
 

@@ -100,6 +100,7 @@ def paid_out(
 
 @lru_cache(maxsize=32)
 def _batched(robot: Robot, steps: int) -> Batched:
+    """The cables at a pose for tensions, see :class:`CableState`, with their residuals."""
     position, rotation = ca.SX.sym("position", 3), ca.SX.sym("rotation", 3, 3)
     tension = ca.SX.sym("tension", robot.m)
     all_cables = shapes(robot, position, rotation, tension, steps=steps)

@@ -38,39 +38,35 @@ def draw_errors(
     Returns:
         Run -> instrument -> its errors.
     """
-
-    def draw(prior_mean: Array, deviation: Array | None) -> Array:
-        return prior_mean + rng.standard_normal(prior_mean.shape) * (
-            0.0 if deviation is None else deviation
-        )
-
-    constant = {
-        name: {term.key: draw(term.mean, term.deviation) for term in instrument.terms(m)}
-        for name, instrument in instruments.items()
-    }
+    constant = {name: _drawn_terms(each, m, rng) for name, each in instruments.items()}
     drawn: dict[str, dict[str, Errors]] = {}
     for run in runs:
         delays: dict[str, float] = {}
         drawn[run] = {}
         for name, instrument in instruments.items():
-            own = {
-                term.key: (
-                    draw(term.mean, term.deviation)
-                    if term.prior.per == "run"
-                    else constant[name][term.key]
-                )
-                for term in instrument.terms(m)
-            }
+            own = dict(constant[name])
+            for term in instrument.terms(m):
+                if term.prior.per == "run":
+                    own[term.key] = _drawn(term.mean, term.deviation, rng)
             delay = instrument.calibration.delay
-            value = (
-                float(draw(np.array(_scalar(delay.value)), np.array(_scalar(delay.sigma))))
-                if delay
-                else 0.0
-            )
+            value = 0.0
+            if delay:
+                mean, deviation = _scalar(delay.value), _scalar(delay.sigma)
+                value = float(_drawn(np.array(mean), np.array(deviation), rng))
             # One clock has one error, whatever reads it.
             value = delays.setdefault(instrument.clock or f"instrument {name}", value)
             drawn[run][name] = Errors(own, value)
     return drawn
+
+
+def _drawn_terms(instrument: Instrument, m: int, rng: np.random.Generator) -> dict[str, Array]:
+    """Every systematic error of an instrument, drawn with its prior."""
+    return {term.key: _drawn(term.mean, term.deviation, rng) for term in instrument.terms(m)}
+
+
+def _drawn(mean: Array, deviation: Array | None, rng: np.random.Generator) -> Array:
+    normal = rng.standard_normal(mean.shape)
+    return mean + normal * (0.0 if deviation is None else deviation)
 
 
 def _scalar(value: float | tuple[float, ...] | None) -> float:

@@ -153,6 +153,7 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
 
 
 def _sensors(document: Document, robot: Robot) -> Sensors:
+    """The sensors of a document, with every systematic error stated."""
     data, own_sync = _without_own_sync(document)
     form = validate(SensorsForm, document, data)
     if not any(i.kind in {"tension", "wrench"} for i in form.instruments.values()):
@@ -181,20 +182,18 @@ def _without_own_sync(document: Document) -> tuple[Any, dict[str, float]]:
     for name, keys in data["instruments"].items():
         if isinstance(keys, dict) and "sync" in keys:
             value = keys["sync"]
-            if (
-                isinstance(value, bool)
-                or not isinstance(value, int | float)
-                or not 0 <= value < float("inf")
-            ):
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not is_number or not 0 <= value < float("inf"):
                 raise document.error(
                     ("instruments", name, "sync"),
                     f"expected a number at least 0, found {value}; correct it",
                 )
             own[name] = float(value)
-    instruments = {
-        name: {k: v for k, v in keys.items() if k != "sync"} if isinstance(keys, dict) else keys
-        for name, keys in data["instruments"].items()
-    }
+    instruments = {}
+    for name, keys in data["instruments"].items():
+        instruments[name] = keys
+        if isinstance(keys, dict):
+            instruments[name] = {key: value for key, value in keys.items() if key != "sync"}
     return {**data, "instruments": instruments}, own
 
 
