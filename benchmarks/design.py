@@ -80,11 +80,16 @@ def designed(robot: str, *options: str) -> tuple[Sampled, dict, float]:
         )
 
 
-def sigmas(told: dict) -> Array:
+def sigmas(predicted_values: dict) -> Array:
     """The ten 1-sigma of a design or of one of its commands."""
-    J = np.array(told["inertia"])
+    J = np.array(predicted_values["inertia"])
     return np.concatenate(
-        [[told["mass"]], told["center_of_gravity"], np.diag(J), [J[1, 2], J[0, 2], J[0, 1]]]
+        [
+            [predicted_values["mass"]],
+            predicted_values["center_of_gravity"],
+            np.diag(J),
+            [J[1, 2], J[0, 2], J[0, 1]],
+        ]
     )
 
 
@@ -154,7 +159,7 @@ def random_motions(robot: Robot, count: int) -> Iterator[tuple[Sampled, Array]]:
 def best() -> None:
     """A designed motion of CoGiRo beside the paper's own move and the best of random multisines."""
     robot = read_robot("cogiro")
-    trajectory, told, taken = designed("cogiro")
+    trajectory, predicted_values, taken = designed("cogiro")
     ours = worst_of(robot, trajectory)
     paper = worst_of(robot, repeated_move(DURATION)) * np.sqrt(
         repeated_move(DURATION).duration / DURATION
@@ -176,8 +181,8 @@ def best() -> None:
     )
     print(
         f"{'said beforehand over the full matrix, least and most':58}"
-        f" {(sigmas(told['standard_deviation']) / ours).min():.3f}"
-        f" {(sigmas(told['standard_deviation']) / ours).max():.3f}"
+        f" {(sigmas(predicted_values['standard_deviation']) / ours).min():.3f}"
+        f" {(sigmas(predicted_values['standard_deviation']) / ours).max():.3f}"
     )
 
 
@@ -291,7 +296,7 @@ def robots() -> None:
             write_yaml(values, Path(files[name]))
         for name, file in files.items():
             robot = read_robot(file)
-            trajectory, told, taken = designed(file)
+            trajectory, predicted_values, taken = designed(file)
             constraints = with_tension_level(
                 MotionConstraints(
                     robot, planned(robot).instruments, Margin(MARGIN, robot.size), 0.0, 1.0
@@ -303,7 +308,7 @@ def robots() -> None:
             )
             plain = worst_of(robot, move, constraints.level)
             print(
-                f"{name:16} feasible {told['feasible']}   worst of the inertia"
+                f"{name:16} feasible {predicted_values['feasible']}   worst of the inertia"
                 f" {ours[4:].max():.4f}, of a plain move {plain[4:].max():.4f} kg m^2:"
                 f" {plain[4:].max() / ours[4:].max():.1f} times better   limit 5   ({taken:.1f} s)",
                 flush=True,

@@ -51,15 +51,15 @@ def spiked(
 
 
 def with_hole(experiment: Experiment, rng: np.random.Generator) -> Experiment:
-    """The recording without what the tracker saw during a stretch somewhere."""
+    """The recording without the tracker during a stretch somewhere."""
     run = experiment.runs[0]
     stream = run.streams["tracker"]
     start = rng.uniform(stream.time[0] + 0.5, stream.time[-1] - HOLE - 0.5)
     use = (stream.time < start) | (stream.time > start + HOLE)
-    seen = replace(
+    tracked = replace(
         stream, time=stream.time[use], values={k: v[use] for k, v in stream.values.items()}
     )
-    return replace(experiment, runs=(replace(run, streams={**run.streams, "tracker": seen}),))
+    return replace(experiment, runs=(replace(run, streams={**run.streams, "tracker": tracked}),))
 
 
 def estimated(experiment: Experiment) -> tuple[Estimate, Joint | None]:
@@ -118,8 +118,8 @@ def robust(count: int = 12) -> None:
     )
     print(f"{'':40}" + "".join(f"{name:>9}" for name in BODY_PARAMETERS) + "   pooled")
     errors = {kind: np.array([e.value - truth for e in each]) for kind, each in found.items()}
-    told = np.all([np.isfinite(each).all(axis=1) for each in errors.values()], axis=0)
-    rmse = {kind: np.sqrt(np.mean(each[told] ** 2, axis=0)) for kind, each in errors.items()}
+    known = np.all([np.isfinite(each).all(axis=1) for each in errors.values()], axis=0)
+    rmse = {kind: np.sqrt(np.mean(each[known] ** 2, axis=0)) for kind, each in errors.items()}
     for kind, each in found.items():
         ratio = rmse[kind] / rmse["clean"]
         chi = [chi_square(e, truth) / 10 for e in each]
@@ -135,8 +135,8 @@ def robust(count: int = 12) -> None:
             f" {lost} of {sound_readings} other readings",
             flush=True,
         )
-    if not told.all():
-        print(f"  {np.sum(~told)} recordings with a number unknown are in none of the ratios")
+    if not known.all():
+        print(f"  {np.sum(~known)} recordings with a number unknown are in none of the ratios")
     print(*reasons, sep="\n")
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from coverage import METHODS
 from recordings import SHARED
 from verdicts import Recorder
 
@@ -28,13 +29,6 @@ from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
 from steelyard.inertia import Inertia
 
-METHODS = (
-    "two-step",
-    "least-squares",
-    "instrumental-variables",
-    "consistent",
-    "maximum-likelihood",
-)
 GROUPS = ("elastic-cogiro", "rough-robots")
 """Folders of recordings beside the project."""
 KUKA = Path(__file__).parents[1] / "examples" / "kuka-tool" / "experiment.yaml"

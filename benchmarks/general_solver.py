@@ -243,7 +243,7 @@ def general() -> None:
         f" the motion, {TEN} of the body, {int(task.active.sum())} errors), {matrix.nnz}"
         f" derivatives; chi-square {own @ own:.3f}"
     )
-    # On the knots of the joint fit, which are told by the clock of the forces.
+    # On the knots of the joint fit, which are in the time of the clock of the forces.
     begun = replace(
         start,
         segments=tuple(

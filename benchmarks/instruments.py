@@ -162,7 +162,7 @@ def smaller(trajectory: Trajectory, factor: float) -> Sampled:
 
 
 def sigmas(experiment: Experiment, motion: Trajectory) -> Array:
-    """1-sigma of the ten that would be reported; NaN where nothing is told."""
+    """1-sigma of the ten that would be reported; NaN: not identifiable."""
     return (
         MaximumLikelihood().of(fit_noise_free(experiment, {"run": motion}, 0.0)).standard_deviation
     )

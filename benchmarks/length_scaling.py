@@ -13,23 +13,15 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from hour import ExactMotionOnCables, Repeated
-
-from steelyard.experiment.model import Experiment, Run
-from steelyard.experiment.write import write_experiment
-from steelyard.robot.file import read_robot
-from steelyard.simulation.recording import draw_errors, record
-from steelyard.simulation.response import ExactMotion
-from steelyard.simulation.sensors import paper_sensors
-from steelyard.simulation.trajectories import feasible_multisine
+from hour import RATES, write_long
 
 LENGTHS = (20.0, 60.0, 180.0, 600.0)
-FAST = {"cables": 100.0, "imu": 100.0, "tracker": 238.0}
+FAST = RATES
 PAPER = {"cables": 25.0, "imu": 25.0, "tracker": 238.0}
 REFERENCE = [
     sys.executable,
@@ -60,27 +52,6 @@ finally:
     print("\\n" + str(sum(spent)))
 """
 """`steelyard` as it is, which says in the end how long its solver took [s]."""
-
-
-def write_length(folder: Path, duration: float, rates: Mapping[str, float]) -> None:
-    """Write a recording of a motion of 20 s again and again, followed exactly."""
-    robot = read_robot("cogiro").with_straight_cables()
-    suite = paper_sensors(robot).instruments
-    instruments = {
-        name: suite[name].model_copy(update={"rate": rate}) for name, rate in rates.items()
-    }
-    rng = np.random.default_rng(1)
-    errors = draw_errors(instruments, robot.m, ["run"], rng)
-    motion = ExactMotion(robot, robot.platform, Repeated(feasible_multisine(robot, 20.0), duration))
-    streams, sync = record(
-        ExactMotionOnCables(robot, motion), instruments, errors["run"], robot, motion, rng
-    )
-    folder.mkdir(parents=True)
-    # Under a name of its own: the bundled robot has sagging cables.
-    robot = replace(robot, name="cogiro-straight")
-    write_experiment(
-        Experiment("a long one", robot, instruments, (Run("run", streams, sync),)), folder
-    )
 
 
 @dataclass(frozen=True)
@@ -180,7 +151,7 @@ def _shown(
     place = folder / f"{length:.0f}-{rates['cables']:.0f}"
     if not place.exists():
         # In a process of its own: what this one holds would count as the memory of its children.
-        writer = get_context("spawn").Process(target=write_length, args=(place, length, rates))
+        writer = get_context("spawn").Process(target=write_long, args=(place, length, rates))
         writer.start()
         writer.join()
     command = [
