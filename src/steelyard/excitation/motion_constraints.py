@@ -16,7 +16,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
-from steelyard.dynamics import newton_euler, point_specific_force
+from steelyard.dynamics import newton_euler, point_specific_force, point_velocity
 from steelyard.excitation.cable_vibration import dunkerley_sum
 from steelyard.excitation.commanded_state import (
     COMMAND,
@@ -190,7 +190,7 @@ class _ConstraintExpressions:
             if isinstance(instrument, Position):
                 target = f"the target of '{name}'"
                 point = ca.DM(instrument.target)
-                velocity = speed + state.rotation @ ca.cross(state.omega, point)
+                velocity = point_velocity(state.rotation, speed, state.omega, point)
                 specific_force = point_specific_force(
                     state.specific_force, state.omega, state.alpha, point
                 )

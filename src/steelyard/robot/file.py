@@ -19,8 +19,10 @@ Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 
-_CLOSEST_ANCHORS = 1e-6  # [m]
+_CLOSEST_ANCHORS = 1e-6
+"""Distance of two anchors below which they are one [m]."""
 _MOST_CABLES = 64
+"""Far above any robot: a longer list is a mistake."""
 
 
 class PulleyForm(FileModel):

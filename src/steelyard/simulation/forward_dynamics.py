@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from steelyard import rotations
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
-from steelyard.dynamics import newton_euler
+from steelyard.dynamics import newton_euler, point_velocity
 from steelyard.errors import InfeasibleError, InputError
 from steelyard.inertia import Inertia
 from steelyard.motion.limits import commanded_tensions
@@ -148,9 +148,8 @@ class CablePlatform:
         for i, b in enumerate(self.robot.attachments):
             b = ca.DM(b)
             shape = cable.by_length(cable.spec(self.robot, i), x[:3] + R @ b, feed[i])
-            stretch_rate = (
-                -ca.dot(shape.direction, velocity + R @ ca.cross(omega, b)) - feed_rate[i]
-            )
+            moving = point_velocity(R, velocity, omega, b)
+            stretch_rate = -ca.dot(shape.direction, moving) - feed_rate[i]
             tension = shape.tension + self._damping(feed[i]) * stretch_rate
             tensions.append(tension)
             residuals.append(shape.residual)
