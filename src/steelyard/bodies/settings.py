@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class BodySettings:
     """Of the two solvers for the best body that can exist, and of their comparison.
 
-    Values without unit are in the coordinates of :class:`.WhitenedProblem`.
+    Values without unit are in the coordinates of ``WhitenedProblem``.
     """
 
     agreement: float = 1e-6
