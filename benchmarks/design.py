@@ -23,12 +23,13 @@ from scipy.interpolate import BSpline
 from verdicts import Recorder
 
 from steelyard.arrays import Array
-from steelyard.excitation.appraisal import rehearse
-from steelyard.excitation.criterion import Criterion, Target
-from steelyard.excitation.demands import AT, Demands, Margin
-from steelyard.excitation.information import Outlook
-from steelyard.excitation.poses import good_pose, held
-from steelyard.excitation.sight import View, border_of
+from steelyard.excitation.commanded_state import COMMAND
+from steelyard.excitation.evaluation import fit_noise_free
+from steelyard.excitation.linearisation_point import LinearisationPoint, prior_information
+from steelyard.excitation.motion_constraints import Margin, MotionConstraints
+from steelyard.excitation.optimality_criterion import OptimalityCriterion, Target
+from steelyard.excitation.predicted_information import PredictedInformation
+from steelyard.excitation.rest_poses import default_start_pose, with_tension_level
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.write import write_yaml
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
@@ -79,44 +80,55 @@ def designed(robot: str, *options: str) -> tuple[Sampled, dict, float]:
         )
 
 
-def sigmas(told: dict) -> Array:
+def sigmas(predicted_values: dict) -> Array:
     """The ten 1-sigma of a design or of one of its commands."""
-    J = np.array(told["inertia"])
+    J = np.array(predicted_values["inertia"])
     return np.concatenate(
-        [[told["mass"]], told["center_of_gravity"], np.diag(J), [J[1, 2], J[0, 2], J[0, 1]]]
+        [
+            [predicted_values["mass"]],
+            predicted_values["center_of_gravity"],
+            np.diag(J),
+            [J[1, 2], J[0, 2], J[0, 1]],
+        ]
     )
 
 
 def worst_of(robot: Robot, trajectory: Trajectory, level: float = 0.0) -> Array:
     """The ten 1-sigma that a motion gives, also where they are so large that an estimator says
     nothing instead."""
-    joint = rehearse(planned(robot), {"run": trajectory}, level)
-    known = border_of(joint.fit.state.calibration.calibration_parameters)
-    view = View.of(joint, joint.study.experiment.runs[0], level)
-    outlook = Outlook(view, joint.fit.state.segments[0], trajectory.duration, len(known))
-    commands = np.hstack([trajectory.derivative(outlook.times, order) for order in range(4)])
+    joint = fit_noise_free(planned(robot), {"run": trajectory}, level)
+    known = prior_information(joint.fit.state.calibration.calibration_parameters)
+    point = LinearisationPoint.of(joint, joint.study.experiment.runs[0], level)
+    predicted = PredictedInformation(
+        point, joint.fit.state.segments[0], trajectory.duration, len(known)
+    )
+    commands = np.hstack([trajectory.derivative(predicted.times, order) for order in range(4)])
     assert robot.platform is not None
     target = Target.default(robot.platform)
-    criterion = Criterion(joint.study.parameters, target, known, np.zeros(10))
-    return np.asarray(criterion.ratios(outlook.information(commands)[0])[0] * target.each)
+    criterion = OptimalityCriterion(joint.study.parameters, target, known, np.zeros(10))
+    return np.asarray(criterion.ratios(predicted.information(commands)[0])[0] * target.each)
 
 
 def random_motions(robot: Robot, count: int) -> Iterator[tuple[Sampled, Array]]:
     """Multisines of random axes, as large as the limits allow, and their 1-sigma by the matrix of
     the search."""
     middle, reach = workspace_of(robot)
-    joint = rehearse(
+    joint = fit_noise_free(
         planned(robot),
         {"run": multisine(list(middle), list(0.3 * reach), DURATION, HARMONICS)},
         0.0,
     )
     run = joint.study.experiment.runs[0]
-    known = border_of(joint.fit.state.calibration.calibration_parameters)
-    outlook = Outlook(View.of(joint, run, 0.0), joint.fit.state.segments[0], DURATION, len(known))
+    known = prior_information(joint.fit.state.calibration.calibration_parameters)
+    predicted = PredictedInformation(
+        LinearisationPoint.of(joint, run, 0.0), joint.fit.state.segments[0], DURATION, len(known)
+    )
     assert robot.platform is not None
     target = Target.default(robot.platform)
-    criterion = Criterion(joint.study.parameters, target, known, np.zeros(10))
-    demands = Demands(robot, planned(robot).instruments, Margin(MARGIN, robot.size), 0.0, 1.0)
+    criterion = OptimalityCriterion(joint.study.parameters, target, known, np.zeros(10))
+    constraints = MotionConstraints(
+        robot, planned(robot).instruments, Margin(MARGIN, robot.size), 0.0, 1.0
+    )
     times = check_times(multisine([0.0] * 6, [1.0] * 6, DURATION, HARMONICS))[::5]
     rng = np.random.default_rng(1)
     for seed in range(count):
@@ -137,17 +149,17 @@ def random_motions(robot: Robot, count: int) -> Iterator[tuple[Sampled, Array]]:
         for _ in range(8):
             scale = (low + high) / 2
             commands = np.hstack(
-                [scaled(scale).derivative(times, order) for order in range(AT // 6)]
+                [scaled(scale).derivative(times, order) for order in range(COMMAND // 6)]
             )
-            low, high = (scale, high) if demands.values(commands).max() <= 1 else (low, scale)
-        commands = np.hstack([scaled(low).derivative(outlook.times, order) for order in range(4)])
-        yield scaled(low), criterion.ratios(outlook.information(commands)[0])[0] * target.each
+            low, high = (scale, high) if constraints.values(commands).max() <= 1 else (low, scale)
+        commands = np.hstack([scaled(low).derivative(predicted.times, order) for order in range(4)])
+        yield scaled(low), criterion.ratios(predicted.information(commands)[0])[0] * target.each
 
 
 def best() -> None:
     """A designed motion of CoGiRo beside the paper's own move and the best of random multisines."""
     robot = read_robot("cogiro")
-    trajectory, told, taken = designed("cogiro")
+    trajectory, predicted_values, taken = designed("cogiro")
     ours = worst_of(robot, trajectory)
     paper = worst_of(robot, repeated_move(DURATION)) * np.sqrt(
         repeated_move(DURATION).duration / DURATION
@@ -169,8 +181,8 @@ def best() -> None:
     )
     print(
         f"{'said beforehand over the full matrix, least and most':58}"
-        f" {(sigmas(told['standard_deviation']) / ours).min():.3f}"
-        f" {(sigmas(told['standard_deviation']) / ours).max():.3f}"
+        f" {(sigmas(predicted_values['standard_deviation']) / ours).min():.3f}"
+        f" {(sigmas(predicted_values['standard_deviation']) / ours).max():.3f}"
     )
 
 
@@ -284,27 +296,32 @@ def robots() -> None:
             write_yaml(values, Path(files[name]))
         for name, file in files.items():
             robot = read_robot(file)
-            trajectory, told, taken = designed(file)
-            demands = held(
-                Demands(robot, planned(robot).instruments, Margin(MARGIN, robot.size), 0.0, 1.0)
+            trajectory, predicted_values, taken = designed(file)
+            constraints = with_tension_level(
+                MotionConstraints(
+                    robot, planned(robot).instruments, Margin(MARGIN, robot.size), 0.0, 1.0
+                )
             )
-            ours, move = worst_of(robot, trajectory, demands.level), point_to_point(robot, demands)
-            plain = worst_of(robot, move, demands.level)
+            ours, move = (
+                worst_of(robot, trajectory, constraints.level),
+                point_to_point(robot, constraints),
+            )
+            plain = worst_of(robot, move, constraints.level)
             print(
-                f"{name:16} feasible {told['feasible']}   worst of the inertia"
+                f"{name:16} feasible {predicted_values['feasible']}   worst of the inertia"
                 f" {ours[4:].max():.4f}, of a plain move {plain[4:].max():.4f} kg m^2:"
                 f" {plain[4:].max() / ours[4:].max():.1f} times better   limit 5   ({taken:.1f} s)",
                 flush=True,
             )
 
 
-def point_to_point(robot: Robot, demands: Demands) -> RestToRest:
+def point_to_point(robot: Robot, constraints: MotionConstraints) -> RestToRest:
     """One smooth move through the workspace in all six coordinates, as far as the limits let it."""
-    middle, (_, reach) = good_pose(demands), workspace_of(robot)
+    middle, (_, reach) = default_start_pose(constraints), workspace_of(robot)
     for share in 0.95 ** np.arange(60):
         move = RestToRest(middle - share * reach, middle + share * reach, DURATION)
         commands = np.hstack([move.derivative(check_times(move), order) for order in range(3)])
-        if demands.values(commands).max() <= 1:
+        if constraints.values(commands).max() <= 1:
             return move
     raise SystemExit(f"{robot.name}: no move")
 

@@ -45,8 +45,8 @@ STORED = TESTS / "data" / "designed-points.csv"
 DURATION = 20.0
 """[s]"""
 ROWS = 20
-"""Of a stored command, a second: every knot of the course falls on one, so that interpolation gives
-the course itself."""
+"""Of a stored command, a second: every knot of the spline falls on one, so that interpolation gives
+the spline itself."""
 SAME = 1e-5
 """[m], [rad]"""
 STIFFER = (0.5, 1.0, 2.0)
@@ -55,7 +55,7 @@ LEVELS = (600.0, 300.0, 0.0)
 PAST = 1.02
 """Part of a limit that may be reached."""
 WINDOW = 3.0
-"""Around the largest excess, in which its frequency is told [s]."""
+"""Around the largest excess, in which its frequency is found [s]."""
 SHORT = ("position", "angles", "speed", "accel.", "ang. sp.", "ang. acc.")
 
 
@@ -75,7 +75,7 @@ def designed(robot: Robot, seed: int) -> tuple[Trajectory, str]:
 
 
 @dataclass(frozen=True)
-class Seen:
+class InMujoco:
     """What a motion takes of the robot in MuJoCo."""
 
     hanging: Hanging
@@ -91,7 +91,7 @@ class Seen:
         slack = ["slack"] if least <= 0 else []
         return found + (["tension"] if least < low / PAST or most > high * PAST else []) + slack
 
-    def ringing(self) -> str:
+    def vibration(self) -> str:
         """When the acceleration is largest, how far it is from the command then, and at which
         frequencies."""
         t, real = self.hanging.time, self.hanging.seen[:, 13:16]
@@ -130,48 +130,48 @@ def header(what: str) -> None:
     )
 
 
-def line(what: str, seen: Seen, chi: list[tuple[float, bool]] | None = None) -> None:
+def line(what: str, found_in_mujoco: InMujoco, chi: list[tuple[float, bool]] | None = None) -> None:
     """Largest uses of the limits, range of tensions, chi-squares with a mark where the verdict
     rejects."""
-    tension = seen.hanging.tension
+    tension = found_in_mujoco.hanging.tension
     uses = "".join(
-        f"{use:9.3f}{'!' if use > PAST else ' '}" for use in seen.hanging.uses().values()
+        f"{use:9.3f}{'!' if use > PAST else ' '}" for use in found_in_mujoco.hanging.uses().values()
     )
     found = " ".join(
         f"{value:.1f}{'' if accepted else ' rejected'}" for value, accepted in chi or ()
     )
     span = f"{tension.min():.0f} to {tension.max():.0f}"
     print(
-        f"{what:38}{uses}{span:>14}{found:>22}{'   ' if seen.over else ''}{', '.join(seen.over)}",
+        f"{what:38}{uses}{span:>14}{found:>22}{'   ' if found_in_mujoco.over else ''}{', '.join(found_in_mujoco.over)}",
         flush=True,
     )
 
 
-def identified(seen: Seen, seed: int) -> tuple[float, bool]:
-    estimate = MaximumLikelihood()(recorded(seen.hanging, seen.command, seed))
-    return chi_square(estimate, seen.hanging.robot.platform), estimate.verdict.accepted
+def identified(found_in_mujoco: InMujoco, seed: int) -> tuple[float, bool]:
+    estimate = MaximumLikelihood()(recorded(found_in_mujoco.hanging, found_in_mujoco.command, seed))
+    return chi_square(estimate, found_in_mujoco.hanging.robot.platform), estimate.verdict.accepted
 
 
-def looked(trajectory: Trajectory) -> Iterator[tuple[str, float, float, Seen]]:
+def looked(trajectory: Trajectory) -> Iterator[tuple[str, float, float, InMujoco]]:
     """Law, factor of the stiffness, tension that the winches hold, and what comes of it."""
     for law in LAWS:
         for stiffer in STIFFER:
             for level in LEVELS:
                 hanging = hung(point_robot(stiffer=stiffer), trajectory, level, law)
-                yield law, stiffer, level, Seen(hanging, trajectory, level)
+                yield law, stiffer, level, InMujoco(hanging, trajectory, level)
 
 
 def stored(count: int = 3) -> None:
     """The motion of the tests, on other cables too, recorded ``count`` times."""
     trajectory = from_file(STORED, point_robot())
     header(f"{STORED.name}; EA, winches hold")
-    for law, stiffer, level, seen in looked(trajectory):
+    for law, stiffer, level, found_in_mujoco in looked(trajectory):
         # What MuJoCo's slack springs do is of no use to an estimator.
-        taut = seen.hanging.tension.min() > 0
-        chi = [identified(seen, FIRST_SEED + i) for i in range(count)] if taut else None
-        line(f"{law}, {stiffer * 500:.0f} kN, {level:.0f} N", seen, chi)
-        if seen.over:
-            print(f"    {seen.ringing()}")
+        taut = found_in_mujoco.hanging.tension.min() > 0
+        chi = [identified(found_in_mujoco, FIRST_SEED + i) for i in range(count)] if taut else None
+        line(f"{law}, {stiffer * 500:.0f} kN, {level:.0f} N", found_in_mujoco, chi)
+        if found_in_mujoco.over:
+            print(f"    {found_in_mujoco.vibration()}")
 
 
 def designs(count: int = 2) -> None:
@@ -189,12 +189,16 @@ def designs(count: int = 2) -> None:
                 f" {lowest:.2f} Hz"
             )
             header("EA, winches hold")
-            for law, stiffer, level, seen in looked(trajectory):
+            for law, stiffer, level, found_in_mujoco in looked(trajectory):
                 if level == LEVELS[0]:
-                    chi = [identified(seen, FIRST_SEED)] if stiffer == 1 and not seen.over else None
-                    line(f"{law}, {stiffer * 500:.0f} kN, {level:.0f} N", seen, chi)
-                    if seen.over:
-                        print(f"    {seen.ringing()}")
+                    chi = (
+                        [identified(found_in_mujoco, FIRST_SEED)]
+                        if stiffer == 1 and not found_in_mujoco.over
+                        else None
+                    )
+                    line(f"{law}, {stiffer * 500:.0f} kN, {level:.0f} N", found_in_mujoco, chi)
+                    if found_in_mujoco.over:
+                        print(f"    {found_in_mujoco.vibration()}")
 
 
 def store(seed: int = 0) -> None:

@@ -1,9 +1,10 @@
-"""An hour of recording with forces and IMU at 100 Hz and a tracker at 238 Hz, made without
+"""Long recordings, such as an hour with forces and IMU at 100 Hz and a tracker at 238 Hz, made without
 integrating the dynamics."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,11 +18,15 @@ from steelyard.motion.state import State
 from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
-from steelyard.simulation.forward_dynamics import ExactMotion
-from steelyard.simulation.sensors import draw_errors, paper_sensors, record
+from steelyard.simulation.recording import draw_errors, record
+from steelyard.simulation.response import ExactMotion
+from steelyard.simulation.sensors import paper_sensors
 from steelyard.simulation.trajectories import feasible_multisine
 
 DURATION = 3600.0
+"""[s]"""
+RATES = {"cables": 100.0, "imu": 100.0, "tracker": 238.0}
+"""[Hz]"""
 
 
 @dataclass(frozen=True)
@@ -51,28 +56,26 @@ class ExactMotionOnCables:
         return replace(self.motion.at(times), tension=tension)
 
 
-def write_hour(folder: Path) -> Path:
-    """Write the recording; returns its experiment file."""
+def write_long(folder: Path, duration: float, rates: Mapping[str, float] = RATES) -> Path:
+    """Write a recording of a motion of 20 s again and again, followed exactly; returns its
+    experiment file."""
     robot = read_robot("cogiro").with_straight_cables()
-    rates = {"cables": 100.0, "imu": 100.0, "tracker": 238.0}
     suite = paper_sensors(robot).instruments
     instruments = {
         name: suite[name].model_copy(update={"rate": rate}) for name, rate in rates.items()
     }
     rng = np.random.default_rng(1)
-    errors = draw_errors(instruments, robot.m, ["hour"], rng)
-    motion = ExactMotion(robot, robot.platform, Repeated(feasible_multisine(robot, 20.0), DURATION))
-    streams, sync = record(
-        ExactMotionOnCables(robot, motion), instruments, errors["hour"], robot, motion, rng
-    )
+    errors = draw_errors(instruments, robot.m, ["run"], rng)["run"]
+    motion = ExactMotion(robot, robot.platform, Repeated(feasible_multisine(robot, 20.0), duration))
+    response = ExactMotionOnCables(robot, motion)
+    streams, sync = record(response, instruments, errors, robot, motion, rng)
     folder.mkdir(parents=True)
     # Under a name of its own: the bundled robot has sagging cables.
     robot = replace(robot, name="cogiro-straight")
-    write_experiment(
-        Experiment("an hour", robot, instruments, (Run("hour", streams, sync),)), folder
-    )
+    run = Run("run", streams, sync)
+    write_experiment(Experiment(f"{duration:g} s", robot, instruments, (run,)), folder)
     return folder / "experiment.yaml"
 
 
 if __name__ == "__main__":
-    print(write_hour(Path(sys.argv[1])))
+    print(write_long(Path(sys.argv[1]), DURATION))

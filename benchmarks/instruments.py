@@ -16,7 +16,7 @@ from design import planned
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.excitation.appraisal import rehearse
+from steelyard.excitation.evaluation import fit_noise_free
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.instruments import Pose
@@ -162,8 +162,10 @@ def smaller(trajectory: Trajectory, factor: float) -> Sampled:
 
 
 def sigmas(experiment: Experiment, motion: Trajectory) -> Array:
-    """1-sigma of the ten that would be reported; NaN where nothing is told."""
-    return MaximumLikelihood().of(rehearse(experiment, {"run": motion}, 0.0)).standard_deviation
+    """1-sigma of the ten that would be reported; NaN: not identifiable."""
+    return (
+        MaximumLikelihood().of(fit_noise_free(experiment, {"run": motion}, 0.0)).standard_deviation
+    )
 
 
 def row(label: str, experiment: Experiment, motion: Trajectory) -> str:

@@ -14,8 +14,10 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.write import write_experiment
 from steelyard.motion.state import State
 from steelyard.robot.file import read_robot
-from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion, Response
-from steelyard.simulation.sensors import draw_errors, paper_sensors, record
+from steelyard.simulation.forward_dynamics import CablePlatform
+from steelyard.simulation.recording import draw_errors, record
+from steelyard.simulation.response import ExactMotion, Response
+from steelyard.simulation.sensors import paper_sensors
 from steelyard.simulation.trajectories import feasible_multisine
 
 PERIOD = 20.0

@@ -7,6 +7,10 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.estimates.estimate import Estimate
 from steelyard.inertia import Inertia
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
@@ -25,3 +29,12 @@ def recordings() -> Iterator[tuple[str, Path, Inertia]]:
         path = folder / name / "experiment.yaml"
         if path.exists():
             yield name, path, Inertia.from_dict(truth[name])
+
+
+def chi_square(estimate: Estimate, truth: Array) -> float:
+    """Of the ten, or of those that are known."""
+    known = np.isfinite(estimate.value)
+    sigma = estimate.standard_deviation[known]
+    scaled = (estimate.value - truth)[known] / sigma
+    block = estimate.covariance[np.ix_(known, known)] / np.outer(sigma, sigma)
+    return float(scaled @ np.linalg.pinv(block, hermitian=True) @ scaled)

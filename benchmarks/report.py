@@ -13,7 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from hour import write_hour
+from hour import DURATION, write_long
 
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import AVAILABLE, identify
@@ -29,7 +29,7 @@ def main(folder: Path, method: str = "least-squares") -> None:
     recording = folder / "hour"
     path = recording / "experiment.yaml"
     if not path.exists():
-        write_hour(recording)
+        write_long(recording, DURATION)
     experiment = timed("reading", lambda: read_experiment(path))
     identification = timed(
         f"estimate, {method}: the reference", lambda: identify(experiment, [AVAILABLE[method]()])

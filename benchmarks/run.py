@@ -17,7 +17,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import design
-import likelihood
+import disturbed
+import far_off
+import general_solver
+import length_scaling
 import numpy as np
 import reading
 import report
@@ -242,22 +245,22 @@ def verdicts(_: Path) -> None:
 
 def robust(_: Path) -> None:
     """Maximum likelihood with spikes and a hole in the tracker's stream."""
-    likelihood.robust()
+    disturbed.robust()
 
 
 def starts(_: Path) -> None:
     """Maximum likelihood from descriptions that are far off."""
-    likelihood.starts()
+    far_off.starts()
 
 
 def lengths(_: Path) -> None:
     """Time and memory of maximum likelihood, up to ten minutes of recording."""
-    likelihood.lengths()
+    length_scaling.lengths()
 
 
 def scipy(_: Path) -> None:
     """The joint problem by a general solver."""
-    likelihood.general()
+    general_solver.general()
 
 
 def designs(_: Path) -> None:

@@ -17,8 +17,10 @@ from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.file import read_robot
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
-from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion, Response
-from steelyard.simulation.sensors import draw_errors, paper_sensors, record
+from steelyard.simulation.forward_dynamics import CablePlatform
+from steelyard.simulation.recording import draw_errors, record
+from steelyard.simulation.response import ExactMotion, Response
+from steelyard.simulation.sensors import paper_sensors
 from steelyard.simulation.trajectories import feasible_multisine
 
 

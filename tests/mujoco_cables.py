@@ -13,8 +13,9 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.motion.limits import commanded_tensions, extremes_of
 from steelyard.motion.state import State
 from steelyard.robot.file import read_robot
-from steelyard.simulation.forward_dynamics import ExactMotion
-from steelyard.simulation.sensors import draw_errors, paper_sensors, record
+from steelyard.simulation.recording import draw_errors, record
+from steelyard.simulation.response import ExactMotion
+from steelyard.simulation.sensors import paper_sensors
 
 STEP = 5e-4  # [s]: half of it changes no tension by more than .1 N
 SEEN = 2e-3  # [s] between recorded states: the stiffest platform of the benchmark swings at 15 Hz

@@ -6,18 +6,20 @@ from functools import cache, cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from steelyard.identification.solve.classical import study
 
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.solve.classical import study
 from steelyard.inertia import Inertia
 from steelyard.instruments.equations import means, predict
 from steelyard.motion.state import State, motion_of_poses
 from steelyard.motion.trajectory import multisine
 from steelyard.robot.file import read_robot
 from steelyard.robot.kinematics import cables_at
-from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
-from steelyard.simulation.sensors import draw_errors, ideal_sensors, paper_sensors, record
+from steelyard.simulation.forward_dynamics import CablePlatform
+from steelyard.simulation.recording import draw_errors, record
+from steelyard.simulation.response import ExactMotion
+from steelyard.simulation.sensors import ideal_sensors, paper_sensors
 from steelyard.simulation.trajectories import feasible_multisine
 
 DURATION = 12.0  # [s]

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 import steelyard
 from steelyard.errors import SteelyardError
 from steelyard.estimates.estimate import Estimate, Verdict, judge
-from steelyard.excitation.criterion import Target
+from steelyard.excitation.optimality_criterion import Target
 from steelyard.excitation.plan import planned
 from steelyard.identification.identify import AVAILABLE, Identification, chosen_methods
 from steelyard.identification.model.fitted_motion import QUANTITIES, FittedMotion
@@ -365,8 +365,8 @@ def test_a_design_shows_itself():
     assert lines[0] == "Design for cogiro: 'design' of 10 s"
     assert lines[1].split() == ["1-sigma", "wanted"]
     assert lines[2].split() == ["mass", "kg", "0.38", "1.61"]
-    assert lines[5].split() == ["centre", "of", "gravity", "z", "mm", "not", "told", "2"]
-    assert lines[-2:] == ["worst: cz, not told", "too fast"]
+    assert lines[5].split() == ["centre", "of", "gravity", "z", "mm", "not", "identifiable", "2"]
+    assert lines[-2:] == ["worst: cz, not identifiable", "too fast"]
     assert design.trajectories is appraisal.trajectories
     Text(design._repr_html_())
 

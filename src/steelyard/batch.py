@@ -23,15 +23,17 @@ from steelyard.arrays import Array
 Symbol: TypeAlias = Any
 """A CasADi SX or MX expression (the library ships no types)."""
 
-_BLOCK = (
-    256  # samples a call: large enough to hide the call, small enough to build in a millisecond
-)
-_SMALL_BLOCK = 16  # of long expressions, beside which a call is nothing: less is computed for nothing in the last block
-_LONG = 4000  # operations
-_SAMPLES_A_THREAD = (
-    32 * _BLOCK
-)  # a thread starts and ends in a millisecond or two where others compete; many calls are small
-_MOST_THREADS = 8  # they share the memory, which does not get faster
+_BLOCK = 256
+"""Samples a call: large enough to hide the call, small enough to build in a millisecond."""
+_SMALL_BLOCK = 16
+"""The same of long expressions, beside which a call is nothing: the last block computes less in
+vain."""
+_LONG = 4000
+"""Operations of an expression from which on it is long."""
+_SAMPLES_A_THREAD = 32 * _BLOCK
+"""A thread starts and ends in a millisecond or two where others compete; many calls are small."""
+_MOST_THREADS = 8
+"""They share the memory, which does not get faster."""
 
 
 def _row_major(expression: Symbol) -> Symbol:
@@ -75,13 +77,8 @@ class Batched:
 
     def at(self, **symbols: Symbol) -> dict[str, Symbol]:
         """The same expressions of other symbols, of the shapes of the inputs."""
-        return dict(
-            zip(
-                self._out_shapes,
-                self._inner.call([symbols[key] for key in self._in_shapes], True, False),
-                strict=True,
-            )
-        )
+        results = self._inner.call([symbols[key] for key in self._in_shapes], True, False)
+        return dict(zip(self._out_shapes, results, strict=True))
 
     def __call__(self, **arrays: ArrayLike) -> dict[str, Array]:
         """Evaluate.
@@ -93,9 +90,10 @@ class Batched:
             One array per output, samples on axis 0 (also where all inputs were constant: n = 1).
         """
         values = {key: np.asarray(arrays[key], dtype=np.float64) for key in self._in_shapes}
-        lengths = {
-            v.shape[0] for key, v in values.items() if v.ndim == len(self._in_shapes[key]) + 1
-        }
+        lengths = set()
+        for key, value in values.items():
+            if value.ndim == len(self._in_shapes[key]) + 1:
+                lengths.add(value.shape[0])
         if len(lengths) > 1:
             raise ValueError(f"expected equal numbers of samples, found {sorted(lengths)}")
         n = lengths.pop() if lengths else 1

@@ -63,6 +63,11 @@ def point_specific_force(
     return specific_force + ca.cross(alpha, point) + ca.cross(omega, ca.cross(omega, point))
 
 
+def point_velocity(rotation: Symbol, velocity: Symbol, omega: Symbol, point: Symbol) -> Symbol:
+    """Velocity of a point fixed to the platform, in the world [m/s]: v + R (omega x p)."""
+    return velocity + rotation @ ca.cross(omega, point)
+
+
 @cache
 def _batched() -> tuple[Batched, Batched]:
     p = ca.SX.sym("parameters", 10)

@@ -77,7 +77,7 @@ class Inertia:
     """Mass, centre of gravity and inertia of a body, in platform axes.
 
     Any numbers may stand here, also those of a body that cannot exist: an estimate has to be shown
-    as it is. :attr:`is_physical` tells.
+    as it is. :attr:`is_physical` says whether it can.
     """
 
     mass: float
@@ -236,8 +236,8 @@ class Inertia:
     def __repr__(self) -> str:
         x, y, z = (f"{value * 1e3:.6g}" for value in self.center_of_gravity)
         moments = zip(BODY_PARAMETERS[4:], six(self.inertia), strict=True)
-        told = ", ".join(f"{name[1:]} {value:.6g}" for name, value in moments)
-        return f"Inertia: {self.mass:.6g} kg at ({x}, {y}, {z}) mm, {told} kg m²"
+        listed = ", ".join(f"{name[1:]} {value:.6g}" for name, value in moments)
+        return f"Inertia: {self.mass:.6g} kg at ({x}, {y}, {z}) mm, {listed} kg m²"
 
     # What other programs want
 

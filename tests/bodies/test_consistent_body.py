@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from steelyard.bodies import consistent_body
 from steelyard.bodies.consistent_body import BodyProblem, covariance, solve
 from steelyard.bodies.mass_region import Box, Ellipsoid
 from steelyard.bodies.nearest_body import nearest_body
-from steelyard.bodies.newton import newton, smat, svec
+from steelyard.bodies.whitened_problem import smat, svec
 from steelyard.errors import InputError, SteelyardError
 from steelyard.inertia import Inertia
 
@@ -417,14 +418,64 @@ def test_covariance_is_that_of_solutions_along_the_boundary():
     )
 
 
-def test_a_difference_between_the_methods_is_an_error(monkeypatch):
+def moved(solver, by):
+    """A solver that ends elsewhere."""
+
+    def wrong(whitened):
+        end = solver(whitened)
+        return end._replace(z=end.z + by)
+
+    return wrong
+
+
+def failing(whitened):
+    raise np.linalg.LinAlgError
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("which", ["newton", "semidefinite_programme"])
+@pytest.mark.parametrize("far", [1e-3, np.nan])
+def test_where_the_solvers_differ_the_better_one_counts_and_it_is_said(
+    monkeypatch, seed, which, far
+):
+    problem, _, _ = random_problem(np.random.default_rng(seed))
+    right = solve(problem)
+    assert right.remark is None
+    solver = getattr(consistent_body, which)
+    monkeypatch.setattr(consistent_body, which, moved(solver, far))
+    found = solve(problem)
+    assert found.disagreement > AGREEMENT
+    assert "known less exactly than usual" in found.remark
+    F = problem.root_information
+    distance = np.linalg.norm(F @ (found.parameters - right.parameters))
+    assert distance <= AGREEMENT * (1 + np.sqrt(right.misfit))
+    assert found.body.is_physical
+    assert [each.name for each in found.binding] == [each.name for each in right.binding]
+
+
+def test_the_programme_knows_what_regions_cost_as_newton_does(monkeypatch):
+    problem, _, points = random_problem(np.random.default_rng(5), spread=0.5, step=2.0)
+    center, size = points.mean(axis=0), np.ptp(points, axis=0)
+    problem = replace(problem, regions=(Box(center - 0.3 * size, center + 0.3 * size),))
+    right = solve(problem)
+    assert [each.name for each in right.binding] == ["pseudo-inertia", "box, x", "box, y"]
+    monkeypatch.setattr(consistent_body, "newton", failing)
+    found = solve(problem)
+    assert found.disagreement == np.inf
+    assert [each.name for each in found.binding] == [each.name for each in right.binding]
+    for one, other in zip(found.binding, right.binding, strict=True):
+        assert one.multiplier == pytest.approx(other.multiplier, rel=1e-6)
+
+
+def test_where_neither_solver_ends_at_a_body_the_error_says_what_to_do(monkeypatch):
     problem, _, _ = random_problem(np.random.default_rng(0))
-    wrong = lambda whitened: newton(whitened)._replace(z=newton(whitened).z + 1e-3)  # noqa: E731
-    monkeypatch.setattr(consistent_body, "newton", wrong)
-    with pytest.raises(
-        SteelyardError, match="expected two methods within 1e-06 sigma of each other, found"
-    ):
+    for name in ("newton", "semidefinite_programme"):
+        monkeypatch.setattr(consistent_body, name, failing)
+    with pytest.raises(SteelyardError, match="give a reference body of about the same size"):
         solve(problem)
+    region = Box(np.full(3, -1.0), np.full(3, 1.0))
+    with pytest.raises(InputError, match="regions: expected some near the body"):
+        solve(replace(problem, regions=(region,)))
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from steelyard.errors import InputError
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.synchronisation import offsets_of, synchronise
-from steelyard.simulation.sensors import draw_errors
+from steelyard.simulation.recording import draw_errors
 
 pytestmark = pytest.mark.integration
 

@@ -17,11 +17,11 @@ from scipy.signal import find_peaks
 from time_limits import HANGS
 
 from steelyard.errors import InputError
-from steelyard.excitation.appraisal import highest_frequency, natural_frequencies
-from steelyard.excitation.demands import Margin
+from steelyard.excitation.cable_vibration import dunkerley_sum_at
 from steelyard.excitation.design import design
-from steelyard.excitation.ringing import softness_at
-from steelyard.excitation.search import Problem
+from steelyard.excitation.evaluation import highest_frequency, natural_frequencies
+from steelyard.excitation.motion_constraints import Margin
+from steelyard.excitation.search import DesignProblem
 from steelyard.excitation.verification import bodies_within, verify
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.write import write_experiment, write_yaml
@@ -45,9 +45,9 @@ EXACT = {"anchor": 0.0, "attachment": 0.0, "gravity": 0.0}
 QUICK = ["--duration", "8", "--budget", "44", "--processes", "1"]
 """Short motions, one start."""
 WITHOUT_HASTE = """
-from steelyard.excitation.search import Problem
-search = Problem.search
-Problem.search = lambda self, start, *, seconds, **further: search(self, start, seconds=1e4, **further)
+from steelyard.excitation.search import DesignProblem
+search = DesignProblem.search
+DesignProblem.search = lambda self, start, *, seconds, **further: search(self, start, seconds=1e4, **further)
 """
 """Begins a process whose searches are never cut short, however busy the machine is."""
 COMMAND_LINE = f"""{WITHOUT_HASTE}
@@ -61,12 +61,12 @@ main()
 @pytest.fixture(autouse=True)
 def without_haste(monkeypatch):
     """The same for the searches of this process: what they find depends on no clock."""
-    search = Problem.search
+    search = DesignProblem.search
 
     def patient(self, start, *, seconds, **further):
         return search(self, start, seconds=1e4, **further)
 
-    monkeypatch.setattr(Problem, "search", patient)
+    monkeypatch.setattr(DesignProblem, "search", patient)
 
 
 def planned(robot=ROBOT, **keys):
@@ -433,13 +433,13 @@ def test_softness_sums_up_how_slowly_the_platform_swings(pose):
     out."""
     pose = np.array(pose, dtype=float)
     angular = 2 * np.pi * CablePlatform(ROBOT, ROBOT.platform).natural_frequencies(pose)
-    assert softness_at(ROBOT, pose) == pytest.approx(np.sum(angular**-2.0), rel=0.1)
+    assert dunkerley_sum_at(ROBOT, pose) == pytest.approx(np.sum(angular**-2.0), rel=0.1)
 
 
 def test_motion_stays_where_the_platform_hangs_stiffly(command):
     poses = command.derivative(np.linspace(0, command.duration, 81), 0)
-    softest = max(softness_at(ROBOT, pose) for pose in poses)
-    assert softest < 1.45 * softness_at(ROBOT, poses[0])
+    softest = max(dunkerley_sum_at(ROBOT, pose) for pose in poses)
+    assert softest < 1.45 * dunkerley_sum_at(ROBOT, poses[0])
 
 
 def test_highest_frequency_is_that_of_a_sine():
@@ -457,8 +457,8 @@ def test_bodies_within_a_margin_reach_its_edges():
     shifts = [
         np.linalg.norm(body.center_of_gravity - ROBOT.platform.center_of_gravity) for body in bodies
     ]
-    assert max(shifts) == pytest.approx(margin.off)
-    assert margin.off >= 0.1
+    assert max(shifts) == pytest.approx(margin.cog_offset)
+    assert margin.cog_offset >= 0.1
 
 
 def test_verification_sees_what_exceeds_a_limit():

@@ -13,19 +13,25 @@ from scipy.spatial.transform import Rotation
 from simulated import EXACT, changed
 
 from steelyard.batch import Batched
-from steelyard.excitation.appraisal import (
-    appraise,
+from steelyard.excitation.cable_vibration import CableVibration
+from steelyard.excitation.commanded_state import COMMAND, COMMAND_WITH_JERK, motion_of
+from steelyard.excitation.evaluation import (
+    evaluate_motions,
+    fit_noise_free,
     highest_frequency,
     natural_frequencies,
-    rehearse,
 )
-from steelyard.excitation.course import SIX, Course
-from steelyard.excitation.criterion import Criterion, Target
-from steelyard.excitation.demands import AT, Demands, Margin
-from steelyard.excitation.information import Outlook
-from steelyard.excitation.ringing import ALLOWED, BAND, PER_INTERVAL, Ringing
-from steelyard.excitation.search import Problem
-from steelyard.excitation.sight import INSTANT, View, border_of, columns_of, motion_of
+from steelyard.excitation.linearisation_point import (
+    LinearisationPoint,
+    border_columns,
+    prior_information,
+)
+from steelyard.excitation.motion_constraints import Margin, MotionConstraints
+from steelyard.excitation.motion_spline import COORDINATES, MotionSpline
+from steelyard.excitation.optimality_criterion import OptimalityCriterion, Target
+from steelyard.excitation.predicted_information import PredictedInformation
+from steelyard.excitation.search import DesignProblem
+from steelyard.excitation.settings import DEFAULT as SETTINGS
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import DRAG, Calibration
 from steelyard.identification.model.calibration_parameters import ROBOT as FILE
@@ -54,7 +60,9 @@ MOTION = multisine([0, 0, 1.5, 0, 0, 0], [0.8, 0.6, 0.4, 0.3, 0.3, 0.4], DURATIO
 TIGHT = 600.0  # [N]
 
 GRID = 0.005  # relative: readings on a grid of instants, and not one by one
-GRID_SAG = 0.02  # relative: and cables that hang straight, where those of the rehearsal sag
+GRID_SAG = (
+    0.02  # relative: and cables that hang straight, where those of the noise-free recording sag
+)
 GRID_ROLLERS = 0.03  # relative: rollers turn around between two instants of the grid
 BY_SHIFT = 0.02  # of half the weight: what a shift of the centre of gravity changes of the inertia about the origin
 SAGGING = 0.05  # relative to what is known of each at one instant
@@ -149,34 +157,34 @@ def motions(commands):
     return [np.array(each) for each in zip(*map(motion_in_time, commands), strict=True)]
 
 
-# Courses
+# Motion splines
 
 START, END = np.array([0.5, -0.3, 1.5, 0.1, 0.0, -0.2]), np.array([-0.4, 0.8, 2.0, 0.0, 0.1, 0.2])
 REACH = np.array([4, 3, 1.5, 0.6, 0.6, 0.6])
 
 
-def some_course(end=END, seed=1):
-    course = Course(START, end, 8.0, 7, REACH)
-    return course, 0.2 * np.random.default_rng(seed).normal(size=course.size)
+def some_spline(end=END, seed=1):
+    spline = MotionSpline(START, end, 8.0, 7, REACH)
+    return spline, 0.2 * np.random.default_rng(seed).normal(size=spline.size)
 
 
 @pytest.mark.parametrize("end", [START, END], ids=["back to where it began", "to another pose"])
-def test_a_course_goes_from_rest_at_one_pose_to_rest_at_the_other(end):
-    course, x = some_course(end)
-    motion = course.trajectory(x)
-    ends = np.array([0.0, course.duration])
+def test_a_motion_spline_goes_from_rest_at_one_pose_to_rest_at_the_other(end):
+    spline, x = some_spline(end)
+    motion = spline.trajectory(x)
+    ends = np.array([0.0, spline.duration])
     np.testing.assert_allclose(motion.derivative(ends, 0), [START, end], atol=1e-12)
-    inside = np.linspace(0, course.duration, 200)
+    inside = np.linspace(0, spline.duration, 200)
     for order in (1, 2, 3):
         largest = np.abs(motion.derivative(inside, order)).max()
         assert largest > 0.1
         np.testing.assert_allclose(motion.derivative(ends, order), 0.0, atol=1e-11 * largest)
 
 
-def test_a_course_without_freedom_taken_is_the_plain_move():
-    course, _ = some_course()
-    poses = course.trajectory(np.zeros(course.size)).derivative(
-        np.linspace(0, course.duration, 100), 0
+def test_a_motion_spline_without_free_coefficients_is_the_direct_move():
+    spline, _ = some_spline()
+    poses = spline.trajectory(np.zeros(spline.size)).derivative(
+        np.linspace(0, spline.duration, 100), 0
     )
     share = (poses - START) / (END - START)
     # All six coordinates as one, and never back.
@@ -184,78 +192,78 @@ def test_a_course_without_freedom_taken_is_the_plain_move():
     assert np.all(np.diff(share[:, 0]) > -1e-12)
 
 
-def test_commands_along_a_course_are_its_trajectory_and_its_derivatives():
-    course, x = some_course()
-    times = course.instants(3)
+def test_commands_along_a_motion_spline_are_its_trajectory_and_its_derivatives():
+    spline, x = some_spline()
+    times = spline.midpoints(3)
     assert len(times) == 21
-    np.testing.assert_allclose(times, (course.duration / 21) * (np.arange(21) + 0.5))
-    commands = course.at(times).commands(x)
+    np.testing.assert_allclose(times, (spline.duration / 21) * (np.arange(21) + 0.5))
+    commands = spline.at(times).commands(x)
     for order in range(4):
-        found = commands[:, SIX * order : SIX * (order + 1)]
-        np.testing.assert_allclose(found, course.trajectory(x).derivative(times, order), atol=1e-11)
+        found = commands[:, COORDINATES * order : COORDINATES * (order + 1)]
+        np.testing.assert_allclose(found, spline.trajectory(x).derivative(times, order), atol=1e-11)
     # And the last of these is the third derivative of the pose in time.
     middle = times[10]
     around = over_time(
-        lambda t: course.trajectory(x).derivative(np.array([middle + t]), 0)[0], 3, reach=0.05
+        lambda t: spline.trajectory(x).derivative(np.array([middle + t]), 0)[0], 3, reach=0.05
     )
     np.testing.assert_allclose(commands[10, 18:], around, rtol=1e-5)
 
 
 @pytest.mark.parametrize("numbers", [18, 24])
-def test_what_follows_commands_is_gathered_to_what_follows_the_coefficients(numbers):
-    course, x = some_course()
-    along = course.at(course.instants(4))
+def test_gradients_by_commands_become_gradients_by_coefficients(numbers):
+    spline, x = some_spline()
+    samples = spline.at(spline.midpoints(4))
     rng = np.random.default_rng(2)
     weight = rng.normal(size=(28, numbers))
 
     def total(x):
-        return np.sum(weight * np.sin(along.commands(x)[:, :numbers]))
+        return np.sum(weight * np.sin(samples.commands(x)[:, :numbers]))
 
-    slope = weight * np.cos(along.commands(x)[:, :numbers])
-    expected = [central(total, x, way) for way in np.eye(course.size)]
-    assert_near(along.gathered(slope), np.array(expected), 1e-9)
+    slope = weight * np.cos(samples.commands(x)[:, :numbers])
+    expected = [central(total, x, way) for way in np.eye(spline.size)]
+    assert_near(samples.gradient(slope), np.array(expected), 1e-9)
 
 
 @pytest.mark.parametrize("numbers", [18, 24])
-def test_what_follows_commands_is_spread_over_the_coefficients_of_its_instants(numbers):
-    course, x = some_course()
-    along = course.at(course.instants(4))
+def test_jacobians_by_commands_become_jacobians_by_the_coefficients_of_their_instants(numbers):
+    spline, x = some_spline()
+    samples = spline.at(spline.midpoints(4))
     mixed = np.random.default_rng(3).normal(size=(28, 2, numbers))
 
     def at(x):
-        return np.sin(np.einsum("ngc,nc->ng", mixed, along.commands(x)[:, :numbers]))
+        return np.sin(np.einsum("ngc,nc->ng", mixed, samples.commands(x)[:, :numbers]))
 
-    outer = np.cos(np.einsum("ngc,nc->ng", mixed, along.commands(x)[:, :numbers]))
-    columns, there = along.pattern
-    spread = along.spread(outer[:, :, None] * mixed)
-    found = np.zeros((28, 2, course.size))
+    outer = np.cos(np.einsum("ngc,nc->ng", mixed, samples.commands(x)[:, :numbers]))
+    columns, there = samples.sparsity
+    spread = samples.jacobian(outer[:, :, None] * mixed)
+    found = np.zeros((28, 2, spline.size))
     for i in range(28):
         assert len(set(columns[i][there[i]])) == there[i].sum()
         found[i][:, columns[i][there[i]]] = spread[i][:, there[i]]
-    expected = np.stack([central(at, x, way, 2e-5) for way in np.eye(course.size)], axis=2)
+    expected = np.stack([central(at, x, way, 2e-5) for way in np.eye(spline.size)], axis=2)
     assert_near(found, expected, 1e-8)
 
 
-def test_the_course_nearest_to_a_course_is_itself():
-    course, x = some_course()
-    np.testing.assert_allclose(course.near(course.trajectory(x)), x, atol=1e-10)
+def test_the_spline_fitted_to_a_spline_is_itself():
+    spline, x = some_spline()
+    np.testing.assert_allclose(spline.fitted_to(spline.trajectory(x)), x, atol=1e-10)
 
 
-def test_the_course_nearest_to_another_motion_is_the_one_of_least_squares():
-    course, _ = some_course(START)
-    motion = multisine(list(START), list(0.2 * REACH), course.duration, 3)
-    times = np.linspace(0, course.duration, 8 * course.intervals + 1)
-    found = course.near(motion)
+def test_the_spline_fitted_to_another_motion_is_the_one_of_least_squares():
+    spline, _ = some_spline(START)
+    motion = multisine(list(START), list(0.2 * REACH), spline.duration, 3)
+    times = np.linspace(0, spline.duration, 8 * spline.intervals + 1)
+    found = spline.fitted_to(motion)
 
     def missed(x):
         return np.sum(
-            ((course.trajectory(x).derivative(times, 0) - motion.derivative(times, 0)) / REACH) ** 2
+            ((spline.trajectory(x).derivative(times, 0) - motion.derivative(times, 0)) / REACH) ** 2
         )
 
     # No way leads to a smaller sum.
-    assert missed(found) < 0.2 * missed(np.zeros(course.size))
+    assert missed(found) < 0.2 * missed(np.zeros(spline.size))
     np.testing.assert_allclose(
-        [central(missed, found, way) for way in np.eye(course.size)], 0.0, atol=1e-9
+        [central(missed, found, way) for way in np.eye(spline.size)], 0.0, atol=1e-9
     )
 
 
@@ -264,19 +272,19 @@ def test_the_highest_frequency_of_a_motion_has_all_but_a_hundredth_of_its_power_
     # %.
     time = np.linspace(0, 10, 2001)
     for share, expected in ((0.005, 0.5), (0.015, 2.0)):
-        poses = np.zeros((2001, SIX))
+        poses = np.zeros((2001, COORDINATES))
         poses[:, 1] = (
             np.sin(2 * np.pi * 0.5 * time) + np.sqrt(share) * np.sin(2 * np.pi * 2.0 * time) / 16
         )
         assert highest_frequency(Sampled.through(time, poses)) == pytest.approx(expected, abs=0.11)
-    assert highest_frequency(Sampled.through(time, np.zeros((2001, SIX)))) == 0.0
+    assert highest_frequency(Sampled.through(time, np.zeros((2001, COORDINATES)))) == 0.0
 
 
 # From commands to motion
 
 
 def test_a_command_moves_the_quaternion_as_scipy_turns_it_in_time():
-    command = ca.SX.sym("command", INSTANT)
+    command = ca.SX.sym("command", COMMAND_WITH_JERK)
     function = Batched(
         "motion", {"command": command}, dict(zip("pvaj", motion_of(command), strict=True))
     )
@@ -299,31 +307,31 @@ def test_a_command_moves_the_quaternion_as_scipy_turns_it_in_time():
             )
 
 
-# What instruments see
+# Readings
 
 
 @dataclass(frozen=True)
 class Plan:
-    """An experiment that has been rehearsed."""
+    """An experiment with its noise-free fit."""
 
     experiment: Experiment
     level: float = 0.0
 
     @cached_property
     def joint(self):
-        return rehearse(self.experiment, {"run": MOTION}, self.level)
+        return fit_noise_free(self.experiment, {"run": MOTION}, self.level)
 
     @cached_property
     def calibration_parameters(self):
         return self.joint.fit.state.calibration.calibration_parameters
 
     @cached_property
-    def view(self):
-        return View.of(self.joint, self.joint.study.experiment.runs[0], self.level)
+    def point(self):
+        return LinearisationPoint.of(self.joint, self.joint.study.experiment.runs[0], self.level)
 
     @cached_property
     def elsewhere(self):
-        """The same view about errors and a body that are not as stated, as an estimate may be."""
+        """The same about errors and a body that are not as stated, as an estimate may be."""
         rng = np.random.default_rng(4)
         values = (
             self.calibration_parameters.mean
@@ -332,7 +340,9 @@ class Plan:
         )
         body = BODY.parameters * (1 + 0.1 * rng.normal(size=TEN))
         return replace(
-            self.view, calibration=Calibration(self.calibration_parameters, values), parameters=body
+            self.point,
+            calibration=Calibration(self.calibration_parameters, values),
+            parameters=body,
         )
 
     @cached_property
@@ -342,26 +352,26 @@ class Plan:
 
     @cached_property
     def known(self):
-        return border_of(self.calibration_parameters)
+        return prior_information(self.calibration_parameters)
 
     @cached_property
-    def outlook(self):
-        return self.seen_by(self.view)
+    def predicted(self):
+        return self.predicted_by(self.point)
 
     @cached_property
-    def outlook_elsewhere(self):
-        return self.seen_by(self.elsewhere)
+    def predicted_elsewhere(self):
+        return self.predicted_by(self.elsewhere)
 
-    def seen_by(self, view):
-        return Outlook(view, self.segment, DURATION, len(self.known))
+    def predicted_by(self, point):
+        return PredictedInformation(point, self.segment, DURATION, len(self.known))
 
     @cached_property
     def commands(self):
-        return commands_at(self.outlook.times)
+        return commands_at(self.predicted.times)
 
     @cached_property
     def information(self):
-        return self.outlook.information(self.commands)
+        return self.predicted.information(self.commands)
 
 
 def commands_at(times):
@@ -418,16 +428,16 @@ ELSEWHERE = ["gains", "tight", "heavy", "rollers", "bare"]
 INSTANTS = np.array([0.6, 1.7, 2.4, 3.3, 4.1, 5.2])  # [s]
 
 
-def states_at(view, times):
+def states_at(point, times):
     """State of the platform by differences in time, with the wrench that moves the body and the
     tensions that make it."""
-    each = [motion_in_time(command, view.calibration.gravity) for command in commands_at(times)]
+    each = [motion_in_time(command, point.calibration.gravity) for command in commands_at(times)]
     position, R, velocity, _, omega, alpha, s = (np.array(part) for part in zip(*each, strict=True))
-    wrench = moving_wrench(Inertia.from_parameters(view.parameters), s, omega, alpha)
+    wrench = moving_wrench(Inertia.from_parameters(point.parameters), s, omega, alpha)
     tension = None
-    if view.experiment.robot.m:
-        tension = nearest_tensions(structure_of(placed(view), position, R), wrench, view.level)
-    return State(position, R, velocity, omega, s, alpha, tension, wrench, view.calibration.gravity)
+    if point.experiment.robot.m:
+        tension = nearest_tensions(structure_of(placed(point), position, R), wrench, point.level)
+    return State(position, R, velocity, omega, s, alpha, tension, wrench, point.calibration.gravity)
 
 
 def moving_wrench(body, s, omega, alpha):
@@ -454,14 +464,14 @@ def structure_of(robot, position, R):
     return np.concatenate([direction @ R, np.cross(arm, direction) @ R], axis=2).transpose(0, 2, 1)
 
 
-def placed(view):
+def placed(point):
     """The robot as the systematic errors have it."""
-    values, places = view.calibration.values, view.calibration.calibration_parameters.places
+    values, places = point.calibration.values, point.calibration.calibration_parameters.places
     where = {
         key + "s": values[places[FILE, key, None]].reshape(-1, 3)
         for key in ("anchor", "attachment")
     }
-    return replace(view.experiment.robot, **where)
+    return replace(point.experiment.robot, **where)
 
 
 def quaternion_motion(times):
@@ -486,25 +496,27 @@ def quaternion_motion(times):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("which", [*ELSEWHERE, "late"])
-def test_what_looks_at_the_motion_is_linearised_as_the_estimators_do(which):
-    view = plan(which).elsewhere
-    calibration_parameters, robot = view.calibration.calibration_parameters, view.experiment.robot
-    state, motion = states_at(view, INSTANTS), quaternion_motion(INSTANTS)
-    column_of = columns_of(calibration_parameters)
-    sights = plan(which).outlook_elsewhere.sights
-    assert [sight.name for sight in sights] == [name for name, *_ in view.readers] + [
-        view.forces[0]
-    ]
-    for (name, quantity, sigma, rate), sight in zip(view.readers, sights, strict=False):
-        instrument = view.experiment.instruments[name]
-        errors = view.calibration.of(name, instrument, "run")
+def test_readings_of_the_motion_are_linearised_as_the_estimators_do(which):
+    point = plan(which).elsewhere
+    calibration_parameters, robot = point.calibration.calibration_parameters, point.experiment.robot
+    state, motion = states_at(point, INSTANTS), quaternion_motion(INSTANTS)
+    column_of = border_columns(calibration_parameters)
+    readings_of = plan(which).predicted_elsewhere.instruments
+    assert [reading.name for reading in readings_of] == [
+        name for name, *_ in point.motion_readings
+    ] + [point.force_readings[0]]
+    for (name, quantity, sigma, rate), reading in zip(
+        point.motion_readings, readings_of, strict=False
+    ):
+        instrument = point.experiment.instruments[name]
+        errors = point.calibration.of(name, instrument, "run")
         measured = predict(instrument, robot, state, errors)[quantity]
         found = linearised(
             instrument, quantity, robot, measured, motion[:3], np.concatenate(list(errors.values())),
-            view.calibration.gravity, state.tension if instrument.kind == "length" else None,
+            point.calibration.gravity, state.tension if instrument.kind == "length" else None,
         )  # fmt: skip
         np.testing.assert_allclose(found["residual"], 0.0, atol=1e-8)
-        by_motion, by_border = sight.derivatives(commands_at(INSTANTS))
+        by_motion, by_border = reading.derivatives(commands_at(INSTANTS))
         by = np.concatenate([found["by_pose"], found["by_rate"], found["by_acceleration"]], axis=2)
         assert_near(by_motion * sigma, by, 1e-8)
         expected = np.zeros((*by.shape[:2], len(calibration_parameters)))
@@ -516,13 +528,13 @@ def test_what_looks_at_the_motion_is_linearised_as_the_estimators_do(which):
             ][:, :, own]
         expected[:, :, calibration_parameters.places[FILE, "gravity", None]] = found["by_gravity"]
         if (clock := instrument.clock or name) != "recorder":
-            # The motion is told in the time of the forces: if their clock is late, the others are
+            # The motion is in the time of the forces: if their clock is late, the others are
             # early.
-            late = delayed(view, name, quantity)[:, :, None]
+            late = delayed(point, name, quantity)[:, :, None]
             expected[:, :, calibration_parameters.place(clock, "delay", "run")] = late
             expected[:, :, calibration_parameters.place("recorder", "delay", "run")] = -late
         full = np.zeros((*by.shape[:2], TEN + int((column_of >= 0).sum())))
-        full[:, :, sight.columns] = by_border * sigma
+        full[:, :, reading.columns] = by_border * sigma
         np.testing.assert_array_equal(full[:, :, :TEN], 0.0)
         wanted = expected[:, :, column_of >= 0]
         np.testing.assert_allclose(
@@ -531,20 +543,20 @@ def test_what_looks_at_the_motion_is_linearised_as_the_estimators_do(which):
             atol=1e-8 * np.abs(wanted).max(initial=1.0),
             err_msg=f"{name} {quantity}",
         )
-        assert sight.rate == pytest.approx(instrument.rate)
-        assert rate == sight.rate
+        assert reading.rate == pytest.approx(instrument.rate)
+        assert rate == reading.rate
 
 
-def delayed(view, name, quantity):
+def delayed(point, name, quantity):
     """How readings exceed what is predicted for each second by which their clock is later: the way
     of the prediction in time."""
     instrument, robot, gravity = (
-        view.experiment.instruments[name],
-        view.experiment.robot,
-        view.calibration.gravity,
+        point.experiment.instruments[name],
+        point.experiment.robot,
+        point.calibration.gravity,
     )
-    orders = commands_at(INSTANTS).reshape(-1, 4, SIX)
-    tension = states_at(view, INSTANTS).tension  # taken as known
+    orders = commands_at(INSTANTS).reshape(-1, 4, COORDINATES)
+    tension = states_at(point, INSTANTS).tension  # taken as known
 
     def reading(t):
         poses = [
@@ -554,7 +566,7 @@ def delayed(view, name, quantity):
         state = State(
             **motion_of_poses(*poses, gravity), tension=tension, wrench=None, gravity=gravity
         )
-        return predict(instrument, robot, state, view.calibration.of(name, instrument, "run"))[
+        return predict(instrument, robot, state, point.calibration.of(name, instrument, "run"))[
             quantity
         ]
 
@@ -595,12 +607,12 @@ def assert_information(found, expected, relative):
 
 @pytest.mark.integration
 @pytest.mark.parametrize("which", ELSEWHERE)
-def test_the_balance_of_forces_tells_what_it_tells_the_estimators(which):
-    view, known = plan(which).elsewhere, plan(which).known
-    robot, (name, quantities, sigma, rate) = view.experiment.robot, view.forces
-    instrument = view.experiment.instruments[name]
+def test_the_balance_of_forces_has_the_information_that_the_estimators_use(which):
+    point, known = plan(which).elsewhere, plan(which).known
+    robot, (name, quantities, sigma, rate) = point.experiment.robot, point.force_readings
+    instrument = point.experiment.instruments[name]
     readings = predict(
-        instrument, robot, states_at(view, INSTANTS), view.calibration.of(name, instrument, "run")
+        instrument, robot, states_at(point, INSTANTS), point.calibration.of(name, instrument, "run")
     )
     left_out = np.zeros((len(INSTANTS), len(sigma)), dtype=bool)
     forces = Forces(name, INSTANTS, {q: readings[q] for q in quantities}, sigma, left_out)
@@ -609,65 +621,69 @@ def test_the_balance_of_forces_tells_what_it_tells_the_estimators(which):
         # Cables that sag and are dragged along pull a little otherwise; readings that do not
         # balance would count less.
         for _ in range(4):
-            at = balance_of(view.experiment, segment, forces, view.calibration, view.parameters, {})
+            at = balance_of(
+                point.experiment, segment, forces, point.calibration, point.parameters, {}
+            )
             off = np.einsum("nri,ni->nr", np.linalg.pinv(at.by_reading), at.left_over)
             forces = replace(forces, readings={"tension": forces.readings["tension"] - off})
-    calibration_parameters = view.calibration.calibration_parameters
+    calibration_parameters = point.calibration.calibration_parameters
     rows = force_residuals(
-        view.experiment,
+        point.experiment,
         segment,
         forces,
-        view.calibration,
-        columns_of(calibration_parameters),
-        view.parameters,
+        point.calibration,
+        border_columns(calibration_parameters),
+        point.parameters,
         {},
         Tally(),
     )
     np.testing.assert_allclose(rows.residual, 0.0, atol=1e-4)
-    sight = plan(which).outlook_elsewhere.sights[-1]
-    by_motion, by_border = sight.derivatives(commands_at(INSTANTS))
+    reading = plan(which).predicted_elsewhere.instruments[-1]
+    by_motion, by_border = reading.derivatives(commands_at(INSTANTS))
     by_order = by_motion.reshape(len(INSTANTS), 6, 3, POSE)
     along = np.einsum("oni,nkod->nkid", segment.basis(INSTANTS).values[:3], by_order).reshape(
         len(INSTANTS), 6, -1
     )
-    found = products(along, by_border, sight.columns, len(known))
+    found = products(along, by_border, reading.columns, len(known))
     expected = products(rows.by_motion, rows.by_errors, rows.columns, len(known))
     if which == "heavy":
         # That cables sag is of no account for derivatives, the module says: a few per cent of what
         # is known of body and drag.
-        place = columns_of(calibration_parameters)[calibration_parameters.places[FILE, DRAG, None]]
+        place = border_columns(calibration_parameters)[
+            calibration_parameters.places[FILE, DRAG, None]
+        ]
         own = along.shape[2] + np.concatenate([np.arange(TEN), place])
         found, expected = found[:, own][:, :, own], expected[:, own][:, :, own]
         assert expected[:, -1, -1].min() > 0
     assert_information(found, expected, SAGGING if which == "heavy" else DIFFERENCES)
-    assert sight.rate == rate == pytest.approx(instrument.rate)
+    assert reading.rate == rate == pytest.approx(instrument.rate)
 
 
 @pytest.mark.parametrize("which", ["tight", "bare"])
-def test_what_is_seen_changes_along_the_command_as_differences_say(which):
+def test_derivatives_of_readings_change_along_the_command_as_differences_say(which):
     rng, commands = np.random.default_rng(5), commands_at(INSTANTS)
-    for sight in plan(which).outlook_elsewhere.sights:
-        at = sight.derivatives(commands)
+    for reading in plan(which).predicted_elsewhere.instruments:
+        at = reading.derivatives(commands)
         # Each column in its own unit: they differ by many orders.
         unit = [np.maximum(np.sqrt(np.mean(each**2, axis=(0, 1))), 1e-6) for each in at]
         weight = [rng.normal(size=each.shape) / size for each, size in zip(at, unit, strict=True)]
 
-        def total(rows, sight=sight, weight=weight):
+        def total(rows, reading=reading, weight=weight):
             repeated = [np.repeat(each, len(rows) // len(each), axis=0) for each in weight]
             return sum(
                 np.sum(w * d, axis=(1, 2))
-                for w, d in zip(repeated, sight.derivatives(rows), strict=True)
+                for w, d in zip(repeated, reading.derivatives(rows), strict=True)
             )
 
-        assert_near(sight.slope(commands, *weight), in_every_way(total, commands), DIFFERENCES)
+        assert_near(reading.gradient(commands, *weight), in_every_way(total, commands), DIFFERENCES)
 
 
-# What a motion will tell
+# Predicted information
 
 
 @pytest.mark.integration
 @pytest.mark.parametrize("which", ["unsure", "late", *ELSEWHERE])
-def test_a_motion_tells_what_the_bound_of_its_rehearsal_says(which):
+def test_predicted_information_is_that_of_the_bound_of_noise_free_recordings(which):
     found = plan(which)
     covariance = np.linalg.inv(found.information[0] + found.known)
     J = body_jacobian(found.joint.study.parameters)
@@ -687,17 +703,19 @@ def test_a_motion_tells_what_the_bound_of_its_rehearsal_says(which):
 @pytest.mark.parametrize("which", ["unsure", "tight", "bare"])
 def test_information_changes_along_the_commands_as_differences_say(which):
     found, rng = plan(which), np.random.default_rng(6)
-    information, seen = found.information
+    information, terms = found.information
     size = 1 / np.sqrt(np.diag(information + found.known))
     half = rng.normal(size=information.shape)
     weights = [(half + half.T) * np.outer(size, size), criterion_of(found).value(information)[1]]
     for weight in weights:
-        slope = found.outlook.slope(seen, weight)
-        ways = rng.normal(size=(4, *found.commands.shape)) * np.repeat([0.1, 0.3, 1.0, 1.0], SIX)
+        slope = found.predicted.gradient(terms, weight)
+        ways = rng.normal(size=(4, *found.commands.shape)) * np.repeat(
+            [0.1, 0.3, 1.0, 1.0], COORDINATES
+        )
         for way in ways:
 
             def total(commands, weight=weight):
-                return np.sum(weight * found.outlook.information(commands)[0])
+                return np.sum(weight * found.predicted.information(commands)[0])
 
             expected = central(total, found.commands, way)
             # A sum of many signs may nearly vanish: against the size of what is summed.
@@ -710,13 +728,13 @@ def test_information_changes_along_the_commands_as_differences_say(which):
 
 
 @pytest.mark.parametrize("which", ["unsure", "heavy", "bare"])
-def test_what_instants_add_and_what_holds_the_motion_is_all_that_is_known(which):
+def test_information_of_instants_and_smoothness_add_up_to_the_whole(which):
     found = plan(which)
-    information, seen = found.information
-    J = body_jacobian(found.view.parameters)
+    information, terms = found.information
+    J = body_jacobian(found.point.parameters)
     ways = np.linalg.inv(information + found.known)[:, :TEN] @ J.T
-    shares = found.outlook.shares(seen, ways)
-    assert shares.shape == (len(found.outlook.times), TEN)
+    shares = found.predicted.shares(terms, ways)
+    assert shares.shape == (len(found.predicted.times), TEN)
     assert np.all(shares >= 0)
     # Motions that go with the body cost what holds them: their smoothness, and quaternions of
     # length one in a hall.
@@ -727,7 +745,7 @@ def test_what_instants_add_and_what_holds_the_motion_is_all_that_is_known(which)
     )
     holding = []
     for way in ways.T:
-        moved = -np.linalg.solve(dense(seen.equations.band), seen.equations.side @ way)
+        moved = -np.linalg.solve(dense(terms.equations.band), terms.equations.side @ way)
         holding.append(moved @ banded_product(band, moved))
     whole = np.einsum("id,ij,jd->d", ways, information, ways)
     np.testing.assert_allclose(shares.sum(axis=0) + holding, whole, rtol=1e-7)
@@ -748,30 +766,32 @@ def dense(band):
 
 
 @pytest.mark.integration
-def test_all_that_is_told_of_a_parameter_is_told_at_some_instant_or_was_known_or_is_smoothness():
+def test_shares_of_information_and_priors_add_up_to_one():
     found = plan("bare")
     target, margin = Target.default(BODY), Margin(0.2, 1.0)
-    seen = appraise(found.experiment, {"run": MOTION}, target=target, margin=margin, level=0.0)
-    np.testing.assert_allclose(
-        seen.standard_deviation, found.joint.bound.standard_deviation, rtol=1e-6
+    evaluation = evaluate_motions(
+        found.experiment, {"run": MOTION}, target=target, margin=margin, level=0.0
     )
-    J = body_jacobian(found.view.parameters)
+    np.testing.assert_allclose(
+        evaluation.standard_deviation, found.joint.bound.standard_deviation, rtol=1e-6
+    )
+    J = body_jacobian(found.point.parameters)
     ways = np.linalg.inv(found.information[0] + found.known)[:, :TEN] @ J.T
     known = np.einsum("id,ij,jd->d", ways, found.known, ways) / np.einsum("di,id->d", J, ways[:TEN])
-    told = seen.told["run"]
+    shares = evaluation.information_shares["run"]
     # Each instant stands for the time around it, all together for the whole run.
-    step = told.time[1] - told.time[0]
-    np.testing.assert_allclose([told.time[0], DURATION - told.time[-1]], step / 2, rtol=1e-9)
-    np.testing.assert_allclose(told.share.sum(axis=0) * step + known, 1.0, atol=0.005)
+    step = shares.time[1] - shares.time[0]
+    np.testing.assert_allclose([shares.time[0], DURATION - shares.time[-1]], step / 2, rtol=1e-9)
+    np.testing.assert_allclose(shares.share.sum(axis=0) * step + known, 1.0, atol=0.005)
     assert known.max() > 0.01
 
 
-# What is wanted
+# The criterion
 
 
 def criterion_of(found):
-    return Criterion.about(
-        found.view.parameters, Target.default(BODY), found.known, found.information[0]
+    return OptimalityCriterion.with_floor(
+        found.point.parameters, Target.default(BODY), found.known, found.information[0]
     )
 
 
@@ -779,7 +799,7 @@ def test_ratios_are_those_of_the_inverse_of_the_information():
     found = plan("unsure")
     target = Target(0.5, 0.003, 2.0)
     wanted = np.array([0.5, *[0.003] * 3, *[2.0] * 6])
-    criterion = Criterion(BODY.parameters, target, found.known, np.zeros(TEN))
+    criterion = OptimalityCriterion(BODY.parameters, target, found.known, np.zeros(TEN))
     information = found.information[0]
     inverse = np.linalg.inv(information + found.known)
     assert_near(criterion.covariance(information), inverse, 1e-7)
@@ -800,7 +820,7 @@ def test_the_criterion_changes_with_the_information_as_differences_say(which):
     information, criterion = found.information[0], criterion_of(plan(which))
     value, slope = criterion.value(information)
     assert_near(slope, slope.T, 1e-14)
-    left = criterion.ratios(information)[0] ** 2 - criterion.untold
+    left = criterion.ratios(information)[0] ** 2 - criterion.variance_floor
     assert value == pytest.approx(np.log(np.sqrt(np.linalg.norm(left))), abs=1e-9)
     # In units of how well each is known, or hardly any change would leave the matrix positive.
     root = np.linalg.cholesky(information + found.known)
@@ -811,18 +831,18 @@ def test_the_criterion_changes_with_the_information_as_differences_say(which):
         np.testing.assert_allclose(np.sum(slope * way), expected, rtol=1e-6)
 
 
-def test_no_motion_tells_a_gain_that_all_force_sensors_share():
+def test_no_motion_identifies_a_gain_that_all_force_sensors_share():
     # Eight gains of 1 % and one of .5 % that all share: heavier bodies on sensors that read less
-    # look the same. What the eight have in common is told by nothing, how they differ is.
+    # look the same. What the eight have in common no motion identifies, how they differ is.
     found = plan("gains")
     common = np.hypot(0.01 / np.sqrt(8), 0.005)
     target = Target.default(BODY)
     each = np.array([target.mass, *[target.cog] * 3, *[target.inertia] * 6])
-    untold = np.sqrt(criterion_of(found).untold) * each
-    body = np.abs(Inertia.from_parameters(found.view.parameters).body_parameters)
-    np.testing.assert_allclose(untold[[0, 4, 5, 6]], common * body[[0, 4, 5, 6]], rtol=0.01)
+    floor = np.sqrt(criterion_of(found).variance_floor) * each
+    body = np.abs(Inertia.from_parameters(found.point.parameters).body_parameters)
+    np.testing.assert_allclose(floor[[0, 4, 5, 6]], common * body[[0, 4, 5, 6]], rtol=0.01)
     # The centre of gravity is where it is on any scale.
-    assert np.all(untold[1:4] < 0.02 * target.cog)
+    assert np.all(floor[1:4] < 0.02 * target.cog)
 
 
 def test_the_wanted_is_a_hundredth_of_mass_and_largest_moment_and_two_millimetres():
@@ -831,7 +851,7 @@ def test_the_wanted_is_a_hundredth_of_mass_and_largest_moment_and_two_millimetre
     )
 
 
-# What a command demands
+# What a command constraints
 
 LIMITED = replace(STRAIGHT, limits=replace(STRAIGHT.limits, cable_speed=1.7))
 TRACKER = changed(
@@ -842,23 +862,23 @@ SHARE = 0.85
 
 
 @cache
-def demands(level=0.0):
+def constraints(level=0.0):
     suite = {**paper_sensors(HEAVY).instruments, "tracker": TRACKER}
-    return Demands(LIMITED, suite, MARGIN, level, SHARE)
+    return MotionConstraints(LIMITED, suite, MARGIN, level, SHARE)
 
 
-def demanded(commands, level=0.0):
+def constrained(commands, level=0.0):
     """Name -> values, shape (n, k)."""
-    values = demands(level).values(commands[:, :AT])
-    names = np.array(demands(level).names)
+    values = constraints(level).values(commands[:, :COMMAND])
+    names = np.array(constraints(level).names)
     return {name: values[:, names == name] for name in dict.fromkeys(names)}
 
 
 @pytest.mark.integration
-def test_a_command_demands_its_part_of_every_limit():
+def test_a_command_uses_its_part_of_every_limit():
     commands = random_commands(20)
     commands[:, 18:] = 0.0
-    found = demanded(commands)
+    found = constrained(commands)
     limits = STRAIGHT.limits
     for name, six, box in (
         ("position", slice(0, 3), limits.position),
@@ -892,7 +912,7 @@ def test_a_command_demands_its_part_of_every_limit():
 @pytest.mark.integration
 def test_cables_are_fed_as_fast_as_their_lengths_change_in_time():
     commands = random_commands(20)
-    found = demanded(commands)["cable speed"]
+    found = constrained(commands)["cable speed"]
     for each, command in zip(found, commands, strict=True):
         position, rotation = moved(command)
 
@@ -905,12 +925,12 @@ def test_cables_are_fed_as_fast_as_their_lengths_change_in_time():
         np.testing.assert_allclose(each, np.concatenate([shorter, -shorter]), atol=1e-9)
 
 
-def test_what_has_no_limit_demands_nothing():
+def test_what_has_no_limit_constrains_nothing():
     free = replace(LIMITED, limits=type(LIMITED.limits)(), tension_limits=(50.0, np.inf))
-    names = Demands(free, paper_sensors(HEAVY).instruments, MARGIN, 0.0, SHARE).names
+    names = MotionConstraints(free, paper_sensors(HEAVY).instruments, MARGIN, 0.0, SHARE).names
     # Of the least tensions alone.
     assert names == ("tension",) * 8 + ("tension at rest",) * 8
-    assert Demands(replace(BARE, limits=STRAIGHT.limits), {}, MARGIN, 0.0, SHARE).names == (
+    assert MotionConstraints(replace(BARE, limits=STRAIGHT.limits), {}, MARGIN, 0.0, SHARE).names == (
         *("position",) * 6, *("orientation",) * 6, "speed", "acceleration", "angular speed", "angular acceleration",
     )  # fmt: skip
 
@@ -923,7 +943,10 @@ def bodies_around(n, seed=8):
         share = MARGIN.share * (rng.uniform(-1, 1) if i % 2 else rng.choice([-1, 1]))
         way = rng.normal(size=3)
         shift = (
-            MARGIN.off * (rng.uniform() ** (1 / 3) if i % 2 else 1.0) * way / np.linalg.norm(way)
+            MARGIN.cog_offset
+            * (rng.uniform() ** (1 / 3) if i % 2 else 1.0)
+            * way
+            / np.linalg.norm(way)
         )
         scale = 1 + share
         yield (
@@ -935,16 +958,16 @@ def bodies_around(n, seed=8):
 @pytest.mark.integration
 @pytest.mark.parametrize("level", [0.0, TIGHT])
 @pytest.mark.parametrize("name", ["tension", "tension at rest"])
-def test_bodies_within_the_margin_are_moved_by_the_tensions_that_are_demanded(name, level):
-    assert MARGIN.off == pytest.approx(0.2 * LIMITED.size / 2.5)
+def test_bodies_within_the_margin_are_moved_by_the_tensions_that_are_constrained(name, level):
+    assert MARGIN.cog_offset == pytest.approx(0.2 * LIMITED.size / 2.5)
     commands = random_commands(30)
-    commands[:, SIX:] *= 0.7  # as gentle as the robot's limits ask for
-    found = demanded(commands, level)[name]
+    commands[:, COORDINATES:] *= 0.7  # as gentle as the robot's limits ask for
+    found = constrained(commands, level)[name]
     low, high = LIMITED.tension_limits
     unit = BODY.mass * 9.81 / 2
     least, most = low + unit * (1 - found[:, :8]), high + unit * (found[:, 8:] - 1)
     if name == "tension at rest":
-        commands[:, SIX:] = 0.0
+        commands[:, COORDINATES:] = 0.0
     position, R, _, _, omega, alpha, s = motions(commands)
     W = structure_of(LIMITED, position, R)
     inverse, even = np.linalg.pinv(W), np.full(8, level)
@@ -953,7 +976,7 @@ def test_bodies_within_the_margin_are_moved_by_the_tensions_that_are_demanded(na
         wrench = moving_wrench(body, s, omega, alpha)
         tension.append(even + np.einsum("nmk,nk->nm", inverse, wrench - W @ even))
         # What a shift changes of the inertia about the origin, beside the first moment, which is
-        # all that is demanded.
+        # all that is constrained.
         further = body.inertia_about_origin - scale * BODY.inertia_about_origin
         torque = alpha @ further + np.cross(omega, omega @ further)
         by_shift.append(np.einsum("nmk,nk->nm", inverse[:, :, 3:], torque))
@@ -970,30 +993,32 @@ def test_bodies_within_the_margin_are_moved_by_the_tensions_that_are_demanded(na
 
 @pytest.mark.integration
 @pytest.mark.parametrize("level", [0.0, TIGHT])
-def test_demands_change_along_the_command_as_differences_say(level):
-    commands = random_commands(10, seed=9)[:, :AT]
-    values, slope = demands(level).linearised(commands)
-    np.testing.assert_allclose(values, demands(level).values(commands), atol=1e-12)
-    assert slope.shape == (10, len(demands(level).names), AT)
-    assert_near(slope, in_every_way(demands(level).values, commands), DIFFERENCES)
+def test_constraints_change_along_the_command_as_differences_say(level):
+    commands = random_commands(10, seed=9)[:, :COMMAND]
+    values, slope = constraints(level).linearised(commands)
+    np.testing.assert_allclose(values, constraints(level).values(commands), atol=1e-12)
+    assert slope.shape == (10, len(constraints(level).names), COMMAND)
+    assert_near(slope, in_every_way(constraints(level).values, commands), DIFFERENCES)
 
 
-# Ringing
+# Vibration on elastic cables
 
 
-LIVELY = Course(START, START, 6.0, 11, REACH)
+LIVELY = MotionSpline(START, START, 6.0, 11, REACH)
 
 
 @cache
-def ringing():
-    return Ringing(
-        LIMITED, LIVELY.instants(PER_INTERVAL), natural_frequencies(LIMITED, START, 0.0)[0]
+def vibration():
+    return CableVibration(
+        LIMITED,
+        LIVELY.midpoints(SETTINGS.vibration_instants),
+        natural_frequencies(LIMITED, START, 0.0)[0],
     )
 
 
-def ringing_commands():
+def vibration_commands():
     x = 0.05 * np.random.default_rng(2).normal(size=LIVELY.size)
-    return LIVELY.at(ringing().times).commands(x)[:, :AT]
+    return LIVELY.at(vibration().times).commands(x)[:, :COMMAND]
 
 
 def stiffness_of(robot, position, R):
@@ -1004,7 +1029,7 @@ def stiffness_of(robot, position, R):
     return np.einsum("nim,nm,njm->nij", W, robot.cable.axial_stiffness / length, W)
 
 
-def test_a_platform_swings_as_its_stiffness_and_its_mass_let_it():
+def test_natural_frequencies_follow_from_stiffness_and_mass():
     # That of the cables alone: what they pull turns with the platform, and stiffens it by another
     # per cent.
     R = Rotation.from_euler("ZYX", START[:2:-1]).as_matrix()[None]
@@ -1017,8 +1042,8 @@ def test_a_platform_swings_as_its_stiffness_and_its_mass_let_it():
 
 
 @pytest.mark.integration
-def test_ringing_is_what_the_bent_cables_add_in_the_band_of_their_resonance():
-    found, commands = ringing(), ringing_commands()
+def test_vibration_is_what_stretched_cables_add_in_the_band_of_their_resonance():
+    found, commands = vibration(), vibration_commands()
     position, R, _, _, omega, alpha, s = motions(commands)
     stiffness = stiffness_of(LIMITED, position, R)
     still = np.zeros((len(R), 3))
@@ -1032,22 +1057,27 @@ def test_ringing_is_what_the_bent_cables_add_in_the_band_of_their_resonance():
     n, step = len(found.times), found.times[1] - found.times[0]
     frequency = np.fft.rfftfreq(n, step)
     spectrum = np.fft.rfft(bent, axis=0) * -((2 * np.pi * frequency[:, None]) ** 2)
-    spectrum[(frequency < BAND * found.lowest) | (np.arange(len(frequency)) >= n // 2)] = 0
+    spectrum[
+        (frequency < SETTINGS.vibration_band * found.lowest_frequency)
+        | (np.arange(len(frequency)) >= n // 2)
+    ] = 0
     accelerated = np.fft.irfft(spectrum, n, axis=0)
     limits = np.repeat([LIMITED.limits.acceleration, LIMITED.limits.angular_acceleration], 3)
     resonance = 1 / (2 * LIMITED.cable.damping_ratio)
-    expected = np.sum(np.mean((accelerated * resonance / (ALLOWED * limits)) ** 2, axis=0))
+    expected = np.sum(
+        np.mean((accelerated * resonance / (SETTINGS.vibration_level * limits)) ** 2, axis=0)
+    )
     value, _ = found.value(commands)
     assert expected > 1e-3
     assert value == pytest.approx(expected, rel=1e-7)
 
 
-def test_ringing_changes_along_the_commands_as_differences_say():
-    commands, rng = ringing_commands(), np.random.default_rng(10)
-    _, slope = ringing().value(commands)
+def test_vibration_changes_along_the_commands_as_differences_say():
+    commands, rng = vibration_commands(), np.random.default_rng(10)
+    _, slope = vibration().value(commands)
     for _ in range(6):
         way = rng.normal(size=commands.shape)
-        expected = central(lambda c: ringing().value(c)[0], commands, way)
+        expected = central(lambda c: vibration().value(c)[0], commands, way)
         np.testing.assert_allclose(
             np.sum(slope * way),
             expected,
@@ -1062,22 +1092,22 @@ def test_ringing_changes_along_the_commands_as_differences_say():
 @cache
 def problem():
     pose = np.array([0, 0, 1.5, 0, 0, 0.0])
-    course = Course(pose, pose, DURATION, 8, REACH)
+    spline = MotionSpline(pose, pose, DURATION, 8, REACH)
     found = plan("unsure")
     lowest = natural_frequencies(LIMITED, pose, 0.0)[0]
-    rings = Ringing(LIMITED, course.instants(PER_INTERVAL), lowest)
-    return Problem(course, found.outlook, criterion_of(found), demands(), rings)
+    vibrates = CableVibration(LIMITED, spline.midpoints(SETTINGS.vibration_instants), lowest)
+    return DesignProblem(spline, found.predicted, criterion_of(found), constraints(), vibrates)
 
 
 @cache
 def beginning():
     """A gentle motion that keeps all limits."""
     motion = multisine([0, 0, 1.5, 0, 0, 0], [0.4, 0.3, 0.2, 0.1, 0.1, 0.15], DURATION, 3, seed=3)
-    return problem().course.near(motion)
+    return problem().spline.fitted_to(motion)
 
 
 @pytest.mark.integration
-def test_the_objective_changes_with_the_course_as_differences_say():
+def test_the_objective_changes_with_the_motion_as_differences_say():
     x, rng = beginning(), np.random.default_rng(11)
     value, slope = problem().objective(x)
     gradient = slope()
@@ -1091,11 +1121,11 @@ def test_the_objective_changes_with_the_course_as_differences_say():
 
 
 @pytest.mark.integration
-def test_the_constraints_change_with_the_course_as_differences_say():
+def test_the_constraints_change_with_the_motion_as_differences_say():
     x = beginning()
     value, jacobian = problem().constraints(x)
     matrix = jacobian.toarray()
-    assert len(value) == 5 * 8 * len(demands().names) + 1
+    assert len(value) == 5 * 8 * len(constraints().names) + 1
     # Each entry once, or the solver would take one of them.
     assert len(set(zip(jacobian.row, jacobian.col, strict=True))) == jacobian.nnz
     ways = np.random.default_rng(12).normal(size=(3, len(x)))
@@ -1106,10 +1136,10 @@ def test_the_constraints_change_with_the_course_as_differences_say():
             matrix[-1] @ way, expected[-1], atol=DIFFERENCES * np.linalg.norm(matrix[-1])
         )
     # They are those of the trajectory itself.
-    course = problem().course
-    times = course.instants(5)
-    commands = np.hstack([course.trajectory(x).derivative(times, order) for order in range(3)])
-    np.testing.assert_allclose(value[:-1], demands().values(commands).ravel(), atol=1e-10)
+    spline = problem().spline
+    times = spline.midpoints(5)
+    commands = np.hstack([spline.trajectory(x).derivative(times, order) for order in range(3)])
+    np.testing.assert_allclose(value[:-1], constraints().values(commands).ravel(), atol=1e-10)
 
 
 STEPS = 6
@@ -1117,41 +1147,41 @@ STEPS = 6
 
 @cache
 def searched():
-    told = []
+    progress = []
     return (
         problem().search(
-            beginning(), steps=STEPS, seconds=600.0, told=lambda *news: told.append(news)
+            beginning(), steps=STEPS, seconds=600.0, progress=lambda *news: progress.append(news)
         ),
-        told,
+        progress,
     )
 
 
 @pytest.mark.integration
 def test_a_search_of_a_few_steps_makes_the_experiment_better_within_the_limits():
-    found, told = searched()
+    found, progress = searched()
     before = problem().objective(beginning())[0]
     assert problem().constraints(beginning())[0].max() < 1
     assert found.value == problem().objective(found.x)[0]
     assert found.excess == problem().constraints(found.x)[0].max() - 1
     assert found.in_time
     assert found.steps == STEPS
-    assert told[0] == (1, before)
-    assert [step for step, _ in told] == list(range(1, len(told) + 1))
+    assert progress[0] == (1, before)
+    assert [step for step, _ in progress] == list(range(1, len(progress) + 1))
     # A search that is broken off may stand outside the limits for the moment; then the best within
     # them is at hand.
-    kept = found.kept
+    kept = found.best_feasible
     assert problem().constraints(kept)[0].max() <= 1.01
     # By a third at least of all 1-sigma together.
     assert problem().objective(kept)[0] < before - 0.4
     # Not above the limits between the instants either that are looked at.
     times = np.linspace(0, DURATION, 500)
-    motion = problem().course.trajectory(kept)
+    motion = problem().spline.trajectory(kept)
     commands = np.hstack([motion.derivative(times, order) for order in range(3)])
-    assert demands().values(commands).max() < 1.02
+    assert constraints().values(commands).max() < 1.02
 
 
 @pytest.mark.integration
-def test_the_same_start_ends_in_the_same_course_to_the_last_bit():
+def test_the_same_start_ends_in_the_same_motion_to_the_last_bit():
     found, _ = searched()
     again = problem().search(beginning(), steps=STEPS, seconds=600.0)
     np.testing.assert_array_equal(again.x, found.x)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-
 from steelyard.excitation.poses import places, within_bounds
 from steelyard.excitation.rehearsal import held_tensions
+
 from steelyard.motion.trajectory import multisine
 from steelyard.robot.file import read_robot
 from steelyard.robot.kinematics import cables_at

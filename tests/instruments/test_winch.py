@@ -11,6 +11,8 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from simulated import EXACT, PAPER, changed
+from steelyard.identification.model.balance import balance, shared_noise, whitener
+from steelyard.identification.solve.classical import study
 
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run, Stream
@@ -21,10 +23,8 @@ from steelyard.identification.methods.instrumental_variables import Instrumental
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.two_step import TwoStep
-from steelyard.identification.model.balance import balance, shared_noise, whitener
 from steelyard.identification.model.calibration_parameters import Calibration, gather
 from steelyard.identification.model.preparation import prepare
-from steelyard.identification.solve.classical import study
 from steelyard.identification.verdict.prediction import predict_held_out
 from steelyard.instruments import Pose, Tension
 from steelyard.instruments.equations import (
@@ -40,8 +40,10 @@ from steelyard.motion.trajectory import RestToRest
 from steelyard.robot.file import read_robot
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import CableProperties
-from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
-from steelyard.simulation.sensors import draw_errors, read_sensors, record
+from steelyard.simulation.forward_dynamics import CablePlatform
+from steelyard.simulation.recording import draw_errors, record
+from steelyard.simulation.response import ExactMotion
+from steelyard.simulation.sensors import read_sensors
 from steelyard.simulation.simulate import simulate
 from steelyard.simulation.trajectories import feasible_multisine
 

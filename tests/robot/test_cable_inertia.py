@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from steelyard.robot.cable_inertia import dragging
+from steelyard.robot.cable_inertia import cable_inertia_wrench
 from steelyard.robot.file import read_robot
 
 SLICES = 4000
@@ -58,7 +58,7 @@ def by_slices(robot, motion, sample):
 
 
 def test_a_third_of_each_cable_moves_along_across_it(robot, motion):
-    found = dragging(robot, **motion)
+    found = cable_inertia_wrench(robot, **motion)
     for sample in range(2):
         expected = by_slices(robot, motion, sample)
         np.testing.assert_allclose(found[sample], expected, atol=TOLERANCE * np.abs(expected).max())
@@ -67,7 +67,7 @@ def test_a_third_of_each_cable_moves_along_across_it(robot, motion):
 def test_a_platform_at_rest_drags_nothing(robot, motion):
     still = {**motion, "omega": np.zeros((2, 3)), "alpha": np.zeros((2, 3))}
     still["specific_force"] = -np.einsum("nji,j->ni", motion["rotation"], motion["gravity"])
-    np.testing.assert_allclose(dragging(robot, **still), 0.0, atol=1e-12)
+    np.testing.assert_allclose(cable_inertia_wrench(robot, **still), 0.0, atol=1e-12)
 
 
 def test_the_cables_resist_every_translation(robot, motion):
@@ -76,5 +76,7 @@ def test_the_cables_resist_every_translation(robot, motion):
     for _ in range(10):
         a = rng.normal(0, 1, 3)
         still["specific_force"] = np.einsum("nji,j->ni", motion["rotation"], a - motion["gravity"])
-        force = np.einsum("nij,nj->ni", motion["rotation"], dragging(robot, **still)[:, :3])
+        force = np.einsum(
+            "nij,nj->ni", motion["rotation"], cable_inertia_wrench(robot, **still)[:, :3]
+        )
         assert np.all(force @ a < 0)

@@ -9,7 +9,8 @@ from steelyard.dynamics import platform_wrench
 from steelyard.errors import InfeasibleError, InputError
 from steelyard.motion.trajectory import RestToRest, multisine
 from steelyard.robot.file import read_robot
-from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
+from steelyard.simulation.forward_dynamics import CablePlatform
+from steelyard.simulation.response import ExactMotion
 
 POSE_TOLERANCE = 1e-4  # [m], [rad]: what the issue asks of two simulators over 5 s; they agree to a few micrometres
 DURATION = 5.0

@@ -4,150 +4,20 @@ solved in two independent ways.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from steelyard.arrays import Array, readonly
-from steelyard.bodies.mass_region import Region
-from steelyard.bodies.newton import DIRECTIONS, NewtonSolution, WhitenedProblem, newton, smat, svec
+from steelyard.bodies.body_problem import BodyProblem as BodyProblem
+from steelyard.bodies.newton import SolverEnd, newton
+from steelyard.bodies.semidefinite_programme import semidefinite_programme
+from steelyard.bodies.settings import DEFAULT
+from steelyard.bodies.whitened_problem import WhitenedProblem, smat, svec
 from steelyard.errors import InputError, SteelyardError
-from steelyard.inertia import Inertia, six, symmetric
-
-_WHOLE = 1e-13
-"""Rounding of an information matrix whose diagonal is one."""
-_UNTOLD = 1e-3, 1e-5
-"""What the reference body is worth where data are silent: a standard deviation of a thousand such
-bodies, but never more than a hundred-thousandth of what the data tell best; it only decides between
-bodies that fit equally well."""
-_POLISH = 12
-"""Newton steps, at most, on the prior within the semidefinite programme."""
-_AGREEMENT = 1e-6
-"""Of the two solutions, in sigmas per (1 + distance of the solution in sigmas)."""
-
-
-@dataclass(frozen=True, eq=False)
-class BodyProblem:
-    r"""Least squares over the bodies that can exist.
-
-    Minimises :math:`\frac12 (\phi - \hat\phi)^T \mathcal{I} (\phi - \hat\phi) +
-    w\,(\mathrm{tr}(P_0^{-1} P) - \log\det(P_0^{-1} P) - 4)` over the ten of
-    :data:`steelyard.inertia.LINEAR_PARAMETERS`, subject to :math:`P - \epsilon P_{ref} \succeq 0`
-    with P the pseudo-inertia of :math:`\phi` and to :math:`\mathrm{tr}(P Q) \ge 0` for each
-    condition of each region [Wensing2018]_. The second term is the entropic divergence of
-    [Lee2020]_.
-    """
-
-    estimate: Array
-    """What the data say alone: any ten numbers; those that nothing tells may be anything, shape
-    (10,)."""
-    information: Array
-    """Inverse covariance of the estimate; singular where data are silent, shape (10, 10)."""
-    reference: Inertia
-    """A body of about the same size: in coordinates in which its pseudo-inertia is the identity
-    nothing has a unit. Where the data are silent, the solution is the nearest to it of those that
-    fit equally well."""
-    margin: float = 1e-6
-    """epsilon. A millionth of the reference, a thickness of a thousandth of its own: far above
-    rounding and far below what anybody weighs."""
-    regions: Sequence[Region] = ()
-    """Where the mass lies: in all of them. The conditions are necessary ones; they do not tell a
-    body of the right first and second moments from one that fits."""
-    nominal: Inertia | None = None
-    """The body P_0 to which the solution is pulled."""
-    prior_weight: float = 0.0
-    """w, in the unit of the objective: 1/2 is a sigma."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "estimate", readonly(self.estimate, (10,), "estimate"))
-        matrix = readonly(self.information, (10, 10), "information")
-        scale = np.sqrt(np.abs(np.diag(matrix)))
-        outer = np.outer(scale, scale)
-        if (np.abs(matrix - matrix.T) > 1e-9 * outer).any() or (np.diag(matrix) < 0).any():
-            raise ValueError(
-                "information: expected a symmetric positive semidefinite matrix, found another"
-            )
-        matrix = readonly((matrix + matrix.T) / 2, (10, 10), "information")
-        if np.linalg.eigvalsh(over(matrix, outer))[0] < -1e-8:
-            raise ValueError(
-                "information: expected a symmetric positive semidefinite matrix, found a negative"
-                " eigenvalue"
-            )
-        object.__setattr__(self, "information", matrix)
-        object.__setattr__(self, "regions", tuple(self.regions))
-        for name, body in (("reference", self.reference), ("nominal", self.nominal)):
-            if body is not None and not body.is_physical:
-                raise ValueError(f"{name}: expected a body that can exist, found {body.to_dict()}")
-        if not 0 < self.margin < 1:
-            raise ValueError(f"margin: expected a number between 0 and 1, found {self.margin}")
-        if not 0 <= self.prior_weight < np.inf or (self.prior_weight > 0 and self.nominal is None):
-            raise ValueError(
-                f"prior_weight: expected 0, or more with a nominal body, found {self.prior_weight}"
-            )
-
-    @property
-    def conditions(self) -> dict[str, Array]:
-        """Name -> Q of every condition of the regions."""
-        return {name: Q for region in self.regions for name, Q in region.conditions.items()}
-
-    @property
-    def to_whitened(self) -> Array:
-        """D of z = D phi, with z = svec(L^-1 P L^-T) and P_ref = L L^T, shape (10, 10)."""
-        inverse = np.linalg.inv(np.linalg.cholesky(self.reference.pseudo_inertia))
-        return svec(inverse @ _PSEUDO_INERTIAS @ inverse.T).T
-
-    @property
-    def from_whitened(self) -> Array:
-        """Inverse of :attr:`to_whitened`, shape (10, 10)."""
-        L = np.linalg.cholesky(self.reference.pseudo_inertia)
-        return np.column_stack([_parameters(L @ smat(e) @ L.T) for e in np.eye(10)])
-
-    @property
-    def root_information(self) -> Array:
-        """F with F^T F = information; rows of directions that nothing tells are zero, shape (10,
-        10).
-        """
-        scale = np.sqrt(np.diag(self.information))
-        # In units in which the diagonal is one, so that rounding of the mass does not drown the
-        # products of inertia.
-        values, vectors = np.linalg.eigh(over(self.information, np.outer(scale, scale)))
-        root: Array = (
-            np.sqrt(np.where(values > _WHOLE * values[-1], values, 0.0))[:, None]
-            * vectors.T
-            * scale
-        )
-        return root
-
-    def misfit(self, parameters: Array) -> float:
-        """(phi - estimate)^T information (phi - estimate)."""
-        F = self.root_information
-        # Not of the difference: what nothing tells may be huge.
-        return float(np.sum((F @ parameters - F @ self.estimate) ** 2))
-
-    @property
-    def whitened(self) -> WhitenedProblem:
-        """The same without units, made definite."""
-        F, T = self.root_information, self.from_whitened
-        left, s, right = np.linalg.svd(F @ T)
-        least = min(_UNTOLD[0], _UNTOLD[1] * s[0]) if s[0] > 0 else _UNTOLD[0]
-        told = s > least
-        along = np.where(
-            told, left.T @ (F @ self.estimate) / np.where(told, s, 1.0), right @ svec(np.eye(4))
-        )
-        L = np.linalg.cholesky(self.reference.pseudo_inertia)
-        rows = np.array([svec(L.T @ Q @ L) for Q in self.conditions.values()]).reshape(-1, 10)
-        nominal = self.reference if self.nominal is None else self.nominal
-        root = np.linalg.solve(np.linalg.cholesky(nominal.pseudo_inertia), L)
-        return WhitenedProblem(
-            weights=np.where(told, s, least)[:, None] * right,
-            center=right.T @ along,
-            rows=rows / np.linalg.norm(rows, axis=1)[:, None],
-            margin=self.margin,
-            prior=self.prior_weight,
-            nominal_inverse=root.T @ root,
-        )
+from steelyard.inertia import Inertia
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,64 +62,108 @@ class ConsistentBody:
     iterations: tuple[int, int]
     """Of the semidefinite programme and of Newton's method."""
     disagreement: float
-    """Between the two, in sigmas per (1 + distance in sigmas)."""
+    """Between the two, in sigmas per (1 + distance in sigmas); infinite where one of them ended
+    nowhere."""
+    agreement: float = DEFAULT.agreement
+    """Disagreement up to which the two count as one."""
 
     @property
     def objective(self) -> float:
         """What was minimised."""
         return self.misfit / 2 + self.prior
 
+    @property
+    def remark(self) -> str | None:
+        """That the last digits are uncertain; None where the two solvers agree."""
+        if self.disagreement <= self.agreement:
+            return None
+        how = "one of its two solvers ended nowhere"
+        if np.isfinite(self.disagreement):
+            how = f"its two solvers differ by {self.disagreement:.2g} of its distance in sigmas"
+        return (
+            f"the nearest body that can exist is known less exactly than usual: {how}; the better"
+            " solution is used"
+        )
+
 
 def solve(problem: BodyProblem) -> ConsistentBody:
     """Solve as a semidefinite programme and by Newton's method, and compare.
 
     Returns:
-        Newton's solution, which lies strictly inside.
+        Newton's solution, which lies strictly inside; where the two differ, the better one, see
+        :attr:`ConsistentBody.remark`.
 
     Raises:
         InputError: No body has its mass in all the regions, or the regions are nowhere near what
             the data show.
-        SteelyardError: The two differ, or one of them fails: an error.
+        SteelyardError: Neither solver ends at a body: the information spans too many orders of
+            magnitude.
     """
     whitened = problem.whitened
     z = problem.to_whitened @ problem.estimate
-    if problem.prior_weight == 0 and _is_inside(whitened, z):
+    if problem.prior_weight == 0 and whitened.is_feasible(z):
         body = Inertia.from_parameters(problem.estimate)
         return ConsistentBody(problem.estimate, body, 0.0, 0.0, (), "unchanged", (0, 0), 0.0)
-    try:
-        # Numbers that end in nothing are caught below.
-        with np.errstate(all="ignore"):
-            first, first_iterations = _semidefinite(whitened)
-            second = newton(whitened)
-    except np.linalg.LinAlgError as error:
-        if problem.regions:
-            raise InputError(
-                "regions: expected some near the body that the data show, found none of that mass"
-                " anywhere near; correct their places in the platform frame [m]"
-            ) from error
-        raise SteelyardError(
-            "the nearest body that can exist: expected a solution, found none; please report the"
-            " estimate with its information matrix"
-        ) from error
-    disagreement = _distance(whitened, first, second.z)
-    if not disagreement <= _AGREEMENT:
-        raise SteelyardError(
-            f"the nearest body that can exist: expected two methods within {_AGREEMENT:g} sigma of"
-            f" each other, found {disagreement:.2g};"
-            f" {'check whether the regions are where the mass is, or' if problem.regions else 'please'}"
-            " report the estimate with its information matrix"
-        )
-    parameters = readonly(problem.from_whitened @ second.z, (10,), "parameters")
-    binding = _binding(problem, whitened, second)
+    first = _end(semidefinite_programme, whitened)
+    second = _end(newton, whitened)
+    if first is None and second is None:
+        raise _no_solution(problem)
+    disagreement = np.inf
+    if first is not None and second is not None:
+        disagreement = _distance(whitened, first.z, second.z)
+    agreement = problem.settings.agreement
+    found = second if disagreement <= agreement else _better(whitened, first, second)
+    if found is None:
+        raise _no_solution(problem)
+    parameters = readonly(problem.from_whitened @ found.z, (10,), "parameters")
+    binding = _binding(problem, whitened, found)
     return ConsistentBody(
         parameters=parameters,
         body=Inertia.from_parameters(parameters),
         misfit=problem.misfit(parameters),
-        prior=whitened.prior_term(second.z),
+        prior=whitened.prior_term(found.z),
         binding=binding,
         status="boundary" if binding else "inside",
-        iterations=(first_iterations, second.iterations),
+        iterations=(first.iterations if first else 0, second.iterations if second else 0),
         disagreement=disagreement,
+        agreement=agreement,
+    )
+
+
+def _end(
+    solver: Callable[[WhitenedProblem], SolverEnd], problem: WhitenedProblem
+) -> SolverEnd | None:
+    """Where a solver ends; None where its numbers overflow or a matrix is singular."""
+    try:
+        with np.errstate(all="ignore"):
+            end = solver(problem)
+    except np.linalg.LinAlgError:
+        return None
+    return end if np.isfinite(end.z).all() and np.isfinite(end.multipliers).all() else None
+
+
+def _better(problem: WhitenedProblem, *ends: SolverEnd | None) -> SolverEnd | None:
+    """The feasible end of lower cost, moved inside by its rounding; None: neither is feasible."""
+    found = []
+    for end in ends:
+        if end is not None and problem.is_feasible(end.z, problem.settings.feasibility):
+            value, vector = np.linalg.eigh(smat(end.z))
+            z = svec((vector * np.maximum(value, problem.margin)) @ vector.T)
+            found.append(end._replace(z=z))
+    return min(found, key=lambda end: problem.value(end.z), default=None)
+
+
+def _no_solution(problem: BodyProblem) -> SteelyardError:
+    """What to say where neither solver ends at a body."""
+    if problem.regions:
+        return InputError(
+            "regions: expected some near the body that the data show, found none of that mass"
+            " anywhere near; correct their places in the platform frame [m]"
+        )
+    return SteelyardError(
+        "the nearest body that can exist: expected an estimate whose information double precision"
+        " resolves, found one of too many orders of magnitude; give a reference body of about the"
+        " same size, or a larger 1-sigma of what is known best"
     )
 
 
@@ -281,144 +195,33 @@ def covariance(problem: BodyProblem, solution: ConsistentBody, *, projected: boo
 
 def _tangent(problem: BodyProblem, whitened: WhitenedProblem, binding: Sequence[Binding]) -> Array:
     """Orthonormal directions along all constraints that bind, shape (10, k)."""
-    flat = [b.whitened for b in binding if b.whitened is not None]
-    normals = [svec(np.outer(u, v) + np.outer(v, u)) for i, u in enumerate(flat) for v in flat[i:]]
-    names = [b.name for b in binding if b.whitened is None]
-    normals += [
-        row for name, row in zip(problem.conditions, whitened.rows, strict=True) if name in names
-    ]
+    flat = [each.whitened for each in binding if each.whitened is not None]
+    normals = []
+    for i, u in enumerate(flat):
+        normals += [svec(np.outer(u, v) + np.outer(v, u)) for v in flat[i:]]
+    names = [each.name for each in binding if each.whitened is None]
+    for name, row in zip(problem.conditions, whitened.rows, strict=True):
+        if name in names:
+            normals.append(row)
     if not normals:
         return np.eye(10)
     _, s, right = np.linalg.svd(np.array(normals))
     return right[int((s > 1e-9 * s[0]).sum()) :].T
 
 
-def _semidefinite(problem: WhitenedProblem) -> tuple[Array, int]:
-    """Solve by Clarabel; returns z, shape (10,), and the number of iterations."""
-    value, vector = np.linalg.eigh(smat(problem.center))
-    start = svec((vector * np.maximum(value, 10 * problem.margin)) @ vector.T)
-    z, iterations = start, 0
-    # In units of the solution's distance, so that the solver's absolute tolerances mean something;
-    # a guess at first.
-    for _ in range(5):
-        distance = float(np.sqrt(1.0 + 2 * problem.data_term(z)))
-        z, more = _clarabel(problem, float(np.hypot(distance, np.sqrt(problem.prior))))
-        iterations += more
-        if np.sqrt(1.0 + 2 * problem.data_term(z)) > distance / 10:
-            break
-    for _ in range(_POLISH if problem.prior else 0):
-        before = z
-        z, more = _clarabel(_quadratic(problem, z), distance)
-        iterations += more
-        if (
-            np.linalg.norm(problem.weights @ (z - before)) < 1e-9 * distance
-            and np.linalg.norm(z - before) < 1e-9
-        ):
-            break
-    return z, iterations
-
-
-def _quadratic(problem: WhitenedProblem, z: Array) -> WhitenedProblem:
-    """With the prior replaced by its second-order model about z, for the digits that exponential
-    cones do not give.
-    """
-    value, vector = np.linalg.eigh(smat(z))
-    z = svec((vector * np.maximum(value, 0.5 * problem.margin)) @ vector.T)
-    _, s, right = np.linalg.svd(problem.hessian_root(z), full_matrices=False)
-    center = z - right.T @ (right @ problem.gradient(z) / s**2)
-    return replace(problem, weights=s[:, None] * right, center=center, prior=0.0)
-
-
-def _clarabel(problem: WhitenedProblem, unit: float) -> tuple[Array, int]:
-    """One call of Clarabel.
-
-    Unknowns are the deviations from the centre in units of so many sigmas: the quadratic form is
-    the identity whatever the data. The determinant of the prior is that of a triangular Z with [[M,
-    Z], [Z^T, diag(Z)]] >= 0, whose diagonal has logarithms t in exponential cones, for M = N W N^T
-    and N^T N = W_0^-1.
-    """
-    import clarabel
-    from scipy import sparse
-
-    # The rows are orthogonal: no general inverse, which would mix precise directions into vague
-    # ones.
-    B = (problem.weights / np.sum(problem.weights**2, axis=1)[:, None]).T * unit
-    blocks = [(problem.rows @ B, problem.rows @ problem.center)] if len(problem.rows) else []
-    blocks.append((B, problem.center - problem.margin * svec(np.eye(4))))
-    cones = [clarabel.NonnegativeConeT(len(problem.rows))] if len(problem.rows) else []
-    cones.append(clarabel.PSDTriangleConeT(4))
-    linear = np.zeros(10)
-    if problem.prior:
-        blocks = [(np.hstack([left, np.zeros((len(left), 14))]), right) for left, right in blocks]
-        share = problem.prior / unit**2
-        linear = np.concatenate(
-            [share * B.T @ svec(problem.nominal_inverse), np.zeros(10), np.full(4, -share)]
-        )
-        blocks += _log_determinant(problem, B)
-        cones += [clarabel.PSDTriangleConeT(8), *[clarabel.ExponentialConeT()] * 4]
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.presolve_enable = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = settings.tol_ktratio = 1e-14
-    settings.static_regularization_constant = 1e-10
-    settings.equilibrate_enable = False
-    settings.iterative_refinement_reltol = settings.iterative_refinement_abstol = 1e-15
-    settings.iterative_refinement_max_iter = 50
-    # Short steps: near the boundary long ones end in rounding four digits earlier.
-    settings.max_step_fraction = 0.7
-    settings.min_terminate_step_length = 1e-8
-    quadratic = sparse.diags([1.0] * 10 + [0.0] * (len(linear) - 10), format="csc")
-    solution = clarabel.DefaultSolver(
-        quadratic,
-        linear,
-        sparse.csc_matrix(-np.vstack([left for left, _ in blocks])),
-        np.concatenate([right for _, right in blocks]),
-        cones,
-        settings,
-    ).solve()
-    if "Infeasible" in str(solution.status):
-        raise InputError(
-            "regions: expected at least one body with its mass in all of them, found none; enlarge"
-            " them"
-        )
-    # Its tolerances are beyond reach on purpose; whether it came near enough the comparison tells.
-    return problem.center + B @ np.array(solution.x[:10]), int(solution.iterations)
-
-
-def _log_determinant(problem: WhitenedProblem, B: Any) -> list[tuple[Array, Array]]:
-    """Rows of the cones that bound log det: slack = left @ (y, Z, t) + right."""
-    N = np.linalg.cholesky(problem.nominal_inverse).T
-    upper = [(i, j) for j in range(8) for i in range(j + 1)]
-    place = {(i, j): k for k, (i, j) in enumerate((i, j) for j in range(4) for i in range(j, 4))}
-    left, right = np.zeros((36, 24)), np.zeros(36)
-    M = svec(N @ DIRECTIONS @ N.T).T  # of W, (10, 10)
-    left[:10, :10], right[:10] = M @ B, M @ problem.center
-    for k, (i, j) in enumerate(upper):
-        if j >= 4 and (i, j - 4) in place:
-            left[k, 10 + place[i, j - 4]] = np.sqrt(2.0)
-        if i == j >= 4:
-            left[k, 10 + place[i - 4, i - 4]] = 1.0
-    logarithms, ones = np.zeros((12, 24)), np.tile([0.0, 1.0, 0.0], 4)
-    for i in range(4):
-        logarithms[3 * i, 20 + i] = logarithms[3 * i + 2, 10 + place[i, i]] = 1.0
-    return [(left, right), (logarithms, ones)]
-
-
-def _is_inside(whitened: WhitenedProblem, z: Array) -> bool:
-    flattest = np.linalg.eigvalsh(smat(z))[0]
-    return bool(flattest >= whitened.margin and (whitened.rows @ z >= 0).all())
-
-
 def _distance(whitened: WhitenedProblem, first: Array, second: Array) -> float:
-    """In sigmas of data and prior at the second; a direction that they do not tell counts for
+    """In sigmas of data and prior at the second; a direction without information counts for
     nothing.
     """
-    sigmas = np.linalg.norm(whitened.hessian_root(second) @ (first - second))
+    try:
+        sigmas = np.linalg.norm(whitened.hessian_root(second) @ (first - second))
+    except np.linalg.LinAlgError:
+        return np.inf
     return float(sigmas / (1 + np.sqrt(2 * whitened.value(second))))
 
 
 def _binding(
-    problem: BodyProblem, whitened: WhitenedProblem, found: NewtonSolution
+    problem: BodyProblem, whitened: WhitenedProblem, found: SolverEnd
 ) -> tuple[Binding, ...]:
     """Constraints that are nearer than the objective alone would go beyond them."""
     B = whitened.hessian_root(found.z)
@@ -439,23 +242,3 @@ def _binding(
         if row @ found.z < multiplier / float(np.sum((B @ row) ** 2)):
             binding.append(Binding(name, float(multiplier)))
     return tuple(binding)
-
-
-def _parameters(P: Array) -> Array:
-    """The ten linear parameters of a pseudo-inertia, shape (10,)."""
-    return np.concatenate([[P[3, 3]], P[:3, 3], six(np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3])])
-
-
-def _pseudo_inertia(phi: Array) -> Array:
-    """Of the ten linear parameters, also where the mass is zero, shape (4, 4)."""
-    J, h = symmetric(phi[4:]), phi[1:4, None]
-    return np.block([[np.trace(J) / 2 * np.eye(3) - J, h], [h.T, phi[:1, None]]])
-
-
-def over(matrix: Array, scale: Array) -> Array:
-    """Quotient that is zero where the scale is."""
-    return np.divide(matrix, scale, out=np.zeros_like(matrix), where=scale > 0)
-
-
-_PSEUDO_INERTIAS = np.stack([_pseudo_inertia(e) for e in np.eye(10)])
-"""The pseudo-inertia is linear in the ten: its part of each, shape (10, 4, 4)."""

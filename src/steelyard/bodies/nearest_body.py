@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, readonly
-from steelyard.bodies.consistent_body import BodyProblem, ConsistentBody, over, solve
+from steelyard.bodies.body_problem import BodyProblem, quotient
+from steelyard.bodies.consistent_body import ConsistentBody, solve
 from steelyard.bodies.mass_region import Region
+from steelyard.bodies.settings import DEFAULT, BodySettings
 from steelyard.errors import InputError
 from steelyard.inertia import Inertia
 
@@ -37,12 +39,15 @@ class NearestBody:
 
     def __str__(self) -> str:
         x, y, z = self.axis
-        return (
+        compared = "more" if self.excess > 0 else "less"
+        unit = "sigma" if self.unit == "sigma" else "of the reference"
+        sentence = (
             f"the moment about the principal axis ({x:.3f}, {y:.3f}, {z:.3f}) is"
-            f" {abs(self.excess):.4g} kg m^2 {'more' if self.excess > 0 else 'less'} than the sum"
-            f" of the others; the nearest body is {self.distance:.3g}"
-            f" {'sigma' if self.unit == 'sigma' else 'of the reference'} away"
+            f" {abs(self.excess):.4g} kg m^2 {compared} than the sum of the others; the nearest"
+            f" body is {self.distance:.3g} {unit} away"
         )
+        remark = self.solution.remark
+        return f"{sentence} ({remark})" if remark else sentence
 
 
 def nearest_body(
@@ -51,6 +56,7 @@ def nearest_body(
     *,
     covariance: ArrayLike | None = None,
     regions: Sequence[Region] = (),
+    settings: BodySettings = DEFAULT,
 ) -> NearestBody:
     """The body that can exist nearest to a value.
 
@@ -61,6 +67,7 @@ def nearest_body(
         covariance: Of the value's ten linear parameters, regular, shape (10, 10); None: nearest in
             the whitened Frobenius norm.
         regions: Where the mass lies.
+        settings: Of the two solvers and of their comparison.
 
     Raises:
         InputError: The covariance is not positive definite, or no body has its mass in all the
@@ -70,14 +77,16 @@ def nearest_body(
     if reference is None:
         second = float(np.abs(moments.sum() / 2 - moments).mean())
         reference = Inertia(abs(value.mass), value.center_of_gravity, 2 * second * np.eye(3))
-    problem = BodyProblem(value.parameters, np.zeros((10, 10)), reference, regions=regions)
+    problem = BodyProblem(
+        value.parameters, np.zeros((10, 10)), reference, regions=regions, settings=settings
+    )
     if covariance is None:
         information = problem.to_whitened.T @ problem.to_whitened
     else:
         C = readonly(covariance, (10, 10), "covariance")
         scale = np.sqrt(np.abs(np.diag(C)))
         try:
-            root = np.linalg.inv(np.linalg.cholesky(over(C, np.outer(scale, scale)))) / scale
+            root = np.linalg.inv(np.linalg.cholesky(quotient(C, np.outer(scale, scale)))) / scale
         except np.linalg.LinAlgError as error:
             raise InputError(
                 "covariance: expected a positive definite matrix, found another"

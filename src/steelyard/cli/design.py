@@ -131,7 +131,7 @@ def design(
         pose_of,
     )
     from steelyard.excitation.design import design as designed
-    from steelyard.excitation.design_file import RESULT, appraisal_dict, design_dict, write_design
+    from steelyard.excitation.design_file import RESULT, design_dict, evaluation_dict, write_design
     from steelyard.output import check_target, results_folder, write_json
     from steelyard.report.design_document import design_document
     from steelyard.report.terminal import show
@@ -143,8 +143,8 @@ def design(
     with progress(quiet=quiet) as tell:
         task = design_task(place, sensors, body, after, target)
         if check is not None:
-            appraisal = checked_motion(task, check, duration, margin, tell)
-            values, document = appraisal_dict(appraisal), design_document(appraisal)
+            evaluation = checked_motion(task, check, duration, margin, tell)
+            values, document = evaluation_dict(evaluation), design_document(evaluation)
             if out is not None:
                 with results_folder(out, force=force) as folder:
                     write_json(values, folder / RESULT)

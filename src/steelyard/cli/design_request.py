@@ -13,13 +13,13 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
 from steelyard.estimates.estimate_file import read_estimates
-from steelyard.excitation.appraisal import Appraisal, appraise
-from steelyard.excitation.criterion import Target
-from steelyard.excitation.demands import Demands, Margin
 from steelyard.excitation.design import designed_body
 from steelyard.excitation.design_file import RATE
+from steelyard.excitation.evaluation import MotionEvaluation, evaluate_motions
+from steelyard.excitation.motion_constraints import Margin, MotionConstraints
+from steelyard.excitation.optimality_criterion import Target
 from steelyard.excitation.plan import is_experiment, planned
-from steelyard.excitation.poses import held
+from steelyard.excitation.rest_poses import with_tension_level
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
@@ -111,7 +111,7 @@ def pose_of(values: Sequence[float] | None) -> Array | None:
 
 def checked_motion(
     task: DesignTask, which: str, duration: float | None, margin: float, tell: Progress
-) -> Appraisal:
+) -> MotionEvaluation:
     """What a given motion will achieve and what it takes; limits that it exceeds are said, not
     refused.
 
@@ -128,15 +128,15 @@ def checked_motion(
         if which == "paper"
         else trajectories(robot, which, duration, check=False)
     )
-    demands = held(
-        Demands(robot, task.experiment.instruments, Margin(margin, robot.size), 0.0, 1.0)
+    constraints = with_tension_level(
+        MotionConstraints(robot, task.experiment.instruments, Margin(margin, robot.size), 0.0, 1.0)
     )
-    return appraise(
+    return evaluate_motions(
         task.experiment,
         runs,
         target=task.target,
-        margin=demands.margin,
-        level=demands.level,
+        margin=constraints.margin,
+        level=constraints.level,
         before=task.before,
         progress=tell,
     )

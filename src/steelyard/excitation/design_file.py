@@ -1,4 +1,4 @@
-"""A planned experiment as files: commands for a controller, and what they will tell."""
+"""A planned experiment as files: commands for a controller, and the precision that they promise."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import named, plain
-from steelyard.excitation.appraisal import Appraisal
 from steelyard.excitation.design import Design
-from steelyard.excitation.rehearsal import held_tensions
+from steelyard.excitation.evaluation import MotionEvaluation
+from steelyard.excitation.noise_free_recording import tensions_near_level
 from steelyard.excitation.verification import Verified, times_of
 from steelyard.experiment.model import Stream
 from steelyard.experiment.write import write_stream
@@ -22,7 +22,7 @@ from steelyard.instruments import Command
 from steelyard.motion.limits import Use
 from steelyard.motion.trajectory import Trajectory
 from steelyard.output import write_json, write_table
-from steelyard.simulation.forward_dynamics import ExactMotion
+from steelyard.simulation.response import ExactMotion
 
 FORMAT = "steelyard-design/1"
 RESULT = "design.json"
@@ -31,35 +31,35 @@ RATE = 100.0
 """Of the commands, at least [Hz]."""
 
 
-def command_names(appraisal: Appraisal) -> Iterator[tuple[str, str]]:
+def command_names(evaluation: MotionEvaluation) -> Iterator[tuple[str, str]]:
     """Run -> name of its command file; the first one has the name of the contract."""
-    for i, run in enumerate(appraisal.trajectories):
+    for i, run in enumerate(evaluation.trajectories):
         yield run, "command.csv" if i == 0 else f"command-{i + 1}.csv"
 
 
 def write_design(design: Design, folder: str | Path, rate: float = RATE) -> None:
-    """Write the commands, ``design.json`` and the motion with its tensions and with what is told
-    when.
+    """Write the commands, ``design.json`` and the motion with its tensions and with the information
+    of every instant.
 
     Args:
         design: What was found.
         folder: An empty folder that exists.
         rate: Of the commands [Hz].
     """
-    folder, appraisal = Path(folder), design.appraisal
-    for run, name in command_names(appraisal):
-        write_command(appraisal.trajectories[run], folder / name, rate)
+    folder, evaluation = Path(folder), design.appraisal
+    for run, name in command_names(evaluation):
+        write_command(evaluation.trajectories[run], folder / name, rate)
     write_json(design_dict(design), folder / RESULT)
     write_table(
-        [(run, motion_columns(appraisal, run)) for run in appraisal.trajectories], folder / MOTION
+        [(run, motion_columns(evaluation, run)) for run in evaluation.trajectories], folder / MOTION
     )
 
 
-def motion_columns(appraisal: Appraisal, run: str) -> dict[str, Array]:
-    """Motion, tensions of the nominal platform and what is told, at 100 Hz; named as
+def motion_columns(evaluation: MotionEvaluation, run: str) -> dict[str, Array]:
+    """Motion, tensions of the nominal platform and shares of information, at 100 Hz; named as
     :mod:`.fitted_motion` names them.
     """
-    robot, trajectory = appraisal.experiment.robot, appraisal.trajectories[run]
+    robot, trajectory = evaluation.experiment.robot, evaluation.trajectories[run]
     assert robot.platform is not None
     times = times_of(trajectory)
     pose, rate, acceleration = (trajectory.derivative(times, order) for order in range(3))
@@ -72,11 +72,11 @@ def motion_columns(appraisal: Appraisal, run: str) -> dict[str, Array]:
         ("alpha_x", "alpha_y", "alpha_z"): state.alpha,
     }
     if robot.m:
-        groups[tuple(f"f{i + 1}" for i in range(robot.m))] = held_tensions(
-            robot, state, appraisal.level
+        groups[tuple(f"f{i + 1}" for i in range(robot.m))] = tensions_near_level(
+            robot, state, evaluation.level
         )
-    told = appraisal.told[run]
-    shares = np.column_stack([np.interp(times, told.time, share) for share in told.share.T])
+    own = evaluation.information_shares[run]
+    shares = np.column_stack([np.interp(times, own.time, share) for share in own.share.T])
     groups[tuple(f"told_{name}" for name in BODY_PARAMETERS)] = shares
     return {
         "t": times,
@@ -96,7 +96,7 @@ def write_command(trajectory: Trajectory, path: Path, rate: float = RATE) -> Non
 def design_dict(design: Design) -> dict[str, Any]:
     """A design in the shape of the contract."""
     return {
-        **appraisal_dict(design.appraisal),
+        **evaluation_dict(design.appraisal),
         "search": {
             "seed": design.seed,
             "in_time": design.in_time,
@@ -107,64 +107,63 @@ def design_dict(design: Design) -> dict[str, Any]:
     }
 
 
-def appraisal_dict(appraisal: Appraisal) -> dict[str, Any]:
+def evaluation_dict(evaluation: MotionEvaluation) -> dict[str, Any]:
     """Planned motions in the shape of the contract."""
-    runs = list(appraisal.trajectories)
-    first = appraisal.trajectories[runs[0]]
-    parameter, ratio = appraisal.worst
-    labels = appraisal.estimate.verdict.parameters
+    runs = list(evaluation.trajectories)
+    first = evaluation.trajectories[runs[0]]
+    parameter, ratio = evaluation.worst
+    labels = evaluation.estimate.verdict.parameters
     entries: dict[str, Any] = {
         "format": FORMAT,
-        "robot": appraisal.experiment.robot.name,
-        "experiment": appraisal.experiment.name,
+        "robot": evaluation.experiment.robot.name,
+        "experiment": evaluation.experiment.name,
         "duration": first.duration,
-        "standard_deviation": named(appraisal.each[runs[0]]),
-        "limits": _limits(appraisal.verified[runs[0]]),
-        "feasible": appraisal.feasible,
-        "violations": [text for run in runs for text in appraisal.verified[run].violations],
-        "target": named(appraisal.target.each),
+        "standard_deviation": named(evaluation.each[runs[0]]),
+        "limits": _limits(evaluation.verified[runs[0]]),
+        "feasible": evaluation.feasible,
+        "violations": [text for run in runs for text in evaluation.verified[run].violations],
+        "target": named(evaluation.target.each),
         "worst": {"parameter": parameter, "over_target": ratio if np.isfinite(ratio) else None},
         "unidentifiable": [
             name for name in BODY_PARAMETERS if labels.get(name) == "unidentifiable"
         ],
-        "all_runs": {"runs": len(runs), "standard_deviation": named(appraisal.standard_deviation)},
-        "margin": {"share": appraisal.margin.share, "center_of_gravity": appraisal.margin.off},
-        "tension_level": appraisal.level,
-        "natural_frequencies": appraisal.natural_frequencies.tolist(),
-        "highest_frequency": appraisal.highest_frequency,
+        "all_runs": {"runs": len(runs), "standard_deviation": named(evaluation.standard_deviation)},
+        "margin": {
+            "share": evaluation.margin.share,
+            "center_of_gravity": evaluation.margin.cog_offset,
+        },
+        "tension_level": evaluation.level,
+        "natural_frequencies": evaluation.natural_frequencies.tolist(),
+        "highest_frequency": evaluation.highest_frequency,
         "commands": [],
     }
-    for run, name in command_names(appraisal):
-        verified, told = appraisal.verified[run], appraisal.told[run]
-        trajectory = appraisal.trajectories[run]
-        ends = trajectory.derivative(np.array([0.0, trajectory.duration]), 0)
-        entries["commands"].append(
-            {
-                "file": name,
-                "duration": trajectory.duration,
-                "start": _pose(ends[0]),
-                "end": _pose(ends[1]),
-                "standard_deviation": named(appraisal.each[run]),
-                "limits": _limits(verified),
-                "allowed": {
-                    _key(use): _extremes(use.limit) for use in verified.commanded if use.limit
-                },
-                "on_elastic_cables": (
-                    {_key(use): _extremes(use.extremes) for use in verified.elastic} or None
-                ),
-                "tension_within_margin": (
-                    None if verified.bodies is None else _extremes(verified.bodies.extremes)
-                ),
-                "told": {
-                    "t": plain(told.time),
-                    **{
-                        parameter: plain(share)
-                        for parameter, share in zip(BODY_PARAMETERS, told.share.T, strict=True)
-                    },
-                },
-            }
-        )
+    for run, name in command_names(evaluation):
+        entries["commands"].append({"file": name, **_command_dict(evaluation, run)})
     return entries
+
+
+def _command_dict(evaluation: MotionEvaluation, run: str) -> dict[str, Any]:
+    """One motion in the shape of the contract."""
+    verified, shares = evaluation.verified[run], evaluation.information_shares[run]
+    trajectory = evaluation.trajectories[run]
+    ends = trajectory.derivative(np.array([0.0, trajectory.duration]), 0)
+    bodies = verified.bodies
+    by_parameter = zip(BODY_PARAMETERS, shares.share.T, strict=True)
+    return {
+        "duration": trajectory.duration,
+        "start": _pose(ends[0]),
+        "end": _pose(ends[1]),
+        "standard_deviation": named(evaluation.each[run]),
+        "limits": _limits(verified),
+        "allowed": {_key(use): _extremes(use.limit) for use in verified.commanded if use.limit},
+        "on_elastic_cables": {_key(use): _extremes(use.extremes) for use in verified.elastic}
+        or None,
+        "tension_within_margin": None if bodies is None else _extremes(bodies.extremes),
+        "told": {
+            "t": plain(shares.time),
+            **{parameter: plain(share) for parameter, share in by_parameter},
+        },
+    }
 
 
 def _limits(verified: Verified) -> dict[str, Any]:
@@ -182,7 +181,11 @@ def _extremes(values: tuple[Any, ...] | None) -> Any:
         return None
     if len(values) == 1:
         return values[0]
-    return [list(each) if isinstance(each, tuple) else plain(np.float64(each)) for each in values]
+    return [_plain_values(each) for each in values]
+
+
+def _plain_values(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else plain(np.float64(value))
 
 
 def _pose(pose: Array) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Whether the robot can do a motion: looked at densely, by other means than those of the search.
+"""Whether the robot can do a motion: checked densely, by other means than those of the search.
 
 Poses, speeds and tensions are those of the trajectory itself, of whole bodies within the margin,
 and of the platform on its elastic cables where their stiffness is known.
@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError
-from steelyard.excitation.demands import Margin
-from steelyard.excitation.rehearsal import held_tensions
+from steelyard.excitation.motion_constraints import Margin
+from steelyard.excitation.noise_free_recording import tensions_near_level
+from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.inertia import Inertia
 from steelyard.instruments import Instrument, Position
 from steelyard.motion.limits import Use, below, commanded_tensions, extremes_of
@@ -23,20 +24,16 @@ from steelyard.motion.state import State
 from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
-from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
+from steelyard.simulation.forward_dynamics import CablePlatform
+from steelyard.simulation.response import ExactMotion
 
-_PER_SECOND = 100.0
-_BODIES_PER_SECOND = 20.0
-_STIFFNESSES = 0.7, 1.4, 1.0
-"""Of the cables, in units of the stated one, which is known to a factor only; the last is what is
-shown."""
-_TOLERANCE = 1e-6
-"""Of the elastic motion, see :meth:`CablePlatform.move`."""
+_ROUNDING = 1e-9
+"""Of tensions, in parts of the range between their limits."""
 
 
 @dataclass(frozen=True, eq=False)
 class Verified:
-    """What a motion takes of the limits."""
+    """How much of the limits a motion uses."""
 
     commanded: tuple[Use, ...]
     """Followed exactly by the nominal platform."""
@@ -56,8 +53,8 @@ class Verified:
         return max((use.fraction for use in uses), default=0.0)
 
 
-def times_of(trajectory: Trajectory, per_second: float = _PER_SECOND) -> Array:
-    """Instants at which a motion is looked at [s]."""
+def times_of(trajectory: Trajectory, per_second: float = DEFAULT.checks_per_second) -> Array:
+    """Instants at which a motion is checked [s]."""
     return np.linspace(0.0, trajectory.duration, int(np.ceil(trajectory.duration * per_second)) + 1)
 
 
@@ -69,23 +66,25 @@ def verify(
     level: float,
     *,
     elastic: bool = True,
+    settings: DesignSettings = DEFAULT,
 ) -> Verified:
-    """Look at a motion.
+    """Check a motion.
 
     Args:
         robot: With a nominal platform.
         instruments: Those that may lose their target.
         trajectory: The command.
         margin: How far the body may be from the nominal one.
-        level: Tension that the cables are held near to [N].
-        elastic: Whether to look at it on elastic cables too, which takes some seconds.
+        level: Tension near which the cables are held [N].
+        elastic: Whether to check it on elastic cables too, which takes some seconds.
+        settings: Of the design.
     """
     assert robot.platform is not None
-    times = times_of(trajectory)
+    times = times_of(trajectory, settings.checks_per_second)
     state = ExactMotion(robot, robot.platform, trajectory).at(times)
     pose, rate, acceleration = (trajectory.derivative(times, order) for order in range(3))
     if robot.m:
-        state = replace(state, tension=_tensions(robot, trajectory, times, state, level))
+        state = replace(state, tension=_tensions(robot, trajectory, times, state, level, settings))
     commanded = tuple(
         _uses(robot, instruments, times, pose, rate[:, :3], acceleration[:, :3], state)
     )
@@ -93,28 +92,52 @@ def verify(
     bodies = None
     if robot.m:
         try:
-            bodies = _over_bodies(robot, trajectory, margin, level)
+            bodies = _over_bodies(robot, trajectory, margin, level, settings)
         except InfeasibleError as error:
             violations.append(f"with a body that differs by {margin.share:.0%}: {error}")
-    swinging: tuple[Use, ...] = ()
+    on_cables: tuple[Use, ...] = ()
     if elastic and not violations and robot.m and robot.cable.axial_stiffness:
-        for factor in _STIFFNESSES:
-            cable = replace(robot.cable, axial_stiffness=factor * robot.cable.axial_stiffness)
-            where = f"on cables of {factor:g} times the stated stiffness"
-            try:
-                swinging = _on_elastic_cables(
-                    replace(robot, cable=cable), instruments, trajectory, times, level
-                )
-                violations += [f"{where}: {use}" for use in swinging if use.fraction > 1]
-            except InfeasibleError as error:
-                violations.append(f"{where}: {error}")
-            if violations:
-                break
-    return Verified(commanded, bodies, swinging, tuple(violations))
+        on_cables, violations = _over_stiffnesses(
+            robot, instruments, trajectory, times, level, settings
+        )
+    return Verified(commanded, bodies, on_cables, tuple(violations))
+
+
+def _over_stiffnesses(
+    robot: Robot,
+    instruments: Mapping[str, Instrument],
+    trajectory: Trajectory,
+    times: Array,
+    level: float,
+    settings: DesignSettings,
+) -> tuple[tuple[Use, ...], list[str]]:
+    """What the platform uses of the limits on elastic cables, and the violations at the first
+    stiffness that has any.
+    """
+    assert robot.cable.axial_stiffness is not None
+    uses: tuple[Use, ...] = ()
+    violations: list[str] = []
+    for factor in settings.stiffness_factors:
+        cable = replace(robot.cable, axial_stiffness=factor * robot.cable.axial_stiffness)
+        other = replace(robot, cable=cable)
+        where = f"on cables of {factor:g} times the stated stiffness"
+        try:
+            uses = _on_elastic_cables(other, instruments, trajectory, times, level, settings)
+            violations += [f"{where}: {use}" for use in uses if use.fraction > 1]
+        except InfeasibleError as error:
+            violations.append(f"{where}: {error}")
+        if violations:
+            break
+    return uses, violations
 
 
 def _tensions(
-    robot: Robot, trajectory: Trajectory, times: Array, state: State, level: float
+    robot: Robot,
+    trajectory: Trajectory,
+    times: Array,
+    state: State,
+    level: float,
+    settings: DesignSettings,
 ) -> Array:
     """Tensions within the limits that move the nominal platform; where there are none, those that
     would, whatever the limits [N], shape (n, m).
@@ -122,7 +145,7 @@ def _tensions(
     try:
         return commanded_tensions(robot, trajectory, times, level=level)
     except InfeasibleError:
-        return held_tensions(robot, state, level)
+        return tensions_near_level(robot, state, level, settings)
 
 
 def bodies_within(body: Inertia, margin: Margin) -> Iterator[Inertia]:
@@ -131,20 +154,22 @@ def bodies_within(body: Inertia, margin: Margin) -> Iterator[Inertia]:
     """
     yield body
     for share in (-margin.share, margin.share):
-        for shift in np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) * margin.off:
+        for shift in np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) * margin.cog_offset:
             yield Inertia(
                 (1 + share) * body.mass, body.center_of_gravity + shift, (1 + share) * body.inertia
             )
 
 
-def _over_bodies(robot: Robot, trajectory: Trajectory, margin: Margin, level: float) -> Use:
+def _over_bodies(
+    robot: Robot, trajectory: Trajectory, margin: Margin, level: float, settings: DesignSettings
+) -> Use:
     """Tensions within the limits that move every one of the bodies, and hold it where it stops.
 
     Raises:
         InfeasibleError: There are none somewhere.
     """
     assert robot.platform is not None
-    times = times_of(trajectory, _BODIES_PER_SECOND)
+    times = times_of(trajectory, settings.body_checks_per_second)
     found = []
     for body in bodies_within(robot.platform, margin):
         other = replace(robot, platform=body)
@@ -159,18 +184,16 @@ def _tension(robot: Robot, values: Array) -> Use:
     """Lowest and highest tension against the limits, both of which may be used to the full."""
     low, high = robot.tension_limits
     least, most = float(values.min()), float(values.max())
-    # By how much of the room between them it leaves the limits.
-    room = high - low if np.isfinite(high) else max(most - low, 1.0)
-    outside = max(low - least, most - high, 0.0) / room
-    fraction = (
-        1 + outside
-        if outside > _ROUNDING
-        else min(1.0, max(most / high if high else 0.0, low / max(least, 1e-9)))
-    )
+    # By how much of the range between them it leaves the limits.
+    width = high - low if np.isfinite(high) else max(most - low, 1.0)
+    outside = max(low - least, most - high, 0.0) / width
+    if outside > _ROUNDING:
+        fraction = 1 + outside
+    else:
+        of_high = most / high if high else 0.0
+        of_low = low / max(least, 1e-9)
+        fraction = min(1.0, max(of_high, of_low))
     return Use("tension", "N", (least, most), (low, high), fraction)
-
-
-_ROUNDING = 1e-9
 
 
 def _uses(
@@ -182,19 +205,18 @@ def _uses(
     acceleration: Array,
     state: State,
 ) -> Iterator[Use]:
-    yield from extremes_of(
-        robot.limits, pose, velocity, acceleration, state.omega, state.alpha
-    ).uses
+    """What a motion uses of every limit of the robot and of its trackers."""
+    extremes = extremes_of(robot.limits, pose, velocity, acceleration, state.omega, state.alpha)
+    yield from extremes.uses
     for name, instrument in instruments.items():
         if isinstance(instrument, Position):
             point = state.position + state.rotation @ np.array(instrument.target)
-            moved = np.gradient(point, times, axis=0, edge_order=2)
+            target = f"the target of '{name}'"
             limits = instrument.limits
-            yield below(f"speed of the target of '{name}'", "m/s", moved, limits.speed)
-            bent = np.gradient(moved, times, axis=0, edge_order=2)
-            yield below(
-                f"acceleration of the target of '{name}'", "m/s^2", bent, limits.acceleration
-            )
+            rate = np.gradient(point, times, axis=0, edge_order=2)
+            yield below(f"speed of {target}", "m/s", rate, limits.speed)
+            second = np.gradient(rate, times, axis=0, edge_order=2)
+            yield below(f"acceleration of {target}", "m/s^2", second, limits.acceleration)
     if robot.m:
         length = cables_at(
             robot.with_straight_cables(), state.position, state.rotation, np.ones(robot.m)
@@ -210,6 +232,7 @@ def _on_elastic_cables(
     trajectory: Trajectory,
     times: Array,
     level: float,
+    settings: DesignSettings,
 ) -> tuple[Use, ...]:
     """The same of what the platform really does on its cables, which swings about the command.
 
@@ -217,7 +240,8 @@ def _on_elastic_cables(
         InfeasibleError: A cable goes slack.
     """
     assert robot.platform is not None
-    moved = CablePlatform(robot, robot.platform).move(trajectory, tolerance=_TOLERANCE, level=level)
+    platform = CablePlatform(robot, robot.platform)
+    moved = platform.move(trajectory, tolerance=settings.elastic_tolerance, level=level)
     state = moved.at(times)
     rpy = Rotation.from_matrix(state.rotation).as_euler("ZYX")[:, ::-1]
     pose = np.hstack([state.position, np.unwrap(rpy, axis=0)])

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array, readonly
 from steelyard.dynamics import platform_wrench
 from steelyard.errors import InfeasibleError, InputError
-from steelyard.excitation.poses import places
+from steelyard.excitation.rest_poses import workspace_grid
 from steelyard.inertia import Inertia
 from steelyard.robot import cable
 from steelyard.robot.kinematics import attachments_at, cables_at
@@ -134,7 +134,7 @@ def hang(robot: Robot, body: Inertia, pose: ArrayLike | None = None) -> Hanging:
             f"--pose: expected six finite numbers, found {' '.join(map(str, np.ravel(pose)))};"
             " correct it"
         )
-    poses = places(robot) if pose is None else readonly(np.atleast_2d(pose), (1, 6), "pose")
+    poses = workspace_grid(robot) if pose is None else readonly(np.atleast_2d(pose), (1, 6), "pose")
     rotations = Rotation.from_euler("ZYX", poses[:, :2:-1]).as_matrix()
     structures = cables_at(
         robot.with_straight_cables(), poses[:, :3], rotations, np.ones(robot.m)

@@ -1,1 +1,4 @@
-"""How the platform moves: its state, and trajectories that command it."""
+"""Motions of the platform: its state, commanded trajectories, and the limits that they must keep.
+
+Imports robot and the mathematics; knows no instrument.
+"""

@@ -16,13 +16,24 @@ from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Limits, Robot
 from steelyard.robot.tension import distribute
 
-_CHECKS_PER_SECOND = 50.0
-_MOST_CHECKS = 20_000
+
+@dataclass(frozen=True)
+class CheckSettings:
+    """At how many instants a trajectory is checked."""
+
+    per_second: float = 50.0
+    """[Hz]: a hundred in each period of half a hertz, the fastest motions of such robots."""
+    most: int = 20_000
+    """Of a long trajectory: this bounds time and memory."""
+
+
+DEFAULT = CheckSettings()
+"""What is used where nothing is given."""
 
 
 @dataclass(frozen=True)
 class Use:
-    """What a motion takes of one thing that is, or may be, limited."""
+    """How much of a limit a motion uses."""
 
     name: str
     """``position``, ``speed``, …"""
@@ -38,12 +49,10 @@ class Use:
         """In words and numbers; of several axes the one that uses most."""
         axis, values, limit = "", self.extremes, self.limit
         if isinstance(values[0], tuple) and limit is not None:
-            (low, high), (least, most) = np.array(values), np.array(limit)
-            worst = int(
-                (
-                    np.maximum(2 * high - most - least, most + least - 2 * low) / (most - least)
-                ).argmax()
-            )
+            low, high = np.array(values)
+            least, most = np.array(limit)
+            beyond = np.maximum(2 * high - most - least, most + least - 2 * low)
+            worst = int((beyond / (most - least)).argmax())
             axis = f"[{worst}]" if len(low) > 1 else ""
             values, limit = (low[worst], high[worst]), (least[worst], most[worst])
         allowed = "" if limit is None else f" of {_shown(limit)}"
@@ -51,14 +60,15 @@ class Use:
 
 
 def _shown(values: tuple[Any, ...]) -> str:
-    return " to ".join(
-        f"{value:g}" if isinstance(value, int) else f"{value:.3g}" for value in values
-    )
+    texts = []
+    for value in values:
+        texts.append(f"{value:g}" if isinstance(value, int) else f"{value:.3g}")
+    return " to ".join(texts)
 
 
 @dataclass(frozen=True)
 class Extremes:
-    """How hard a motion is on its robot."""
+    """How much of every limit a motion uses."""
 
     uses: tuple[Use, ...]
 
@@ -74,9 +84,9 @@ class Extremes:
         return str(max(limited, key=lambda use: use.fraction)) if limited else "no limits given"
 
 
-def check_times(trajectory: Trajectory) -> Array:
+def check_times(trajectory: Trajectory, settings: CheckSettings = DEFAULT) -> Array:
     """Times at which a trajectory is checked [s], shape (n,)."""
-    count = min(int(np.ceil(trajectory.duration * _CHECKS_PER_SECOND)), _MOST_CHECKS)
+    count = min(int(np.ceil(trajectory.duration * settings.per_second)), settings.most)
     return np.linspace(0.0, trajectory.duration, count + 1)
 
 
@@ -86,7 +96,7 @@ def motion_extremes(robot: Robot, trajectory: Trajectory, times: Array | None = 
     Args:
         robot: With its limits.
         trajectory: Of a command.
-        times: At which to look [s]; None: :func:`check_times`.
+        times: At which to check [s]; None: :func:`check_times`.
     """
     t = check_times(trajectory) if times is None else times
     pose, rate, acceleration = (trajectory.derivative(t, order) for order in range(3))

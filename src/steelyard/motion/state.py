@@ -1,4 +1,4 @@
-"""The state of the platform that instruments look at."""
+"""The state of the platform, of which instruments read parts."""
 
 from __future__ import annotations
 
@@ -90,6 +90,7 @@ def state_of_pose(pose: Any, rate: Any, acceleration: Any, gravity: Any) -> Stat
 
 @cache
 def _pose_motion() -> Batched:
+    """:func:`motion_of_poses` at one instant."""
     q, dq, ddq = (ca.SX.sym(name, 6) for name in ("pose", "rate", "acceleration"))
     gravity = ca.SX.sym("gravity", 3)
     rpy = q[3:6]
@@ -168,11 +169,9 @@ def motion_of_quaternions(
 
 @cache
 def _specific_force() -> Batched:
-    R, acceleration, gravity = (
-        ca.SX.sym("rotation", 3, 3),
-        ca.SX.sym("acceleration", 3),
-        ca.SX.sym("gravity", 3),
-    )
+    """:func:`specific_force_of` at one instant."""
+    R = ca.SX.sym("rotation", 3, 3)
+    acceleration, gravity = ca.SX.sym("acceleration", 3), ca.SX.sym("gravity", 3)
     value = specific_force_in_platform(R, acceleration, gravity)
     return Batched(
         "specific_force",

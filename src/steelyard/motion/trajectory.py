@@ -31,9 +31,24 @@ class Trajectory(Protocol):
         """
 
 
-_MOST_SINES = 40
-_SOFTEST_START = 2.0
-"""[s]"""
+@dataclass(frozen=True)
+class MultisineShape:
+    """How a multisine is composed, beside its frequencies and amplitudes."""
+
+    most_sines: int = 40
+    """Of an axis, spread over the band: more make a longer sum, not a richer motion."""
+    fade_share: float = 1 / 8
+    """Part of the duration in which it is faded in, and out."""
+    least_fade: float = 2.0
+    """Time of that at least, in a motion that is long enough [s]: the period of half a hertz."""
+    points_per_harmonic: int = 24
+    """Of the spline through it: twelve per half wave of the fastest sine."""
+    least_points: int = 200
+    """Of the spline through it."""
+
+
+MULTISINE_SHAPE = MultisineShape()
+"""What is used where nothing is given."""
 
 # 35 u^4 - 84 u^5 + 70 u^6 - 20 u^7: velocity, acceleration and jerk vanish at both ends, so that
 # elastic cables stay quiet.
@@ -150,6 +165,7 @@ def multisine(
     duration: float,
     harmonics: int,
     seed: int = 1,
+    shape: MultisineShape = MULTISINE_SHAPE,
 ) -> Sampled:
     """A smooth motion of all six axes that begins and ends at rest at its centre.
 
@@ -162,15 +178,16 @@ def multisine(
         duration: [s]
         harmonics: Highest multiple of 1 / duration.
         seed: Of the phases.
+        shape: Number of sines and fading.
     """
     rng = np.random.default_rng(seed)
-    t = np.linspace(0.0, duration, max(200, 24 * harmonics) + 1)
+    points = max(shape.least_points, shape.points_per_harmonic * harmonics)
+    t = np.linspace(0.0, duration, points + 1)
     # A short motion needs most of its time to begin and end softly.
-    fade_time = min(duration / 2, max(duration / 8, _SOFTEST_START))
+    fade_time = min(duration / 2, max(duration * shape.fade_share, shape.least_fade))
     u = np.clip(np.minimum(t, duration - t) / fade_time, 0.0, 1.0)
     fade = REST_TO_REST(u)
-    # Spread over the band where there would be many: more make a longer sum, not a richer motion.
-    k = np.unique(np.linspace(1, harmonics, min(harmonics, _MOST_SINES)).round())
+    k = np.unique(np.linspace(1, harmonics, min(harmonics, shape.most_sines)).round())
     poses = np.empty((len(t), 6))
     for axis in range(6):
         weights = rng.uniform(0.5, 1.0, len(k))

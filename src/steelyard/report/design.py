@@ -11,7 +11,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.digits import LABELS
-from steelyard.excitation.appraisal import Appraisal, Told
+from steelyard.excitation.evaluation import InformationShares, MotionEvaluation
 from steelyard.excitation.verification import Verified
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.motion.limits import Use
@@ -28,19 +28,19 @@ _NEAR = 0.3
 moves a tenth more than it is commanded to."""
 
 
-def grids(appraisal: Appraisal) -> tuple[Grid, ...]:
+def grids(evaluation: MotionEvaluation) -> tuple[Grid, ...]:
     """What is shown, as tables."""
     return (
-        _precision(appraisal),
-        *(_use(name, each, appraisal) for name, each in appraisal.verified.items()),
+        _precision(evaluation),
+        *(_use(name, each, evaluation) for name, each in evaluation.verified.items()),
     )
 
 
-def _precision(appraisal: Appraisal) -> Grid:
+def _precision(evaluation: MotionEvaluation) -> Grid:
     """1-sigma of the ten against their targets, and when the motion informs about each."""
-    runs = list(appraisal.trajectories)
-    alone, total = appraisal.each[runs[0]], appraisal.standard_deviation
-    wanted = appraisal.target.each
+    runs = list(evaluation.trajectories)
+    alone, total = evaluation.each[runs[0]], evaluation.standard_deviation
+    wanted = evaluation.target.each
     if len(runs) > 1 or not np.allclose(alone, total, equal_nan=True):
         columns = [
             ParameterTexts("one run", _sigmas(alone)),
@@ -50,7 +50,7 @@ def _precision(appraisal: Appraisal) -> Grid:
         columns = [ParameterTexts("1-sigma", _sigmas(total))]
     shares = ["" if np.isnan(share) else f"{share:.2f}" for share in total / wanted]
     over_time = [
-        "  ".join(drawn_over_time(appraisal.told[run], parameter) for run in runs)
+        "  ".join(drawn_over_time(evaluation.information_shares[run], parameter) for run in runs)
         for parameter in range(len(LABELS))
     ]
     columns += [
@@ -59,7 +59,9 @@ def _precision(appraisal: Appraisal) -> Grid:
         ParameterTexts("information over time", over_time, right=False),
     ]
     motions = "a motion" if len(runs) == 1 else f"{len(runs)} motions"
-    return parameter_grid(f"Expected uncertainty after {motions} of {_seconds(appraisal)}", columns)
+    return parameter_grid(
+        f"Expected uncertainty after {motions} of {_seconds(evaluation)}", columns
+    )
 
 
 def _sigmas(deviations: Array) -> list[str]:
@@ -70,17 +72,17 @@ def _sigmas(deviations: Array) -> list[str]:
     ]
 
 
-def drawn_over_time(told: Told, parameter: int) -> str:
+def drawn_over_time(shares: InformationShares, parameter: int) -> str:
     """Information on a parameter from each part of a run, as a row of bars."""
-    edges = np.linspace(0, len(told.time), min(_PARTS, len(told.time)) + 1).astype(int)
-    parts = np.array([told.share[a:b, parameter].mean() for a, b in pairwise(edges)])
+    edges = np.linspace(0, len(shares.time), min(_PARTS, len(shares.time)) + 1).astype(int)
+    parts = np.array([shares.share[a:b, parameter].mean() for a, b in pairwise(edges)])
     largest = parts.max()
     if not np.isfinite(largest) or largest <= 0:
         return ""
     return "".join(_BARS[min(int(8 * each / largest), 7)] for each in parts)
 
 
-def _use(name: str, verified: Verified, appraisal: Appraisal) -> Grid:
+def _use(name: str, verified: Verified, evaluation: MotionEvaluation) -> Grid:
     """What a run takes of each limit, as commanded and, where it is known, on elastic cables."""
     elastic = {use.name: use for use in verified.elastic}
     head = ["", "unit", "commanded"]
@@ -91,13 +93,13 @@ def _use(name: str, verified: Verified, appraisal: Appraisal) -> Grid:
     for use in verified.commanded:
         rows += _rows_of(use, elastic.get(use.name))
         if use.name == "tension" and verified.bodies is not None:
-            bodies, share = verified.bodies, f"{appraisal.margin.share:.0%}"
+            bodies, share = verified.bodies, f"{evaluation.margin.share:.0%}"
             extremes, limit = _shown(bodies.extremes)[0], _shown(use.limit)[0]
             middle = ("",) if elastic else ()
             label = f"tension, body within {share}"
             rows.append((label, bodies.unit, extremes, *middle, limit, ""))
     title = "Use of the robot's limits"
-    if len(appraisal.verified) > 1:
+    if len(evaluation.verified) > 1:
         title += f" by '{name}'"
     return Grid(title, tuple(head), tuple(rows), frozenset(range(2, len(head))))
 
@@ -133,40 +135,40 @@ def _shown(values: Sequence[object] | None) -> list[str]:
     return [f"{a:.3g} to {b:.3g}" for a, b in zip(low, high, strict=True)]
 
 
-def _seconds(appraisal: Appraisal) -> str:
-    lengths = sorted({each.duration for each in appraisal.trajectories.values()})
+def _seconds(evaluation: MotionEvaluation) -> str:
+    lengths = sorted({each.duration for each in evaluation.trajectories.values()})
     return " and ".join(f"{length:g} s" for length in lengths)
 
 
-def statements(appraisal: Appraisal) -> Iterator[Statement]:
+def statements(evaluation: MotionEvaluation) -> Iterator[Statement]:
     """What there is to say about it, one sentence each."""
-    yield from _reached(appraisal)
-    for name, verified in appraisal.verified.items():
+    yield from _reached(evaluation)
+    for name, verified in evaluation.verified.items():
         for text in verified.violations:
             yield Statement(f"'{name}': the robot cannot do it: {text}", "bad")
-    yield from _ringing(appraisal)
-    limits = appraisal.experiment.robot.limits
+    yield from _ringing(evaluation)
+    limits = evaluation.experiment.robot.limits
     free = [name.replace("_", " ") for name in _RATES if getattr(limits, name) is None]
     if free:
         yield Statement(
             f"the robot file does not limit {', '.join(free)}: check that the robot can do what the"
             " table says, or add 'limits' to it"
         )
-    if appraisal.experiment.robot.m:
-        text = f"tensions are those nearest to {appraisal.level:g} N"
-        if appraisal.feasible:
+    if evaluation.experiment.robot.m:
+        text = f"tensions are those nearest to {evaluation.level:g} N"
+        if evaluation.feasible:
             text += (
                 "; they stay within the limits for a body up to"
-                f" {appraisal.margin.share:.0%} lighter or heavier with its centre of gravity up to"
-                f" {appraisal.margin.off * 1e3:.0f} mm off"
+                f" {evaluation.margin.share:.0%} lighter or heavier with its centre of gravity up to"
+                f" {evaluation.margin.cog_offset * 1e3:.0f} mm off"
             )
         yield Statement(text)
 
 
-def _reached(appraisal: Appraisal) -> Iterator[Statement]:
+def _reached(evaluation: MotionEvaluation) -> Iterator[Statement]:
     """The least certain parameter, and those that are not identifiable."""
     labels = [label for label, *_ in LABELS]
-    parameter, ratio = appraisal.worst
+    parameter, ratio = evaluation.worst
     if np.isfinite(ratio):
         verdict = (
             "all targets are reached"
@@ -175,7 +177,7 @@ def _reached(appraisal: Appraisal) -> Iterator[Statement]:
         )
         label = labels[BODY_PARAMETERS.index(parameter)]
         yield Statement(f"least certain: {label}, {ratio:.2f} of its target 1-sigma: {verdict}")
-    lacking = np.isnan(appraisal.standard_deviation)
+    lacking = np.isnan(evaluation.standard_deviation)
     unidentifiable = [label for label, lacks in zip(labels, lacking, strict=True) if lacks]
     if unidentifiable:
         names = ", ".join(unidentifiable)
@@ -183,18 +185,18 @@ def _reached(appraisal: Appraisal) -> Iterator[Statement]:
         yield Statement(f"{text} {'it' if len(unidentifiable) == 1 else 'them'}", "bad")
 
 
-def _ringing(appraisal: Appraisal) -> Iterator[Statement]:
+def _ringing(evaluation: MotionEvaluation) -> Iterator[Statement]:
     """How near the motion comes to the natural frequencies of the platform on its cables."""
-    highest = appraisal.highest_frequency
-    if len(appraisal.natural_frequencies):
-        swings = ", ".join(f"{each:.2g}" for each in appraisal.natural_frequencies[:3])
+    highest = evaluation.highest_frequency
+    if len(evaluation.natural_frequencies):
+        swings = ", ".join(f"{each:.2g}" for each in evaluation.natural_frequencies[:3])
         yield Statement(
             f"the platform swings on its cables at {swings} Hz and above (where it begins; the"
             f" stiffness is known to a factor only), the motion is below {highest:.2g} Hz"
         )
-        if highest > _NEAR * appraisal.natural_frequencies[0]:
+        if highest > _NEAR * evaluation.natural_frequencies[0]:
             yield Statement("that is near: the platform may ring on its cables")
-    elif appraisal.experiment.robot.m:
+    elif evaluation.experiment.robot.m:
         yield Statement(
             "the stiffness of the cables is not known: how the platform swings on them was not"
             f" looked at; the motion is below {highest:.2g} Hz (add 'cable:"

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.digits import LABELS
-from steelyard.excitation.appraisal import Appraisal
 from steelyard.excitation.design_file import motion_columns
+from steelyard.excitation.evaluation import MotionEvaluation
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.design import grids, statements
 from steelyard.report.document import (
@@ -35,13 +35,13 @@ _MOST_POINTS = 1000
 """Of a line: about one for each column of pixels."""
 
 
-def design_document(appraisal: Appraisal) -> Document:
+def design_document(evaluation: MotionEvaluation) -> Document:
     """Everything that there is to say and to see of a planned experiment."""
-    said = tuple(statements(appraisal))
-    precision, *uses = grids(appraisal)
-    columns = {run: _thinned(motion_columns(appraisal, run)) for run in appraisal.trajectories}
+    said = tuple(statements(evaluation))
+    precision, *uses = grids(evaluation)
+    columns = {run: _thinned(motion_columns(evaluation, run)) for run in evaluation.trajectories}
     information = [_information(run, each) for run, each in columns.items()]
-    robot = appraisal.experiment.robot
+    robot = evaluation.experiment.robot
     blocks: list[Block] = []
     if (shape := shape_of(robot)) is not None:
         centre = None if robot.platform is None else np.array(robot.platform.center_of_gravity)
@@ -49,10 +49,10 @@ def design_document(appraisal: Appraisal) -> Document:
             robot_scene(shape, [_course(run, each) for run, each in columns.items()], centre)
         )
     for run, each in columns.items():
-        blocks += list(_motion(run, each, appraisal))
+        blocks += list(_motion(run, each, evaluation))
     return Document(
-        f"{appraisal.experiment.name}: a planned experiment",
-        _lead(appraisal),
+        f"{evaluation.experiment.name}: a planned experiment",
+        _lead(evaluation),
         (
             Section(
                 "precision", "Expected uncertainty", (precision, Statements(said), *information)
@@ -63,11 +63,11 @@ def design_document(appraisal: Appraisal) -> Document:
     )
 
 
-def _lead(appraisal: Appraisal) -> Statement:
+def _lead(evaluation: MotionEvaluation) -> Statement:
     """Whether the motion keeps the limits and reaches the targets."""
-    parameter, ratio = appraisal.worst
+    parameter, ratio = evaluation.worst
     label = dict(zip(BODY_PARAMETERS, (label for label, *_ in LABELS), strict=True))[parameter]
-    if not appraisal.feasible:
+    if not evaluation.feasible:
         return Statement(
             "The robot cannot do this motion within its limits; see those named below.",
             "bad",
@@ -136,9 +136,11 @@ def _information(run: str, columns: Mapping[str, Array]) -> Figure:
     )
 
 
-def _motion(run: str, columns: Mapping[str, Array], appraisal: Appraisal) -> Iterator[Figure]:
+def _motion(
+    run: str, columns: Mapping[str, Array], evaluation: MotionEvaluation
+) -> Iterator[Figure]:
     """Position, attitude, velocities and tensions of a run over time."""
-    robot = appraisal.experiment.robot
+    robot = evaluation.experiment.robot
     limits = robot.limits
     yield _lines(run, "place", "position [m]", columns, "xyz")
     yield _lines(

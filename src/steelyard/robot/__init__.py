@@ -1,1 +1,4 @@
-"""The robot: its description, its cables and what they do to the platform."""
+"""The robot: its file, rollers, hanging cables, structure matrix and tension distribution.
+
+Imports dynamics and the mathematics only; knows no motion and no instrument.
+"""

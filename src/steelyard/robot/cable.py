@@ -25,7 +25,7 @@ RESIDUAL_TOLERANCE = 1e-8
 
 STEPS = 4
 """Steps for a known tension that reach rounding error from 10 N upwards on cables of ten metres and
-60 g/m; the residual tells where they do not."""
+60 g/m; the residual shows where they do not."""
 _STEPS_BY_LENGTH = 5
 """Those for a known length, up to some hundredths longer than the chord unless the cable hangs
 nearly plumb."""
@@ -132,14 +132,14 @@ def _straight(cable: CableSpec, point: Symbol) -> tuple[pulley.Roller, Symbol, S
     return roller, wrap, leave, ca.norm_2(leave - point)
 
 
-_Known = Literal["tension", "length"]
+_Given = Literal["tension", "length"]
 _FULLEST_START = 0.9
 """Half the weight over the mean tension from which the fullest cable is approached; 1 is out of
 reach."""
 
 
 def _hanging(
-    known: _Known, cable: CableSpec, point: Symbol, value: Symbol, steps: int
+    known: _Given, cable: CableSpec, point: Symbol, value: Symbol, steps: int
 ) -> CableShape:
     constants = [cable.anchor, cable.axis, cable.radius, cable.up, cable.weight, cable.compliance]
     arguments = [ca.SX(a) for a in (*constants, point, value)]
@@ -147,7 +147,7 @@ def _hanging(
 
 
 @lru_cache(maxsize=16)
-def _solution(known: _Known, rolls: bool, steps: int) -> Symbol:
+def _solution(known: _Given, rolls: bool, steps: int) -> Symbol:
     """Function of a cable's constants, its attachment and what is known of it: the fields of its
     shape.
 
@@ -158,7 +158,7 @@ def _solution(known: _Known, rolls: bool, steps: int) -> Symbol:
         ca.SX.sym(name) for name in ("radius", "weight", "compliance", "value")
     )
     cable = CableSpec(anchor, axis, radius if rolls else 0.0, up, weight, compliance)
-    equations = _Equations(
+    equations = _HangingEquations(
         known, cable, pulley.swivel(anchor, axis, cable.radius, point), point, value
     )
     inputs = [anchor, axis, radius, up, weight, compliance, point, value]
@@ -170,7 +170,7 @@ def _solution(known: _Known, rolls: bool, steps: int) -> Symbol:
     )
 
 
-class _State(NamedTuple):
+class _HangingUnknowns(NamedTuple):
     """What is sought of a hanging cable; its tension or its length follows from what is known."""
 
     mean: Symbol
@@ -191,17 +191,17 @@ class _Line(NamedTuple):
     rise: Symbol
 
 
-class _Equations(NamedTuple):
+class _HangingEquations(NamedTuple):
     """Those of a hanging cable over its roller, for either question."""
 
-    known: _Known
+    known: _Given
     cable: CableSpec
     roller: pulley.Roller
     point: Symbol
     value: Symbol
     """Tension at the platform end [N], or unstrained length up to the anchor [m]."""
 
-    def start(self) -> _State:
+    def start(self) -> _HangingUnknowns:
         """A shallow cable over the straight one's wrap angle."""
         cable = self.cable
         wrap = pulley.straight_wrap(self.roller, self.point) if cable.rolls else ca.SX(0)
@@ -222,9 +222,9 @@ class _Equations(NamedTuple):
                 chord, free, cable.weight * run / chord, 1 / cable.compliance
             )
             mean = ca.fmax(taut, free * cable.weight / (2 * _FULLEST_START))
-        return self.rolled(line, _State(mean, free, wrap))
+        return self.rolled(line, _HangingUnknowns(mean, free, wrap))
 
-    def improved(self, state: _State) -> _State:
+    def improved(self, state: _HangingUnknowns) -> _HangingUnknowns:
         """One step of Newton's method for the mean tension or the length, then one for the wrap
         angle.
         """
@@ -251,7 +251,7 @@ class _Equations(NamedTuple):
             )
         return self.rolled(line, state)
 
-    def consistent(self, line: _Line, state: _State) -> _State:
+    def consistent(self, line: _Line, state: _HangingUnknowns) -> _HangingUnknowns:
         """With what follows from the known value at a wrap angle."""
         cable = self.cable
         if self.known == "tension":
@@ -259,13 +259,13 @@ class _Equations(NamedTuple):
             return state._replace(mean=mean)
         return state._replace(free=self.value - self.on_roller(line, state))
 
-    def on_roller(self, line: _Line, state: _State) -> Symbol:
+    def on_roller(self, line: _Line, state: _HangingUnknowns) -> Symbol:
         """Unstrained length there [m]."""
         if not self.cable.rolls:
             return ca.SX(0)
         return self.cable.radius * state.wrap / self.strained(line, state)
 
-    def strained(self, line: _Line, state: _State) -> Symbol:
+    def strained(self, line: _Line, state: _HangingUnknowns) -> Symbol:
         """Length over unstrained length on the roller."""
         return 1 + self.cable.compliance * self.tensions(line, state)[1]
 
@@ -277,11 +277,11 @@ class _Equations(NamedTuple):
         level = d - rise * self.cable.up
         return _Line(leave, level, ca.dot(level, level), rise)
 
-    def catenary(self, state: _State) -> catenary.Catenary:
+    def catenary(self, state: _HangingUnknowns) -> catenary.Catenary:
         """The part that hangs freely."""
         return catenary.Catenary(state.mean, state.free, self.cable.weight, self.cable.compliance)
 
-    def tensions(self, line: _Line, state: _State) -> tuple[Symbol, Symbol]:
+    def tensions(self, line: _Line, state: _HangingUnknowns) -> tuple[Symbol, Symbol]:
         """At the platform and at the roller [N]."""
         if self.known == "tension":
             near = self.value
@@ -291,7 +291,7 @@ class _Equations(NamedTuple):
             )
         return near, 2 * state.mean - near
 
-    def pulls(self, line: _Line, state: _State) -> tuple[Symbol, Symbol]:
+    def pulls(self, line: _Line, state: _HangingUnknowns) -> tuple[Symbol, Symbol]:
         """Forces along the cable towards the anchor, at the platform and at the roller [N], shape
         (3,).
         """
@@ -302,7 +302,7 @@ class _Equations(NamedTuple):
             level + (rise + half_weight) * self.cable.up,
         )
 
-    def kink(self, line: _Line, state: _State) -> Symbol:
+    def kink(self, line: _Line, state: _HangingUnknowns) -> Symbol:
         """By what the wrap angle falls short of a cable that leaves the roller tangentially, in
         first order [rad].
         """
@@ -316,7 +316,7 @@ class _Equations(NamedTuple):
         curved = self.cable.weight * self.cable.radius * ca.dot(self.cable.up, radial)
         return ca.dot(pull, radial) / (curved - ca.dot(pull, along))
 
-    def rolled(self, line: _Line, state: _State) -> _State:
+    def rolled(self, line: _Line, state: _HangingUnknowns) -> _HangingUnknowns:
         """With the wrap angle at which the end of the cable is tangential; a cable laid on the
         roller keeps its length.
         """
@@ -326,7 +326,7 @@ class _Equations(NamedTuple):
         laid = self.cable.radius * kink / self.strained(line, state)
         return state._replace(wrap=state.wrap + kink, free=state.free - laid)
 
-    def shape(self, state: _State) -> CableShape:
+    def shape(self, state: _HangingUnknowns) -> CableShape:
         """The cable and by how much it misses its equations."""
         line = self.line(state.wrap)
         state = self.consistent(line, state)

@@ -1,5 +1,5 @@
-"""The inertia of the cables themselves: a platform that accelerates across its cables drags them
-along.
+"""The inertia of the cables themselves: a platform that accelerates across its cables accelerates
+them too.
 
 A taut cable follows its end in a straight line, so that its own acceleration grows linearly from
 nothing at the roller to that of the attachment. Of the inertia of such a load, mass per length
@@ -21,7 +21,7 @@ from steelyard.robot import cable
 from steelyard.robot.model import Robot
 
 
-def dragging_wrench(
+def cable_inertia_expression(
     robot: Robot,
     position: Symbol,
     rotation: Symbol,
@@ -50,12 +50,13 @@ def dragging_wrench(
             cable.spec(straight, i), position + rotation @ attachment, ca.SX(1.0)
         )
         along = rotation.T @ shape.direction
-        force_samples = point_specific_force(specific_force, omega, alpha, attachment)
+        specific = point_specific_force(specific_force, omega, alpha, attachment)
         # Gravity makes the cable sag, which its shape knows; here is what is left, the
         # acceleration.
-        moving = force_samples + rotation.T @ gravity
-        across = moving - along * ca.dot(along, moving)
-        force = -(robot.cable.linear_density or 0.0) * shape.length / 3 * across
+        acceleration = specific + rotation.T @ gravity
+        across = acceleration - along * ca.dot(along, acceleration)
+        mass = (robot.cable.linear_density or 0.0) * shape.length
+        force = -mass / 3 * across
         wrench += ca.vertcat(force, ca.cross(attachment, force))
     return wrench
 
@@ -67,10 +68,12 @@ def _batched(robot: Robot) -> Batched:
         "rotation": ca.SX.sym("rotation", 3, 3),
         **{name: ca.SX.sym(name, 3) for name in ("specific_force", "omega", "alpha", "gravity")},
     }
-    return Batched("dragging", state, {"wrench": dragging_wrench(robot, *state.values())})
+    return Batched(
+        "cable_inertia", state, {"wrench": cable_inertia_expression(robot, *state.values())}
+    )
 
 
-def dragging(
+def cable_inertia_wrench(
     robot: Robot,
     *,
     position: Array,
@@ -80,7 +83,7 @@ def dragging(
     alpha: Array,
     gravity: Array,
 ) -> Array:
-    """:func:`dragging_wrench` over samples, arrays with samples on axis 0; shape (n, 6)."""
+    """:func:`cable_inertia_expression` over samples, arrays with samples on axis 0; shape (n, 6)."""
     return _batched(robot)(
         position=position,
         rotation=rotation,

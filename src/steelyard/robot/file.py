@@ -19,8 +19,10 @@ Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 
-_CLOSEST_ANCHORS = 1e-6  # [m]
+_CLOSEST_ANCHORS = 1e-6
+"""Distance of two anchors below which they are one [m]."""
 _MOST_CABLES = 64
+"""Far above any robot: a longer list is a mistake."""
 
 
 class PulleyForm(FileModel):
@@ -180,16 +182,16 @@ def robot_of(document: YamlDocument) -> Robot:
     """
     form = validate(RobotForm, document)
     _check(form, document)
-    gravity = np.array(
-        form.gravity if isinstance(form.gravity, tuple) else (0.0, 0.0, -form.gravity)
-    )
+    gravity = form.gravity
+    if not isinstance(gravity, tuple):
+        gravity = (0.0, 0.0, -gravity)
     radians = None
     if form.limits.rpy_deg:
-        radians = tuple(tuple(math.radians(v) for v in row) for row in form.limits.rpy_deg)
+        radians = tuple(tuple(map(math.radians, row)) for row in form.limits.rpy_deg)
     no_pulley = PulleyForm(radius=0.0)
     return Robot(
         name=form.name,
-        gravity=gravity,
+        gravity=np.array(gravity),
         anchors=np.array([c.anchor for c in form.cables]),
         attachments=np.array([c.attachment for c in form.cables]),
         pulley_radius=np.array([(c.pulley or no_pulley).radius for c in form.cables]),
@@ -234,7 +236,7 @@ def _check(form: RobotForm, document: YamlDocument) -> None:
     if isinstance(form.gravity, tuple) and math.hypot(*form.gravity) < 1e-9:
         raise document.error(
             ("gravity",),
-            "expected a vector, found one of length 0; cables need gravity to be told apart",
+            "expected a vector, found one of length 0; give gravity where the robot stands",
         )
     if form.tension and form.tension.min >= form.tension.max:
         raise document.error(
@@ -280,7 +282,7 @@ def robot_file(robot: Robot) -> dict[str, Any]:
     limits = {k: v for k, v in vars(robot.limits).items() if v is not None}
     if "rpy" in limits:
         # Degrees with the digits that a person wrote, not those of the conversion.
-        limits["rpy_deg"] = [[round(math.degrees(v), 9) for v in row] for row in limits.pop("rpy")]
+        limits["rpy_deg"] = [_degrees(row) for row in limits.pop("rpy")]
     if "position" in limits:
         limits["position"] = [list(row) for row in limits["position"]]
     if limits:
@@ -295,3 +297,7 @@ def robot_file(robot: Robot) -> dict[str, Any]:
             },
         }
     return values
+
+
+def _degrees(angles: tuple[float, ...]) -> list[float]:
+    return [round(math.degrees(angle), 9) for angle in angles]

@@ -59,6 +59,7 @@ def cable_wrench(
 
 @lru_cache(maxsize=32)
 def _batched(robot: Robot) -> Batched:
+    """Derivatives of :func:`cable_wrench` about the geometry of the robot file."""
     position, rotation = ca.SX.sym("position", 3), ca.SX.sym("rotation", 3, 3)
     tension = ca.SX.sym("tension", robot.m)
     anchors, attachments = ca.SX.sym("anchors", 3, robot.m), ca.SX.sym("attachments", 3, robot.m)

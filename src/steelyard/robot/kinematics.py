@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
+from steelyard.dynamics import point_velocity
 from steelyard.errors import InfeasibleError
 from steelyard.robot import cable
 from steelyard.robot.model import Robot
@@ -24,7 +25,8 @@ _QUICK_STEPS = 1
 """What a taut cable needs; samples with a slack one are done again with all steps."""
 _QUICK_TOLERANCE = 1e-10
 """Residual of a quick shape that is kept: no direction is then wrong by more."""
-_SLACK_AT_ONCE = 65536  # samples; bounds the memory that they take a second time
+_SLACK_AT_ONCE = 65536
+"""Samples that are done again at a time: bounds their memory."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ def paid_out(
     # moves away.
     return ca.vertcat(
         *[
-            -ca.dot(pull, velocity + rotation @ ca.cross(omega, corners[:, i]))
+            -ca.dot(pull, point_velocity(rotation, velocity, omega, corners[:, i]))
             for i, pull in enumerate(pulls)
         ]
     )
@@ -100,6 +102,7 @@ def paid_out(
 
 @lru_cache(maxsize=32)
 def _batched(robot: Robot, steps: int) -> Batched:
+    """The cables at a pose for tensions, see :class:`CableState`, with their residuals."""
     position, rotation = ca.SX.sym("position", 3), ca.SX.sym("rotation", 3, 3)
     tension = ca.SX.sym("tension", robot.m)
     all_cables = shapes(robot, position, rotation, tension, steps=steps)

@@ -7,9 +7,18 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError
 
+RESIDUAL = 1e-6
+"""Of the wrench, relative to 1 N and its largest number, up to which tensions give it: with more
+cables than six the closed form is exact to rounding, with a singular structure matrix far off."""
+
 
 def distribute(
-    structure: Array, wrench: Array, limits: tuple[float, float], reference: float | None = None
+    structure: Array,
+    wrench: Array,
+    limits: tuple[float, float],
+    reference: float | None = None,
+    *,
+    tolerance: float = RESIDUAL,
 ) -> Array:
     r"""Tensions within limits that give a wrench, nearest to a reference level.
 
@@ -21,6 +30,7 @@ def distribute(
         wrench: Of the cables on the platform, in the frame of W [N], [N m], shape (n, 6).
         limits: Lowest and highest tension [N].
         reference: Level to stay near to [N]; None: the smallest tensions that do.
+        tolerance: See :data:`RESIDUAL`.
 
     Returns:
         Tensions [N], shape (n, m).
@@ -35,7 +45,8 @@ def distribute(
     tensions: Array = level + np.einsum("nmk,nk->nm", np.linalg.pinv(structure), missing)
     error = np.abs(np.einsum("nkm,nm->nk", structure, tensions) - wrench).max(axis=1)
     scale = 1.0 + np.abs(wrench).max(axis=1)
-    outside = (tensions < low).any(axis=1) | (tensions > high).any(axis=1) | (error > 1e-6 * scale)
+    outside = (tensions < low).any(axis=1) | (tensions > high).any(axis=1)
+    outside |= error > tolerance * scale
     for i in np.flatnonzero(outside):
         solution = _quadratic_programme(structure[i], wrench[i], low, high, level)
         if solution is None:

@@ -1,1 +1,4 @@
-"""Virtual experiments: forward dynamics of the robot and the sensors that watch it."""
+"""Virtual experiments: what a platform does on its cables, and what sensors would record of it.
+
+Imports experiment, instruments, motion and robot; no estimator.
+"""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -22,62 +22,43 @@ from scipy.spatial.transform import Rotation
 from steelyard import rotations
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
-from steelyard.dynamics import newton_euler, platform_wrench
+from steelyard.dynamics import newton_euler, point_velocity
 from steelyard.errors import InfeasibleError, InputError
 from steelyard.inertia import Inertia
 from steelyard.motion.limits import commanded_tensions
-from steelyard.motion.state import State, motion_of_poses
+from steelyard.motion.state import State
 from steelyard.motion.trajectory import RestToRest, Trajectory
 from steelyard.robot import cable
 from steelyard.robot.kinematics import cables_at, structure_columns
 from steelyard.robot.model import Robot
-
-_FEED_SAMPLES_PER_SECOND = 100.0
-TOLERANCE = 1e-7
-"""Of the integrator, relative and in metres, radians and their rates; the pose is then right to
-about 1e-8 m."""
-
-_NUDGE = 1e-6
-"""Of a pose, to see how it swings back [m], [rad]."""
-
-Progress = Callable[[float], None]
-"""Is told the fraction done."""
+from steelyard.simulation.response import Progress
 
 
-class Response(Protocol):
-    """What the platform really did."""
+@dataclass(frozen=True)
+class ForwardDynamicsSettings:
+    """How the equations of motion are solved."""
 
-    @property
-    def duration(self) -> float:
-        """Length in time [s]."""
+    tolerance: float = 1e-7
+    """Of the integrator, relative and in metres, radians and their rates; the pose is then right to
+    about 1e-8 m."""
+    feed_samples_per_second: float = 100.0
+    """Poses at which the winches know the lengths to feed [Hz], with a quintic spline between: far
+    above the half hertz of commands."""
+    displacement: float = 1e-6
+    """Of a pose, for its stiffness by central differences [m], [rad]: far above rounding
+    and far below what changes the stiffness."""
+    equilibrium_step: float = 1e-12
+    """Relative step at which the search for a pose at rest ends: rounding."""
+    equilibrium_acceleration: float = 1e-6
+    """Acceleration of a pose that counts as at rest [m/s^2], [rad/s^2]: below what any sensor
+    resolves."""
+    mass_share: float = 0.25
+    """Part of the platform's mass that each cable damps as a spring of its own; the damping ratio
+    of robot files belongs to it."""
 
-    def at(self, times: Array) -> State:
-        """State at times in [0, duration] [s], arrays over the n times."""
 
-
-@dataclass(frozen=True, eq=False)
-class ExactMotion:
-    """A platform that follows its command exactly, such as a body on the wrench sensor of a robot
-    arm.
-    """
-
-    robot: Robot
-    body: Inertia
-    trajectory: Trajectory
-
-    @property
-    def duration(self) -> float:
-        """Length in time [s]."""
-        return self.trajectory.duration
-
-    def at(self, times: Array) -> State:
-        """See :class:`Response`."""
-        pose, rate, acceleration = (self.trajectory.derivative(times, order) for order in range(3))
-        motion = motion_of_poses(pose, rate, acceleration, self.robot.gravity)
-        wrench = platform_wrench(
-            self.body.parameters, motion["specific_force"], motion["omega"], motion["alpha"]
-        )
-        return State(**motion, tension=None, wrench=wrench, gravity=self.robot.gravity)
+DEFAULT = ForwardDynamicsSettings()
+"""What is used where nothing is given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +74,7 @@ class ElasticMotion:
     duration: float
 
     def at(self, times: Array) -> State:
-        """See :class:`Response`.
+        """See :class:`.Response`.
 
         Raises:
             InfeasibleError: A cable goes slack.
@@ -135,6 +116,7 @@ class CablePlatform:
 
     robot: Robot
     body: Inertia
+    settings: ForwardDynamicsSettings = DEFAULT
 
     def __post_init__(self) -> None:
         if not self.robot.cable.axial_stiffness:
@@ -156,6 +138,7 @@ class CablePlatform:
 
     @cached_property
     def _symbolic(self) -> tuple[dict[str, Symbol], dict[str, Symbol]]:
+        """Inputs and outputs: the accelerations of a state, with the tensions that cause them."""
         m = self.robot.m
         x, feed, feed_rate = ca.SX.sym("x", 13), ca.SX.sym("feed", m), ca.SX.sym("feed_rate", m)
         q = x[3:7] / ca.norm_2(x[3:7])
@@ -165,9 +148,8 @@ class CablePlatform:
         for i, b in enumerate(self.robot.attachments):
             b = ca.DM(b)
             shape = cable.by_length(cable.spec(self.robot, i), x[:3] + R @ b, feed[i])
-            stretch_rate = (
-                -ca.dot(shape.direction, velocity + R @ ca.cross(omega, b)) - feed_rate[i]
-            )
+            moving = point_velocity(R, velocity, omega, b)
+            stretch_rate = -ca.dot(shape.direction, moving) - feed_rate[i]
             tension = shape.tension + self._damping(feed[i]) * stretch_rate
             tensions.append(tension)
             residuals.append(shape.residual)
@@ -198,9 +180,10 @@ class CablePlatform:
         return {"x": x, "feed": feed, "feed_rate": feed_rate}, outputs
 
     def _damping(self, length: Symbol) -> Symbol:
-        """Of a cable as a spring with a quarter of the platform's mass [N s/m]."""
+        """Of a cable as a spring with a part of the platform's mass [N s/m]."""
         stiffness = self.robot.cable.axial_stiffness / length
-        return 2 * self.robot.cable.damping_ratio * ca.sqrt(stiffness * self.body.mass / 4)
+        mass = self.body.mass * self.settings.mass_share
+        return 2 * self.robot.cable.damping_ratio * ca.sqrt(stiffness * mass)
 
     @cached_property
     def forces(self) -> Batched:
@@ -249,10 +232,11 @@ class CablePlatform:
                 [pose[:3] + offset[:3], turned.as_quat(scalar_first=True), np.zeros(6)]
             )
 
-        found = root(
-            lambda offset: self._rate(state(offset), feed, still)[7:], np.zeros(6), tol=1e-12
-        )
-        if not np.abs(found.fun).max() < 1e-6:
+        def acceleration(offset: Array) -> Array:
+            return self._rate(state(offset), feed, still)[7:]
+
+        found = root(acceleration, np.zeros(6), tol=self.settings.equilibrium_step)
+        if not np.abs(found.fun).max() < self.settings.equilibrium_acceleration:
             raise InfeasibleError(
                 "expected a pose at rest near the start of the trajectory, found none; start"
                 " elsewhere"
@@ -280,8 +264,9 @@ class CablePlatform:
                 np.concatenate([rest[:3] + offset[:3], quaternion, np.zeros(6)]), feed, still
             )[7:]
 
-        columns = [acceleration(step) - acceleration(-step) for step in _NUDGE * np.eye(6)]
-        squares = np.linalg.eigvals(-np.column_stack(columns) / (2 * _NUDGE)).real
+        moved = self.settings.displacement
+        columns = [acceleration(step) - acceleration(-step) for step in moved * np.eye(6)]
+        squares = np.linalg.eigvals(-np.column_stack(columns) / (2 * moved)).real
         return np.sort(np.sqrt(np.maximum(squares, 0.0))) / (2 * np.pi)
 
     def move(
@@ -289,22 +274,24 @@ class CablePlatform:
         trajectory: Trajectory,
         progress: Progress | None = None,
         *,
-        tolerance: float = TOLERANCE,
+        tolerance: float | None = None,
         level: float | None = None,
     ) -> ElasticMotion:
         """Integrate from rest while the winches feed what the commanded poses need.
 
         Args:
             trajectory: The command.
-            progress: Is told the fraction done.
-            tolerance: See :data:`TOLERANCE`.
+            progress: Is given the fraction done.
+            tolerance: Of the integrator; None: that of the settings.
             level: See :func:`feed_lengths`.
 
         Raises:
             InfeasibleError: A pose has no tensions within the limits, or a cable goes slack.
         """
-        duration = trajectory.duration
-        times = np.linspace(0.0, duration, int(np.ceil(duration * _FEED_SAMPLES_PER_SECOND)) + 1)
+        chosen, duration = self.settings, trajectory.duration
+        tolerance = chosen.tolerance if tolerance is None else tolerance
+        count = int(np.ceil(duration * chosen.feed_samples_per_second)) + 1
+        times = np.linspace(0.0, duration, count)
         feed = make_interp_spline(times, feed_lengths(self.robot, trajectory, times, level), k=5)
         feed_rate = feed.derivative()
         start = self.equilibrium(trajectory.derivative(times[:1], 0)[0], feed(0.0))
@@ -355,20 +342,3 @@ def feed_lengths(
         raise InfeasibleError(
             f"at {times[error.sample]:.2f} s of the trajectory: {error}", error.sample
         ) from None
-
-
-def responder(robot: Robot) -> Callable[[Trajectory, Progress | None], Response]:
-    """What tells how the nominal platform of a robot answers a command.
-
-    Raises:
-        InputError: The robot file lacks what a simulation needs.
-    """
-    if robot.platform is None:
-        raise InputError(
-            f"robot '{robot.name}': expected a nominal platform to simulate, found none; add"
-            " 'platform' to its file"
-        )
-    body = robot.platform
-    if not robot.m:
-        return lambda trajectory, progress: ExactMotion(robot, body, trajectory)
-    return CablePlatform(robot, body).move

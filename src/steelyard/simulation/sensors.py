@@ -1,4 +1,4 @@
-"""Virtual sensors: what the instruments of an experiment would have recorded."""
+"""Virtual sensors: the instruments of the paper, ideal ones, or those of a file."""
 
 from __future__ import annotations
 
@@ -9,21 +9,13 @@ from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
-from scipy.spatial.transform import Rotation
 
-from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.experiment.model import Stream
 from steelyard.experiment.read import check_instruments
 from steelyard.instruments import AnyInstrument, Instrument
 from steelyard.instruments.base import exact, sigma
-from steelyard.instruments.equations import predict
 from steelyard.robot.model import Robot
-from steelyard.simulation.forward_dynamics import Response
 from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, validate
-
-_LATEST_START = 5.0
-"""Clocks show an arbitrary time at the common event, up to this [s]."""
 
 
 class SensorsForm(FileModel):
@@ -161,6 +153,7 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
 
 
 def _sensors(document: YamlDocument, robot: Robot) -> Sensors:
+    """The sensors of a document, with every systematic error stated."""
     data, own_sync = _without_own_sync(document)
     form = validate(SensorsForm, document, data)
     if not any(i.kind in {"tension", "wrench"} for i in form.instruments.values()):
@@ -189,20 +182,18 @@ def _without_own_sync(document: YamlDocument) -> tuple[Any, dict[str, float]]:
     for name, keys in data["instruments"].items():
         if isinstance(keys, dict) and "sync" in keys:
             value = keys["sync"]
-            if (
-                isinstance(value, bool)
-                or not isinstance(value, int | float)
-                or not 0 <= value < float("inf")
-            ):
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not is_number or not 0 <= value < float("inf"):
                 raise document.error(
                     ("instruments", name, "sync"),
                     f"expected a number at least 0, found {value}; correct it",
                 )
             own[name] = float(value)
-    instruments = {
-        name: {k: v for k, v in keys.items() if k != "sync"} if isinstance(keys, dict) else keys
-        for name, keys in data["instruments"].items()
-    }
+    instruments = {}
+    for name, keys in data["instruments"].items():
+        instruments[name] = keys
+        if isinstance(keys, dict):
+            instruments[name] = {key: value for key, value in keys.items() if key != "sync"}
     return {**data, "instruments": instruments}, own
 
 
@@ -238,113 +229,3 @@ def put_nested(entry: dict[str, Any], key: str, value: Any) -> None:
     for part in path:
         entry = entry.setdefault(part, {})
     entry[last] = value
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Systematic errors drawn for one instrument in one run."""
-
-    calibration: Mapping[str, Array]
-    """Term -> value."""
-    delay: float
-    """[s]"""
-
-
-def draw_errors(
-    instruments: Mapping[str, Instrument], m: int, runs: list[str], rng: np.random.Generator
-) -> dict[str, dict[str, Errors]]:
-    """Draw every systematic error with its prior.
-
-    Returns:
-        Run -> instrument -> its errors.
-    """
-
-    def draw(prior_mean: Array, deviation: Array | None) -> Array:
-        return prior_mean + rng.standard_normal(prior_mean.shape) * (
-            0.0 if deviation is None else deviation
-        )
-
-    constant = {
-        name: {term.key: draw(term.mean, term.deviation) for term in instrument.terms(m)}
-        for name, instrument in instruments.items()
-    }
-    drawn: dict[str, dict[str, Errors]] = {}
-    for run in runs:
-        delays: dict[str, float] = {}
-        drawn[run] = {}
-        for name, instrument in instruments.items():
-            own = {
-                term.key: (
-                    draw(term.mean, term.deviation)
-                    if term.prior.per == "run"
-                    else constant[name][term.key]
-                )
-                for term in instrument.terms(m)
-            }
-            delay = instrument.calibration.delay
-            value = (
-                float(draw(np.array(_scalar(delay.value)), np.array(_scalar(delay.sigma))))
-                if delay
-                else 0.0
-            )
-            # One clock has one error, whatever reads it.
-            value = delays.setdefault(instrument.clock or f"instrument {name}", value)
-            drawn[run][name] = Errors(own, value)
-    return drawn
-
-
-def _scalar(value: float | tuple[float, ...] | None) -> float:
-    return 0.0 if value is None else float(np.mean(value))
-
-
-def record(
-    response: Response,
-    instruments: Mapping[str, Instrument],
-    errors: Mapping[str, Errors],
-    robot: Robot,
-    command: Response,
-    rng: np.random.Generator,
-) -> tuple[dict[str, Stream], dict[str, float]]:
-    """Record one run.
-
-    Args:
-        response: What the platform did; time 0 is the common event.
-        instruments: With their rates.
-        errors: Drawn for this run.
-        robot: Its cables.
-        command: What the platform was told to do.
-        rng: Of noise and of the clocks.
-
-    Returns:
-        Instrument -> stream, and instrument -> time of the common event on its clock [s].
-    """
-    streams, sync = {}, {}
-    clocks: dict[str, tuple[float, float]] = {}
-    for name, instrument in instruments.items():
-        rate = instrument.rate or 0.0
-        clock = instrument.clock or f"instrument {name}"
-        origin, phase = clocks.setdefault(clock, (rng.uniform(0, _LATEST_START), rng.uniform()))
-        times = np.arange(phase / rate, response.duration, 1 / rate)
-        if len(times) < 2:
-            raise InputError(
-                f"instrument '{name}': expected a rate of at least two samples in"
-                f" {response.duration:g} s, found {rate:g} Hz; raise it"
-            )
-        source = command if instrument.kind == "command" else response
-        readings = predict(instrument, robot, source.at(times), errors[name].calibration)
-        noise = {q.name: q.noise or 0.0 for q in instrument.quantities(robot.m)}
-        values = {key: _noisy(value, noise[key], rng) for key, value in readings.items()}
-        streams[name] = Stream(times + errors[name].delay + origin, values, name)
-        sync[name] = origin
-    return streams, sync
-
-
-def _noisy(value: Array, sigma: float, rng: np.random.Generator) -> Array:
-    if not sigma:
-        return value
-    if value.ndim == 3:
-        turned: Array = (
-            value @ Rotation.from_rotvec(rng.normal(0.0, sigma, (len(value), 3))).as_matrix()
-        )
-        return turned
-    return value + rng.normal(0.0, sigma, value.shape)

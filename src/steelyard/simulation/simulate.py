@@ -17,15 +17,14 @@ from steelyard.motion.trajectory import Trajectory
 from steelyard.output import results_folder, write_json
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
-from steelyard.simulation.forward_dynamics import ExactMotion, responder
-from steelyard.simulation.sensors import (
-    Errors,
-    Sensors,
-    draw_errors,
-    put_nested,
-    read_sensors,
-    record,
+from steelyard.simulation.forward_dynamics import (
+    DEFAULT,
+    CablePlatform,
+    ForwardDynamicsSettings,
 )
+from steelyard.simulation.recording import Errors, draw_errors, record
+from steelyard.simulation.response import ExactMotion, Progress, Response
+from steelyard.simulation.sensors import Sensors, put_nested, read_sensors
 from steelyard.simulation.trajectories import trajectories as motions
 
 
@@ -85,6 +84,7 @@ def simulate(
     seed: int = 0,
     name: str | None = None,
     progress: Callable[[str, float], None] | None = None,
+    settings: ForwardDynamicsSettings = DEFAULT,
 ) -> VirtualExperiment:
     """Record a virtual experiment.
 
@@ -99,7 +99,8 @@ def simulate(
             its default.
         seed: Of all that is drawn; the same seed gives the same numbers.
         name: Of the experiment.
-        progress: Is told the run and the fraction of it that is done.
+        progress: Is given the run and the fraction of it that is done.
+        settings: Of the forward dynamics.
 
     Raises:
         InputError: The robot file lacks what a simulation needs, or there is nothing of a name.
@@ -113,17 +114,16 @@ def simulate(
         raise InputError(
             "duration: expected none with trajectories, found one; they have their own durations"
         )
-    respond = responder(robot)
+    respond = _responder(robot, settings)
     body = robot.platform
-    assert body is not None  # responder() has checked
+    assert body is not None  # _responder() has checked
     # Errors, noise and clocks come from streams of their own, so that one more run changes nothing
     # in the others.
     draw, *per_run = np.random.default_rng(seed).spawn(1 + len(trajectories))
     errors = draw_errors(sensors.instruments, robot.m, list(trajectories), draw)
     runs = []
     for (run, trajectory), rng in zip(trajectories.items(), per_run, strict=True):
-        told = _bound(progress, run)
-        response = respond(trajectory, told)
+        response = respond(trajectory, _of_run(progress, run))
         command = ExactMotion(robot, body, trajectory)
         streams, sync = record(response, sensors.instruments, errors[run], robot, command, rng)
         runs.append(Run(name=run, streams=streams, sync=sync))
@@ -137,7 +137,25 @@ def simulate(
     return VirtualExperiment(experiment, body, errors)
 
 
-def _bound(
-    progress: Callable[[str, float], None] | None, run: str
-) -> Callable[[float], None] | None:
+def _responder(
+    robot: Robot, settings: ForwardDynamicsSettings
+) -> Callable[[Trajectory, Progress | None], Response]:
+    """How the nominal platform of a robot answers a command.
+
+    Raises:
+        InputError: The robot file lacks what a simulation needs.
+    """
+    if robot.platform is None:
+        raise InputError(
+            f"robot '{robot.name}': expected a nominal platform to simulate, found none; add"
+            " 'platform' to its file"
+        )
+    body = robot.platform
+    if not robot.m:
+        return lambda trajectory, progress: ExactMotion(robot, body, trajectory)
+    return CablePlatform(robot, body, settings).move
+
+
+def _of_run(progress: Callable[[str, float], None] | None, run: str) -> Progress | None:
+    """Progress of one run as that of the whole."""
     return None if progress is None else lambda fraction: progress(run, fraction)

@@ -5,7 +5,7 @@ file.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,15 +28,47 @@ MULTISINE_DURATION = 20.0
 """[s]"""
 SHORTEST, LONGEST = 0.5, 7200.0
 """Durations that are simulated [s]."""
-_HIGHEST_FREQUENCY = 0.5
-"""Of the multisine [Hz]: an octave and more below the lowest natural frequency of such
-platforms."""
 
-_TENSION_MARGIN = 1.5
-"""Factor from the robot's lowest tension to that of a multisine's command, and from its highest."""
-_TENSION_SHARE = 0.3
-"""Least tension of a multisine's command as a part of the mean: what is left when the platform
-rings on its cables."""
+
+@dataclass(frozen=True)
+class MultisineSettings:
+    """How large and how fast a multisine for a robot is."""
+
+    highest_frequency: float = 0.5
+    """[Hz]: an octave and more below the lowest natural frequency of such platforms."""
+    fewest_harmonics: int = 3
+    """Of a short one, so that the axes do not move alike."""
+    tension_margin: float = 1.5
+    """Factor from the robot's lowest tension to that of the command, and from its highest: for what
+    the elastic cables add."""
+    tension_share: float = 0.3
+    """Least tension of the command as a part of the mean: what is left when the platform vibrates
+    on its cables."""
+    shrink: float = 0.9
+    """Factor from one size that is tried to the next."""
+    shrinks: int = 30
+    """Sizes that are tried: the last one is 4 % of the first."""
+    motion_shrinks: int = 40
+    """The same against the limits of motion alone: the last one is 1 %."""
+
+
+@dataclass(frozen=True)
+class WorkspaceSettings:
+    """Where a robot may go if its file has no limits on the pose."""
+
+    tilt: float = 15.0
+    """Roll, pitch and yaw to either side [deg]."""
+    frame_parts: float = 6.0
+    """Size of the frame over the reach to each side of its middle."""
+    hanging_share: float = 0.5
+    """Height of that frame below anchors that are all at one height, in parts of its width: the
+    middle is then a quarter of the width below."""
+    without_cables: float = 0.5
+    """To each side for a body without cables [m]."""
+
+
+MULTISINE = MultisineSettings()
+WORKSPACE = WorkspaceSettings()
 
 # Start and end pose: x, y, z [m], roll, pitch, yaw [deg]. The first is the paper's, section IV-A;
 # it does not print the others.
@@ -124,7 +156,9 @@ def _paper(move: float) -> dict[str, Trajectory]:
     return runs
 
 
-def feasible_multisine(robot: Robot, duration: float) -> Sampled:
+def feasible_multisine(
+    robot: Robot, duration: float, settings: MultisineSettings = MULTISINE
+) -> Sampled:
     """A multisine about the middle of the workspace, as large as the robot's limits and tensions
     allow.
 
@@ -132,22 +166,21 @@ def feasible_multisine(robot: Robot, duration: float) -> Sampled:
         InputError: Not even a small one is feasible.
     """
     center, reach = workspace_of(robot)
-    harmonics = max(3, round(_HIGHEST_FREQUENCY * duration))
+    harmonics = max(settings.fewest_harmonics, round(settings.highest_frequency * duration))
 
-    def trial(translation: float, rotation: float) -> Sampled:
-        amplitude = reach * np.repeat([translation, rotation], 3)
+    def trial(of_position: float, of_angles: float) -> Sampled:
+        amplitude = reach * np.repeat([of_position, of_angles], 3)
         return multisine(list(center), list(amplitude), duration, harmonics)
 
     # Room for what the elastic cables add to the commanded tensions.
     low, high = robot.tension_limits
-    careful = replace(robot, tension_limits=(_TENSION_MARGIN * low, high / _TENSION_MARGIN))
+    factor = settings.tension_margin
+    careful = replace(robot, tension_limits=(factor * low, high / factor))
     # Each kind of motion alone against its own limits, then both together against the tensions.
-    alone = (
-        _largest(robot, lambda scale: trial(scale, 0.0)),
-        _largest(robot, lambda scale: trial(0.0, scale)),
-    )
-    for scale in 0.9 ** np.arange(30):
-        trajectory = trial(alone[0] * scale, alone[1] * scale)
+    translation = _largest(robot, lambda scale: trial(scale, 0.0), settings)
+    rotation = _largest(robot, lambda scale: trial(0.0, scale), settings)
+    for scale in settings.shrink ** np.arange(settings.shrinks):
+        trajectory = trial(translation * scale, rotation * scale)
         if motion_extremes(robot, trajectory).fraction > 1:
             continue
         if not (robot.m and robot.platform):
@@ -162,8 +195,9 @@ def feasible_multisine(robot: Robot, duration: float) -> Sampled:
             )
         except InfeasibleError:
             continue
-        # Where a limit binds, tensions have kinks, and kinks make the platform ring.
-        least = max(careful.tension_limits[0] * (1 + 1e-6), _TENSION_SHARE * float(tensions.mean()))
+        # Where a limit binds, tensions have kinks, and kinks make the platform vibrate.
+        least = settings.tension_share * float(tensions.mean())
+        least = max(careful.tension_limits[0] * (1 + 1e-6), least)
         if tensions.min() <= least:
             continue
         return trajectory
@@ -173,39 +207,45 @@ def feasible_multisine(robot: Robot, duration: float) -> Sampled:
     )
 
 
-def _largest(robot: Robot, trial: Callable[[float], Trajectory]) -> float:
+def _largest(
+    robot: Robot, trial: Callable[[float], Trajectory], settings: MultisineSettings
+) -> float:
     """Largest scale, at most 1, at which a family of trajectories keeps the limits of motion."""
     scale = 1.0
-    for _ in range(40):
+    for _ in range(settings.motion_shrinks):
         if motion_extremes(robot, trial(scale)).fraction <= 1:
             break
-        scale *= 0.9
+        scale *= settings.shrink
     return scale
 
 
-def workspace_of(robot: Robot) -> tuple[Array, Array]:
+def workspace_of(robot: Robot, settings: WorkspaceSettings = WORKSPACE) -> tuple[Array, Array]:
     """Pose in the middle of the workspace, and how far from it a motion may reach in x, y, z [m],
     roll, pitch, yaw [rad].
     """
-    box = np.array(robot.limits.position) if robot.limits.position else _default_box(robot)
-    angles = (
-        np.array(robot.limits.rpy) if robot.limits.rpy else np.radians([[-15.0] * 3, [15.0] * 3])
-    )
+    limits = robot.limits
+    box = np.array(limits.position) if limits.position else _default_box(robot, settings)
+    tilt = np.radians([[-settings.tilt] * 3, [settings.tilt] * 3])
+    angles = np.array(limits.rpy) if limits.rpy else tilt
     low, high = np.hstack([box, angles])
     return (low + high) / 2, (high - low) / 2
 
 
-def _default_box(robot: Robot) -> Array:
-    """A sixth of the frame to each side of its middle; a metre for a body without cables."""
+def _default_box(robot: Robot, settings: WorkspaceSettings) -> Array:
+    """A part of the frame about its middle; about the origin for a body without cables, shape (2,
+    3).
+    """
     if not robot.m:
-        return np.array([[-0.5] * 3, [0.5] * 3])
+        half = settings.without_cables
+        return np.array([[-half] * 3, [half] * 3])
     low, high = robot.anchors.min(axis=0), robot.anchors.max(axis=0)
     platform = robot.attachments.mean(axis=0)
     if high[2] - low[2] < robot.size:
-        # All anchors at one height: the platform hangs below them, about as far as a quarter of the
-        # frame is wide.
-        low = np.array([low[0], low[1], high[2] - 0.5 * float(np.min(high[:2] - low[:2]))])
-    middle, reach = (low + high) / 2 - platform, (high - low) / 6
+        # All anchors at one height: the platform hangs below them.
+        width = float(np.min(high[:2] - low[:2]))
+        low = np.array([low[0], low[1], high[2] - settings.hanging_share * width])
+    middle = (low + high) / 2 - platform
+    reach = (high - low) / settings.frame_parts
     return np.array([middle - reach, middle + reach])
 
 

@@ -23,14 +23,14 @@ from simulated import (
     studied,
     without,
 )
+from steelyard.identification.model.balance import force_sigma, least_sigma
+from steelyard.identification.solve.classical import study
 
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.two_step import TwoStep
-from steelyard.identification.model.balance import force_sigma, least_sigma
 from steelyard.identification.solve import long_recording
-from steelyard.identification.solve.classical import study
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
 pytestmark = pytest.mark.integration

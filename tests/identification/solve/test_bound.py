@@ -21,6 +21,7 @@ from simulated import (
     pair_studied,
     studied,
 )
+from steelyard.identification.solve.classical import study
 
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run, Stream
@@ -29,7 +30,6 @@ from steelyard.identification.model.calibration_parameters import Calibration, g
 from steelyard.identification.model.force_residuals import Forces
 from steelyard.identification.model.motion_residuals import Reading, Segment
 from steelyard.identification.solve.bound import attainable, cramer_rao
-from steelyard.identification.solve.classical import study
 from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian
 from steelyard.instruments import Imu, Position, Tension
 from steelyard.motion.trajectory import multisine

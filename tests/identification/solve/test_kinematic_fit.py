@@ -9,15 +9,17 @@ from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
+from steelyard.identification.solve.kinematic_fit import fit_kinematics
 
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.model.calibration_parameters import LAG, ROBOT, Calibration, gather
 from steelyard.identification.model.preparation import prepare
-from steelyard.identification.solve.kinematic_fit import fit_kinematics
 from steelyard.instruments import Attitude, Pose
 from steelyard.robot.file import read_robot
-from steelyard.simulation.forward_dynamics import CablePlatform, ExactMotion
-from steelyard.simulation.sensors import draw_errors, ideal_sensors, paper_sensors, record
+from steelyard.simulation.forward_dynamics import CablePlatform
+from steelyard.simulation.recording import draw_errors, record
+from steelyard.simulation.response import ExactMotion
+from steelyard.simulation.sensors import ideal_sensors, paper_sensors
 from steelyard.simulation.trajectories import feasible_multisine
 from steelyard.smoothing import DEGREE, knots
 

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from simulated import BODY, CENTER, IDEAL, PAPER, ROBOT, at_rest, changed, moving, sound
-
-from steelyard.dynamics import platform_regressor, platform_wrench
 from steelyard.identification.model.balance import (
     balance,
     by_geometry,
@@ -21,6 +19,8 @@ from steelyard.identification.model.balance import (
     shared_noise,
     whitener,
 )
+
+from steelyard.dynamics import platform_regressor, platform_wrench
 from steelyard.identification.model.calibration_parameters import ROBOT as OWN
 from steelyard.identification.model.calibration_parameters import Calibration, gather
 from steelyard.identification.model.preparation import Samples, prepare

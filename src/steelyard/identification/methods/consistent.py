@@ -142,7 +142,7 @@ def _finished(
             "disagreement_of_two_solvers": body.disagreement,
         }
     }
-    notes: list[str] = []
+    notes = [body.remark] if body.remark else []
     further: list[str] = []
     if body.binding and body.misfit > _NOTHING:
         freedom = max(1, len(body.binding))

@@ -39,7 +39,7 @@ from steelyard.identification.model.sources import Source
 from steelyard.inertia import TEN
 from steelyard.instruments.equations import following, sensitivity, solve_for
 from steelyard.motion.state import State, state_of_pose
-from steelyard.robot.cable_inertia import dragging_wrench
+from steelyard.robot.cable_inertia import cable_inertia_expression
 from steelyard.robot.geometry import cable_wrench
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
@@ -150,7 +150,7 @@ def _moved(heavy: Robot) -> Batched:
 def _dragged(robot: Robot, state: State, gravity: Symbol) -> Symbol:
     if not robot.m or not robot.cable.linear_density:
         return ca.SX.zeros(6)
-    return dragging_wrench(
+    return cable_inertia_expression(
         robot,
         state.position,
         state.rotation,

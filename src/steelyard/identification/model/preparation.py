@@ -22,7 +22,7 @@ from steelyard.identification.model.calibration_parameters import Calibration
 from steelyard.identification.model.reading import RunReader, SmoothPart
 from steelyard.identification.model.sources import Acceleration, Source, Sources, choose_sources
 from steelyard.motion.state import specific_force_of
-from steelyard.robot.cable_inertia import dragging
+from steelyard.robot.cable_inertia import cable_inertia_wrench
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import Samples1D, choose_spacing, pieces, segments
 
@@ -270,7 +270,7 @@ def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
         )
     joined: dict[str, Any] = {key: np.concatenate([p[key] for p in parts]) for key in parts[0]}
     if task.calibration and task.robot.m and task.robot.cable.linear_density:
-        joined["wrench"] = joined["wrench"] + task.calibration.drag * dragging(
+        joined["wrench"] = joined["wrench"] + task.calibration.drag * cable_inertia_wrench(
             task.robot, gravity=task.gravity, **{name: joined[name] for name in _DRAGGING}
         )
     noises, counts = [noise for _, noise in filter(None, states)], [len(p["time"]) for p in parts]

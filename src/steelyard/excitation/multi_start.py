@@ -12,39 +12,39 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from steelyard.arrays import Array
-from steelyard.excitation.search import Found, Problem
+from steelyard.excitation.search import DesignProblem, SearchResult
 
-Watched = Callable[[int, int, float], None]
-"""Is told the number of the start, of the step, and the norm reached there."""
+MultiStartProgress = Callable[[int, int, float], None]
+"""Is given the number of the start, of the step, and the logarithm of the norm reached there."""
 _POLL = 0.1
-"""[s]"""
+"""How long the parent waits for progress before it checks whether all searches have ended [s]."""
 
 
-def searched(
-    problem: Problem,
+def multi_start(
+    problem: DesignProblem,
     starts: Sequence[Array],
     *,
     steps: int,
     until: float,
     processes: int = 1,
-    watched: Watched | None = None,
-) -> list[Found]:
+    progress: MultiStartProgress | None = None,
+) -> list[SearchResult]:
     """Search from every start; what has not begun when the time is up is left out.
 
     Args:
-        problem: What is to be best.
+        problem: What is optimised.
         starts: Free coefficients to begin with.
         steps: At most, of each search.
         until: When all ends, by :func:`time.time` [s].
         processes: At a time; 1: this one alone.
-        watched: Is told of the progress.
+        progress: Is given every iterate.
     """
-    told = watched or (lambda start, step, value: None)
+    report = progress or (lambda start, step, value: None)
     if processes == 1 or len(starts) == 1:
-        found: list[Found] = []
+        found: list[SearchResult] = []
         for i, start in enumerate(starts):
             if not found or time.time() < until:
-                found.append(_one(problem, i, start, steps, until, told))
+                found.append(_one(problem, i, start, steps, until, report))
         return found
     context = multiprocessing.get_context("spawn")
     with ExitStack() as stack:
@@ -58,7 +58,7 @@ def searched(
         ]
         while not all(each.ready() for each in asked):
             try:
-                told(*mailbox.get(timeout=_POLL))
+                report(*mailbox.get(timeout=_POLL))
             except queue.Empty:
                 continue
         return [each for post in asked if (each := post.get()) is not None]
@@ -80,17 +80,26 @@ def _interrupts_ignored() -> Iterator[None]:
 
 
 def _posted(
-    problem: Problem, i: int, start: Array, steps: int, until: float, mailbox: Any
-) -> Found | None:
+    problem: DesignProblem, i: int, start: Array, steps: int, until: float, mailbox: Any
+) -> SearchResult | None:
+    """One search in a process of its own, whose progress goes to a mailbox."""
     if i and time.time() >= until:
         return None
     return _one(problem, i, start, steps, until, lambda *news: mailbox.put(news))
 
 
-def _one(problem: Problem, i: int, start: Array, steps: int, until: float, told: Watched) -> Found:
+def _one(
+    problem: DesignProblem,
+    i: int,
+    start: Array,
+    steps: int,
+    until: float,
+    report: MultiStartProgress,
+) -> SearchResult:
+    """One search, whose progress carries the number of its start."""
     return problem.search(
         start,
         steps=steps,
         seconds=until - time.time(),
-        told=lambda step, value: told(i, step, value),
+        progress=lambda step, value: report(i, step, value),
     )

@@ -1,0 +1,251 @@
+"""Evaluation of motions: how well the body will be known from them, and which limits of the robot
+they use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import InfeasibleError, InputError
+from steelyard.estimates.estimate import Estimate
+from steelyard.excitation.linearisation_point import LinearisationPoint, prior_information
+from steelyard.excitation.motion_constraints import Margin
+from steelyard.excitation.noise_free_recording import with_noise_free_runs
+from steelyard.excitation.optimality_criterion import Target
+from steelyard.excitation.predicted_information import PredictedInformation
+from steelyard.excitation.settings import DEFAULT, DesignSettings
+from steelyard.excitation.verification import Verified, times_of, verify
+from steelyard.experiment.model import Experiment
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.solve.bound import known_information
+from steelyard.identification.solve.classical import NoBalanceError
+from steelyard.identification.solve.joint_study import Joint, joint_study
+from steelyard.identification.solve.normal_equations import TEN
+from steelyard.identification.solve.study import Progress
+from steelyard.inertia import BODY_PARAMETERS, body_jacobian
+from steelyard.motion.trajectory import Trajectory
+from steelyard.robot.model import Robot
+from steelyard.simulation.forward_dynamics import CablePlatform
+
+
+@dataclass(frozen=True, eq=False)
+class MotionEvaluation:
+    """A planned experiment."""
+
+    experiment: Experiment
+    """With its runs, as they would be recorded without noise and errors."""
+    trajectories: Mapping[str, Trajectory]
+    estimate: Estimate
+    """What maximum likelihood would say of all runs together; the values are those of the nominal
+    body."""
+    each: Mapping[str, Array]
+    """Run -> 1-sigma of the ten parameters from it alone; NaN: not identifiable; shape (10,)."""
+    standard_deviation: Array
+    """Of the ten, of all runs with earlier information; NaN: not identifiable; shape (10,)."""
+    verified: Mapping[str, Verified]
+    """Run -> which limits it uses."""
+    information_shares: Mapping[str, InformationShares]
+    """Run -> which part of it contributes to which parameter."""
+    natural_frequencies: Array
+    """Of the platform on its cables where the first run begins, ascending [Hz]; empty where the
+    stiffness is not known."""
+    highest_frequency: float
+    """Below which 99 % of the power of the accelerations lies [Hz]."""
+    target: Target
+    margin: Margin
+    level: float
+    """Tension near which the cables are held [N]."""
+
+    @property
+    def worst(self) -> tuple[str, float]:
+        """The parameter that is known worst, and its 1-sigma in units of the target; infinite where
+        it is not identifiable.
+        """
+        ratio = self.standard_deviation / self.target.each
+        ratio = np.where(np.isnan(self.standard_deviation), np.inf, ratio)
+        return BODY_PARAMETERS[int(ratio.argmax())], float(ratio.max())
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the robot can do all of it."""
+        return not any(each.violations for each in self.verified.values())
+
+
+@dataclass(frozen=True, eq=False)
+class InformationShares:
+    """Which part of a run contributes to which parameter."""
+
+    time: Array
+    """[s], shape (n,)."""
+    share: Array
+    """Part of the information on each of the ten that comes from around each instant [1/s], shape
+    (n, 10); over all runs its integral is 1, less the part of the priors."""
+
+
+def fit_noise_free(
+    experiment: Experiment,
+    trajectories: Mapping[str, Trajectory],
+    level: float,
+    progress: Progress = None,
+    *,
+    settings: DesignSettings = DEFAULT,
+) -> Joint:
+    """The joint fit of maximum likelihood to noise-free recordings of motions.
+
+    Raises:
+        InputError: The instruments cannot identify anything, or lack a rate or a noise.
+    """
+    recorded = with_noise_free_runs(experiment, trajectories, level, settings)
+    try:
+        return joint_study(recorded, progress)
+    except NoBalanceError as error:
+        raise InputError(
+            f"{experiment.source or experiment.name}: expected instruments and a motion that"
+            f" identify something of the body, found that {error}"
+        ) from None
+
+
+def evaluate_motions(
+    experiment: Experiment,
+    trajectories: Mapping[str, Trajectory],
+    *,
+    target: Target,
+    margin: Margin,
+    level: float,
+    before: Array | float = 0.0,
+    verified: Mapping[str, Verified] | None = None,
+    progress: Progress = None,
+    settings: DesignSettings = DEFAULT,
+) -> MotionEvaluation:
+    """Predict what motions will identify, and check them against the limits of the robot.
+
+    Args:
+        experiment: Robot, with its nominal platform, and instruments.
+        trajectories: Run -> motion.
+        target: 1-sigma that is wanted.
+        margin: How far the body may be from the nominal one.
+        level: Tension near which the cables are held [N].
+        before: Information that there is on the ten linear parameters, shape (10, 10).
+        verified: Runs that have been checked already.
+        progress: Is given what is being done.
+        settings: Of the design.
+
+    Raises:
+        InputError: The instruments cannot identify anything, or lack a rate or a noise.
+    """
+    robot = experiment.robot
+    joint = fit_noise_free(experiment, trajectories, level, progress, settings=settings)
+    alone = dict.fromkeys(trajectories, joint)
+    if len(trajectories) > 1:
+        for name, each in trajectories.items():
+            alone[name] = fit_noise_free(
+                experiment, {name: each}, level, progress, settings=settings
+            )
+    estimate = MaximumLikelihood().of(joint)
+    if progress:
+        progress("design: checking the limits", 0.9)
+    checked = dict(verified or {})
+    for name, trajectory in trajectories.items():
+        if name not in checked:
+            checked[name] = verify(
+                robot, experiment.instruments, trajectory, margin, level, settings=settings
+            )
+    first = next(iter(trajectories.values()))
+    start = first.derivative(np.zeros(1), 0)[0]
+    return MotionEvaluation(
+        experiment=joint.study.experiment,
+        trajectories=dict(trajectories),
+        estimate=estimate,
+        each={
+            name: MaximumLikelihood().of(found).standard_deviation for name, found in alone.items()
+        },
+        standard_deviation=_combined_standard_deviation(joint, estimate, before),
+        verified=checked,
+        information_shares=_information_shares(joint, trajectories, level, before, settings),
+        natural_frequencies=natural_frequencies(robot, start, level),
+        highest_frequency=max(highest_frequency(each, settings) for each in trajectories.values()),
+        target=target,
+        margin=margin,
+        level=level,
+    )
+
+
+def _combined_standard_deviation(joint: Joint, estimate: Estimate, before: Array | float) -> Array:
+    """1-sigma of the ten with earlier information, shape (10,)."""
+    if not np.any(before):
+        return estimate.standard_deviation
+    J = np.linalg.inv(body_jacobian(joint.study.parameters))
+    earlier = J.T @ before @ J
+    information = np.linalg.inv(joint.study.body_covariance) + earlier
+    found = np.sqrt(np.diag(np.linalg.inv(information)))
+    # What neither identifies is as uncertain as the plausible size of it, and no number.
+    known_earlier = np.diag(earlier) > 0
+    unknown = np.isnan(estimate.standard_deviation) & ~known_earlier
+    return np.where(unknown, np.nan, found)
+
+
+def _information_shares(
+    joint: Joint,
+    trajectories: Mapping[str, Trajectory],
+    level: float,
+    before: Array | float,
+    settings: DesignSettings,
+) -> dict[str, InformationShares]:
+    """What the instants of each run contribute to the information on each of the ten."""
+    J = body_jacobian(joint.study.parameters)
+    prior = prior_information(joint.fit.state.calibration.calibration_parameters)
+    prior[:TEN, :TEN] += before
+    prior[:TEN, :TEN] += known_information(joint.study.experiment.known, J)
+    predicted = {}
+    terms = {}
+    informations = []
+    for run in joint.study.experiment.runs:
+        segment = next(each for each in joint.fit.state.segments if each.run == run.name)
+        trajectory = trajectories[run.name]
+        point = LinearisationPoint.of(joint, run, level)
+        own = PredictedInformation(point, segment, trajectory.duration, len(prior), settings)
+        commands = np.hstack([trajectory.derivative(own.times, order) for order in range(4)])
+        information, terms[run.name] = own.information(commands)
+        predicted[run.name] = own
+        informations.append(information)
+    total = prior + sum(informations)
+    directions = np.linalg.pinv(total, hermitian=True)[:, :TEN] @ J.T
+    variance = np.einsum("ij,ji->i", J, directions[:TEN])
+    found = {}
+    for name, own in predicted.items():
+        step = own.duration / len(own.times)
+        share = own.shares(terms[name], directions) / variance / step
+        found[name] = InformationShares(own.times, share)
+    return found
+
+
+def natural_frequencies(robot: Robot, pose: Array, level: float) -> Array:
+    """Of the platform on its elastic cables, ascending [Hz], shape (6,); empty where their
+    stiffness is not known.
+    """
+    elastic = robot.m >= 6 and robot.cable.axial_stiffness
+    if not (elastic and robot.platform and robot.platform.is_physical):
+        return np.zeros(0)
+    try:
+        return CablePlatform(robot, robot.platform).natural_frequencies(pose, level)
+    except InfeasibleError:
+        return np.zeros(0)
+
+
+def highest_frequency(trajectory: Trajectory, settings: DesignSettings = DEFAULT) -> float:
+    """Below which 99 % (a setting) of the power of the commanded accelerations lies [Hz]."""
+    times = times_of(trajectory, settings.checks_per_second)
+    acceleration = trajectory.derivative(times, 2)
+    power = np.abs(np.fft.rfft(acceleration, axis=0)) ** 2
+    power = power / np.maximum(power.sum(axis=0), 1e-300)
+    frequencies = np.fft.rfftfreq(len(times), times[1])
+    moving = np.abs(acceleration).max(axis=0) > 0
+    if not moving.any():
+        return 0.0
+    below = np.cumsum(power[:, moving], axis=0)
+    last = [int(np.searchsorted(each, settings.power_share)) for each in below.T]
+    return float(max(frequencies[i] for i in last))

@@ -1,0 +1,156 @@
+"""The recording that a motion would give without noise and errors, if it is followed exactly.
+
+What an estimator says of its uncertainty from this recording is the prediction: the very code that
+will read the recording has read it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import InputError
+from steelyard.excitation.settings import DEFAULT, DesignSettings
+from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.instruments import Command, Instrument, Length, Tension
+from steelyard.instruments.equations import means, predict
+from steelyard.motion.state import State
+from steelyard.motion.trajectory import Trajectory
+from steelyard.robot.kinematics import cables_at
+from steelyard.robot.model import Robot
+from steelyard.simulation.response import ExactMotion
+
+_LEAST_TENSION = 1.0
+"""At which the sag of a cable is evaluated [N]: a slack one would have none that is finite."""
+
+
+def tensions_near_level(
+    robot: Robot, state: State, level: float, settings: DesignSettings = DEFAULT
+) -> Array:
+    """Tensions that exert the wrench of a state, whatever the robot's limits [N], shape (n, m).
+
+    Those of straight cables nearest to a level, then with the smallest changes that the sag asks
+    for: nearest anew, a slack cable would go on sagging.
+    """
+    tension = np.full((len(state.wrench), robot.m), level)
+    sagging = [robot] * settings.sag_iterations if robot.cable.linear_density else []
+    for cables in [robot.with_straight_cables(), *sagging]:
+        taut = np.maximum(tension, _LEAST_TENSION)
+        W = cables_at(cables, state.position, state.rotation, taut).structure
+        missing = state.wrench - np.einsum("nkm,nm->nk", W, tension)
+        tension = tension + np.einsum("nmk,nk->nm", np.linalg.pinv(W), missing)
+    return tension
+
+
+def with_noise_free_runs(
+    experiment: Experiment,
+    trajectories: Mapping[str, Trajectory],
+    level: float,
+    settings: DesignSettings = DEFAULT,
+) -> Experiment:
+    """The experiment with a noise-free recording of every motion.
+
+    Args:
+        experiment: Robot, with its nominal platform, and instruments.
+        trajectories: Run -> motion.
+        level: Tension near which the cables are held [N].
+        settings: Of the design.
+
+    Raises:
+        InputError: An instrument states no rate or no noise.
+    """
+    instruments = {
+        name: _with_rate(name, each, experiment, settings)
+        for name, each in experiment.instruments.items()
+    }
+    planned = replace(experiment, instruments=instruments)
+    runs = []
+    for run, trajectory in trajectories.items():
+        streams = {
+            name: _noise_free_stream(planned, name, trajectory, level, settings)
+            for name in instruments
+        }
+        runs.append(Run(run, streams, dict.fromkeys(streams, 0.0)))
+    return replace(planned, runs=tuple(runs))
+
+
+def _noise_free_stream(
+    experiment: Experiment,
+    name: str,
+    trajectory: Trajectory,
+    level: float,
+    settings: DesignSettings,
+) -> Stream:
+    """Readings of one instrument without noise and errors."""
+    robot, instrument = experiment.robot, experiment.instruments[name]
+    assert robot.platform is not None
+    assert instrument.rate is not None
+    times = np.arange(0.5 / instrument.rate, trajectory.duration, 1 / instrument.rate)
+    if len(times) < 2:
+        raise InputError(
+            f"instrument '{name}': expected at least two samples in {trajectory.duration:g}"
+            f" s, found a rate of {instrument.rate:g} Hz; choose a longer motion"
+        )
+    state = ExactMotion(robot, robot.platform, trajectory).at(times)
+    if isinstance(instrument, Tension | Length):
+        state = replace(state, tension=tensions_near_level(robot, state, level, settings))
+    readings = predict(instrument, robot, state, means(instrument, robot.m))
+    recorded = _recorded_quantities(name, instrument, experiment)
+    return Stream(times, {key: value for key, value in readings.items() if key in recorded}, name)
+
+
+def _with_rate(
+    name: str, instrument: Instrument, experiment: Experiment, settings: DesignSettings
+) -> Instrument:
+    """An instrument whose rate and noise are known; the rate may be that of earlier recordings.
+
+    Raises:
+        InputError: It states no rate or no noise.
+    """
+    rate = instrument.rate
+    if rate is None:
+        rate = _recorded_rate(name, experiment)
+    if rate is None and isinstance(instrument, Command):
+        rate = settings.command_rate
+    if rate is None:
+        raise InputError(
+            f"instrument '{name}': expected the key 'rate', found none, and no recording to"
+            " take it from; add the samples per second"
+        )
+    recorded = _recorded_quantities(name, instrument, experiment)
+    exact = isinstance(instrument, Command) and not instrument.is_measurement
+    for quantity in instrument.quantities(experiment.robot.m):
+        if quantity.name in recorded and not quantity.noise and not exact:
+            raise InputError(
+                f"instrument '{name}': expected the noise of its {quantity.name.replace('_', ' ')},"
+                f" found none; add 'noise', the 1-sigma of a sample in {quantity.unit}: what can be"
+                " known depends on it"
+            )
+    return instrument.model_copy(update={"rate": rate})
+
+
+def _recorded_rate(name: str, experiment: Experiment) -> float | None:
+    """Samples a second of earlier recordings [Hz]; None: there are none."""
+    steps = []
+    for run in experiment.runs:
+        if name in run.streams and not run.static and len(run.streams[name]) > 1:
+            steps.append(float(np.median(np.diff(run.streams[name].time))))
+    steps = [step for step in steps if step > 0]
+    return float(1 / np.median(steps)) if steps else None
+
+
+def _recorded_quantities(
+    name: str, instrument: Instrument, experiment: Experiment
+) -> frozenset[str]:
+    """Quantities that will be recorded: as in earlier runs; without these, all but those that may
+    be absent and state no noise.
+    """
+    earlier = [run.streams[name].values for run in experiment.runs if name in run.streams]
+    if earlier:
+        return frozenset(quantity for values in earlier for quantity in values)
+    return frozenset(
+        q.name for q in instrument.quantities(experiment.robot.m) if q.required or q.noise
+    )

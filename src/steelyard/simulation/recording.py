@@ -1,0 +1,127 @@
+"""A virtual recording: systematic errors, noise and clocks on what instruments would read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.errors import InputError
+from steelyard.experiment.model import Stream
+from steelyard.instruments import Instrument
+from steelyard.instruments.equations import predict
+from steelyard.robot.model import Robot
+from steelyard.simulation.response import Response
+
+_LATEST_START = 5.0
+"""Clocks show an arbitrary time at the common event, up to this [s]."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Systematic errors drawn for one instrument in one run."""
+
+    calibration: Mapping[str, Array]
+    """Term -> value."""
+    delay: float
+    """[s]"""
+
+
+def draw_errors(
+    instruments: Mapping[str, Instrument], m: int, runs: list[str], rng: np.random.Generator
+) -> dict[str, dict[str, Errors]]:
+    """Draw every systematic error with its prior.
+
+    Returns:
+        Run -> instrument -> its errors.
+    """
+    constant = {name: _drawn_terms(each, m, rng) for name, each in instruments.items()}
+    drawn: dict[str, dict[str, Errors]] = {}
+    for run in runs:
+        delays: dict[str, float] = {}
+        drawn[run] = {}
+        for name, instrument in instruments.items():
+            own = dict(constant[name])
+            for term in instrument.terms(m):
+                if term.prior.per == "run":
+                    own[term.key] = _drawn(term.mean, term.deviation, rng)
+            delay = instrument.calibration.delay
+            value = 0.0
+            if delay:
+                mean, deviation = _scalar(delay.value), _scalar(delay.sigma)
+                value = float(_drawn(np.array(mean), np.array(deviation), rng))
+            # One clock has one error, whatever reads it.
+            value = delays.setdefault(instrument.clock or f"instrument {name}", value)
+            drawn[run][name] = Errors(own, value)
+    return drawn
+
+
+def _drawn_terms(instrument: Instrument, m: int, rng: np.random.Generator) -> dict[str, Array]:
+    """Every systematic error of an instrument, drawn with its prior."""
+    return {term.key: _drawn(term.mean, term.deviation, rng) for term in instrument.terms(m)}
+
+
+def _drawn(mean: Array, deviation: Array | None, rng: np.random.Generator) -> Array:
+    normal = rng.standard_normal(mean.shape)
+    return mean + normal * (0.0 if deviation is None else deviation)
+
+
+def _scalar(value: float | tuple[float, ...] | None) -> float:
+    return 0.0 if value is None else float(np.mean(value))
+
+
+def record(
+    response: Response,
+    instruments: Mapping[str, Instrument],
+    errors: Mapping[str, Errors],
+    robot: Robot,
+    command: Response,
+    rng: np.random.Generator,
+) -> tuple[dict[str, Stream], dict[str, float]]:
+    """Record one run.
+
+    Args:
+        response: What the platform did; time 0 is the common event.
+        instruments: With their rates.
+        errors: Drawn for this run.
+        robot: Its cables.
+        command: The motion that the platform should have made.
+        rng: Of noise and of the clocks.
+
+    Returns:
+        Instrument -> stream, and instrument -> time of the common event on its clock [s].
+    """
+    streams = {}
+    sync = {}
+    clocks: dict[str, tuple[float, float]] = {}
+    for name, instrument in instruments.items():
+        rate = instrument.rate or 0.0
+        clock = instrument.clock or f"instrument {name}"
+        origin, phase = clocks.setdefault(clock, (rng.uniform(0, _LATEST_START), rng.uniform()))
+        times = np.arange(phase / rate, response.duration, 1 / rate)
+        if len(times) < 2:
+            raise InputError(
+                f"instrument '{name}': expected a rate of at least two samples in"
+                f" {response.duration:g} s, found {rate:g} Hz; raise it"
+            )
+        source = command if instrument.kind == "command" else response
+        readings = predict(instrument, robot, source.at(times), errors[name].calibration)
+        noise = {q.name: q.noise or 0.0 for q in instrument.quantities(robot.m)}
+        values = {key: _noisy(value, noise[key], rng) for key, value in readings.items()}
+        streams[name] = Stream(times + errors[name].delay + origin, values, name)
+        sync[name] = origin
+    return streams, sync
+
+
+def _noisy(value: Array, sigma: float, rng: np.random.Generator) -> Array:
+    if not sigma:
+        return value
+    if value.ndim == 3:
+        turned: Array = (
+            value @ Rotation.from_rotvec(rng.normal(0.0, sigma, (len(value), 3))).as_matrix()
+        )
+        return turned
+    return value + rng.normal(0.0, sigma, value.shape)
