@@ -43,8 +43,8 @@ _BIASED = 1e-3
 """Probability below which the two estimates differ by more than noise."""
 _WEAK = 10.0
 """An estimate so many times less certain than least squares has weak instruments."""
-_COMMAND = PoseNoise(position=1e-4, rotation=1e-4)
-"""How closely the motion of the instruments follows a command [m], [rad]."""
+_COMMAND = Pose(kind="pose", noise=PoseNoise(position=1e-4, rotation=1e-4))
+"""A command as independent kinematics, with how closely they follow it [m], [rad]."""
 
 
 @dataclass(frozen=True)
@@ -193,9 +193,8 @@ def _independent_motion(experiment: Experiment) -> dict[str, list[Segment]]:
             continue
         names = {sources.force, *(name for name, _ in sources.used())}
         for name in names:
-            instrument = instruments[name]
-            if isinstance(instrument, Command):
-                instruments[name] = instrument.model_copy(update={"noise": _COMMAND})
+            if isinstance(instruments[name], Command):
+                instruments[name] = _COMMAND
         streams = {}
         for name in names:
             stream = run.streams[name]
