@@ -16,7 +16,7 @@ from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.solve.bound import attainable
-from steelyard.identification.solve.classical import study
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.inertia import BODY_PARAMETERS
 
 FIRST_SEED = 100_000
@@ -40,7 +40,7 @@ def draw(seed: int) -> tuple[dict[str, tuple[Array, Array, bool, bool | None]], 
     _recorder = _recorder or Recorder()
     experiment = _recorder(seed)
     truth = _recorder.robot.platform.body_parameters
-    found = study(experiment)
+    found = fit_with_held_motion(experiment)
     estimates = [
         TwoStep()(experiment),
         LeastSquares().of(found),

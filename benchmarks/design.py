@@ -98,14 +98,14 @@ def worst_of(robot: Robot, trajectory: Trajectory, level: float = 0.0) -> Array:
     nothing instead."""
     joint = fit_noise_free(planned(robot), {"run": trajectory}, level)
     known = prior_information(joint.fit.state.calibration.calibration_parameters)
-    point = LinearisationPoint.of(joint, joint.study.experiment.runs[0], level)
+    point = LinearisationPoint.of(joint, joint.experiment.runs[0], level)
     predicted = PredictedInformation(
         point, joint.fit.state.segments[0], trajectory.duration, len(known)
     )
     commands = np.hstack([trajectory.derivative(predicted.times, order) for order in range(4)])
     assert robot.platform is not None
     target = Target.default(robot.platform)
-    criterion = OptimalityCriterion(joint.study.parameters, target, known, np.zeros(10))
+    criterion = OptimalityCriterion(joint.parameters, target, known, np.zeros(10))
     return np.asarray(criterion.ratios(predicted.information(commands)[0])[0] * target.each)
 
 
@@ -118,14 +118,14 @@ def random_motions(robot: Robot, count: int) -> Iterator[tuple[Sampled, Array]]:
         {"run": multisine(list(middle), list(0.3 * reach), DURATION, HARMONICS)},
         0.0,
     )
-    run = joint.study.experiment.runs[0]
+    run = joint.experiment.runs[0]
     known = prior_information(joint.fit.state.calibration.calibration_parameters)
     predicted = PredictedInformation(
         LinearisationPoint.of(joint, run, 0.0), joint.fit.state.segments[0], DURATION, len(known)
     )
     assert robot.platform is not None
     target = Target.default(robot.platform)
-    criterion = OptimalityCriterion(joint.study.parameters, target, known, np.zeros(10))
+    criterion = OptimalityCriterion(joint.parameters, target, known, np.zeros(10))
     constraints = MotionConstraints(
         robot, planned(robot).instruments, Margin(MARGIN, robot.size), 0.0, 1.0
     )

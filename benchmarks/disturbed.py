@@ -18,8 +18,9 @@ from steelyard.arrays import Array
 from steelyard.estimates.estimate import Estimate, nothing_told
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.solve.classical import NoBalanceError
-from steelyard.identification.solve.joint_study import Joint, joint_study
+from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import BODY_PARAMETERS
 
 UNITS = np.array([1, 1e3, 1e3, 1e3, 1, 1, 1, 1, 1, 1])
@@ -62,16 +63,16 @@ def with_hole(experiment: Experiment, rng: np.random.Generator) -> Experiment:
     return replace(experiment, runs=(replace(run, streams={**run.streams, "tracker": tracked}),))
 
 
-def estimated(experiment: Experiment) -> tuple[Estimate, Joint | None]:
+def estimated(experiment: Experiment) -> tuple[Estimate, Posterior | None]:
     """Estimate, and the fit it stands on where there is one."""
     try:
-        joint = joint_study(experiment)
+        joint = fit_jointly(experiment)
     except NoBalanceError as error:
         return nothing_told(MaximumLikelihood.name, str(error)), None
     return MaximumLikelihood().of(joint), joint
 
 
-def left_out(experiment: Experiment, joint: Joint | None) -> NDArray[np.bool_]:
+def left_out(experiment: Experiment, joint: Posterior | None) -> NDArray[np.bool_]:
     """Which force readings were left out, shape (n, m)."""
     run = experiment.runs[0]
     time = experiment.common_time(run, "cables", 0.0)

@@ -29,8 +29,8 @@ from steelyard.identification.model.motion_residuals import (
 from steelyard.identification.model.segment import POSE, Rows, basis
 from steelyard.identification.solve import joint_study as study_module
 from steelyard.identification.solve.joint_fit import Fit, State, Task, fit
-from steelyard.identification.solve.joint_study import joint_study
-from steelyard.identification.solve.normal_equations import TEN
+from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.inertia import TEN
 from steelyard.inertia import LINEAR_PARAMETERS
 from steelyard.smoothing import DEGREE
 
@@ -218,7 +218,7 @@ def noticed(experiment: Experiment) -> list[tuple[Task, State, Fit]]:
 
     study_module.fit = noticing
     try:
-        joint_study(experiment)
+        fit_jointly(experiment)
     finally:
         study_module.fit = fit
     return fits

@@ -6,7 +6,7 @@ from functools import cache, cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from steelyard.identification.solve.classical import study
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run, Stream
@@ -140,7 +140,7 @@ def sound(seed):
 @cache
 def studied(seed):
     """Its study."""
-    return study(sound(seed))
+    return fit_with_held_motion(sound(seed))
 
 
 @cache
@@ -152,7 +152,7 @@ def pair():
 @cache
 def pair_studied():
     """Its study."""
-    return study(pair())
+    return fit_with_held_motion(pair())
 
 
 def moving(axes, duration=DURATION, scale=1.0, harmonics=6):

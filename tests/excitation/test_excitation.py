@@ -38,7 +38,7 @@ from steelyard.identification.model.calibration_parameters import ROBOT as FILE
 from steelyard.identification.model.force_residuals import Forces, balance_of, force_residuals
 from steelyard.identification.model.motion_residuals import Tally, holding_rows
 from steelyard.identification.model.segment import POSE, accumulate, banded_product
-from steelyard.identification.solve.normal_equations import TEN
+from steelyard.inertia import TEN
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.instruments import Length, Wrench
 from steelyard.instruments.equations import linearised, predict
@@ -327,7 +327,7 @@ class Plan:
 
     @cached_property
     def point(self):
-        return LinearisationPoint.of(self.joint, self.joint.study.experiment.runs[0], self.level)
+        return LinearisationPoint.of(self.joint, self.joint.experiment.runs[0], self.level)
 
     @cached_property
     def elsewhere(self):
@@ -686,7 +686,7 @@ def test_derivatives_of_readings_change_along_the_command_as_differences_say(whi
 def test_predicted_information_is_that_of_the_bound_of_noise_free_recordings(which):
     found = plan(which)
     covariance = np.linalg.inv(found.information[0] + found.known)
-    J = body_jacobian(found.joint.study.parameters)
+    J = body_jacobian(found.joint.parameters)
     sigmas = np.sqrt(np.diag(J @ covariance[:TEN, :TEN] @ J.T))
     bound, relative = (
         found.joint.bound,

@@ -127,7 +127,7 @@ def test_measured_wrench_is_that_of_the_cables(experiment):
         (e.instrument, e.quantity): e
         for e in explained(identification.recorded, joint, np.full(10, np.nan))
     }
-    samples = joint.study.samples[0]
+    samples = joint.samples[0]
     offset = np.array(
         identification.estimates["maximum-likelihood"].calibration["cables"]["offset"]["value"]
     )

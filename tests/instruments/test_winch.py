@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from simulated import EXACT, PAPER, changed
 from steelyard.identification.model.balance import balance, shared_noise, whitener
-from steelyard.identification.solve.classical import study
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run, Stream
@@ -459,7 +459,7 @@ def test_other_methods_take_the_same_recording():
     by_instruments = InstrumentalVariables()(experiment)
     assert by_instruments.verdict.accepted
     assert chi_square(by_instruments) < chi2.ppf(1 - RARE, 10)
-    consistent = Consistent().of(study(experiment))
+    consistent = Consistent().of(fit_with_held_motion(experiment))
     assert consistent.physical
     np.testing.assert_allclose(
         consistent.value, found.estimates["least-squares"].value, rtol=1e-3, atol=1e-3

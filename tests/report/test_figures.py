@@ -53,7 +53,7 @@ def test_the_platform_stands_where_the_motion_begins(found, drawn):
     cables = next(trace for trace in drawn["robot"].data if trace.name == "cables")
     points = np.stack([cables.x, cables.y, cables.z], axis=1)
     np.testing.assert_array_equal(points[::3], robot.anchors)
-    pose = found.fitted.study.samples[0]
+    pose = found.fitted.samples[0]
     expected = robot.attachments @ pose.rotation[0].T + pose.position[0]
     np.testing.assert_allclose(points[1::3], expected, atol=1e-4)
 

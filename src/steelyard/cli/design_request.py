@@ -13,8 +13,8 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
 from steelyard.estimates.estimate_file import read_estimates
-from steelyard.excitation.design import designed_body
 from steelyard.excitation.design_file import RATE
+from steelyard.excitation.design_set_up import designed_body
 from steelyard.excitation.evaluation import MotionEvaluation, evaluate_motions
 from steelyard.excitation.motion_constraints import Margin, MotionConstraints
 from steelyard.excitation.optimality_criterion import Target
@@ -23,7 +23,7 @@ from steelyard.excitation.rest_poses import with_tension_level
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.solve.study import Progress
+from steelyard.identification.solve.posterior import Progress
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.motion.trajectory import Trajectory
 from steelyard.simulation.trajectories import repeated_move, trajectories

@@ -35,10 +35,8 @@ from steelyard.excitation.verification import Verified
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import CalibrationParameters
 from steelyard.identification.solve.bound import known_information
-from steelyard.identification.solve.joint_study import Joint
-from steelyard.identification.solve.normal_equations import TEN
-from steelyard.identification.solve.study import Progress
-from steelyard.inertia import body_jacobian
+from steelyard.identification.solve.posterior import Posterior, Progress
+from steelyard.inertia import TEN, body_jacobian
 from steelyard.motion.trajectory import Sampled, Trajectory
 from steelyard.robot.model import Robot
 from steelyard.simulation.sensors import Sensors
@@ -228,19 +226,19 @@ def _problem(
         information = _prior(experiment, joint, before)
     at_start, _ = predicted.information(spline.at(predicted.times).commands(start))
     criterion = OptimalityCriterion.with_floor(
-        joint.study.parameters, wanted, information, at_start, settings
+        joint.parameters, wanted, information, at_start, settings
     )
     problem = DesignProblem(spline, predicted, criterion, constraints, family.vibration, settings)
     return problem, joint.fit.state.calibration.calibration_parameters, information
 
 
-def _prior(experiment: Experiment, joint: Joint, before: Array | float) -> Array:
+def _prior(experiment: Experiment, joint: Posterior, before: Array | float) -> Array:
     """Information before the first run: priors, known parameters, earlier estimates, shape (b,
     b).
     """
     information = prior_information(joint.fit.state.calibration.calibration_parameters)
     information[:TEN, :TEN] += before
-    jacobian = body_jacobian(joint.study.parameters)
+    jacobian = body_jacobian(joint.parameters)
     information[:TEN, :TEN] += known_information(experiment.known, jacobian)
     return information
 

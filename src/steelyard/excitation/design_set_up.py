@@ -26,10 +26,9 @@ from steelyard.excitation.verification import verify
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import CalibrationParameters
 from steelyard.identification.model.motion_residuals import Segment, jerk_matrices
-from steelyard.identification.solve.joint_study import Joint
-from steelyard.identification.solve.normal_equations import TEN
+from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.solve.segmentation import resampled
-from steelyard.inertia import Inertia
+from steelyard.inertia import TEN, Inertia
 from steelyard.motion.trajectory import multisine
 from steelyard.robot.model import Robot
 from steelyard.simulation.trajectories import workspace_of
@@ -177,7 +176,7 @@ def random_start(spline: MotionSpline, seed: int, settings: DesignSettings) -> A
 
 def predicted_information(
     experiment: Experiment, spline: MotionSpline, x: Array, level: float, settings: DesignSettings
-) -> tuple[PredictedInformation, Joint]:
+) -> tuple[PredictedInformation, Posterior]:
     """The information of a run, and the noise-free fit that it is linearised about: instruments,
     clocks and smoothness as the estimator has them.
 
@@ -189,7 +188,7 @@ def predicted_information(
         settings: Of the design.
     """
     joint = fit_noise_free(experiment, {"design": spline.trajectory(x)}, level, settings=settings)
-    run = joint.study.experiment.runs[0]
+    run = joint.experiment.runs[0]
     segment = next(each for each in joint.fit.state.segments if each.run == run.name)
     spacing = spline.duration / spline.intervals / settings.knots_per_interval
     grid = knots(float(segment.knots[0]), float(segment.knots[-1]), spacing)

@@ -21,12 +21,11 @@ from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.excitation.verification import Verified, times_of, verify
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.bound import known_information
-from steelyard.identification.solve.classical import NoBalanceError
-from steelyard.identification.solve.joint_study import Joint, joint_study
-from steelyard.identification.solve.normal_equations import TEN
-from steelyard.identification.solve.study import Progress
-from steelyard.inertia import BODY_PARAMETERS, body_jacobian
+from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.identification.solve.posterior import Posterior, Progress
+from steelyard.inertia import BODY_PARAMETERS, TEN, body_jacobian
 from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.model import Robot
 from steelyard.simulation.forward_dynamics import CablePlatform
@@ -93,7 +92,7 @@ def fit_noise_free(
     progress: Progress = None,
     *,
     settings: DesignSettings = DEFAULT,
-) -> Joint:
+) -> Posterior:
     """The joint fit of maximum likelihood to noise-free recordings of motions.
 
     Raises:
@@ -101,7 +100,7 @@ def fit_noise_free(
     """
     recorded = with_noise_free_runs(experiment, trajectories, level, settings)
     try:
-        return joint_study(recorded, progress)
+        return fit_jointly(recorded, progress)
     except NoBalanceError as error:
         raise InputError(
             f"{experiment.source or experiment.name}: expected instruments and a motion that"
@@ -157,7 +156,7 @@ def evaluate_motions(
     first = next(iter(trajectories.values()))
     start = first.derivative(np.zeros(1), 0)[0]
     return MotionEvaluation(
-        experiment=joint.study.experiment,
+        experiment=joint.experiment,
         trajectories=dict(trajectories),
         estimate=estimate,
         each={
@@ -174,13 +173,15 @@ def evaluate_motions(
     )
 
 
-def _combined_standard_deviation(joint: Joint, estimate: Estimate, before: Array | float) -> Array:
+def _combined_standard_deviation(
+    joint: Posterior, estimate: Estimate, before: Array | float
+) -> Array:
     """1-sigma of the ten with earlier information, shape (10,)."""
     if not np.any(before):
         return estimate.standard_deviation
-    J = np.linalg.inv(body_jacobian(joint.study.parameters))
+    J = np.linalg.inv(body_jacobian(joint.parameters))
     earlier = J.T @ before @ J
-    information = np.linalg.inv(joint.study.body_covariance) + earlier
+    information = np.linalg.inv(joint.body_covariance) + earlier
     found = np.sqrt(np.diag(np.linalg.inv(information)))
     # What neither identifies is as uncertain as the plausible size of it, and no number.
     known_earlier = np.diag(earlier) > 0
@@ -189,21 +190,21 @@ def _combined_standard_deviation(joint: Joint, estimate: Estimate, before: Array
 
 
 def _information_shares(
-    joint: Joint,
+    joint: Posterior,
     trajectories: Mapping[str, Trajectory],
     level: float,
     before: Array | float,
     settings: DesignSettings,
 ) -> dict[str, InformationShares]:
     """What the instants of each run contribute to the information on each of the ten."""
-    J = body_jacobian(joint.study.parameters)
+    J = body_jacobian(joint.parameters)
     prior = prior_information(joint.fit.state.calibration.calibration_parameters)
     prior[:TEN, :TEN] += before
-    prior[:TEN, :TEN] += known_information(joint.study.experiment.known, J)
+    prior[:TEN, :TEN] += known_information(joint.experiment.known, J)
     predicted = {}
     terms = {}
     informations = []
-    for run in joint.study.experiment.runs:
+    for run in joint.experiment.runs:
         segment = next(each for each in joint.fit.state.segments if each.run == run.name)
         trajectory = trajectories[run.name]
         point = LinearisationPoint.of(joint, run, level)

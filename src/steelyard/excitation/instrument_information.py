@@ -42,7 +42,7 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.model.force_residuals import derivatives_of_balance
 from steelyard.identification.model.segment import POSE
-from steelyard.identification.solve.normal_equations import TEN
+from steelyard.inertia import TEN
 from steelyard.instruments.equations import difference_of, following_of, sensitivity_of
 from steelyard.motion.state import State
 

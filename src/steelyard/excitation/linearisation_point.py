@@ -16,8 +16,8 @@ from steelyard.identification.model.calibration_parameters import (
     Calibration,
     CalibrationParameters,
 )
-from steelyard.identification.solve.joint_study import Joint
-from steelyard.identification.solve.normal_equations import TEN
+from steelyard.identification.solve.posterior import Posterior
+from steelyard.inertia import TEN
 
 
 class MotionReadings(NamedTuple):
@@ -57,7 +57,7 @@ class LinearisationPoint:
     force_readings: ForceReadings
 
     @classmethod
-    def of(cls, joint: Joint, run: Run, level: float) -> LinearisationPoint:
+    def of(cls, joint: Posterior, run: Run, level: float) -> LinearisationPoint:
         """As an estimator had it when it fitted the noise-free recording."""
         state = joint.fit.state
         assert state.parameters is not None
@@ -76,7 +76,7 @@ class LinearisationPoint:
             _rate(force_samples.time),
         )
         return cls(
-            joint.study.experiment,
+            joint.experiment,
             run,
             state.calibration,
             state.parameters,

@@ -10,8 +10,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.excitation.settings import DEFAULT, DesignSettings
-from steelyard.identification.solve.normal_equations import TEN
-from steelyard.inertia import Inertia, body_jacobian
+from steelyard.inertia import TEN, Inertia, body_jacobian
 
 _LEAST_DIAGONAL = 1e-300
 """Of a matrix that is scaled to a unit diagonal."""

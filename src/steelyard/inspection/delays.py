@@ -12,7 +12,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import clock_of
-from steelyard.identification.solve.joint_study import Joint
+from steelyard.identification.solve.posterior import Posterior
 from steelyard.inspection.agreement import Relation, motion_agreement, motion_relations
 from steelyard.inspection.carrying import carrying_relations, weighed
 from steelyard.inspection.picture import Picture, picture
@@ -94,16 +94,16 @@ def prior_of(experiment: Experiment, run: Run, names: tuple[str, ...]) -> tuple[
     return float(np.mean(best.value or 0.0)), float(np.mean(best.sigma or 0.0))
 
 
-def of_joint(joint: Joint, run: Run) -> list[Delay]:
+def of_joint(joint: Posterior, run: Run) -> list[Delay]:
     """Delays that a fit of everything has found.
 
     Args:
         joint: Of the experiment, converged.
         run: One of its runs.
     """
-    experiment = joint.study.experiment
-    calibration = joint.study.calibration
-    sigma = np.sqrt(np.maximum(np.diag(joint.study.solution.covariance)[10:], 0.0))
+    experiment = joint.experiment
+    calibration = joint.calibration
+    sigma = np.sqrt(np.maximum(np.diag(joint.solution.covariance)[10:], 0.0))
     found = []
     for names in groups_of(experiment, run):
         place = calibration.calibration_parameters.place(

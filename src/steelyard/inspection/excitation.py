@@ -11,7 +11,7 @@ import numpy as np
 
 from steelyard.estimates.estimate import plausible_radius, plausible_sizes
 from steelyard.identification.model.calibration_parameters import ROBOT, CalibrationParameter
-from steelyard.identification.solve.joint_study import Joint
+from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS, Inertia
 
 Told = Literal["data", "data and prior", "prior", "not at all"]
@@ -50,16 +50,15 @@ class Excitation:
     """Every systematic error that is not known exactly."""
 
 
-def excitation(joint: Joint) -> Excitation:
+def excitation(joint: Posterior) -> Excitation:
     """From a fit of the experiment: its bound.
 
     Args:
         joint: Of it.
     """
-    study = joint.study
-    experiment, calibration_parameters = study.experiment, study.calibration.calibration_parameters
-    sizes = plausible_sizes(abs(float(study.parameters[0])), plausible_radius(experiment.robot))
-    values = Inertia.from_parameters(study.parameters).body_parameters
+    experiment, calibration_parameters = joint.experiment, joint.calibration.calibration_parameters
+    sizes = plausible_sizes(abs(float(joint.parameters[0])), plausible_radius(experiment.robot))
+    values = Inertia.from_parameters(joint.parameters).body_parameters
     findings = []
     for i, name in enumerate(BODY_PARAMETERS):
         sigma, prior = float(joint.bound.standard_deviation[i]), experiment.known.get(name)
@@ -78,7 +77,7 @@ def excitation(joint: Joint) -> Excitation:
         Finding(
             names[place],
             unknown.unit,
-            float(study.calibration.values[place]),
+            float(joint.calibration.values[place]),
             float(left[place]),
             float(unknown.deviation[component]),
             _told(float(left[place]), float(unknown.deviation[component])),

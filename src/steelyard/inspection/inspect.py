@@ -12,8 +12,9 @@ from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.preparation import prepare
-from steelyard.identification.solve.classical import NoBalanceError
-from steelyard.identification.solve.joint_study import Joint, joint_study
+from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.synchronisation import synchronise
 from steelyard.inspection.agreement import BAD, Agreement
 from steelyard.inspection.contact import Contact, Residual, unexplained
@@ -249,7 +250,7 @@ def _fitted(
     wrong: bool,
     contacts: Sequence[Contact],
     tell: Tell,
-) -> tuple[list[Delay], Joint | None, list[str]]:
+) -> tuple[list[Delay], Posterior | None, list[str]]:
     """Delays, a fit of everything, and what to say of it."""
     delays: list[Delay] = []
     moving = [run for run in experiment.runs if not run.static]
@@ -290,13 +291,13 @@ def _fitted(
     return delays, joint, remarks
 
 
-def _run(joint: Joint, run: Run) -> Run:
-    return next(each for each in joint.study.experiment.runs if each.name == run.name)
+def _run(joint: Posterior, run: Run) -> Run:
+    return next(each for each in joint.experiment.runs if each.name == run.name)
 
 
-def _joint(part: Experiment, tell: Tell) -> tuple[Joint | None, list[str]]:
+def _joint(part: Experiment, tell: Tell) -> tuple[Posterior | None, list[str]]:
     try:
-        joint = joint_study(part, tell)
+        joint = fit_jointly(part, tell)
     except (NoBalanceError, InputError) as error:
         return None, [f"what the recording can tell was not looked at: {error}"]
     converged = (
@@ -304,11 +305,11 @@ def _joint(part: Experiment, tell: Tell) -> tuple[Joint | None, list[str]]:
         if joint.fit.converged
         else ["the fit of everything at once did not settle: its figures are rough"]
     )
-    return joint, [*joint.study.notes, *converged]
+    return joint, [*joint.notes, *converged]
 
 
 def _joint_contacts(
-    joint: Joint | None, residuals: Sequence[Residual], known: Sequence[Contact]
+    joint: Posterior | None, residuals: Sequence[Residual], known: Sequence[Contact]
 ) -> list[Contact]:
     """Contacts that only the fit of everything has seen."""
     found = []

@@ -18,11 +18,9 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.identify import Identification
 from steelyard.identification.model.calibration_parameters import LAG, ROBOT, clock_of
 from steelyard.identification.model.preparation import Samples, prepare
-from steelyard.identification.residuals import Explained, explained, of_samples
-from steelyard.identification.solve.joint_study import Joint
-from steelyard.identification.solve.normal_equations import TEN
-from steelyard.identification.solve.study import Study
-from steelyard.inertia import BODY_PARAMETERS
+from steelyard.identification.residuals import Residuals, of_samples, residuals
+from steelyard.identification.solve.posterior import Posterior
+from steelyard.inertia import BODY_PARAMETERS, TEN
 from steelyard.report.evidence import (
     CalibrationEstimate,
     ClockDelay,
@@ -73,21 +71,21 @@ def evidence_of(identification: Identification, thinning: Thinning = THINNING) -
     shown = replace(experiment, runs=experiment.runs[: thinning.most_runs])
     names = {run.name for run in shown.runs}
     estimate = identification.estimate
-    study = _study_of(identification)
-    samples = study.samples if study else _prepared(shown)
+    posterior = identification.posterior
+    samples = posterior.samples if posterior else _prepared(shown)
     motions: list[MotionTrack] = []
     for each in samples:
         if each.run in names:
             motions += _motion(each, thinning)
-    found = _explained(identification, shown, estimate, samples)
+    found = _residuals(identification, shown, estimate, samples)
     return Evidence(
         shape=shape_of(experiment.robot),
         motions=tuple(motions),
         traces=tuple(traces(found, thinning)),
         noise=tuple(_noise(experiment, estimate)),
-        errors=tuple(_errors(study)) if study else (),
+        errors=tuple(_errors(posterior)) if posterior else (),
         tests=tuple(_tests(estimate)),
-        clocks=tuple(_clocks(identification, study)) if study else (),
+        clocks=tuple(_clocks(identification, posterior)) if posterior else (),
         contacts=tuple(_contacts(estimate)),
         not_drawn=len(experiment.runs) - len(shown.runs),
     )
@@ -105,11 +103,6 @@ def _contacts(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
             yield run, float(start), float(end)
 
 
-def _study_of(identification: Identification) -> Study | None:
-    fitted = identification.fitted
-    return fitted.study if isinstance(fitted, Joint) else fitted
-
-
 def _prepared(experiment: Experiment) -> list[Samples]:
     """Samples as the two steps take them, of the runs that have what they need."""
     found = []
@@ -121,16 +114,16 @@ def _prepared(experiment: Experiment) -> list[Samples]:
     return found
 
 
-def _explained(
+def _residuals(
     identification: Identification,
     shown: Experiment,
     estimate: Estimate,
     samples: Sequence[Samples],
-) -> Iterator[Explained]:
+) -> Iterator[Residuals]:
     """Measured and predicted readings of every quantity."""
     parameters = estimate.body.parameters if estimate.body else np.full(TEN, np.nan)
-    if identification.fitted is not None:
-        yield from explained(shown, identification.fitted, parameters)
+    if identification.posterior is not None:
+        yield from residuals(shown, identification.posterior, parameters)
     elif estimate.body:
         for each in samples:
             yield from of_samples(each, parameters)
@@ -187,15 +180,10 @@ def _number(value: float | None) -> Number:
     return None if value is None or not np.isfinite(value) else float(value)
 
 
-def _deviations(study: Study) -> Array:
-    """1-sigma of all u calibration parameters, shape (u,)."""
-    return np.asarray(np.sqrt(np.maximum(np.diag(study.solution.covariance)[TEN:], 0.0)))
-
-
-def _errors(study: Study) -> Iterator[CalibrationEstimate]:
+def _errors(posterior: Posterior) -> Iterator[CalibrationEstimate]:
     """Calibration parameters of the instruments that were not known exactly, but for clocks."""
-    calibration_parameters = study.calibration.calibration_parameters
-    deviations = _deviations(study)
+    calibration_parameters = posterior.calibration.calibration_parameters
+    deviations = posterior.deviations
     for (place, unknown, _), name in zip(
         calibration_parameters.components(), calibration_parameters.names, strict=True
     ):
@@ -206,17 +194,20 @@ def _errors(study: Study) -> Iterator[CalibrationEstimate]:
             unknown.owner,
             name.removeprefix(f"{unknown.owner}."),
             unknown.unit,
-            float(study.calibration.values[place]),
+            float(posterior.calibration.values[place]),
             float(deviations[place]),
             float(calibration_parameters.mean[place]),
             prior,
         )
 
 
-def _clocks(identification: Identification, study: Study) -> Iterator[ClockDelay]:
+def _clocks(identification: Identification, posterior: Posterior) -> Iterator[ClockDelay]:
     """Delays of all clocks, those of the instruments that share one together."""
-    experiment, calibration_parameters = study.experiment, study.calibration.calibration_parameters
-    deviations = _deviations(study)
+    experiment, calibration_parameters = (
+        posterior.experiment,
+        posterior.calibration.calibration_parameters,
+    )
+    deviations = posterior.deviations
     runs = {run.name: run for run in experiment.runs}
     for place, unknown, _ in calibration_parameters.components():
         if unknown.key != "delay" or unknown.run is None:
@@ -230,7 +221,7 @@ def _clocks(identification: Identification, study: Study) -> Iterator[ClockDelay
         yield ClockDelay(
             unknown.run,
             ", ".join(own),
-            float(study.calibration.values[place]),
+            float(posterior.calibration.values[place]),
             float(deviations[place]) if prior else 0.0,
             prior,
             _found(identification.clocks, unknown.run, own),

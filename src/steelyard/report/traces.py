@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from steelyard.arrays import Array
-from steelyard.identification.residuals import Explained
+from steelyard.identification.residuals import Residuals
 from steelyard.report.evidence import Number, Spectrum, Trace, numbers
 from steelyard.report.thinning import Thinning, rounded, thinned
 
@@ -19,7 +19,7 @@ _LEAST_POWER = 1e-12
 """Of a spectrum: logarithmic axes need more than zero."""
 
 
-def traces(found: Iterable[Explained], thinning: Thinning) -> list[Trace]:
+def traces(found: Iterable[Residuals], thinning: Thinning) -> list[Trace]:
     """All quantities of all instruments, so thinned that they fit the bound together."""
     every = [each for each in found if len(each.time)]
     width = sum(2 * each.measured.shape[1] + 1 for each in every)
@@ -28,7 +28,7 @@ def traces(found: Iterable[Explained], thinning: Thinning) -> list[Trace]:
     return [_trace(each, points, thinning) for each in every]
 
 
-def _trace(each: Explained, points: int, thinning: Thinning) -> Trace:
+def _trace(each: Residuals, points: int, thinning: Thinning) -> Trace:
     """One quantity, of about so many points."""
     known = np.isfinite(each.residual)
     used = known & ~each.left_out
@@ -64,7 +64,7 @@ def _rms(values: Array) -> Number:
 
 
 def _spectrum(
-    each: Explained, used: NDArray[np.bool_], scaled: Array, thinning: Thinning
+    each: Residuals, used: NDArray[np.bool_], scaled: Array, thinning: Thinning
 ) -> Spectrum | None:
     """Of residuals that came at about even times; None where they did not, or are few.
 

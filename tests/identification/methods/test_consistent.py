@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 from simulated import BODY, PAPER, RECORDER, TRUTH, changed, moving, sound, studied
-from steelyard.identification.solve.classical import study
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.bodies.mass_region import Box, Ellipsoid
 from steelyard.errors import InputError
@@ -46,7 +46,7 @@ def flat():
     """Studies of a nearly flat body, of which many an estimate is no body."""
     recorder = moving([1] * 6, scale=0.3)
     recorder.body = FLAT
-    return [study(recorder(seed)) for seed in (0, 1, 3)]
+    return [fit_with_held_motion(recorder(seed)) for seed in (0, 1, 3)]
 
 
 def test_an_estimate_that_is_no_body_gives_the_nearest_one_and_says_so(flat):
@@ -151,7 +151,7 @@ def test_a_pull_to_the_right_body_helps_what_the_data_tell_badly():
     weak = moving([1] * 6, scale=0.15)
     free, pulled = [], []
     for seed in (0, 2):
-        found = study(weak(seed))
+        found = fit_with_held_motion(weak(seed))
         estimate = Consistent(towards_nominal=True).of(found)
         assert estimate.physical
         details = estimate.details["pull_towards_nominal"]
@@ -168,7 +168,9 @@ def test_a_pull_to_the_right_body_helps_what_the_data_tell_badly():
 def test_a_pull_to_a_wrong_body_is_not_let_to_spoil_good_data():
     experiment = sound(1)
     wrong = Inertia(BODY.mass * 1.5, BODY.center_of_gravity + 0.3, BODY.inertia * 2)
-    found = study(replace(experiment, robot=replace(experiment.robot, platform=wrong)))
+    found = fit_with_held_motion(
+        replace(experiment, robot=replace(experiment.robot, platform=wrong))
+    )
     estimate = Consistent(towards_nominal=True).of(found)
     error = estimate.value - TRUTH
     information = np.linalg.inv(LeastSquares().of(found).covariance)

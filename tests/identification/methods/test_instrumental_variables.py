@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, kstest
 from simulated import PAPER, RECORDER, TRUTH, changed, sound, studied, without
-from steelyard.identification.solve.classical import study
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.identification.methods.instrumental_variables import (
     InstrumentalVariables,
@@ -112,7 +112,7 @@ def test_a_noisy_gyro_biases_least_squares_and_is_told_by_the_test():
     )
     assert estimate.details["durbin_wu_hausman"]["p"] < 1e-3
     # Least squares takes its bias off, and says where it is too large for that.
-    plain = LeastSquares().of(study(experiment))
+    plain = LeastSquares().of(fit_with_held_motion(experiment))
     assert chi_square(plain) < LIMIT
 
 

@@ -24,7 +24,7 @@ from simulated import (
     without,
 )
 from steelyard.identification.model.balance import force_sigma, least_sigma
-from steelyard.identification.solve.classical import study
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
@@ -367,11 +367,11 @@ def test_a_tool_that_turns_about_one_axis_beside_its_poses(kuka):
 def test_the_whole_of_a_long_recording_is_nearly_as_good_as_one_pass(monkeypatch):
     recorder = moving([1] * 6, duration=36.0, harmonics=18)
     experiment = recorder(6)
-    once = study(experiment)
+    once = fit_with_held_motion(experiment)
     assert once.part is None
     monkeypatch.setattr(long_recording, "_PART", 12.0)
     monkeypatch.setattr(long_recording, "_ROWS", 100)
-    long = study(experiment)
+    long = fit_with_held_motion(experiment)
     assert long.part is not None
     part, whole, single = METHOD.of(long.part), METHOD.of(long), METHOD.of(once)
     assert len(long.samples[0]) == len(long.residuals["run"]) == len(long.weights["run"])

@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 from scipy.stats import chi2
 from simulated import IDEAL, PAPER, RECORDER, ROBOT, TRUTH, changed, pair, sound
-from steelyard.identification.solve.joint_study import joint_study
+from steelyard.identification.solve.joint_motion import fit_jointly
 
 from steelyard.experiment.model import Stream
 from steelyard.experiment.read import read_experiment
@@ -60,7 +60,7 @@ def estimates():
 
 @pytest.fixture(scope="module")
 def joint():
-    return joint_study(sound(0))
+    return fit_jointly(sound(0))
 
 
 def test_sound_recordings_are_accepted_and_settle(estimates):
@@ -111,7 +111,7 @@ def test_calibration_is_within_its_uncertainty():
 def test_its_bound_is_that_of_cramer_and_rao_over_the_same_rows(joint):
     state = joint.fit.state
     bound = cramer_rao(
-        joint.study.experiment,
+        joint.experiment,
         state.calibration,
         {"run": state.segments},
         {"run": joint.force_samples},

@@ -21,7 +21,7 @@ from simulated import (
     pair_studied,
     studied,
 )
-from steelyard.identification.solve.classical import study
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run, Stream
@@ -392,7 +392,7 @@ def test_no_estimate_is_surer_than_the_bound(seed):
 
 def test_ideal_sensors_leave_next_to_no_uncertainty():
     suite = {name: changed(each, rate=50.0) for name, each in IDEAL.items()}
-    bound = attainable(study(RECORDER(0, instruments=suite)))
+    bound = attainable(fit_with_held_motion(RECORDER(0, instruments=suite)))
     assert bound is None or np.all(bound.standard_deviation < 1e-2)
 
 
@@ -400,7 +400,10 @@ def test_poses_at_rest_add_to_it():
     poses = CENTER + np.random.default_rng(1).uniform(-1, 1, (40, 6)) * REACH
     experiment = RECORDER(1)
     both = replace(experiment, runs=(*experiment.runs, at_rest(poses, RECORDER.drawn["run"])))
-    alone, added = attainable(study(experiment)), attainable(study(both))
+    alone, added = (
+        attainable(fit_with_held_motion(experiment)),
+        attainable(fit_with_held_motion(both)),
+    )
     ratio = added.standard_deviation / alone.standard_deviation
     assert np.all(ratio < 1.02)
     assert ratio[3] < 0.98
@@ -410,7 +413,11 @@ def test_poses_at_rest_add_to_it():
 def runs():
     """Bounds of one run, of two, and of two of which the forces of the second are held out."""
     one = replace(pair(), runs=pair().runs[:1])
-    studies = study(one), pair_studied(), study(pair(), held_out=frozenset({"b"}))
+    studies = (
+        fit_with_held_motion(one),
+        pair_studied(),
+        fit_with_held_motion(pair(), held_out=frozenset({"b"})),
+    )
     return [attainable(found).standard_deviation for found in studies]
 
 

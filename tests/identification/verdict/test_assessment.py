@@ -21,7 +21,7 @@ from simulated import (
     studied,
     with_stream,
 )
-from steelyard.identification.solve.classical import study
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.model.calibration_parameters import LAG
@@ -111,7 +111,7 @@ def moved(experiment, key, cable, axis, size):
 )
 def test_a_cable_that_is_fixed_elsewhere_is_found_with_its_size(key, cable, axis):
     size = 0.03 if key == "attachments" else 0.06
-    found = study(moved(sound(1), key, cable, axis, size))
+    found = fit_with_held_motion(moved(sound(1), key, cable, axis, size))
     test = by_name(found)[f"{key.removesuffix('s')} {cable + 1} {'xyz'[axis]}"]
     # The score says by how much the stated value is to be corrected: back to where it was.
     assert test.size == pytest.approx(-size, abs=4 * test.sigma)
@@ -128,7 +128,7 @@ def test_forces_that_are_late_by_themselves_are_found_with_their_size(late):
     shifted = replace(
         run, streams={**run.streams, "cables": replace(stream, time=stream.time + late)}
     )
-    found = study(replace(experiment, runs=(shifted,)))
+    found = fit_with_held_motion(replace(experiment, runs=(shifted,)))
     test = next(t for t in directed_tests(found) if f".{LAG}" in t.name)
     # Some of it looks like errors that were estimated.
     assert test.size == pytest.approx(late, abs=max(4 * test.sigma, 0.2 * abs(late)))
@@ -142,7 +142,7 @@ def test_a_gain_that_was_stated_exactly_and_is_not_is_found():
         "cables",
         lambda v: {"tension": v["tension"] * np.where(np.arange(8) == 4, 1.05, 1)},
     )
-    test = by_name(study(experiment))["cables.gain of cable 5"]
+    test = by_name(fit_with_held_motion(experiment))["cables.gain of cable 5"]
     assert test.size == pytest.approx(0.05, abs=4 * test.sigma)
     assert test.z > 5
     assert "gain and unit" in test.proposal
@@ -153,7 +153,7 @@ def test_an_error_far_outside_its_prior_is_found():
     off = with_stream(
         sound(0), "imu", lambda v: {"specific_force": v["specific_force"] + [0.3, 0, 0]}
     )
-    found = by_name(study(replace(off, instruments=strict)))
+    found = by_name(fit_with_held_motion(replace(off, instruments=strict)))
     test = found["imu.accelerometer_bias x"]
     assert test.z > 5
     assert "imu" in str(test)
@@ -315,7 +315,7 @@ def test_the_share_of_priors_is_that_of_what_does_not_average_out():
 
 
 def test_what_was_known_is_labelled_where_it_told_more_than_the_data():
-    loose = study(replace(sound(0), known={"mass": (BODY.mass, 100.0)}))
+    loose = fit_with_held_motion(replace(sound(0), known={"mass": (BODY.mass, 100.0)}))
     assert not label_mask(loose).any()
-    tight = study(replace(sound(0), known={"mass": (BODY.mass, 0.01)}))
+    tight = fit_with_held_motion(replace(sound(0), known={"mass": (BODY.mass, 0.01)}))
     assert list(np.flatnonzero(label_mask(tight))) == [0]

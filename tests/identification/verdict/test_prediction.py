@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from simulated import BODY, RECORDER, TRUTH, Recorder, pair, with_stream
-from steelyard.identification.solve.classical import study
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.errors import InputError
 from steelyard.experiment.write import write_experiment
@@ -67,7 +67,7 @@ def test_forces_that_are_held_out_are_not_looked_at(experiment):
         experiment,
         runs=(runs[0], replace(runs[1], streams={**runs[1].streams, "cables": nonsense})),
     )
-    one, other = (study(each, held_out=HELD) for each in (experiment, changed))
+    one, other = (fit_with_held_motion(each, held_out=HELD) for each in (experiment, changed))
     np.testing.assert_allclose(other.parameters, one.parameters, rtol=1e-9)
     np.testing.assert_allclose(
         other.calibration.values, one.calibration.values, rtol=1e-9, atol=1e-12
