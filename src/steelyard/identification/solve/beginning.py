@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.estimates.estimate import plausible_radius
-from steelyard.experiment.model import Experiment
+from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     Calibration,
@@ -54,6 +54,8 @@ class Readings:
     experiment: Experiment
     calibration: Calibration
     """Values to begin with."""
+    runs: tuple[Run, ...]
+    """That were looked at."""
     samples: tuple[Samples, ...]
     """Of all runs."""
     records: tuple[Recorded, ...]
@@ -89,28 +91,35 @@ class Beginning:
     """Notes of instruments that have lost the motion."""
 
 
-def read(experiment: Experiment, start: Calibration | None, tell: Tell) -> Readings:
+def read(
+    experiment: Experiment,
+    start: Calibration | None,
+    tell: Tell,
+    runs: Sequence[Run] | None = None,
+) -> Readings:
     """Cut the runs of an experiment into segments.
 
     Args:
         experiment: With at least one run.
         start: Values of the calibration parameters to begin with; None: as known beforehand.
         tell: Is called with what is being done and the fraction that is done.
+        runs: Those to look at, or parts of them; None: all.
 
     Raises:
         InputError: A run lacks what the fit needs.
     """
     parameters = gather(experiment)
     calibration = start or Calibration(parameters, parameters.mean)
+    runs = experiment.runs if runs is None else runs
     samples = []
-    for i, run in enumerate(experiment.runs):
-        tell(f"reading {run.name}", 0.2 * i / len(experiment.runs))
+    for i, run in enumerate(runs):
+        tell(f"reading {run.name}", 0.2 * i / len(runs))
         samples.append(prepare(experiment, run, thin=True, calibration=calibration, commanded=True))
     records = tuple(
         recorded(experiment, run, each, calibration)
-        for run, each in zip(experiment.runs, samples, strict=True)
+        for run, each in zip(runs, samples, strict=True)
     )
-    return Readings(experiment, calibration, tuple(samples), records)
+    return Readings(experiment, calibration, tuple(runs), tuple(samples), records)
 
 
 def begin(readings: Readings, tell: Tell, *, thorough: bool) -> Beginning:
@@ -174,11 +183,16 @@ def with_body(readings: Readings, begun: Beginning) -> Beginning:
         sizes=plausible(parameters, size),
         known=(lambda at: known_body(experiment, at, size)) if experiment.known else None,
     )
+    state = replace(on_force_clock(experiment, state), parameters=parameters)
+    return replace(begun, task=task, state=state)
+
+
+def on_force_clock(experiment: Experiment, state: State) -> State:
+    """The same motion, told in the time of the forces."""
     segments = tuple(
         _by_force_clock(experiment, segment, state.calibration) for segment in state.segments
     )
-    state = replace(state, parameters=parameters, segments=segments)
-    return replace(begun, task=task, state=state)
+    return replace(state, segments=segments)
 
 
 def _motion(

@@ -4,7 +4,7 @@ and all that follows from them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.estimates.estimate import plausible_radius
+from steelyard.experiment.model import Run
 from steelyard.identification.model.fitted_motion import FittedMotion, fitted_motion
 from steelyard.identification.model.force_residuals import (
     Balance,
@@ -30,13 +31,13 @@ from steelyard.identification.solve.joint_fit import Fit, State, Task
 from steelyard.identification.solve.normal_equations import (
     Blocks,
     BorderEquations,
+    Solution,
     enlarged,
     solve,
     summed,
     together,
 )
 from steelyard.identification.solve.posterior import Posterior, plausible, prior_of
-from steelyard.identification.solve.segmentation import Recorded
 from steelyard.inertia import TEN, body_jacobian
 from steelyard.smoothing import DEGREE
 
@@ -86,13 +87,15 @@ class Fitted:
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class Part:
     """One segment with its equations."""
 
     segment: Segment
     force_samples: Forces
-    balances: tuple[WhitenedBalance, ...]
+    balances: tuple[Balance, ...]
     """Some samples at a time."""
+    weight: Array
+    """Of every sample, shape (n,)."""
     equations: BorderEquations
     blocks: Blocks
     covariance: Array
@@ -122,46 +125,58 @@ def sound(posterior: Callable[[], Posterior]) -> Posterior:
     return found
 
 
-def concluded(readings: Readings, fitted: Fitted) -> Posterior:
-    """All that follows from a fit.
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """All runs of an experiment, or a stretch of one of them, with the fit."""
 
-    Args:
-        readings: What was fitted.
-        fitted: Where it ended.
+    readings: Readings
+    fitted: Fitted
+    parts: tuple[Part, ...]
+    """Its segments, with equations over all columns of the border."""
+
+
+def chunk_of(readings: Readings, fitted: Fitted) -> Chunk:
+    """A fit with its equations, and without what only these needed.
 
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
-    experiment, task, found = readings.experiment, fitted.task, fitted.fit
-    state = found.state
-    assert state.parameters is not None
-    parts = list(_parts(fitted))
+    parts = tuple(_parts(fitted))
+    state = replace(fitted.fit.state, segments=tuple(part.segment for part in parts))
+    return Chunk(readings, replace(fitted, fit=replace(fitted.fit, state=state)), parts)
+
+
+def concluded(chunks: Sequence[Chunk]) -> Posterior:
+    """All that follows from a fit.
+
+    Args:
+        chunks: Of one experiment, linearised about the same calibration; the last one says how the
+            fit ended.
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined.
+    """
+    fitted = chunks[-1].fitted
+    experiment, task, found = fitted.task.experiment, fitted.task, fitted.fit
+    parts = [part for chunk in chunks for part in chunk.parts]
+    assert found.state.parameters is not None
     equations = _by_run(parts)
     total = summed(list(equations.values()))
     radius = plausible_radius(experiment.robot)
-    prior = prior_of(experiment, state.calibration, state.parameters, radius)
+    size = plausible(found.state.parameters, radius)
+    prior = prior_of(experiment, found.state.calibration, found.state.parameters, radius)
     estimated = np.concatenate([np.ones(TEN, dtype=bool), task.active])
-    bias = found.bias.sum(axis=0) if len(found.bias) else None
-    solution = solve(total, prior, estimated, plausible(state.parameters, radius), bias)
+    biases = [chunk.fitted.fit.bias.sum(axis=0) for chunk in chunks if len(chunk.fitted.fit.bias)]
+    bias = np.sum(biases, axis=0) if biases else None
+    solution = solve(total, prior, estimated, size, bias)
     sources = _force_sources(fitted)
     blocks = together([part.blocks for part in parts])
-    notes = [
-        # A gap is left out by a filter; here the motion goes on across it, and what is left out has
-        # a note of its own.
-        *(note for each in readings.samples for note in each.notes if "gap" not in note),
-        *readings.notes,
-        *fitted.lost,
-    ]
+    state = _whole(found.state, chunks, solution)
     result = Posterior(
         experiment=experiment,
-        fit=found,
-        force_samples=fitted.force_samples,
-        samples=tuple(
-            _samples(prepared, [part for part in parts if part.segment.run == run.name], record)
-            for run, prepared, record in zip(
-                experiment.runs, readings.samples, readings.records, strict=True
-            )
-        ),
+        fit=replace(found, state=state),
+        force_samples=tuple(part.force_samples for part in parts),
+        samples=tuple(_samples(run, chunks) for run in experiment.runs),
         motion_ratios=_motion_ratios(fitted, sources),
         motion_converged=fitted.motion.converged or (found.converged and not found.motions),
         stated=sources <= task.stated,
@@ -169,15 +184,13 @@ def concluded(readings: Readings, fitted: Fitted) -> Posterior:
         prior=prior,
         solution=solution,
         blocks=blocks,
-        bound=_bound(
-            solution.value[:TEN], solution.covariance - np.outer(solution.bias, solution.bias)
-        ),
+        bound=_bound(solution),
         weights=_weights(parts),
         motion=(),
         contacts={name: tuple(each) for name, each in fitted.contacts.items() if each},
         spikes={name: count for name, count in fitted.spikes.items() if count},
         held_out=fitted.held_out,
-        notes=tuple(dict.fromkeys(notes)),
+        notes=tuple(dict.fromkeys(_notes(chunks))),
     )
     solution = replace(solution, ratio=_force_ratio(found, sources, frozenset()))
     freedom = max(total.freedom, 1.0)
@@ -189,7 +202,31 @@ def concluded(readings: Readings, fitted: Fitted) -> Posterior:
     return replace(result, solution=wide, motion=motion)
 
 
-def _parts(fitted: Fitted) -> Sequence[_Part]:
+def _whole(state: State, chunks: Sequence[Chunk], solution: Solution) -> State:
+    """The state of all chunks together."""
+    if len(chunks) == 1:
+        return state
+    # About the calibration of a part; the step that the whole makes is small.
+    values = state.calibration.values + solution.value[TEN:]
+    segments = tuple(segment for chunk in chunks for segment in chunk.fitted.fit.state.segments)
+    calibration = replace(state.calibration, values=values)
+    return replace(
+        state, segments=segments, calibration=calibration, parameters=solution.value[:TEN]
+    )
+
+
+def _notes(chunks: Sequence[Chunk]) -> Iterator[str]:
+    """What a reader should know of the readings."""
+    for chunk in chunks:
+        for samples in chunk.readings.samples:
+            # A gap is left out by a filter; here the motion goes on across it, and what is left out
+            # has a note of its own.
+            yield from (note for note in samples.notes if "gap" not in note)
+        yield from chunk.readings.notes
+        yield from chunk.fitted.lost
+
+
+def _parts(fitted: Fitted) -> Sequence[Part]:
     """Equations of every segment over all columns of the border."""
     task, found = fitted.task, fitted.fit
     names = [run.name for run in task.experiment.runs]
@@ -209,7 +246,7 @@ def _part(
     forces: Forces,
     motion: Array | None,
     run: int,
-) -> _Part:
+) -> Part:
     """Equations of one segment over all columns of the border."""
     task, state = fitted.task, fitted.fit.state
     assert state.parameters is not None
@@ -244,10 +281,20 @@ def _part(
     freedom = float(np.sum(~forces.left_out.all(axis=1))) * looked_at
     equations = BorderEquations(normal, gradient + normal @ at, noise, freedom)
     blocks = _blocks(segment, rows, every, state.parameters, run)
-    return _Part(segment, forces, balances, equations, blocks, covariance, every.followed)
+    return Part(
+        # Large matrices of its knots have done their work.
+        replace(segment, jerks={}),
+        forces,
+        tuple(each.at for each in balances),
+        np.concatenate([each.root**2 for each in balances]),
+        equations,
+        blocks,
+        covariance,
+        every.followed,
+    )
 
 
-def _by_run(parts: Sequence[_Part]) -> dict[str, BorderEquations]:
+def _by_run(parts: Sequence[Part]) -> dict[str, BorderEquations]:
     """Run -> its normal equations."""
     found: dict[str, BorderEquations] = {}
     for part in parts:
@@ -282,26 +329,26 @@ def _motion_ratios(fitted: Fitted, forces: frozenset[Source]) -> dict[Source, fl
     return found
 
 
-def _bound(parameters: Array, covariance: Array) -> Bound:
-    """What can be known at best."""
-    J = body_jacobian(parameters)
+def _bound(solution: Solution) -> Bound:
+    """What can be known at best: without what was added for a bias."""
+    J = body_jacobian(solution.value[:TEN])
+    covariance = solution.covariance - np.outer(solution.bias, solution.bias)
     return Bound(np.asarray(J @ covariance[:TEN, :TEN] @ J.T), covariance[TEN:, TEN:])
 
 
-def _weights(parts: Sequence[_Part]) -> dict[str, Array]:
+def _weights(parts: Sequence[Part]) -> dict[str, Array]:
     """Run -> weight of every sample; those that have been left out and named are none that stand
     out.
     """
     found: dict[str, list[Array]] = {}
     for part in parts:
-        root = np.concatenate([each.root for each in part.balances])
-        inside = np.concatenate([part.segment.holds(each.at.time) for each in part.balances])
+        inside = np.concatenate([part.segment.holds(each.time) for each in part.balances])
         named = part.force_samples.left_out.any(axis=1) | ~inside
-        found.setdefault(part.segment.run, []).append(np.where(named, 1.0, root**2))
+        found.setdefault(part.segment.run, []).append(np.where(named, 1.0, part.weight))
     return {run: np.concatenate(each) for run, each in found.items()}
 
 
-def _motion_of(part: _Part, state: State, border: Array) -> FittedMotion:
+def _motion_of(part: Part, state: State, border: Array) -> FittedMotion:
     """The motion of a segment in common time: the clock that tells it may have a delay of its own.
 
     Args:
@@ -407,14 +454,24 @@ def _force_ratio(found: Fit, sources: frozenset[Source], stated: frozenset[Sourc
     return square / max(freedom, 1.0)
 
 
-def _samples(prepared: Samples, parts: Sequence[_Part], record: Recorded) -> Samples:
-    """Samples at the times of the force readings, with the fitted motion and the forces as they
-    were read.
+def _samples(run: Run, chunks: Sequence[Chunk]) -> Samples:
+    """Samples of a run at the times of the force readings, with the fitted motion and the forces as
+    they were read.
     """
-    own = [each.at for part in parts for each in part.balances]
+    prepared: Samples | None = None
+    segments: list[Segment] = []
+    own: list[Balance] = []
+    for chunk in chunks:
+        for each, samples in zip(chunk.readings.runs, chunk.readings.samples, strict=True):
+            prepared = prepared or (samples if each.name == run.name else None)
+        for part in chunk.parts:
+            if part.segment.run == run.name:
+                segments.append(part.segment)
+                own += part.balances
+    assert prepared is not None
     if not own:
         return prepared
-    grid = record.segments[0].knots
+    grid = segments[0].knots
     cables = own[0].structure is not None
     motion = {name: np.concatenate([at.motion[name] for at in own]) for name in own[0].motion}
     return replace(

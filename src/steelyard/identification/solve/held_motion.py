@@ -13,10 +13,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.lapack import dtbtrs
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment
+from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.force_residuals import (
     Forces,
     balance_of,
@@ -32,8 +33,15 @@ from steelyard.identification.model.segment import (
     accumulate,
 )
 from steelyard.identification.model.sources import Source
-from steelyard.identification.solve.beginning import Tell, begin, read
-from steelyard.identification.solve.conclusion import Fitted, concluded, sound
+from steelyard.identification.solve.beginning import (
+    Readings,
+    Tell,
+    begin,
+    motion_task,
+    on_force_clock,
+    read,
+)
+from steelyard.identification.solve.conclusion import Chunk, Fitted, chunk_of, concluded, sound
 from steelyard.identification.solve.joint_fit import (
     Fit,
     Linearised,
@@ -49,6 +57,7 @@ from steelyard.identification.solve.joint_fit import (
     smooth,
     step_of,
 )
+from steelyard.identification.solve.long_recording import LONG, lively_parts, moving_length, windows
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.inertia import TEN
 
@@ -56,8 +65,11 @@ _ITERATIONS = 12
 _FEW_ITERATIONS = 4
 """After so many the noise of the readings, and what noise of the motion does, are as they will be."""
 _ARRIVED = 0.1
-"""Promised decrease of the cost, a chi-square, at which the constants have arrived."""
+"""Length of a step of the ten, a chi-square, at which they have arrived."""
 _LEAST_SHARE = 0.25
+_MOTION_ITERATIONS = 4
+_MOTION_ARRIVED = 5.0
+"""The same where only the motion of a stretch is fitted."""
 _DRAWS = 2
 """Draws of the noise of the motion by which its mean effect is found; each is of all instants."""
 
@@ -83,20 +95,85 @@ def fit_with_held_motion(
 
 
 def _posterior(experiment: Experiment, tell: Tell, held_out: frozenset[str]) -> Posterior:
+    """Of the whole at once, or of a long recording chunk by chunk."""
+    if moving_length(experiment) <= LONG:
+        return concluded([_fitted(experiment, tell, held_out)])
+    part = _fitted(lively_parts(experiment), tell, held_out)
+    runs = list(windows(experiment))
+    found = []
+    for i, run in enumerate(runs):
+        tell("balancing the whole recording", 0.6 + 0.35 * i / len(runs))
+        found += _about(part.fitted, experiment, run)
+    return concluded(found)
+
+
+def _fitted(experiment: Experiment, tell: Tell, held_out: frozenset[str]) -> Chunk:
+    """The fit of an experiment that is not too long."""
     readings = read(experiment, None, tell)
     begun = begin(readings, tell, thorough=True)
-    looked_at = tuple(
-        None if segment.run in held_out else forces
-        for segment, forces in zip(begun.state.segments, readings.force_samples, strict=True)
-    )
-    task = replace(begun.task, force_samples=looked_at)
+    task = replace(begun.task, force_samples=_looked_at(readings, begun.state, held_out))
     tell("balancing forces and motion", 0.5)
     body = fit_held(replace(task, active=np.zeros_like(task.active)), begun.state)
     found = fit_held(
         task, body.state, lambda part: tell("balancing forces and motion", 0.5 + 0.3 * part)
     )
     fitted = Fitted(task, found, begun.motion, readings.force_samples, begun.lost, {}, {}, held_out)
-    return concluded(readings, fitted)
+    return chunk_of(readings, fitted)
+
+
+def _looked_at(
+    readings: Readings, state: State, held_out: frozenset[str]
+) -> tuple[Forces | None, ...]:
+    """Forces of each segment; None of runs that are held out."""
+    return tuple(
+        None if segment.run in held_out else forces
+        for segment, forces in zip(state.segments, readings.force_samples, strict=True)
+    )
+
+
+def _about(part: Fitted, experiment: Experiment, run: Run) -> list[Chunk]:
+    """A stretch of a long recording, about the calibration, noise and smoothness of a part."""
+    known = part.fit.state
+    readings = read(experiment, known.calibration, lambda what, fraction: None, [run])
+    if not readings.segments:
+        return []
+    smoothness = next((s.smoothness for s in known.segments if not s.static), None)
+    segments = tuple(
+        segment if segment.static else replace(segment, smoothness=smoothness)
+        for segment in readings.segments
+    )
+    task = replace(
+        motion_task(readings), experiment=experiment, active=np.zeros_like(part.task.active)
+    )
+    state = _motion_about(task, State(segments, known.calibration, None, known.factors))
+    state = replace(on_force_clock(experiment, state), parameters=known.parameters)
+    task = replace(
+        part.task,
+        experiment=experiment,
+        force_samples=_looked_at(readings, state, part.held_out),
+    )
+    border, column_of = _columns(task)
+    parts, _ = linearise(_without_forces(task), state, column_of, border)
+    motions = _covariances(state, parts)
+    parts, _ = linearise(task, state, column_of, border, motions)
+    by_motion = smooth(state, [each.motion for each in parts])
+    equations = smooth(state, [each.all for each in parts])
+    bias = regressor_bias(task, state, motions, by_motion, equations)
+    fit = replace(part.fit, state=state, motions=motions, bias=bias)
+    fitted = replace(part, task=task, fit=fit, force_samples=readings.force_samples, lost=())
+    return [chunk_of(readings, fitted)]
+
+
+def _motion_about(task: Task, state: State) -> State:
+    """The motion with the calibration held."""
+    column_of = np.full(len(task.calibration_parameters), -1, dtype=np.intp)
+    for _ in range(_MOTION_ITERATIONS):
+        parts, _tally = linearise(task, state, column_of, 0)
+        step = step_of(task, state, smooth(state, [each.all for each in parts]))
+        state = step.along(task, state, 1.0)
+        if step.decrement < _MOTION_ARRIVED:
+            break
+    return state
 
 
 def fit_held(
@@ -112,8 +189,7 @@ def fit_held(
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
-    border = TEN + int(task.active.sum())
-    column_of = np.where(task.active, TEN + np.cumsum(task.active) - 1, -1)
+    border, column_of = _columns(task)
     unstated = Unstated(task, state)
     parts, _ = linearise(_without_forces(task), state, column_of, border, None)
     motions = _covariances(state, parts)
@@ -140,12 +216,12 @@ def fit_held(
             )
             factors = _of_forces(task, state, wanted)
         settled = not changed(state.factors, factors)
-        converged = settled and step.constant < _ARRIVED
+        converged = settled and _distance(step) < _ARRIVED
         if converged:
             break
         # Where what is left out of the curvature throws it to and fro, half of a step arrives.
-        share = max(share / 2, _LEAST_SHARE) if step.constant > last and settled else share
-        last = step.constant
+        share = max(share / 2, _LEAST_SHARE) if _distance(step) > last and settled else share
+        last = _distance(step)
         state = replace(step.along(task, state, share), factors=factors)
         tell(min(0.95, turn / 5))
     return Fit(
@@ -161,6 +237,18 @@ def fit_held(
         motions,
         bias,
     )
+
+
+def _distance(step: Step) -> float:
+    """Square of the length of a step of the ten in their 1-sigma, a chi-square."""
+    own, covariance = step.border[:TEN], step.covariance[:TEN, :TEN]
+    return float(own @ np.linalg.pinv(covariance, rcond=1e-12, hermitian=True) @ own)
+
+
+def _columns(task: Task) -> tuple[int, NDArray[np.intp]]:
+    """Number of columns of the border, and the column of each calibration parameter, shape (u,)."""
+    numbers = TEN + np.cumsum(task.active) - 1
+    return TEN + int(task.active.sum()), np.where(task.active, numbers, -1)
 
 
 def _without_forces(task: Task) -> Task:

@@ -1,0 +1,79 @@
+"""Parts of long recordings: the lively one that tells calibration, noise and smoothness, and windows
+that a fit has the memory for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.sources import choose_sources
+
+LONG = 180.0
+"""Length of recording beyond which it is fitted window by window [s]: the memory that a fit takes
+grows by some MiB a second."""
+_PART = 40.0
+"""Length of recording that tells calibration, noise and smoothness first [s]."""
+_SHORTEST_PART = 3.0
+"""Least length of it from each run [s]."""
+_WINDOW = 60.0
+"""[s]"""
+
+
+def moving_length(experiment: Experiment) -> float:
+    """Length of all runs in motion [s]."""
+    spans = [_span(experiment, run) for run in experiment.runs if not run.static]
+    return sum(end - start for start, end in spans)
+
+
+def lively_parts(experiment: Experiment) -> Experiment:
+    """The experiment with the stretch of every run where most happens."""
+    moving = sum(not run.static for run in experiment.runs)
+    longest = max(_SHORTEST_PART, _PART / max(1, moving))
+    runs = [run if run.static else _stretch(experiment, run, longest) for run in experiment.runs]
+    return replace(experiment, runs=tuple(runs))
+
+
+def windows(experiment: Experiment) -> Iterator[Run]:
+    """The runs, cut into windows of about a minute."""
+    for run in experiment.runs:
+        if run.static:
+            yield run
+            continue
+        start, end = _span(experiment, run)
+        edges = np.linspace(start, end, max(1, round((end - start) / _WINDOW)) + 1)
+        for first, last in pairwise(edges):
+            yield replace(run, window=(float(first), float(last)))
+
+
+def _span(experiment: Experiment, run: Run) -> tuple[float, float]:
+    """Beginning and end of the forces of a run in common time, within its window [s]."""
+    name = experiment.force_instrument(run)
+    if name is None:
+        return 0.0, 0.0
+    time = experiment.common_time(run, name)
+    start, end = run.window or (float(time[0]), float(time[-1]))
+    return max(start, float(time[0])), min(end, float(time[-1]))
+
+
+def _stretch(experiment: Experiment, run: Run, longest: float) -> Run:
+    """The most lively stretch of a run, as its first turning instrument shows it."""
+    sources = choose_sources(experiment, run, None)
+    name, quantity = sources.omega or sources.rotation or sources.used()[0]
+    time, values = experiment.common_time(run, name), run.streams[name].values[quantity]
+    start, end = run.window or (float(time[0]), float(time[-1]))
+    start, end = max(start, float(time[0])), min(end, float(time[-1]))
+    if end - start <= 1.5 * longest:
+        return run
+    # Means over tenths of the stretch: what is lively scatters about them.
+    edges = np.arange(start, end, longest / 10)
+    flat = np.nan_to_num(values.reshape(len(values), -1))
+    square = np.concatenate([[0.0], np.cumsum(np.sum((flat - flat.mean(axis=0)) ** 2, axis=1))])
+    at = np.searchsorted(time, np.stack([edges, edges + longest]))
+    inside = edges + longest <= end
+    best = edges[inside][int(np.argmax((square[at[1]] - square[at[0]])[inside]))]
+    return replace(run, window=(float(best), float(best) + longest))
