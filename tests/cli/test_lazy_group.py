@@ -28,6 +28,22 @@ def test_an_unknown_verb_is_none():
     assert app.get_command(TOP, "weigh") is None
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["simulate", "cogiro"],
+        ["convert", "experiment.yaml"],
+        ["export", "estimate.json", "--format", "urdf"],
+        ["import", "robot.xml"],
+        ["init", "log.csv", "--robot", "cogiro"],
+    ],
+)
+def test_a_required_option_is_missed(words):
+    with pytest.raises(click.MissingParameter) as missed:
+        app.main(words, standalone_mode=False)
+    assert missed.value.param.opts == ["--out"]
+
+
 ONE = """
 import sys
 from steelyard.cli import app

@@ -162,7 +162,7 @@ def test_report_says_what_it_will_tell_and_what_it_takes(written):
 
 def test_page_shows_the_motion(written):
     page = (written[0] / "design.html").read_text()
-    for name in ("robot", "told-design", "motion-design-place", "motion-design-tensions"):
+    for name in ("robot", "information-design", "motion-design-place", "motion-design-tensions"):
         assert f'id="figure-{name}' in page
     assert page.count('class="plot"') == 7
 

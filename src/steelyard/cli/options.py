@@ -44,15 +44,11 @@ def out_option(
         metavar: How help calls it; None: the kind of its value.
         default: Where they go without it.
     """
-    return click.option(
-        "--out",
-        type=click.Path(path_type=Path),
-        required=required,
-        metavar=metavar,
-        default=default,
-        show_default=default is not None,
-        help=text,
-    )
+    # To Click a default of None is one: a required option would not be missed.
+    settings: dict[str, Any] = {"required": required, "metavar": metavar, "help": text}
+    if default is not None:
+        settings |= {"default": default, "show_default": True}
+    return click.option("--out", type=click.Path(path_type=Path), **settings)
 
 
 def force_option(
