@@ -12,7 +12,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.logs.log import MOST_COLUMNS, Log, Part
+from steelyard.logs.log import MOST_COLUMNS, Log, RowRange
 from steelyard.logs.messages import Decoder, Interval, Message, Recording, Values
 from steelyard.logs.packages import listed, shown
 from steelyard.logs.time_search import interval_of_values
@@ -45,7 +45,7 @@ def log_of_topic(recording: Recording, topic: str | None) -> Log:
     name, names = _only_topic(recording) if topic is None else _named(recording, topic)
     rows_of_topic = _TopicRows(recording, name)
 
-    def load(names: Sequence[str], part: Part | None, rows: int | None) -> Mapping[str, Array]:
+    def load(names: Sequence[str], part: RowRange | None, rows: int | None) -> Mapping[str, Array]:
         columns = {name: array("d") for name in names}
         for row in islice(rows_of_topic.read(part), rows):
             for column, values in columns.items():
@@ -121,7 +121,7 @@ class _TopicRows:
         self._recording, self._topic = recording, topic
         self._decoders: dict[int, Decoder] = {}
 
-    def read(self, part: Part | None) -> Iterator[Values]:
+    def read(self, part: RowRange | None) -> Iterator[Values]:
         """Rows of a part, in the order in which the messages were received."""
         if part is None:
             for i, message in enumerate(self._recording.messages(self._topic, None)):
@@ -135,7 +135,7 @@ class _TopicRows:
             if part.start <= row.get(part.column, math.nan) <= part.end:
                 yield row
 
-    def _interval(self, part: Part) -> Interval | None:
+    def _interval(self, part: RowRange) -> Interval | None:
         """When the messages of a part were received."""
 
         def first_after(received: int) -> tuple[int, float] | None:
