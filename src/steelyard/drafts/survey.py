@@ -1,4 +1,4 @@
-"""What is in a heap of logs: every stream that an instrument may have recorded, read once, and all
+"""What is in many logs: every stream that an instrument may have recorded, read once, and all
 that is none.
 """
 
