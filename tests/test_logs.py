@@ -27,12 +27,13 @@ from rosbags.rosbag1 import Writer as Bag1
 from rosbags.rosbag2 import StoragePlugin
 
 from steelyard.errors import InputError
-from steelyard.logs import hdf5, matlab, mcap, npz, ros1_bag, ros2_bag, ros_bag, tdms
+from steelyard.logs.arrays import hdf5, matlab, npz, tdms
 from steelyard.logs.formats import open_log, topics
 from steelyard.logs.log import RowRange
-from steelyard.logs.messages import FileSection, Interval, Message, in_time_order
-from steelyard.logs.ros_message import cdr_decoder, ros1_decoder
-from steelyard.logs.ros_types import types_of
+from steelyard.logs.messages import mcap, ros1_bag, ros2_bag, ros_bag
+from steelyard.logs.messages.recording import FileSection, Interval, Message, in_time_order
+from steelyard.logs.messages.ros_message import cdr_decoder, ros1_decoder
+from steelyard.logs.messages.ros_types import types_of
 
 LONGEST = 10  # [s] that a hostile file may take
 
@@ -939,7 +940,7 @@ def test_topic_of_a_format_without_topics(tmp_path):
 
 def test_pieces_of_large_arrays(tmp_path, monkeypatch):
     """Read here, in pieces of a few rows, with columns of one array together."""
-    monkeypatch.setattr("steelyard.logs.nested._PIECE", 7)
+    monkeypatch.setattr("steelyard.logs.arrays.nested._PIECE", 7)
     rng = np.random.default_rng(3)
     a, t = rng.normal(size=(100, 3)), np.arange(100.0)
     with h5py.File(tmp_path / "a.h5", "w") as file:
@@ -1671,7 +1672,7 @@ def test_nothing_beside_a_log_is_executed(small, tmp_path, monkeypatch):
 def test_reader_that_fails_altogether(small, tmp_path, monkeypatch):
     """What a library does to its process stays there."""
     monkeypatch.setattr(
-        "steelyard.logs.hdf5.__name__", "steelyard.logs.size"
+        "steelyard.logs.arrays.hdf5.__name__", "steelyard.logs.size"
     )  # a module that serves nothing
     assert "on which its library fails" in refused(*small["a.h5"])
 

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from steelyard.errors import InputError
 from steelyard.experiment.streams import StreamPlace, read_stream
 from steelyard.instruments import Tension
-from steelyard.logs import plain
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import NoRowsError, RowRange
+from steelyard.logs.text import plain
 
 NAN = math.nan
 NOON = datetime(2024, 1, 31, 12, tzinfo=UTC).timestamp()

@@ -13,9 +13,9 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.logs.log import MOST_COLUMNS, Log, RowRange
-from steelyard.logs.messages import Decoder, Interval, Message, Recording, Values
+from steelyard.logs.messages.recording import Decoder, Interval, Message, Recording, Values
+from steelyard.logs.messages.time_search import interval_of_values
 from steelyard.logs.packages import listed, shown
-from steelyard.logs.time_search import interval_of_values
 
 RECEIVED, PUBLISHED = "receive_time", "publish_time"
 """Columns with the times of a message, beside those within it."""

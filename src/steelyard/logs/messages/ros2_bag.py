@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from steelyard.errors import InputError
-from steelyard.logs import mcap
-from steelyard.logs.compressed import MOST_UNPACKED
-from steelyard.logs.messages import Decoder, Interval, Message, Recording, spanned
+from steelyard.logs.messages import mcap
+from steelyard.logs.messages.compressed import MOST_UNPACKED
+from steelyard.logs.messages.recording import Decoder, Interval, Message, Recording, spanned
+from steelyard.logs.messages.ros_message import cdr_decoder
+from steelyard.logs.messages.ros_types import types_of
 from steelyard.logs.packages import listed, require_package, shown
-from steelyard.logs.ros_message import cdr_decoder
-from steelyard.logs.ros_types import types_of
 from steelyard.logs.size import check_unpacked
 from steelyard.yaml_file import read_yaml, require_file
 

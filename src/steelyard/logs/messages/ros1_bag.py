@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import IO
 
 from steelyard.errors import InputError
-from steelyard.logs.compressed import LARGEST_BLOCK, MOST_UNPACKED, unpacked
-from steelyard.logs.messages import (
+from steelyard.logs.messages.compressed import LARGEST_BLOCK, MOST_UNPACKED, unpacked
+from steelyard.logs.messages.recording import (
     Decoder,
     FileSection,
     Interval,
@@ -26,9 +26,9 @@ from steelyard.logs.messages import (
     in_time_order,
     spanned,
 )
+from steelyard.logs.messages.ros_message import ros1_decoder
+from steelyard.logs.messages.ros_types import full_name, types_of
 from steelyard.logs.packages import require_package, shown
-from steelyard.logs.ros_message import ros1_decoder
-from steelyard.logs.ros_types import full_name, types_of
 from steelyard.logs.size import check_unpacked
 
 _MAGIC = b"#ROSBAG V2.0\n"

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from steelyard.errors import InputError
-from steelyard.logs.compressed import LARGEST_BLOCK, MOST_UNPACKED, unpacked
-from steelyard.logs.json_message import decode_json
 from steelyard.logs.log import Log
-from steelyard.logs.messages import (
+from steelyard.logs.messages.compressed import LARGEST_BLOCK, MOST_UNPACKED, unpacked
+from steelyard.logs.messages.json_message import decode_json
+from steelyard.logs.messages.recording import (
     Decoder,
     FileSection,
     Interval,
@@ -31,11 +31,11 @@ from steelyard.logs.messages import (
     in_time_order,
     spanned,
 )
+from steelyard.logs.messages.ros_message import cdr_decoder, ros1_decoder
+from steelyard.logs.messages.ros_types import types_of
+from steelyard.logs.messages.topic_table import log_of_topic
 from steelyard.logs.packages import require_package, shown
-from steelyard.logs.ros_message import cdr_decoder, ros1_decoder
-from steelyard.logs.ros_types import types_of
 from steelyard.logs.size import check_unpacked
-from steelyard.logs.topic_table import log_of_topic
 
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema

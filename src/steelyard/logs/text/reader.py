@@ -12,15 +12,15 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.logs.cells import MISSING, as_instants, as_numbers, stripped
-from steelyard.logs.dialect import dialect_of
 from steelyard.logs.frames import as_array
-from steelyard.logs.header import header_of
 from steelyard.logs.log import MOST_COLUMNS, Log, RowRange
-from steelyard.logs.plain import pieces, readable
-from steelyard.logs.rows import Lines, RowForm, ShortRows, separated, sound_rows, unquoted
 from steelyard.logs.size import check_unpacked
 from steelyard.logs.table import Table
+from steelyard.logs.text.cells import MISSING, as_instants, as_numbers, stripped
+from steelyard.logs.text.dialect import dialect_of
+from steelyard.logs.text.header import header_of
+from steelyard.logs.text.plain import pieces, readable
+from steelyard.logs.text.rows import Lines, RowForm, ShortRows, separated, sound_rows, unquoted
 
 if TYPE_CHECKING:
     import polars as pl

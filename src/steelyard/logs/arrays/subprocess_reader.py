@@ -20,8 +20,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
+from steelyard.logs.arrays.nested import Arrays
 from steelyard.logs.log import Log, RowRange
-from steelyard.logs.nested import Arrays
 from steelyard.logs.packages import shown
 
 _SECONDS, _BYTES_PER_SECOND = 6, 5_000_000
