@@ -393,6 +393,30 @@ def test_a_clock_that_was_set_back_is_read_as_a_whole(tmp_path):
         np.testing.assert_array_equal(values["point.x"], x[(t >= start) & (t <= start + 5)])
 
 
+def test_the_search_of_a_window_is_no_more_than_some_readings_of_everything(tmp_path, monkeypatch):
+    """Without an index, a topic that ended early would be looked for in all that follows, again and
+    again."""
+    messages = [("/a", (i + 1) * 10**8, b'{"x": 1}') for i in range(6000)]
+    messages += [("/b", (i + 1) * 10**8 + 1, b'{"t": %d}' % i) for i in range(300)]
+    channels = {"/a": ("json", None), "/b": ("json", None)}
+    files.write_mcap(tmp_path / "a.mcap", channels, messages, index_types=IndexType.NONE)
+    sizes = []
+    unpack = mcap.unpacked
+
+    def counted(data, method, size):
+        sizes.append(size)
+        return unpack(data, method, size)
+
+    monkeypatch.setattr(mcap, "unpacked", counted)
+    with open_log(tmp_path / "a.mcap", "/b") as log:
+        sizes.clear()
+        log.read(["t"])
+        everything = sum(sizes)
+        sizes.clear()
+        assert len(log.read(["t"], RowRange("t", 100, 120))["t"]) == 21
+    assert sum(sizes) <= 6 * everything
+
+
 def test_chunks_outside_a_window_are_not_unpacked(tmp_path, monkeypatch):
     files.write_mcap_ros2(tmp_path / "a.mcap", long_streams(lambda t: t), chunk_size=1024)
     sizes = []

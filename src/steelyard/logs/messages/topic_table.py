@@ -21,6 +21,9 @@ RECEIVED, PUBLISHED = "receive_time", "publish_time"
 """Columns with the times of a message, beside those within it."""
 _PROBED = 200
 """Messages that show which columns a topic has: lists in them may differ in length."""
+_SEARCH_COST = 4
+"""Bytes that the search for a window may unpack, in units of all: a topic that is in no index would
+be looked for without end."""
 _OF_ROS_ITSELF = {"rosout", "rosout_agg", "parameter_events", "clock"}
 """Topics with numbers that are no reading of any sensor."""
 _MAY_BE_ABSENT = {
@@ -137,10 +140,15 @@ class _TopicRows:
 
     def _interval(self, part: RowRange) -> Interval | None:
         """When the messages of a part were received."""
+        before = self._recording.bytes_read()
 
         def first_after(received: int) -> tuple[int, float] | None:
-            """The first message from a time on: when it was received, and its value."""
+            """The first message from a time on: when it was received, and its value; NaN, which
+            ends the search, once it has cost some times as much as reading everything.
+            """
             assert self._recording.interval is not None
+            if self._recording.bytes_read() - before > _SEARCH_COST * self._recording.size:
+                return received, math.nan
             behind = Interval(received, self._recording.interval.end)
             message = next(self._recording.messages(self._topic, behind), None)
             if message is None:
