@@ -28,12 +28,13 @@ from rosbags.rosbag2 import StoragePlugin
 from time_limits import bounded
 
 from steelyard.errors import InputError
-from steelyard.logs import hdf5, matlab, mcap, npz, ros1_bag, ros2_bag, ros_bag, tdms
+from steelyard.logs.arrays import hdf5, matlab, npz, tdms
 from steelyard.logs.formats import open_log, topics
-from steelyard.logs.log import Part
-from steelyard.logs.messages import FileSection, Interval, Message, in_time_order
-from steelyard.logs.ros_message import cdr_decoder, ros1_decoder
-from steelyard.logs.ros_types import types_of
+from steelyard.logs.log import RowRange
+from steelyard.logs.messages import mcap, ros1_bag, ros2_bag, ros_bag
+from steelyard.logs.messages.recording import FileSection, Interval, Message, in_time_order
+from steelyard.logs.messages.ros_message import cdr_decoder, ros1_decoder
+from steelyard.logs.messages.ros_types import types_of
 
 LONGEST = 10  # [s] that a hostile file may make us compute
 
@@ -152,19 +153,19 @@ def test_part_of_the_rows(small, found, name):
         ".db3": ("header.stamp", "angular_velocity.y"),
         ".tdms": ("t", "wy"),
     }.get(path.suffix, ("t", "gyro[1]"))
-    part = Part(time_name, start, end)
+    part = RowRange(time_name, start, end)
     with open_log(path, topic) as log:
         np.testing.assert_array_equal(log.read([name], part)[name], found["imu"]["wy"][7:30])
         np.testing.assert_array_equal(log.read([name, time_name], part, rows=3)[time_name], t[7:10])
         np.testing.assert_array_equal(log.read([name], rows=2)[name], found["imu"]["wy"][:2])
         with pytest.raises(InputError, match=r"found none; correct the window"):
-            log.read([name], Part(time_name, 1e6, 2e6))
+            log.read([name], RowRange(time_name, 1e6, 2e6))
 
 
 def test_rows_of_unsorted_time(tmp_path):
     t = np.array([3.0, 1.0, np.nan, 2.0, 5.0])
     np.savez(tmp_path / "a.npz", t=t, x=np.arange(5.0))
-    _, values = read(tmp_path / "a.npz", None, ["x"], Part("t", 1.5, 3.5))
+    _, values = read(tmp_path / "a.npz", None, ["x"], RowRange("t", 1.5, 3.5))
     np.testing.assert_array_equal(values["x"], [0, 3])
 
 
@@ -348,7 +349,7 @@ def test_a_window_does_not_decode_every_message(tmp_path, decoded, name, column)
     t, x = found["tracker"]["t"], found["tracker"]["x"]
     for start in (1.0, 120.0, SECONDS - 0.5):
         received = start + (files.DELAY * 1e-9 if column == "receive_time" else 0)
-        part = Part(column, received - 1e-6, received + 1 + 1e-6)
+        part = RowRange(column, received - 1e-6, received + 1 + 1e-6)
         with open_log(tmp_path / name, "tracker") as log:
             decoded.clear()
             values = log.read(["point.x"], part)["point.x"]
@@ -377,7 +378,9 @@ def test_a_window_of_any_stamps_is_the_part_of_all(tmp_path, stamps):
     t, x = found["tracker"]["t"], found["tracker"]["x"]
     for first, last in ((0, 30), (2500, 2520), (len(t) - 1, len(t) - 1)):
         start, end = sorted((t[first], t[last]))
-        _, values = read(tmp_path / "a.mcap", None, ["point.x"], Part("header.stamp", start, end))
+        _, values = read(
+            tmp_path / "a.mcap", None, ["point.x"], RowRange("header.stamp", start, end)
+        )
         np.testing.assert_array_equal(values["point.x"], x[(t >= start) & (t <= end)])
 
 
@@ -387,9 +390,33 @@ def test_a_clock_that_was_set_back_is_read_as_a_whole(tmp_path):
     files.write_mcap_json(tmp_path / "a.mcap", found, times=np.arange(SECONDS * HERTZ) / HERTZ)
     t, x = found["tracker"]["t"], found["tracker"]["x"]
     for start in (1010.0, 200.0):
-        part = Part("header.stamp", start, start + 5)
+        part = RowRange("header.stamp", start, start + 5)
         _, values = read(tmp_path / "a.mcap", None, ["point.x"], part)
         np.testing.assert_array_equal(values["point.x"], x[(t >= start) & (t <= start + 5)])
+
+
+def test_the_search_of_a_window_is_no_more_than_some_readings_of_everything(tmp_path, monkeypatch):
+    """Without an index, a topic that ended early would be looked for in all that follows, again and
+    again."""
+    messages = [("/a", (i + 1) * 10**8, b'{"x": 1}') for i in range(6000)]
+    messages += [("/b", (i + 1) * 10**8 + 1, b'{"t": %d}' % i) for i in range(300)]
+    channels = {"/a": ("json", None), "/b": ("json", None)}
+    files.write_mcap(tmp_path / "a.mcap", channels, messages, index_types=IndexType.NONE)
+    sizes = []
+    unpack = mcap.unpacked
+
+    def counted(data, method, size):
+        sizes.append(size)
+        return unpack(data, method, size)
+
+    monkeypatch.setattr(mcap, "unpacked", counted)
+    with open_log(tmp_path / "a.mcap", "/b") as log:
+        sizes.clear()
+        log.read(["t"])
+        everything = sum(sizes)
+        sizes.clear()
+        assert len(log.read(["t"], RowRange("t", 100, 120))["t"]) == 21
+    assert sum(sizes) <= 6 * everything
 
 
 def test_chunks_outside_a_window_are_not_unpacked(tmp_path, monkeypatch):
@@ -407,7 +434,7 @@ def test_chunks_outside_a_window_are_not_unpacked(tmp_path, monkeypatch):
         log.read(["point.x"])
         chunks = len(sizes)
         sizes.clear()
-        log.read(["point.x"], Part("header.stamp", 120, 121))
+        log.read(["point.x"], RowRange("header.stamp", 120, 121))
     assert everything == SECONDS * HERTZ
     assert chunks > 400
     assert len(sizes) < chunks / 5
@@ -942,13 +969,13 @@ def test_topic_of_a_format_without_topics(tmp_path):
 
 def test_pieces_of_large_arrays(tmp_path, monkeypatch):
     """Read here, in pieces of a few rows, with columns of one array together."""
-    monkeypatch.setattr("steelyard.logs.nested._PIECE", 7)
+    monkeypatch.setattr("steelyard.logs.arrays.nested._PIECE", 7)
     rng = np.random.default_rng(3)
     a, t = rng.normal(size=(100, 3)), np.arange(100.0)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["t"], file["a"] = t, a
     with hdf5.arrays_here(tmp_path / "a.h5", None) as arrays:
-        values = arrays.log(None).read(["a[2]", "t", "a[0]"], Part("t", 10.5, 77))
+        values = arrays.log(None).read(["a[2]", "t", "a[0]"], RowRange("t", 10.5, 77))
     np.testing.assert_array_equal(values["a[2]"], a[11:78, 2])
     np.testing.assert_array_equal(values["a[0]"], a[11:78, 0])
 
@@ -1695,7 +1722,7 @@ def test_nothing_beside_a_log_is_executed(small, tmp_path, monkeypatch):
 def test_reader_that_fails_altogether(small, tmp_path, monkeypatch):
     """What a library does to its process stays there."""
     monkeypatch.setattr(
-        "steelyard.logs.hdf5.__name__", "steelyard.logs.size"
+        "steelyard.logs.arrays.hdf5.__name__", "steelyard.logs.size"
     )  # a module that serves nothing
     assert "on which its library fails" in refused(*small["a.h5"])
 

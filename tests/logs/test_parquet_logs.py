@@ -10,7 +10,7 @@ import pytest
 
 from steelyard.errors import InputError
 from steelyard.logs.formats import open_log
-from steelyard.logs.log import Part
+from steelyard.logs.log import RowRange
 
 NAN = float("nan")
 NOON = dt.datetime(2024, 1, 31, 12, tzinfo=dt.UTC)
@@ -36,7 +36,7 @@ def test_instants_are_seconds(path, unit, zone):
     pl.DataFrame({"t": times, "f": [1.0, 2.0, 3.0]}).write_parquet(path)
     np.testing.assert_array_equal(read(path, "t"), [NOON.timestamp(), NOON.timestamp() + 0.25, NAN])
     with open_log(path) as log:
-        part = log.read(["f"], Part("t", NOON.timestamp() + 0.1, NOON.timestamp() + 1))
+        part = log.read(["f"], RowRange("t", NOON.timestamp() + 0.1, NOON.timestamp() + 1))
     np.testing.assert_array_equal(part["f"], [2.0])
 
 
@@ -79,7 +79,7 @@ def test_fields_and_elements_are_columns(path):
         np.testing.assert_array_equal(table["imu.seq"], [7, 8, NAN])
         np.testing.assert_array_equal(table["q[1]"], [2, 4, NAN])
         np.testing.assert_array_equal(table["r[1][0]"], [3, 3, 3])
-        np.testing.assert_array_equal(log.read(["q[0]"], Part("imu.seq", 8, 9))["q[0]"], [3.0])
+        np.testing.assert_array_equal(log.read(["q[0]"], RowRange("imu.seq", 8, 9))["q[0]"], [3.0])
 
 
 @pytest.mark.parametrize("kind", [pl.Int8, pl.UInt64, pl.Float32, pl.Decimal(10, 2), pl.Int64])
@@ -100,7 +100,7 @@ def test_a_part_is_what_all_of_it_has_there(path):
     values = np.random.default_rng(0).normal(size=len(time))
     pl.DataFrame({"t": time, "f": values}).write_parquet(path, row_group_size=4096)
     inside = (time >= 50) & (time <= 60)
-    np.testing.assert_array_equal(read(path, "f", Part("t", 50, 60)), values[inside])
+    np.testing.assert_array_equal(read(path, "f", RowRange("t", 50, 60)), values[inside])
 
 
 @pytest.mark.integration

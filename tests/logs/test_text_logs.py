@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from steelyard.errors import InputError
 from steelyard.experiment.streams import StreamPlace, read_stream
 from steelyard.instruments import Tension
-from steelyard.logs import plain
 from steelyard.logs.formats import open_log
-from steelyard.logs.log import NoRowsError, Part
+from steelyard.logs.log import NoRowsError, RowRange
+from steelyard.logs.text import plain
 
 NAN = math.nan
 NOON = datetime(2024, 1, 31, 12, tzinfo=UTC).timestamp()
@@ -335,7 +335,7 @@ def test_the_line_of_a_row_is_that_of_the_file(tmp_path):
         written(tmp_path, "# by hand\nt,f1\ns,N\n0,1\n\n1,1e40\n\n\n2,3\n3,inf\n")
     ) as log:
         assert [log.place(i).rsplit(":", 1)[1] for i in range(4)] == ["4", "6", "9", "10"]
-        part = Part("t", 1.5, 9.0)
+        part = RowRange("t", 1.5, 9.0)
         assert [log.place(i, part).rsplit(":", 1)[1] for i in range(2)] == ["9", "10"]
         with pytest.raises(InputError, match=r"log\.csv:6: column 'f1': .*found 1e\+40"):
             log.read(["t", "f1"])
@@ -350,14 +350,14 @@ def test_a_part_is_what_all_of_it_has_there(tmp_path):
     frame = pl.DataFrame({"t": time, **{f"f{i}": rng.normal(size=len(time)) for i in range(4)}})
     frame.write_csv(tmp_path / "log.csv")
     with open_log(tmp_path / "log.csv") as log:
-        part = log.read(["f2", "t"], Part("t", 50.0, 60.0))
+        part = log.read(["f2", "t"], RowRange("t", 50.0, 60.0))
         inside = (time >= 50.0) & (time <= 60.0)
         np.testing.assert_array_equal(part["t"], time[inside])
         np.testing.assert_array_equal(part["f2"], frame["f2"].to_numpy()[inside])
-        np.testing.assert_array_equal(log.read(["f2"], Part("t", 50.0, 60.0))["f2"], part["f2"])
+        np.testing.assert_array_equal(log.read(["f2"], RowRange("t", 50.0, 60.0))["f2"], part["f2"])
         np.testing.assert_array_equal(log.read(["f2"], rows=7)["f2"], frame["f2"].to_numpy()[:7])
         with pytest.raises(NoRowsError, match="correct the window"):
-            log.read(["t"], Part("t", 500.0, 600.0))
+            log.read(["t"], RowRange("t", 500.0, 600.0))
 
 
 def rows_of(form, n=400, first=0):
@@ -413,7 +413,7 @@ def outcome(path, part):
 @pytest.mark.integration
 @pytest.mark.parametrize("content", IN_PIECES.values(), ids=IN_PIECES.keys())
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "gzip"])
-@pytest.mark.parametrize("part", [None, Part("t", 20.0, 30.0)], ids=["all", "part"])
+@pytest.mark.parametrize("part", [None, RowRange("t", 20.0, 30.0)], ids=["all", "part"])
 def test_pieces_make_no_difference(tmp_path, monkeypatch, content, encoding, part):
     packed = encoding == "gzip"
     made = gzip.compress(content.encode()) if packed else content.encode(encoding)

@@ -1,4 +1,4 @@
-"""A first experiment file from a heap of logs: what each column may be, which unit it may have,
+"""A first experiment file from logs: what each column may be, which unit it may have,
 which logs belong together.
 
 It imports logs, instruments, experiments and the robot; nothing is estimated.

@@ -47,10 +47,14 @@ class RunGroup:
     static: bool
 
     @property
+    def kinds(self) -> set[str]:
+        """Of its instruments."""
+        return {found.kind for found in self.streams}
+
+    @property
     def complete(self) -> bool:
         """Whether forces and motion are both there."""
-        kinds = {found.kind for found in self.streams}
-        return bool(kinds & FORCES and kinds & MOTIONS)
+        return bool(self.kinds & FORCES and self.kinds & MOTIONS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,16 +77,17 @@ def groups_of(found: Sequence[DraftStream]) -> tuple[list[RunGroup], list[Unused
         Runs that have forces and motion, and what is left.
     """
     unused: list[Unused] = []
-    moving = [f for f in found if not f.static and len(f.stream) >= ARRANGE.fewest]
-    unused += [
-        Unused(
-            name_of(f.place.path, f.place.topic), f"{f.kind}: {len(f.stream)} samples are too few"
-        )
-        for f in found
-        if not f.static and len(f.stream) < ARRANGE.fewest
-    ]
+    still: list[DraftStream] = []
+    moving: list[DraftStream] = []
+    for each in found:
+        if each.static:
+            still.append(each)
+        elif len(each.stream) >= ARRANGE.fewest:
+            moving.append(each)
+        else:
+            unused.append(each.unused(f"{len(each.stream)} samples are too few"))
     groups: list[RunGroup] = []
-    for static, streams in ((True, [f for f in found if f.static]), (False, moving)):
+    for static, streams in ((True, still), (False, moving)):
         by_name: dict[tuple[Path, str], list[DraftStream]] = {}
         for each in streams:
             by_name.setdefault(_key(each), []).append(each)
@@ -95,16 +100,10 @@ def groups_of(found: Sequence[DraftStream]) -> tuple[list[RunGroup], list[Unused
             if fitted.complete:
                 groups.append(fitted)
             else:
-                unused += [
-                    Unused(name_of(f.place.path, f.place.topic), _lacks(f, fitted))
-                    for f in fitted.streams
-                ]
+                missing = "motion" if fitted.kinds & FORCES else "forces"
+                why = f"no log of {missing} that belongs to it"
+                unused += [each.unused(why) for each in fitted.streams]
     return _distinctly_named(groups), unused
-
-
-def _lacks(found: DraftStream, group: RunGroup) -> str:
-    missing = "forces" if not FORCES & {f.kind for f in group.streams} else "motion"
-    return f"{found.kind}: no log of {missing} that belongs to it"
 
 
 def _key(found: DraftStream) -> tuple[Path, str]:
@@ -187,37 +186,22 @@ def _fitted(group: RunGroup) -> tuple[RunGroup, list[Unused]]:
     kept: list[DraftStream] = []
     unused: list[Unused] = []
     for found in group.streams:
-        log = name_of(found.place.path, found.place.topic)
         double = next((f for f in kept if _same(f, found)), None)
         if double is not None:
-            unused.append(
-                Unused(
-                    log,
-                    f"{found.kind}: the same as in"
-                    f" {name_of(double.place.path, double.place.topic)}",
-                )
-            )
+            other = name_of(double.place.path, double.place.topic)
+            unused.append(found.unused(f"the same as in {other}"))
         elif found.kind in _ONCE and any(f.kind == found.kind for f in kept):
-            unused.append(
-                Unused(
-                    log,
-                    f"{found.kind}: run '{group.name}' has one already; name it yourself if both"
-                    " belong to it",
-                )
-            )
+            why = f"run '{group.name}' has one already; name it yourself if both belong to it"
+            unused.append(found.unused(why))
         else:
             kept.append(found)
-    if group.static:
-        rows = next((len(f.stream) for f in kept if f.kind in FORCES), None)
-        unused += [
-            Unused(
-                name_of(f.place.path, f.place.topic),
-                f"{f.kind}: {len(f.stream)} rows without time, where the forces have {rows}",
-            )
-            for f in kept
-            if rows is not None and len(f.stream) != rows
-        ]
-        kept = [f for f in kept if rows is None or len(f.stream) == rows]
+    rows = next((len(f.stream) for f in kept if f.kind in FORCES), None)
+    if group.static and rows is not None:
+        for found in kept:
+            if len(found.stream) != rows:
+                why = f"{len(found.stream)} rows without time, where the forces have {rows}"
+                unused.append(found.unused(why))
+        kept = [found for found in kept if len(found.stream) == rows]
     return replace(group, streams=tuple(kept)), unused
 
 

@@ -1,4 +1,4 @@
-"""From a heap of logs to a first experiment: what it holds, what was guessed, what is left to
+"""From logs to a first experiment: what it holds, what was guessed, what is left to
 check.
 """
 

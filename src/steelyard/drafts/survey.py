@@ -1,4 +1,4 @@
-"""What is in a heap of logs: every stream that an instrument may have recorded, read once, and all
+"""What is in many logs: every stream that an instrument may have recorded, read once, and all
 that is none.
 """
 
@@ -29,6 +29,15 @@ from steelyard.robot.model import Robot
 _MOST_INSTRUMENTS = 64
 """Of one table."""
 _INSTRUMENT: TypeAdapter[Instrument] = TypeAdapter(AnyInstrument)
+
+
+@dataclass(frozen=True)
+class Unused:
+    """A log, or columns of one, that no instrument has."""
+
+    log: str
+    what: str
+    """Why, or which columns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,18 +83,13 @@ class DraftStream:
         """With settings that its values show, and why."""
         return replace(self, settings={**self.settings, **settings}, why=(*self.why, reason))
 
+    def unused(self, why: str) -> Unused:
+        """It is left out, and why."""
+        return Unused(name_of(self.place.path, self.place.topic), f"{self.kind}: {why}")
+
     def to_check(self, check: str) -> DraftStream:
         """With something more that a person should look at."""
         return replace(self, checks=(*self.checks, check))
-
-
-@dataclass(frozen=True)
-class Unused:
-    """A log, or columns of one, that no instrument has."""
-
-    log: str
-    what: str
-    """Why, or which columns."""
 
 
 def instrument_of(kind: str, settings: Mapping[str, Any]) -> Instrument:
@@ -109,43 +113,48 @@ def streams_in(
         robot: What the instruments are on.
         hints: Words of its name.
     """
+    log_name = name_of(path, topic)
     try:
         with open_log(path, topic) as log:
-            unused: list[Unused] = []
             names = log.names
             claims = claims_of(names, robot.m, hints)
             if len(claims) > _MOST_INSTRUMENTS:
-                text = (
+                raise InputError(
                     f"columns of {len(claims)} instruments, where at most {_MOST_INSTRUMENTS} are"
                     " looked at"
                 )
-                return [], [Unused(name_of(path, topic), text)]
             if not claims:
-                return [], [
-                    Unused(
-                        name_of(path, topic), f"no instrument has columns like {_some(log.names)}"
-                    )
-                ]
-            shares = [(claim, _claimed(claims, claim, robot.m)) for claim in claims]
-            drafts = []
-            for claim, claimed in shares:
-                try:
-                    drafts.append((_draft(log, topic, claim, robot), claimed))
-                except InputError as error:
-                    unused.append(Unused(name_of(path, topic), f"{claim.kind}: {error}"))
+                raise InputError(f"no instrument has columns like {_some(names)}")
+            drafts, unused = _drafts(log, topic, claims, robot)
     except InputError as error:
-        return [], [Unused(name_of(path, topic), str(error))]
+        return [], [Unused(log_name, str(error))]
     found = []
     for draft, claimed in drafts:
         try:
             found.append(read_again(draft, robot.m, claimed=claimed))
         except InputError as error:
-            unused.append(Unused(name_of(path, topic), f"{draft.kind}: {error}"))
+            unused.append(draft.unused(str(error)))
     used = {column for each in found for column in each.used}
     free = [name for name in names if name not in used]
     if found and free:
-        unused.append(Unused(name_of(path, topic), f"columns {_some(free)}"))
+        unused.append(Unused(log_name, f"columns {_some(free)}"))
     return found, unused
+
+
+def _drafts(
+    log: Log, topic: str | None, claims: Sequence[Claim], robot: Robot
+) -> tuple[list[tuple[DraftStream, frozenset[str]]], list[Unused]]:
+    """What claims come to, each with the columns that others need, and those that come to
+    nothing.
+    """
+    drafts, unused = [], []
+    for claim in claims:
+        claimed = _claimed(claims, claim, robot.m)
+        try:
+            drafts.append((_draft(log, topic, claim, robot), claimed))
+        except InputError as error:
+            unused.append(Unused(name_of(log.path, topic), f"{claim.kind}: {error}"))
+    return drafts, unused
 
 
 def read_again(
@@ -163,10 +172,11 @@ def read_again(
 
 def _claimed(claims: Iterable[Claim], claim: Claim, m: int) -> frozenset[str]:
     """Columns that the other instruments of a log need."""
-    others = (other for other in claims if other is not claim)
-    return frozenset().union(
-        *(needed_columns(instrument_of(o.kind, {}), m, o.columns) for o in others)
-    )
+    needed: set[str] = set()
+    for other in claims:
+        if other is not claim:
+            needed |= needed_columns(instrument_of(other.kind, {}), m, other.columns)
+    return frozenset(needed)
 
 
 def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> DraftStream:
@@ -249,11 +259,11 @@ def _time(log: Log, claim: Claim, rows: int) -> tuple[str | None, Array | None]:
 
 def _is_gravity(table: Mapping[str, Array], columns: Mapping[str, str]) -> bool:
     """Whether what may be a gyro reads the same size all the time, that of gravity."""
-    norms = np.linalg.norm(np.column_stack([table[columns[f"w{axis}"]] for axis in "xyz"]), axis=1)
+    rows = np.column_stack([table[columns[f"w{axis}"]] for axis in "xyz"])
+    norms = np.linalg.norm(rows, axis=1)
     typical = float(np.nanmedian(norms))
-    return bool(
-        np.nanstd(norms) < 0.05 * typical and (9.5 < typical < 10.1 or 0.95 < typical < 1.05)
-    )
+    is_constant = bool(np.nanstd(norms) < 0.05 * typical)
+    return is_constant and (9.5 < typical < 10.1 or 0.95 < typical < 1.05)
 
 
 def _quaternion(

@@ -18,7 +18,7 @@ from steelyard.experiment.fields import column_in
 from steelyard.experiment.model import Stream
 from steelyard.instruments import Instrument, Quantity
 from steelyard.logs.formats import open_log
-from steelyard.logs.log import Log, Part
+from steelyard.logs.log import Log, RowRange
 from steelyard.units import FACTORS, canonical_unit
 
 _UNIT_OF_ANGLE_FREE = "1"
@@ -93,7 +93,7 @@ def read_stream(
         part = None
         if span is not None and timed is not None:
             seconds = names.factor("t", "s")
-            part = Part(timed, span[0] / seconds, span[1] / seconds)
+            part = RowRange(timed, span[0] / seconds, span[1] / seconds)
         table = log.read(list(dict.fromkeys(wanted.values())), part)
     n = len(table.cells)
 

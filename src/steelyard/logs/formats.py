@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from steelyard.errors import InputError
-from steelyard.logs import hdf5, matlab, mcap, npz, parquet, ros_bag, tdms, text
+from steelyard.logs import parquet
+from steelyard.logs.arrays import hdf5, matlab, npz, tdms
 from steelyard.logs.log import MOST_COLUMNS, Log
-from steelyard.logs.plain import readable
+from steelyard.logs.messages import mcap, ros_bag
+from steelyard.logs.text import reader as text
+from steelyard.logs.text.plain import readable
 from steelyard.yaml_file import require_file
 
 

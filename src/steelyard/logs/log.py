@@ -25,7 +25,7 @@ class NoRowsError(InputError):
 
 
 @dataclass(frozen=True)
-class Part:
+class RowRange:
     """Rows of a log whose value in one column lies within bounds; the rest need not pass through
     memory.
     """
@@ -44,24 +44,24 @@ class Log:
     names: tuple[str, ...]
     """Of the columns; nested fields with dots, elements of arrays with brackets:
     ``linear_acceleration.x``, ``data[3]``."""
-    load: Callable[[Sequence[str], Part | None, int | None], Mapping[str, Array]]
+    load: Callable[[Sequence[str], RowRange | None, int | None], Mapping[str, Array]]
     """Columns of these names, of a part of the rows, of at most so many: shape (n,) each, NaN where
     there is no sample."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Column -> unit, where the log itself states one."""
     spellings: Mapping[str, str] = field(default_factory=dict)
     """Name as the log writes it, with its unit -> name of the column."""
-    line_of: Callable[[int, Part | None], int] | None = None
+    line_of: Callable[[int, RowRange | None], int] | None = None
     """Line of a row of a part, in text files; None: rows have no lines."""
 
-    def place(self, row: int, part: Part | None = None) -> str:
+    def place(self, row: int, part: RowRange | None = None) -> str:
         """Where a row of a part (None: of all) stands, for messages."""
         if self.line_of is not None:
             return f"{self.path}:{self.line_of(row, part)}"
         return f"{self.path}" if part else f"{self.path}: row {row + 1}"
 
     def read(
-        self, names: Sequence[str], part: Part | None = None, rows: int | None = None
+        self, names: Sequence[str], part: RowRange | None = None, rows: int | None = None
     ) -> Table:
         """Read columns of numbers.
 
@@ -98,7 +98,7 @@ class Log:
         self._check(table, part)
         return table
 
-    def _check(self, table: Table, part: Part | None) -> None:
+    def _check(self, table: Table, part: RowRange | None) -> None:
         """Refuse infinite and impossible numbers, and columns without a single one."""
         filled = np.zeros(len(table), dtype=bool)
         # A few rows at a time, without a copy of all of them.

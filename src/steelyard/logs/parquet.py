@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.logs.frames import as_array
-from steelyard.logs.log import MOST_COLUMNS, Log, Part
+from steelyard.logs.log import MOST_COLUMNS, Log, RowRange
 from steelyard.logs.size import check_unpacked
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
     leaves = list(islice(nested, MOST_COLUMNS + 1))
     column = {name: (expression, kind) for name, expression, kind in leaves}
 
-    def load(names: Sequence[str], part: Part | None, rows: int | None) -> Mapping[str, Array]:
+    def load(names: Sequence[str], part: RowRange | None, rows: int | None) -> Mapping[str, Array]:
         """See :attr:`Log.load`."""
         for name in names:
             kind = column[name][1]

@@ -12,15 +12,18 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.logs.log import MOST_COLUMNS, Log, Part
-from steelyard.logs.messages import Decoder, Interval, Message, Recording, Values
+from steelyard.logs.log import MOST_COLUMNS, Log, RowRange
+from steelyard.logs.messages.recording import Decoder, Interval, Message, Recording, Values
+from steelyard.logs.messages.time_search import interval_of_values
 from steelyard.logs.packages import listed, shown
-from steelyard.logs.time_search import interval_of_values
 
 RECEIVED, PUBLISHED = "receive_time", "publish_time"
 """Columns with the times of a message, beside those within it."""
 _PROBED = 200
 """Messages that show which columns a topic has: lists in them may differ in length."""
+_SEARCH_COST = 4
+"""Bytes that the search for a window may unpack, in units of all: a topic that is in no index would
+be looked for without end."""
 _OF_ROS_ITSELF = {"rosout", "rosout_agg", "parameter_events", "clock"}
 """Topics with numbers that are no reading of any sensor."""
 _MAY_BE_ABSENT = {
@@ -45,7 +48,7 @@ def log_of_topic(recording: Recording, topic: str | None) -> Log:
     name, names = _only_topic(recording) if topic is None else _named(recording, topic)
     rows_of_topic = _TopicRows(recording, name)
 
-    def load(names: Sequence[str], part: Part | None, rows: int | None) -> Mapping[str, Array]:
+    def load(names: Sequence[str], part: RowRange | None, rows: int | None) -> Mapping[str, Array]:
         columns = {name: array("d") for name in names}
         for row in islice(rows_of_topic.read(part), rows):
             for column, values in columns.items():
@@ -121,7 +124,7 @@ class _TopicRows:
         self._recording, self._topic = recording, topic
         self._decoders: dict[int, Decoder] = {}
 
-    def read(self, part: Part | None) -> Iterator[Values]:
+    def read(self, part: RowRange | None) -> Iterator[Values]:
         """Rows of a part, in the order in which the messages were received."""
         if part is None:
             for i, message in enumerate(self._recording.messages(self._topic, None)):
@@ -135,12 +138,17 @@ class _TopicRows:
             if part.start <= row.get(part.column, math.nan) <= part.end:
                 yield row
 
-    def _interval(self, part: Part) -> Interval | None:
+    def _interval(self, part: RowRange) -> Interval | None:
         """When the messages of a part were received."""
+        before = self._recording.bytes_read()
 
         def first_after(received: int) -> tuple[int, float] | None:
-            """The first message from a time on: when it was received, and its value."""
+            """The first message from a time on: when it was received, and its value; NaN, which
+            ends the search, once it has cost some times as much as reading everything.
+            """
             assert self._recording.interval is not None
+            if self._recording.bytes_read() - before > _SEARCH_COST * self._recording.size:
+                return received, math.nan
             behind = Interval(received, self._recording.interval.end)
             message = next(self._recording.messages(self._topic, behind), None)
             if message is None:

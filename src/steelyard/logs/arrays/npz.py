@@ -18,8 +18,8 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.logs.arrays.nested import Arrays, Key, Source, is_number, with_rows_first
 from steelyard.logs.log import MOST_COLUMNS, Log
-from steelyard.logs.nested import Arrays, Key, Source, is_number, with_rows_first
 from steelyard.logs.packages import shown
 from steelyard.logs.size import check_unpacked
 

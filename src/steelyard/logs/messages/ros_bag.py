@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-from steelyard.logs import ros1_bag, ros2_bag
 from steelyard.logs.log import Log
-from steelyard.logs.messages import Recording
-from steelyard.logs.topic_table import log_of_topic
+from steelyard.logs.messages import ros1_bag, ros2_bag
+from steelyard.logs.messages.recording import Recording
+from steelyard.logs.messages.topic_table import log_of_topic
 
 
 @contextmanager

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from steelyard.errors import InputError
-from steelyard.logs.compressed import LARGEST_BLOCK, MOST_UNPACKED, unpacked
-from steelyard.logs.json_message import decode_json
 from steelyard.logs.log import Log
-from steelyard.logs.messages import (
+from steelyard.logs.messages.compressed import LARGEST_BLOCK, MOST_UNPACKED, LastBlock, unpacked
+from steelyard.logs.messages.json_message import decode_json
+from steelyard.logs.messages.recording import (
     Decoder,
     FileSection,
     Interval,
@@ -31,11 +31,11 @@ from steelyard.logs.messages import (
     in_time_order,
     spanned,
 )
+from steelyard.logs.messages.ros_message import cdr_decoder, ros1_decoder
+from steelyard.logs.messages.ros_types import types_of
+from steelyard.logs.messages.topic_table import log_of_topic
 from steelyard.logs.packages import require_package, shown
-from steelyard.logs.ros_message import cdr_decoder, ros1_decoder
-from steelyard.logs.ros_types import types_of
 from steelyard.logs.size import check_unpacked
-from steelyard.logs.topic_table import log_of_topic
 
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
@@ -89,7 +89,15 @@ def recording_of(path: Path, file: IO[bytes]) -> Recording:
         schema = contents.schemas.get(channel.schema_id)
         topics[channel.topic] = schema.name if schema and schema.name else channel.message_encoding
     whole = spanned(block.interval for block in contents.blocks)
-    return Recording(path, topics, whole, contents.messages, contents.decoder)
+    return Recording(
+        path,
+        topics,
+        whole,
+        contents.messages,
+        sum(block.size for block in contents.blocks),
+        lambda: contents.last.bytes_read,
+        contents.decoder,
+    )
 
 
 class _Head(NamedTuple):
@@ -129,6 +137,7 @@ class _Contents:
     blocks: list[_Block] = field(default_factory=list)
     held: dict[int, set[int]] = field(default_factory=dict)
     """Place of a chunk -> channels in it, where the file says so."""
+    last: LastBlock = field(default_factory=LastBlock)
 
     def look_through(self) -> None:
         """Find chunks, channels and schemas; nothing is unpacked yet.
@@ -228,6 +237,9 @@ class _Contents:
         return _Block(Interval(start, end), place, packed, compression, size, crc)
 
     def _read(self, block: _Block) -> bytes:
+        return self.last.read(block.place, lambda: self._unpacked(block))
+
+    def _unpacked(self, block: _Block) -> bytes:
         self.file.seek(block.place)
         data = unpacked(self.file.read(block.length), block.compression, block.size)
         if block.crc and zlib.crc32(data) != block.crc:

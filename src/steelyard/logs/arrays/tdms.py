@@ -13,10 +13,10 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
+from steelyard.logs.arrays.nested import Arrays, Key, Source, is_number
+from steelyard.logs.arrays.subprocess_reader import opened_in_subprocess, serve
 from steelyard.logs.log import Log
-from steelyard.logs.nested import Arrays, Key, Source, is_number
 from steelyard.logs.packages import require_package
-from steelyard.logs.subprocess_reader import opened_in_subprocess, serve
 from steelyard.units import is_unit
 
 _WHAT = "a TDMS file"

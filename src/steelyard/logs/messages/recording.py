@@ -56,6 +56,10 @@ class Recording:
     messages: Callable[[str, Interval | None], Iterator[Message]]
     """Those of a topic that were received within an interval (None: all), in this order. What is
     outside of it is skipped without being unpacked, as far as the format has an index."""
+    size: int
+    """Bytes of all sections, unpacked."""
+    bytes_read: Callable[[], int]
+    """Unpacked so far."""
     decoder: Callable[[int], Decoder]
     """Of a channel; raises InputError if its messages cannot be read, and ValueError if their type
     cannot."""

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from steelyard.logs.cells import Decimal, is_instant, is_missing, is_number
+from steelyard.logs.text.cells import Decimal, is_instant, is_missing, is_number
 
 SEPARATORS = (",", ";", "\t", "|", " ")
 _DECLARED = re.compile(r"sep=([^\w\s\"]|\t)\s*", re.IGNORECASE | re.ASCII)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.logs.dialect import split
+from steelyard.logs.text.dialect import split
 
 Lines = NDArray[np.int64]
 """Numbers of the lines that rows stand in, shape (n,)."""

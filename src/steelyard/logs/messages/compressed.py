@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+from collections.abc import Callable
 
 LARGEST_BLOCK = 1 << 28
 """Bytes of a block, unpacked; recorders write a few millions."""
@@ -57,3 +58,20 @@ def _zstd(data: bytes, size: int) -> bytes:
 
 
 _UNPACK = {"lz4": _lz4, "bz2": _bz2, "zstd": _zstd}
+
+
+class LastBlock:
+    """The block that was unpacked last: a search looks at the same one again and again."""
+
+    def __init__(self) -> None:
+        self.bytes_read = 0
+        """Unpacked so far."""
+        self._place, self._data = -1, b""
+
+    def read(self, place: int, unpack: Callable[[], bytes]) -> bytes:
+        """The block at a place of the file."""
+        if place != self._place:
+            data = unpack()
+            self.bytes_read += len(data)
+            self._place, self._data = place, data
+        return self._data

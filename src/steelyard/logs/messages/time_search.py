@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from steelyard.logs.messages import Interval
+from steelyard.logs.messages.recording import Interval
 
 _MARGIN = 10**9
 """How close the bisection comes, and how much is read on either side: messages of one sender may

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from steelyard.logs.cells import is_missing
-from steelyard.logs.dialect import Dialect
+from steelyard.logs.text.cells import is_missing
+from steelyard.logs.text.dialect import Dialect
 
 _FILETIME = 16
 """Digits of times of TwinCAT that are ticks since 1601 instead of milliseconds."""

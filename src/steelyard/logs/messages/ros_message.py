@@ -11,9 +11,9 @@ import struct
 from collections.abc import Callable
 from typing import Any
 
-from steelyard.logs.messages import Decoder, Values
-from steelyard.logs.nested import MOST_ELEMENTS
-from steelyard.logs.ros_types import TIMES, Types, full_name
+from steelyard.logs.arrays.nested import MOST_ELEMENTS
+from steelyard.logs.messages.recording import Decoder, Values
+from steelyard.logs.messages.ros_types import TIMES, Types, full_name
 
 _CODES = {
     "bool": "?",

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.logs.hdf5 import sources_of
-from steelyard.logs.log import Log
-from steelyard.logs.nested import (
+from steelyard.logs.arrays.hdf5 import sources_of
+from steelyard.logs.arrays.nested import (
     MOST_ELEMENTS,
     Arrays,
     Key,
@@ -23,9 +22,14 @@ from steelyard.logs.nested import (
     is_number,
     with_rows_first,
 )
+from steelyard.logs.arrays.subprocess_reader import (
+    opened_in_subprocess,
+    serve,
+    topics_in_subprocess,
+)
+from steelyard.logs.log import Log
 from steelyard.logs.packages import listed, require_package
 from steelyard.logs.size import check_unpacked
-from steelyard.logs.subprocess_reader import opened_in_subprocess, serve, topics_in_subprocess
 
 _WHAT = "a MATLAB file"
 _INTEGERS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}

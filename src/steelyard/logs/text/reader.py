@@ -12,15 +12,15 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.logs.cells import MISSING, as_instants, as_numbers, stripped
-from steelyard.logs.dialect import dialect_of
 from steelyard.logs.frames import as_array
-from steelyard.logs.header import header_of
-from steelyard.logs.log import MOST_COLUMNS, Log, Part
-from steelyard.logs.plain import pieces, readable
-from steelyard.logs.rows import Lines, RowForm, ShortRows, separated, sound_rows, unquoted
+from steelyard.logs.log import MOST_COLUMNS, Log, RowRange
 from steelyard.logs.size import check_unpacked
 from steelyard.logs.table import Table
+from steelyard.logs.text.cells import MISSING, as_instants, as_numbers, stripped
+from steelyard.logs.text.dialect import dialect_of
+from steelyard.logs.text.header import header_of
+from steelyard.logs.text.plain import pieces, readable
+from steelyard.logs.text.rows import Lines, RowForm, ShortRows, separated, sound_rows, unquoted
 
 if TYPE_CHECKING:
     import polars as pl
@@ -72,7 +72,7 @@ class _TextTable:
         # Names for Polars: those of the file may be quoted, padded, empty or there twice.
         self.places = [f"c{j}" for j in range(self.form.most)]
 
-    def load(self, names: Sequence[str], part: Part | None, rows: int | None) -> Table:
+    def load(self, names: Sequence[str], part: RowRange | None, rows: int | None) -> Table:
         """See :attr:`Log.load`."""
         names = list(dict.fromkeys(names))
         wanted = list(
@@ -103,7 +103,7 @@ class _TextTable:
         most = _RATIO * self.size // (8 * columns)
         return max(min(int(1.05 * rows / share), most), 3 * rows // 2)
 
-    def line_of(self, row: int, part: Part | None) -> int:
+    def line_of(self, row: int, part: RowRange | None) -> int:
         """See :attr:`Log.line_of`."""
         for _, lines, _ in self._tables([], part):
             if row < len(lines):
@@ -112,7 +112,7 @@ class _TextTable:
         raise InputError(f"{self.path}: expected the file as it was, found it changed; start again")
 
     def _tables(
-        self, names: Sequence[str], part: Part | None
+        self, names: Sequence[str], part: RowRange | None
     ) -> Iterator[tuple[Array, Lines, float]]:
         """Columns of the rows of a part, shape (n, k), piece by piece, with their lines and how
         much of the file has been read.

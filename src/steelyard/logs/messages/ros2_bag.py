@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from steelyard.errors import InputError
-from steelyard.logs import mcap
-from steelyard.logs.compressed import MOST_UNPACKED
-from steelyard.logs.messages import Decoder, Interval, Message, Recording, spanned
+from steelyard.logs.messages import mcap
+from steelyard.logs.messages.compressed import MOST_UNPACKED
+from steelyard.logs.messages.recording import Decoder, Interval, Message, Recording, spanned
+from steelyard.logs.messages.ros_message import cdr_decoder
+from steelyard.logs.messages.ros_types import types_of
 from steelyard.logs.packages import listed, require_package, shown
-from steelyard.logs.ros_message import cdr_decoder
-from steelyard.logs.ros_types import types_of
 from steelyard.logs.size import check_unpacked
 from steelyard.yaml_file import read_yaml, require_file
 
@@ -114,7 +114,15 @@ def _joined(path: Path, recordings: list[Recording]) -> Recording:
         return recording.decoder(number)
 
     whole = spanned(recording.interval for recording in recordings)
-    return Recording(path, topics, whole, messages, decoder)
+    return Recording(
+        path,
+        topics,
+        whole,
+        messages,
+        sum(recording.size for recording in recordings),
+        lambda: sum(recording.bytes_read() for recording in recordings),
+        decoder,
+    )
 
 
 @contextmanager
@@ -131,7 +139,15 @@ def _database(path: Path) -> Iterator[Recording]:
         except (sqlite3.Error, ValueError) as error:  # the latter of names that are no text
             raise _damaged(path, error) from None
         topics = {topic.name: topic.type for topic in database.topics.values()}
-        yield Recording(path, topics, database.interval, database.messages, database.decoder)
+        yield Recording(
+            path,
+            topics,
+            database.interval,
+            database.messages,
+            path.stat().st_size,
+            lambda: database.bytes_read,
+            database.decoder,
+        )
     finally:
         connection.close()
 
@@ -174,6 +190,7 @@ class _Database:
         self.topics: dict[int, _Topic] = {}
         self.definitions: dict[str, tuple[str, str]] = {}
         self.interval: Interval | None = None
+        self.bytes_read = 0
         self._size = path.stat().st_size
         self._steps = 0
         connection.set_progress_handler(self._is_too_long, _STEPS)
@@ -236,6 +253,7 @@ class _Database:
                 if not isinstance(received, int) or not isinstance(data, bytes):
                     raise _damaged(self.path, ValueError("a message that is no bytes with a time"))
                 read += _LEAST_MESSAGE + len(data)
+                self.bytes_read += len(data)
                 check_unpacked(self.path, read, self._size, always=MOST_UNPACKED)
                 yield Message(received, None, number, data)
         except (sqlite3.Error, ValueError, OverflowError) as error:

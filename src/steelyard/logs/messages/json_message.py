@@ -6,8 +6,8 @@ import json
 from collections.abc import Iterable
 from typing import Any
 
-from steelyard.logs.messages import Values
-from steelyard.logs.nested import MOST_ELEMENTS
+from steelyard.logs.arrays.nested import MOST_ELEMENTS
+from steelyard.logs.messages.recording import Values
 
 _STAMPS = ({"sec", "nanosec"}, {"sec", "nsec"}, {"secs", "nsecs"}, {"seconds", "nanoseconds"})
 """Keys of a time or a duration in whole seconds and nanoseconds."""

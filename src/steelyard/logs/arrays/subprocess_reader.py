@@ -20,8 +20,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.logs.log import Log, Part
-from steelyard.logs.nested import Arrays
+from steelyard.logs.arrays.nested import Arrays
+from steelyard.logs.log import Log, RowRange
 from steelyard.logs.packages import shown
 
 _SECONDS, _BYTES_PER_SECOND = 6, 5_000_000
@@ -92,7 +92,9 @@ class _Subprocess:
             raise InputError(answer["error"])
         return answer
 
-    def load(self, names: Sequence[str], part: Part | None, rows: int | None) -> dict[str, Array]:
+    def load(
+        self, names: Sequence[str], part: RowRange | None, rows: int | None
+    ) -> dict[str, Array]:
         """See :attr:`Log.load`."""
         assert self.process.stdout is not None
         unique = list(dict.fromkeys(names))
@@ -158,7 +160,7 @@ def serve(
 
 def _answer_rows(out: IO[bytes], log: Log, request: Mapping[str, Any]) -> None:
     """Columns of a part of a log, as :meth:`_Subprocess.load` asks for them."""
-    part = Part(**request["part"]) if request["part"] else None
+    part = RowRange(**request["part"]) if request["part"] else None
     try:
         columns = log.load(request["names"], part, request["rows"])
     except InputError as error:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.logs.log import Log, Part
+from steelyard.logs.log import Log, RowRange
 from steelyard.logs.packages import MOST_LISTED, listed, shown
 from steelyard.logs.size import check_unpacked
 
@@ -201,7 +201,7 @@ class _Columns:
     columns: Mapping[str, tuple[Source, tuple[int, ...]]]
 
     def load(
-        self, names: Sequence[str], part: Part | None, rows: int | None
+        self, names: Sequence[str], part: RowRange | None, rows: int | None
     ) -> Mapping[str, Array]:
         """See :attr:`Log.load`."""
         wanted = list(dict.fromkeys([*names, *([part.column] if part else [])]))

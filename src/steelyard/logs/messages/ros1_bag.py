@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import IO
 
 from steelyard.errors import InputError
-from steelyard.logs.compressed import LARGEST_BLOCK, MOST_UNPACKED, unpacked
-from steelyard.logs.messages import (
+from steelyard.logs.messages.compressed import LARGEST_BLOCK, MOST_UNPACKED, LastBlock, unpacked
+from steelyard.logs.messages.recording import (
     Decoder,
     FileSection,
     Interval,
@@ -26,9 +26,9 @@ from steelyard.logs.messages import (
     in_time_order,
     spanned,
 )
+from steelyard.logs.messages.ros_message import ros1_decoder
+from steelyard.logs.messages.ros_types import full_name, types_of
 from steelyard.logs.packages import require_package, shown
-from steelyard.logs.ros_message import ros1_decoder
-from steelyard.logs.ros_types import full_name, types_of
 from steelyard.logs.size import check_unpacked
 
 _MAGIC = b"#ROSBAG V2.0\n"
@@ -58,7 +58,15 @@ def opened(path: Path) -> Iterator[Recording]:
             raise _damaged(path, error) from None
         topics = {each.topic: full_name(each.type) for each in bag.connections.values()}
         whole = spanned(chunk.interval for chunk in bag.chunks)
-        yield Recording(path, topics, whole, bag.messages, bag.decoder)
+        yield Recording(
+            path,
+            topics,
+            whole,
+            bag.messages,
+            sum(chunk.size for chunk in bag.chunks),
+            lambda: bag.last.bytes_read,
+            bag.decoder,
+        )
 
 
 @dataclass(frozen=True)
@@ -90,6 +98,7 @@ class _Bag:
         self.size = os.fstat(file.fileno()).st_size
         self.connections: dict[int, _Connection] = {}
         self.chunks: list[_Chunk] = []
+        self.last = LastBlock()
 
     def look_through(self) -> None:
         """Find connections and chunks by the index at the end; nothing is unpacked yet.
@@ -149,10 +158,9 @@ class _Bag:
 
     def _messages(self, chunk: _Chunk, wanted: set[int]) -> list[Message]:
         """Messages of some connections in a chunk."""
-        self.file.seek(chunk.place)
         found = []
         try:
-            block = unpacked(self.file.read(chunk.length), chunk.compression, chunk.size)
+            block = self.last.read(chunk.place, lambda: self._unpacked(chunk))
             place = 0
             while place < len(block):
                 fields, place = _header(block, place)
@@ -169,6 +177,10 @@ class _Bag:
         except (ValueError, KeyError, IndexError, struct.error) as error:
             raise _damaged(self.path, error) from None
         return found
+
+    def _unpacked(self, chunk: _Chunk) -> bytes:
+        self.file.seek(chunk.place)
+        return unpacked(self.file.read(chunk.length), chunk.compression, chunk.size)
 
     def _fields(self, kind: int) -> Fields:
         """Header of the record of a kind that stands here; its data are next."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from steelyard.errors import InputError
-from steelyard.logs.cells import is_missing
-from steelyard.logs.dialect import SEPARATORS, Dialect, split
-from steelyard.logs.exporters import motive_units, scope_columns
+from steelyard.logs.text.cells import is_missing
+from steelyard.logs.text.dialect import SEPARATORS, Dialect, split
+from steelyard.logs.text.exporters import motive_units, scope_columns
 from steelyard.units import is_unit
 
 _COMMENT = re.compile(r"\s*(#|%|//)+\s*")

@@ -12,11 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.logs.arrays.nested import Arrays, Key, Source, is_number, is_row
+from steelyard.logs.arrays.subprocess_reader import (
+    opened_in_subprocess,
+    serve,
+    topics_in_subprocess,
+)
 from steelyard.logs.log import Log
-from steelyard.logs.nested import Arrays, Key, Source, is_number, is_row
 from steelyard.logs.packages import require_package
 from steelyard.logs.size import check_unpacked
-from steelyard.logs.subprocess_reader import opened_in_subprocess, serve, topics_in_subprocess
 from steelyard.units import is_unit
 
 _WHAT = "an HDF5 file"

@@ -1,0 +1,1 @@
+"""Recordings of messages: MCAP and bags of ROS; one topic is one table."""

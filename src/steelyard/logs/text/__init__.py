@@ -1,0 +1,1 @@
+"""Tables in text files, as exporters of many programs write them."""
