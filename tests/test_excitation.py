@@ -13,24 +13,20 @@ from scipy.spatial.transform import Rotation
 from simulated import EXACT, changed
 
 from steelyard.batch import Batched
-from steelyard.excitation.cable_vibration import CableVibration
-from steelyard.excitation.commanded_state import COMMAND, COMMAND_WITH_JERK, motion_of
-from steelyard.excitation.evaluation import (
-    evaluate_motions,
-    fit_noise_free,
-    highest_frequency,
-    natural_frequencies,
-)
-from steelyard.excitation.linearisation_point import (
+from steelyard.excitation.command.commanded_state import COMMAND, COMMAND_WITH_JERK, motion_of
+from steelyard.excitation.command.motion_spline import COORDINATES, MotionSpline
+from steelyard.excitation.evaluation import evaluate_motions, highest_frequency
+from steelyard.excitation.information.linearisation_point import (
     LinearisationPoint,
     border_columns,
     prior_information,
 )
-from steelyard.excitation.motion_constraints import Margin, MotionConstraints
-from steelyard.excitation.motion_spline import COORDINATES, MotionSpline
-from steelyard.excitation.optimality_criterion import OptimalityCriterion, Target
-from steelyard.excitation.predicted_information import PredictedInformation
-from steelyard.excitation.search import DesignProblem
+from steelyard.excitation.information.noise_free_fit import fit_noise_free
+from steelyard.excitation.information.optimality_criterion import OptimalityCriterion, Target
+from steelyard.excitation.information.predicted_information import PredictedInformation
+from steelyard.excitation.limits.cable_vibration import CableVibration, natural_frequencies
+from steelyard.excitation.limits.motion_constraints import Margin, MotionConstraints
+from steelyard.excitation.search.design_problem import DesignProblem
 from steelyard.excitation.settings import DEFAULT as SETTINGS
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import DRAG, Calibration
