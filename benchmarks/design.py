@@ -23,13 +23,16 @@ from scipy.interpolate import BSpline
 from verdicts import Recorder
 
 from steelyard.arrays import Array
-from steelyard.excitation.commanded_state import COMMAND
-from steelyard.excitation.evaluation import fit_noise_free
-from steelyard.excitation.linearisation_point import LinearisationPoint, prior_information
-from steelyard.excitation.motion_constraints import Margin, MotionConstraints
-from steelyard.excitation.optimality_criterion import OptimalityCriterion, Target
-from steelyard.excitation.predicted_information import PredictedInformation
-from steelyard.excitation.rest_poses import default_start_pose, with_tension_level
+from steelyard.excitation.command.commanded_state import COMMAND
+from steelyard.excitation.information.linearisation_point import (
+    LinearisationPoint,
+    prior_information,
+)
+from steelyard.excitation.information.noise_free_fit import fit_noise_free
+from steelyard.excitation.information.optimality_criterion import OptimalityCriterion, Target
+from steelyard.excitation.information.predicted_information import PredictedInformation
+from steelyard.excitation.limits.motion_constraints import Margin, MotionConstraints
+from steelyard.excitation.limits.rest_poses import default_start_pose, with_tension_level
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.write import write_yaml
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood

@@ -30,8 +30,7 @@ from steelyard.identification.model.segment import POSE, Rows, basis
 from steelyard.identification.solve import joint_study as study_module
 from steelyard.identification.solve.joint_fit import Fit, State, Task, fit
 from steelyard.identification.solve.joint_motion import fit_jointly
-from steelyard.inertia import TEN
-from steelyard.inertia import LINEAR_PARAMETERS
+from steelyard.inertia import LINEAR_PARAMETERS, TEN
 from steelyard.smoothing import DEGREE
 
 PATIENCE = 300.0

@@ -6,10 +6,10 @@ from functools import cache, cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.inertia import Inertia
 from steelyard.instruments.equations import means, predict
 from steelyard.motion.state import State, motion_of_poses

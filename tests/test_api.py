@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 import steelyard
 from steelyard.errors import SteelyardError
 from steelyard.estimates.estimate import Estimate, Verdict, judge
-from steelyard.excitation.optimality_criterion import Target
+from steelyard.excitation.information.optimality_criterion import Target
 from steelyard.excitation.plan import planned
 from steelyard.identification.identify import AVAILABLE, Identification, chosen_methods
 from steelyard.identification.model.fitted_motion import QUANTITIES, FittedMotion

@@ -9,7 +9,7 @@ import pytest
 
 import steelyard
 from steelyard.bodies.settings import BodySettings
-from steelyard.excitation.rest_poses import workspace_grid
+from steelyard.excitation.limits.rest_poses import workspace_grid
 from steelyard.excitation.settings import DesignSettings
 from steelyard.inertia import Inertia
 from steelyard.motion.limits import CheckSettings, check_times

@@ -110,10 +110,10 @@ KINDS = (ROTATION, RATE, "two gyros", POSITION, SPECIFIC_FORCE)
 def test_readings_are_a_linear_function_of_what_the_other_clock_tells(kind):
     of, by = clocks(Moving(np.array([0.3, 1.1, 2.0])))[kind]
     (relation,) = relations(of, by)
-    assert relation.exact
-    columns = [relation.explain(TIME), relation.beside(TIME), np.ones((len(TIME), 1))]
+    assert relation.linear
+    columns = [relation.other(TIME), relation.own(TIME), np.ones((len(TIME), 1))]
     design = np.hstack(columns)
-    read = relation.samples.values
+    read = relation.response.values
     coefficients = np.linalg.lstsq(design, read, rcond=1e-12)[0]
     left = read - design @ coefficients
     assert np.abs(left).max() < 1e-5 * np.abs(read).max()
@@ -125,6 +125,6 @@ def test_what_explains_has_the_parity_of_what_is_explained(kind):
     of, by = clocks(Moving(np.zeros(3)))[kind]
     (relation,) = relations(of, by)
     sign = -1 if kind in {RATE, "two gyros"} else 1
-    explained = relation.explain(TIME)
+    explained = relation.other(TIME)
     scale = np.abs(explained).max()
     np.testing.assert_allclose(explained[::-1], sign * explained, atol=1e-5 * scale)

@@ -17,12 +17,12 @@ from scipy.signal import find_peaks
 from time_limits import HANGS
 
 from steelyard.errors import InputError
-from steelyard.excitation.cable_vibration import dunkerley_sum_at
 from steelyard.excitation.design import design
-from steelyard.excitation.evaluation import highest_frequency, natural_frequencies
-from steelyard.excitation.motion_constraints import Margin
-from steelyard.excitation.search import DesignProblem
-from steelyard.excitation.verification import bodies_within, verify
+from steelyard.excitation.evaluation import highest_frequency
+from steelyard.excitation.limits.cable_vibration import dunkerley_sum_at, natural_frequencies
+from steelyard.excitation.limits.motion_constraints import Margin
+from steelyard.excitation.limits.verification import bodies_within, verify
+from steelyard.excitation.search.design_problem import DesignProblem
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.write import write_experiment, write_yaml
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
@@ -45,7 +45,7 @@ EXACT = {"anchor": 0.0, "attachment": 0.0, "gravity": 0.0}
 QUICK = ["--duration", "8", "--budget", "44", "--processes", "1"]
 """Short motions, one start."""
 WITHOUT_HASTE = """
-from steelyard.excitation.search import DesignProblem
+from steelyard.excitation.search.design_problem import DesignProblem
 search = DesignProblem.search
 DesignProblem.search = lambda self, start, *, seconds, **further: search(self, start, seconds=1e4, **further)
 """

@@ -13,24 +13,20 @@ from scipy.spatial.transform import Rotation
 from simulated import EXACT, changed
 
 from steelyard.batch import Batched
-from steelyard.excitation.cable_vibration import CableVibration
-from steelyard.excitation.commanded_state import COMMAND, COMMAND_WITH_JERK, motion_of
-from steelyard.excitation.evaluation import (
-    evaluate_motions,
-    fit_noise_free,
-    highest_frequency,
-    natural_frequencies,
-)
-from steelyard.excitation.linearisation_point import (
+from steelyard.excitation.command.commanded_state import COMMAND, COMMAND_WITH_JERK, motion_of
+from steelyard.excitation.command.motion_spline import COORDINATES, MotionSpline
+from steelyard.excitation.evaluation import evaluate_motions, highest_frequency
+from steelyard.excitation.information.linearisation_point import (
     LinearisationPoint,
     border_columns,
     prior_information,
 )
-from steelyard.excitation.motion_constraints import Margin, MotionConstraints
-from steelyard.excitation.motion_spline import COORDINATES, MotionSpline
-from steelyard.excitation.optimality_criterion import OptimalityCriterion, Target
-from steelyard.excitation.predicted_information import PredictedInformation
-from steelyard.excitation.search import DesignProblem
+from steelyard.excitation.information.noise_free_fit import fit_noise_free
+from steelyard.excitation.information.optimality_criterion import OptimalityCriterion, Target
+from steelyard.excitation.information.predicted_information import PredictedInformation
+from steelyard.excitation.limits.cable_vibration import CableVibration, natural_frequencies
+from steelyard.excitation.limits.motion_constraints import Margin, MotionConstraints
+from steelyard.excitation.search.design_problem import DesignProblem
 from steelyard.excitation.settings import DEFAULT as SETTINGS
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import DRAG, Calibration
@@ -38,8 +34,7 @@ from steelyard.identification.model.calibration_parameters import ROBOT as FILE
 from steelyard.identification.model.force_residuals import Forces, balance_of, force_residuals
 from steelyard.identification.model.motion_residuals import Tally, holding_rows
 from steelyard.identification.model.segment import POSE, accumulate, banded_product
-from steelyard.inertia import TEN
-from steelyard.inertia import Inertia, body_jacobian
+from steelyard.inertia import TEN, Inertia, body_jacobian
 from steelyard.instruments import Length, Wrench
 from steelyard.instruments.equations import linearised, predict
 from steelyard.motion.state import State, motion_of_poses

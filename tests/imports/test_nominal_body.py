@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.imports.description import Body
+from steelyard.imports.description import DescribedBody as Body
 from steelyard.imports.nominal_body import nominal_body
 
 RNG = np.random.default_rng(5)

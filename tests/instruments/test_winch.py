@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from simulated import EXACT, PAPER, changed
 from steelyard.identification.model.balance import balance, shared_noise, whitener
-from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run, Stream
@@ -25,6 +24,7 @@ from steelyard.identification.methods.maximum_likelihood import MaximumLikelihoo
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.model.calibration_parameters import Calibration, gather
 from steelyard.identification.model.preparation import prepare
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.verdict.prediction import predict_held_out
 from steelyard.instruments import Pose, Tension
 from steelyard.instruments.equations import (

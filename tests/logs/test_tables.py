@@ -5,7 +5,7 @@ import pytest
 
 from steelyard.errors import InputError
 from steelyard.logs.log import Log, NoRowsError, Part
-from steelyard.logs.nested import Source, log_of_arrays, with_rows_first
+from steelyard.logs.nested import Arrays, Source, with_rows_first
 from steelyard.logs.table import table_of
 
 COLUMNS = {"t": np.arange(4.0), "x": np.array([1.0, np.nan, 3.0, 4.0]), "y": np.ones(4)}
@@ -76,7 +76,7 @@ def source(values):
 def test_elements_of_arrays_are_columns(tmp_path):
     force, pose = np.arange(6.0).reshape(3, 2), np.arange(12.0).reshape(3, 2, 2)
     tree = {("run", "force"): source(force), ("run", "pose"): source(pose)}
-    found = log_of_arrays(tmp_path, tree, None, what="groups")
+    found = Arrays(tmp_path, tree).log(None)
     assert set(found.names) == {"force[0]", "force[1]"} | {
         f"pose[{i}][{j}]" for i in range(2) for j in range(2)
     }
@@ -88,8 +88,8 @@ def test_elements_of_arrays_are_columns(tmp_path):
 def test_one_of_several_groups_is_named(tmp_path):
     tree = {("a", "x"): source(np.ones(3)), ("b", "x"): source(np.zeros(3))}
     with pytest.raises(InputError, match="found a, b"):
-        log_of_arrays(tmp_path, tree, None, what="groups")
-    assert log_of_arrays(tmp_path, tree, "b", what="groups").read(["x"])["x"].sum() == 0
+        Arrays(tmp_path, tree).log(None)
+    assert Arrays(tmp_path, tree).log("b").read(["x"])["x"].sum() == 0
 
 
 def test_a_row_vector_is_a_column():
@@ -101,4 +101,4 @@ def test_a_row_vector_is_a_column():
 
 def test_images_are_left_out_by_name(tmp_path):
     with pytest.raises(InputError, match="left out: camera: more than 1000 numbers at an instant"):
-        log_of_arrays(tmp_path, {("camera",): source(np.ones((2, 40, 40)))}, None, what="groups")
+        Arrays(tmp_path, {("camera",): source(np.ones((2, 40, 40)))}).log(None)

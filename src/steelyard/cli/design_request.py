@@ -14,12 +14,12 @@ from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
 from steelyard.estimates.estimate_file import read_estimates
 from steelyard.excitation.design_file import RATE
-from steelyard.excitation.design_set_up import designed_body
 from steelyard.excitation.evaluation import MotionEvaluation, evaluate_motions
-from steelyard.excitation.motion_constraints import Margin, MotionConstraints
-from steelyard.excitation.optimality_criterion import Target
+from steelyard.excitation.information.optimality_criterion import Target
+from steelyard.excitation.limits.motion_constraints import Margin, MotionConstraints
+from steelyard.excitation.limits.rest_poses import with_tension_level
 from steelyard.excitation.plan import is_experiment, planned
-from steelyard.excitation.rest_poses import with_tension_level
+from steelyard.excitation.search.design_set_up import designed_body
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood

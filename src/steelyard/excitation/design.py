@@ -12,7 +12,15 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.digits import LABELS
 from steelyard.display import Display
-from steelyard.excitation.design_set_up import (
+from steelyard.excitation.evaluation import MotionEvaluation, evaluate_motions
+from steelyard.excitation.information.linearisation_point import prior_information
+from steelyard.excitation.information.optimality_criterion import OptimalityCriterion, Target
+from steelyard.excitation.limits.motion_constraints import Margin
+from steelyard.excitation.limits.rest_poses import with_pose_limits
+from steelyard.excitation.limits.verification import Verified
+from steelyard.excitation.plan import planned
+from steelyard.excitation.search.design_problem import DesignProblem, SearchResult
+from steelyard.excitation.search.design_set_up import (
     MotionFamily,
     check_direct_move,
     designed_body,
@@ -21,17 +29,9 @@ from steelyard.excitation.design_set_up import (
     random_start,
     shared_information,
 )
-from steelyard.excitation.evaluation import MotionEvaluation, evaluate_motions
-from steelyard.excitation.feasible_motion import feasible_motion
-from steelyard.excitation.linearisation_point import prior_information
-from steelyard.excitation.motion_constraints import Margin
-from steelyard.excitation.multi_start import MultiStartProgress, multi_start
-from steelyard.excitation.optimality_criterion import OptimalityCriterion, Target
-from steelyard.excitation.plan import planned
-from steelyard.excitation.rest_poses import with_pose_limits
-from steelyard.excitation.search import DesignProblem, SearchResult
+from steelyard.excitation.search.feasible_motion import feasible_motion
+from steelyard.excitation.search.multi_start import MultiStartProgress, multi_start
 from steelyard.excitation.settings import DEFAULT, DesignSettings
-from steelyard.excitation.verification import Verified
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import CalibrationParameters
 from steelyard.identification.solve.bound import known_information

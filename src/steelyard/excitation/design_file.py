@@ -13,8 +13,8 @@ from steelyard.arrays import Array
 from steelyard.estimates.estimate import named, plain
 from steelyard.excitation.design import Design
 from steelyard.excitation.evaluation import MotionEvaluation
-from steelyard.excitation.noise_free_recording import tensions_near_level
-from steelyard.excitation.verification import Verified, times_of
+from steelyard.excitation.information.noise_free_recording import tensions_near_level
+from steelyard.excitation.limits.verification import Verified, times_of
 from steelyard.experiment.model import Stream
 from steelyard.experiment.write import write_stream
 from steelyard.inertia import BODY_PARAMETERS

@@ -10,25 +10,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.errors import InfeasibleError, InputError
 from steelyard.estimates.estimate import Estimate
-from steelyard.excitation.linearisation_point import LinearisationPoint, prior_information
-from steelyard.excitation.motion_constraints import Margin
-from steelyard.excitation.noise_free_recording import with_noise_free_runs
-from steelyard.excitation.optimality_criterion import Target
-from steelyard.excitation.predicted_information import PredictedInformation
+from steelyard.excitation.information.linearisation_point import (
+    LinearisationPoint,
+    prior_information,
+)
+from steelyard.excitation.information.noise_free_fit import fit_noise_free
+from steelyard.excitation.information.optimality_criterion import Target
+from steelyard.excitation.information.predicted_information import PredictedInformation
+from steelyard.excitation.limits.cable_vibration import natural_frequencies
+from steelyard.excitation.limits.motion_constraints import Margin
+from steelyard.excitation.limits.verification import Verified, times_of, verify
 from steelyard.excitation.settings import DEFAULT, DesignSettings
-from steelyard.excitation.verification import Verified, times_of, verify
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.bound import known_information
-from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.inertia import BODY_PARAMETERS, TEN, body_jacobian
 from steelyard.motion.trajectory import Trajectory
-from steelyard.robot.model import Robot
-from steelyard.simulation.forward_dynamics import CablePlatform
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,29 +82,6 @@ class InformationShares:
     share: Array
     """Part of the information on each of the ten that comes from around each instant [1/s], shape
     (n, 10); over all runs its integral is 1, less the part of the priors."""
-
-
-def fit_noise_free(
-    experiment: Experiment,
-    trajectories: Mapping[str, Trajectory],
-    level: float,
-    progress: Progress = None,
-    *,
-    settings: DesignSettings = DEFAULT,
-) -> Posterior:
-    """The joint fit of maximum likelihood to noise-free recordings of motions.
-
-    Raises:
-        InputError: The instruments cannot identify anything, or lack a rate or a noise.
-    """
-    recorded = with_noise_free_runs(experiment, trajectories, level, settings)
-    try:
-        return fit_jointly(recorded, progress)
-    except NoBalanceError as error:
-        raise InputError(
-            f"{experiment.source or experiment.name}: expected instruments and a motion that"
-            f" identify something of the body, found that {error}"
-        ) from None
 
 
 def evaluate_motions(
@@ -222,19 +198,6 @@ def _information_shares(
         share = own.shares(terms[name], directions) / variance / step
         found[name] = InformationShares(own.times, share)
     return found
-
-
-def natural_frequencies(robot: Robot, pose: Array, level: float) -> Array:
-    """Of the platform on its elastic cables, ascending [Hz], shape (6,); empty where their
-    stiffness is not known.
-    """
-    elastic = robot.m >= 6 and robot.cable.axial_stiffness
-    if not (elastic and robot.platform and robot.platform.is_physical):
-        return np.zeros(0)
-    try:
-        return CablePlatform(robot, robot.platform).natural_frequencies(pose, level)
-    except InfeasibleError:
-        return np.zeros(0)
 
 
 def highest_frequency(trajectory: Trajectory, settings: DesignSettings = DEFAULT) -> float:

@@ -160,7 +160,8 @@ class DesignSettings:
     power_share: float = 0.99
     """Part of the power of the accelerations below the highest frequency that is reported."""
     sag_iterations: int = 3
-    """Of tensions and sag, which depend on each other."""
+    """Of tensions and sag, which depend on each other: three leave less than 1e-4 of the wrench on
+    CoGiRo."""
     command_rate: float = 100.0
     """Of a command that states none [Hz]."""
 

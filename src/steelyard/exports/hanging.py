@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array, readonly
 from steelyard.dynamics import platform_wrench
 from steelyard.errors import InfeasibleError, InputError
-from steelyard.excitation.rest_poses import workspace_grid
+from steelyard.excitation.limits.rest_poses import workspace_grid
 from steelyard.inertia import Inertia
 from steelyard.robot import cable
 from steelyard.robot.kinematics import attachments_at, cables_at

@@ -12,7 +12,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.digits import LABELS
 from steelyard.excitation.evaluation import InformationShares, MotionEvaluation
-from steelyard.excitation.verification import Verified
+from steelyard.excitation.limits.verification import Verified
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.motion.limits import Use
 from steelyard.report.document import Grid, Statement

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 from simulated import BODY, PAPER, RECORDER, TRUTH, changed, moving, sound, studied
-from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.bodies.mass_region import Box, Ellipsoid
 from steelyard.errors import InputError
 from steelyard.identification.methods.consistent import Consistent
 from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.inertia import Inertia, body_jacobian
 
 pytestmark = pytest.mark.integration

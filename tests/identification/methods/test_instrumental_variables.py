@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, kstest
 from simulated import PAPER, RECORDER, TRUTH, changed, sound, studied, without
-from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.identification.methods.instrumental_variables import (
     InstrumentalVariables,
@@ -15,6 +14,7 @@ from steelyard.identification.methods.instrumental_variables import (
     independent_sources,
 )
 from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.normal_equations import TEN, Prior, Rows, solve, sums_of
 from steelyard.inertia import Inertia
 

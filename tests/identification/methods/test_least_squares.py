@@ -24,13 +24,13 @@ from simulated import (
     without,
 )
 from steelyard.identification.model.balance import force_sigma, least_sigma
-from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.solve import long_recording
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
 pytestmark = pytest.mark.integration

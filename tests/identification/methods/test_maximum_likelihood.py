@@ -8,7 +8,6 @@ import polars as pl
 import pytest
 from scipy.stats import chi2
 from simulated import IDEAL, PAPER, RECORDER, ROBOT, TRUTH, changed, pair, sound
-from steelyard.identification.solve.joint_motion import fit_jointly
 
 from steelyard.experiment.model import Stream
 from steelyard.experiment.read import read_experiment
@@ -16,6 +15,7 @@ from steelyard.identification.identify import identify
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.solve.bound import cramer_rao
+from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.instruments import Attitude, Length, Pose
 
 pytestmark = pytest.mark.integration

@@ -21,7 +21,6 @@ from simulated import (
     pair_studied,
     studied,
 )
-from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run, Stream
@@ -30,6 +29,7 @@ from steelyard.identification.model.calibration_parameters import Calibration, g
 from steelyard.identification.model.force_residuals import Forces
 from steelyard.identification.model.motion_residuals import Reading, Segment
 from steelyard.identification.solve.bound import attainable, cramer_rao
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian
 from steelyard.instruments import Imu, Position, Tension
 from steelyard.motion.trajectory import multisine

@@ -21,10 +21,10 @@ from simulated import (
     studied,
     with_stream,
 )
-from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.model.calibration_parameters import LAG
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.verdict.assessment import (
     FAMILY,
     directed_tests,

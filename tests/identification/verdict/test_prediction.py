@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from simulated import BODY, RECORDER, TRUTH, Recorder, pair, with_stream
-from steelyard.identification.solve.held_motion import fit_with_held_motion
 
 from steelyard.errors import InputError
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.verdict.prediction import AXES, predict_held_out
 from steelyard.inertia import Inertia
 

@@ -17,17 +17,20 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 
 from steelyard.arrays import Array
-from steelyard.excitation.cable_vibration import CableVibration
-from steelyard.excitation.commanded_state import COMMAND
-from steelyard.excitation.ipopt_callbacks import (
+from steelyard.excitation.command.commanded_state import COMMAND
+from steelyard.excitation.command.motion_spline import MotionSpline, SplineSamples
+from steelyard.excitation.information.optimality_criterion import OptimalityCriterion
+from steelyard.excitation.information.predicted_information import (
+    InformationTerms,
+    PredictedInformation,
+)
+from steelyard.excitation.limits.cable_vibration import CableVibration
+from steelyard.excitation.limits.motion_constraints import MotionConstraints
+from steelyard.excitation.search.ipopt_callbacks import (
     EvaluatedProgramme,
     SearchProgress,
     SolverFunctions,
 )
-from steelyard.excitation.motion_constraints import MotionConstraints
-from steelyard.excitation.motion_spline import MotionSpline, SplineSamples
-from steelyard.excitation.optimality_criterion import OptimalityCriterion
-from steelyard.excitation.predicted_information import InformationTerms, PredictedInformation
 from steelyard.excitation.settings import DEFAULT, DesignSettings
 
 _LEAST_SECONDS = 0.1

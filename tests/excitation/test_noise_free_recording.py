@@ -1,18 +1,18 @@
-"""Tensions in thought, against the wrench that they must exert and SciPy's constrained minimum."""
+"""Tensions of noise-free recordings, against the wrench that they must exert and SciPy's constrained minimum."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from steelyard.excitation.poses import places, within_bounds
-from steelyard.excitation.rehearsal import held_tensions
 
+from steelyard.excitation.information.noise_free_recording import tensions_near_level
+from steelyard.excitation.limits.rest_poses import with_pose_limits, workspace_grid
 from steelyard.motion.trajectory import multisine
 from steelyard.robot.file import read_robot
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Limits
-from steelyard.simulation.forward_dynamics import ExactMotion
+from steelyard.simulation.response import ExactMotion
 from steelyard.simulation.trajectories import workspace_of
 
 ROBOT = read_robot("cogiro")
@@ -29,7 +29,7 @@ def state_of(robot):
 def test_they_exert_the_wrench(robot, relative):
     """Sag and tension follow each other, three times: what is left is small."""
     state = state_of(robot)
-    tension = held_tensions(robot, state, LEVEL)
+    tension = tensions_near_level(robot, state, LEVEL)
     W = cables_at(robot, state.position, state.rotation, tension).structure
     exerted = np.einsum("nkm,nm->nk", W, tension)
     assert np.abs(exerted - state.wrench).max() < relative * np.abs(state.wrench).max()
@@ -37,7 +37,7 @@ def test_they_exert_the_wrench(robot, relative):
 
 def test_those_of_straight_cables_are_nearest_to_the_level():
     state = state_of(STRAIGHT)
-    tension = held_tensions(STRAIGHT, state, LEVEL)
+    tension = tensions_near_level(STRAIGHT, state, LEVEL)
     W = cables_at(STRAIGHT, state.position, state.rotation, tension).structure
     for i in range(len(tension)):
         nearest = minimize(
@@ -55,8 +55,8 @@ def test_those_of_straight_cables_are_nearest_to_the_level():
         np.testing.assert_allclose(tension[i], nearest.x, atol=1e-3)
 
 
-def test_places_begin_in_the_middle_and_stay_in_the_workspace():
-    poses = places(ROBOT)
+def test_the_grid_begins_in_the_middle_and_stay_in_the_workspace():
+    poses = workspace_grid(ROBOT)
     middle, reach = workspace_of(ROBOT)
     np.testing.assert_array_equal(poses[0], middle)
     np.testing.assert_array_equal(poses[:, 3:], np.tile(middle[3:], (len(poses), 1)))
@@ -69,7 +69,7 @@ def test_places_begin_in_the_middle_and_stay_in_the_workspace():
 def test_a_robot_without_limits_gets_those_of_its_workspace():
     free = replace(ROBOT, limits=Limits())
     middle, reach = workspace_of(free)
-    limits = within_bounds(free).limits
+    limits = with_pose_limits(free).limits
     np.testing.assert_allclose(limits.position, [(middle - reach)[:3], (middle + reach)[:3]])
     np.testing.assert_allclose(limits.rpy, [(middle - reach)[3:], (middle + reach)[3:]])
-    assert within_bounds(ROBOT).limits.position == ROBOT.limits.position
+    assert with_pose_limits(ROBOT).limits.position == ROBOT.limits.position

@@ -10,8 +10,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.excitation.search import DesignProblem, SearchResult
-from steelyard.excitation.verification import Verified, verify
+from steelyard.excitation.limits.verification import Verified, verify
+from steelyard.excitation.search.design_problem import DesignProblem, SearchResult
 from steelyard.experiment.model import Experiment
 
 

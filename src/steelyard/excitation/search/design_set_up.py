@@ -10,19 +10,27 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.excitation.cable_vibration import CableVibration, dunkerley_sum_at
-from steelyard.excitation.evaluation import fit_noise_free, natural_frequencies
-from steelyard.excitation.linearisation_point import (
+from steelyard.excitation.command.motion_spline import COORDINATES, MotionSpline
+from steelyard.excitation.information.linearisation_point import (
     LinearisationPoint,
     border_columns,
     prior_information,
 )
-from steelyard.excitation.motion_constraints import Margin, MotionConstraints
-from steelyard.excitation.motion_spline import COORDINATES, MotionSpline
-from steelyard.excitation.predicted_information import PredictedInformation
-from steelyard.excitation.rest_poses import checked_pose, default_start_pose, with_tension_level
+from steelyard.excitation.information.noise_free_fit import fit_noise_free
+from steelyard.excitation.information.predicted_information import PredictedInformation
+from steelyard.excitation.limits.cable_vibration import (
+    CableVibration,
+    dunkerley_sum_at,
+    natural_frequencies,
+)
+from steelyard.excitation.limits.motion_constraints import Margin, MotionConstraints
+from steelyard.excitation.limits.rest_poses import (
+    checked_pose,
+    default_start_pose,
+    with_tension_level,
+)
+from steelyard.excitation.limits.verification import verify
 from steelyard.excitation.settings import DesignSettings
-from steelyard.excitation.verification import verify
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import CalibrationParameters
 from steelyard.identification.model.motion_residuals import Segment, jerk_matrices

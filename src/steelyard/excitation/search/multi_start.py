@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from steelyard.arrays import Array
-from steelyard.excitation.search import DesignProblem, SearchResult
+from steelyard.excitation.search.design_problem import DesignProblem, SearchResult
 
 MultiStartProgress = Callable[[int, int, float], None]
 """Is given the number of the start, of the step, and the logarithm of the norm reached there."""

@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.excitation.instrument_information import (
+from steelyard.excitation.information.instrument_information import (
     InstrumentInformation,
     instrument_information,
 )
-from steelyard.excitation.linearisation_point import LinearisationPoint
+from steelyard.excitation.information.linearisation_point import LinearisationPoint
 from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.identification.model.motion_residuals import Segment, holding_rows
 from steelyard.identification.model.segment import (

@@ -10,9 +10,9 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.excitation.commanded_state import COMMAND
-from steelyard.excitation.motion_constraints import Margin, MotionConstraints
-from steelyard.excitation.motion_spline import COORDINATES
+from steelyard.excitation.command.commanded_state import COMMAND
+from steelyard.excitation.command.motion_spline import COORDINATES
+from steelyard.excitation.limits.motion_constraints import Margin, MotionConstraints
 from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.robot.model import Robot
 from steelyard.simulation.trajectories import workspace_of

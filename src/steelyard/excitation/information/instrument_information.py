@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler
-from steelyard.excitation.commanded_state import (
+from steelyard.excitation.command.commanded_state import (
     COMMAND_WITH_JERK,
     motion_of,
     state_at,
     structure_at,
     tension_of,
 )
-from steelyard.excitation.linearisation_point import (
+from steelyard.excitation.information.linearisation_point import (
     ForceReadings,
     LinearisationPoint,
     MotionReadings,

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError
-from steelyard.excitation.motion_constraints import Margin
-from steelyard.excitation.noise_free_recording import tensions_near_level
+from steelyard.excitation.information.noise_free_recording import tensions_near_level
+from steelyard.excitation.limits.motion_constraints import Margin
 from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.inertia import Inertia
 from steelyard.instruments import Instrument, Position

@@ -18,7 +18,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler
-from steelyard.excitation.commanded_state import (
+from steelyard.errors import InfeasibleError
+from steelyard.excitation.command.commanded_state import (
     COMMAND,
     commanded_state,
     static_wrench,
@@ -27,6 +28,7 @@ from steelyard.excitation.commanded_state import (
 from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
+from steelyard.simulation.forward_dynamics import CablePlatform
 
 
 def cable_stiffness(robot: Robot, state: State) -> Symbol:
@@ -79,6 +81,19 @@ def dunkerley_sum_at(robot: Robot, pose: Array) -> float:
     """:func:`dunkerley_sum` in a pose x, y, z [m], roll, pitch, yaw [rad]."""
     command = np.concatenate([pose, np.zeros(COMMAND - len(pose))])
     return float(_dunkerley_function(robot)(command=command)["value"].ravel()[0])
+
+
+def natural_frequencies(robot: Robot, pose: Array, level: float) -> Array:
+    """Of the platform on its elastic cables, ascending [Hz], shape (6,); empty where their
+    stiffness is not known.
+    """
+    elastic = robot.m >= 6 and robot.cable.axial_stiffness
+    if not (elastic and robot.platform and robot.platform.is_physical):
+        return np.zeros(0)
+    try:
+        return CablePlatform(robot, robot.platform).natural_frequencies(pose, level)
+    except InfeasibleError:
+        return np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)

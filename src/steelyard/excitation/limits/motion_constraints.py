@@ -17,15 +17,15 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler, point_specific_force, point_velocity
-from steelyard.excitation.cable_vibration import dunkerley_sum
-from steelyard.excitation.commanded_state import (
+from steelyard.excitation.command.commanded_state import (
     COMMAND,
     commanded_state,
     static_wrench,
     structure_at,
     tension_of,
 )
-from steelyard.excitation.motion_spline import COORDINATES
+from steelyard.excitation.command.motion_spline import COORDINATES
+from steelyard.excitation.limits.cable_vibration import dunkerley_sum
 from steelyard.instruments import Instrument, Position
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
