@@ -11,7 +11,6 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from simulated import EXACT, PAPER, changed
-from steelyard.identification.model.balance import balance, shared_noise, whitener
 
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run, Stream
@@ -22,8 +21,6 @@ from steelyard.identification.methods.instrumental_variables import Instrumental
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.two_step import TwoStep
-from steelyard.identification.model.calibration_parameters import Calibration, gather
-from steelyard.identification.model.preparation import prepare
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.verdict.prediction import predict_held_out
 from steelyard.instruments import Pose, Tension
@@ -31,7 +28,6 @@ from steelyard.instruments.equations import (
     following,
     means,
     predict,
-    sensitivity,
     sensitivity_to,
     solve_for,
 )
@@ -505,82 +501,6 @@ def test_sensors_at_the_winch_are_not_taken_for_some_at_the_platform():
     )
     assert abs(right.value[0] - TRUTH[0]) < 4 * right.standard_deviation[0]
     assert heavier.value[0] - TRUTH[0] > 5 * heavier.standard_deviation[0]
-
-
-@cache
-def balanced():
-    """Samples of a recording, with the balance about the frictions that were drawn."""
-    experiment, drawn = recorded(RUBBING, 7)
-    (run,) = experiment.runs
-    calibration_parameters = gather(experiment)
-    values = calibration_parameters.mean.copy()
-    values[calibration_parameters.places["cables", "friction", None]] = drawn["friction"]
-    calibration = Calibration(calibration_parameters, values)
-    samples = prepare(experiment, run, thin=True, calibration=calibration)
-    return balance(experiment, run, samples, calibration, np.full(8, 5.0)), calibration
-
-
-@cache
-def turned():
-    """What a quarter of the noise of the velocities does to tensions behind rollers and to the
-    columns of gains and frictions, drawn often."""
-    at, calibration = balanced()
-    samples, rng = at.samples, np.random.default_rng(9)
-    place = {k: getattr(samples, k) for k in ("position", "rotation", "velocity", "omega")}
-    errors = calibration.of("cables", RUBBING, "run")
-    there = predict(RUBBING, ROBOT, State(**place, tension=samples.tension, **NOTHING), errors)
-    found = []
-    for _ in range(150):
-        noisy = {
-            k: place[k] + samples.noise[k] / 4 * rng.normal(size=place[k].shape)
-            for k in ("velocity", "omega")
-        }
-        tension = solve_for("tension", RUBBING, ROBOT, there, {**place, **noisy}, errors)
-        state = {**place, **noisy, "tension": tension}
-        columns = sensitivity("tension", RUBBING, ROBOT, ("tension",), state, errors)[1]
-        found.append((tension - samples.tension, columns))
-    return found
-
-
-NOTHING = dict.fromkeys(("specific_force", "alpha", "wrench", "gravity"))
-
-
-@pytest.mark.integration
-def test_the_noise_of_velocities_is_in_the_tensions_where_rollers_turn_around():
-    at, _ = balanced()
-    drawn = 16 * np.mean([off**2 for off, _ in turned()], axis=0)
-    turning = at.turnaround > 0.1 * at.turnaround.max()
-    assert 20 < turning.sum() < 0.1 * turning.size
-    np.testing.assert_allclose(at.turnaround[turning].mean(), drawn[turning].mean(), rtol=0.1)
-    np.testing.assert_allclose(at.turnaround.sum(), drawn.sum(), rtol=0.1)
-
-
-def test_that_noise_is_in_the_columns_of_gains_and_frictions_too():
-    at, calibration = balanced()
-    white = whitener(at, np.zeros((6, 6)))
-    usual = np.mean([columns for _, columns in turned()], axis=0)
-    W = white @ at.samples.structure
-    squares = np.einsum("nki,nkj->nij", W, W)
-    expected = 16 * np.mean(
-        [
-            np.einsum("nij,ni,nje->e", squares, off, columns - usual, optimize=True)
-            for off, columns in turned()
-        ],
-        axis=0,
-    )
-    found = shared_noise(at, calibration, white) - shared_noise(
-        replace(at, turnaround=None), calibration, white
-    )
-    keys = [term.key for term in RUBBING.terms(8) for _ in range(term.size)]
-    for key in ("gain", "common_gain", "friction"):
-        own = [key == each for each in keys]
-        np.testing.assert_allclose(found[own].sum(), expected[own].sum(), rtol=0.15, err_msg=key)
-    assert not found[:8].any()
-    # Rows in which a roller turns around count less.
-    assert (
-        np.linalg.norm(W, axis=(1, 2))[at.turnaround.max(axis=1) > 25].mean()
-        < 0.95 * np.linalg.norm(W, axis=(1, 2)).mean()
-    )
 
 
 @pytest.mark.integration

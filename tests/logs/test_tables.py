@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from steelyard.logs.nested import Arrays, Source, with_rows_first
 
 from steelyard.errors import InputError
 from steelyard.logs.log import Log, NoRowsError, Part
-from steelyard.logs.nested import Arrays, Source, with_rows_first
 from steelyard.logs.table import table_of
 
 COLUMNS = {"t": np.arange(4.0), "x": np.array([1.0, np.nan, 3.0, 4.0]), "y": np.ones(4)}

@@ -10,13 +10,15 @@ from simulated import PAPER, RECORDER, TRUTH, changed, sound, studied, without
 
 from steelyard.identification.methods.instrumental_variables import (
     InstrumentalVariables,
+    Products,
     durbin_wu_hausman,
     independent_sources,
+    solved,
 )
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.solve.held_motion import fit_with_held_motion
-from steelyard.identification.solve.normal_equations import TEN, Prior, Rows, solve, sums_of
-from steelyard.inertia import Inertia
+from steelyard.identification.solve.normal_equations import BorderEquations, BorderPrior, solve
+from steelyard.inertia import TEN, Inertia
 
 pytestmark = pytest.mark.integration
 
@@ -32,7 +34,7 @@ def chi_square(estimate):
 # The test between the two, on rows of which everything is known
 
 
-def as_study(rng, *, noise_in_regressor=0.0, n=100, errors=3):
+def as_posterior(rng, *, noise_in_regressor=0.0, n=100, errors=3):
     """What the test looks at, of rows whose own columns and whose instruments are both noisy."""
     k = TEN + errors
     true = rng.normal(size=(n, 6, k))
@@ -42,27 +44,36 @@ def as_study(rng, *, noise_in_regressor=0.0, n=100, errors=3):
     # Errors have priors, from which they were drawn.
     truth = np.concatenate([body, 0.1 * rng.normal(size=errors)])
     target = true @ truth + rng.normal(size=(n, 6))
-    rows = Rows(own, other, target, np.zeros((TEN, TEN)), np.zeros(k), np.arange(n) // 10)
-    sums, _ = sums_of(rows, np.ones(n), float(n), 0)
-    precision = np.diag(np.concatenate([np.zeros(TEN), np.full(errors, 100.0)]))
-    prior = Prior(np.zeros(k), precision, np.zeros(k), np.zeros((k, k)))
-    solution = solve(sums, prior, np.ones(k, dtype=bool), np.ones(TEN), correct=False)
-    return SimpleNamespace(
-        total=sums,
+    prior = BorderPrior(
+        np.diag(np.concatenate([np.zeros(TEN), np.full(errors, 100.0)])), np.zeros(k)
+    )
+    columns, instruments = own.reshape(-1, k), own.copy()
+    instruments[:, :, :TEN] = other
+    instruments = instruments.reshape(-1, k)
+    nothing = np.zeros((TEN, TEN))
+    total = BorderEquations(columns.T @ columns, columns.T @ target.ravel(), nothing, float(n))
+    products = Products(
+        instruments.T @ columns, instruments.T @ instruments, instruments.T @ target.ravel()
+    )
+    plain = solve(total, prior, np.ones(k, dtype=bool), np.ones(TEN))
+    found = SimpleNamespace(
+        total=total,
         prior=prior,
-        solution=solution,
-        told=np.ones(TEN, dtype=bool),
+        solution=plain,
+        identifiable=np.ones(TEN, dtype=bool),
         parameters=body,
         size=1.0,
         noise_factor=1.0,
     )
+    found.solution = solved(found, products)
+    return found, products, plain
 
 
 BODY_OF_ROWS = Inertia(2.0, [0.1, 0.2, 0.3], np.diag([1.0, 1.2, 0.9])).parameters
 
 
 def test_the_test_between_both_keeps_its_level(rng):
-    found = [durbin_wu_hausman(as_study(rng)) for _ in range(300)]
+    found = [durbin_wu_hausman(*as_posterior(rng)) for _ in range(300)]
     assert {freedom for _, freedom in found} == {TEN}
     # Probabilities of a test that keeps its level are evenly spread; fixed seed, so that one of a
     # thousand may not fail.
@@ -71,7 +82,7 @@ def test_the_test_between_both_keeps_its_level(rng):
 
 
 def test_the_test_between_both_sees_noise_in_the_regressor(rng):
-    found = [durbin_wu_hausman(as_study(rng, noise_in_regressor=0.5))[0] for _ in range(20)]
+    found = [durbin_wu_hausman(*as_posterior(rng, noise_in_regressor=0.5))[0] for _ in range(20)]
     assert np.median(chi2.sf(found, TEN)) < 1e-3
 
 

@@ -17,8 +17,8 @@ from steelyard.identification.model.force_residuals import (
     BALANCE,
     Forces,
     balance_of,
-    force_residuals,
     sample_weight,
+    whitened_balance,
 )
 from steelyard.identification.model.motion_residuals import Reading, Segment, Tally, limit
 from steelyard.identification.model.segment import POSE
@@ -149,10 +149,10 @@ class Case:
     def rows(self, *, forces=None, factors=None, tally=None):
         """With a border of the body and every systematic error."""
         columns = 10 + np.arange(len(self.calibration_parameters))
-        return force_residuals(
+        return whitened_balance(
             self.experiment, self.segment, forces or self.forces, self.calibration, columns, self.parameters, factors or {},
             tally or Tally(),
-        )  # fmt: skip
+        ).rows  # fmt: skip
 
     def noisy(self, seed, size=1.0):
         rng = np.random.default_rng(seed)

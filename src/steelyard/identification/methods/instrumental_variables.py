@@ -82,7 +82,7 @@ class InstrumentalVariables:
         products = _products(posterior)
         size = plausible(posterior.parameters, posterior.size)
         plain = solve(posterior.total, posterior.prior, posterior.solution.estimated, size)
-        own = _solved(posterior, products)
+        own = solved(posterior, products)
         found = replace(posterior, solution=own)
         chi, freedom = durbin_wu_hausman(found, products, plain)
         probability = float(chi2.sf(chi, freedom))
@@ -172,7 +172,7 @@ def _named(experiment: Experiment, run: Run) -> dict[str, str]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Products:
+class Products:
     """Products of the instruments with the columns of the border, motion eliminated."""
 
     crossed: Array
@@ -214,7 +214,7 @@ def _independent_motion(experiment: Experiment) -> dict[str, list[Segment]]:
     return found
 
 
-def _products(posterior: Posterior) -> _Products:
+def _products(posterior: Posterior) -> Products:
     """Products of all runs."""
     state = posterior.fit.state
     parameters = state.calibration.calibration_parameters
@@ -233,7 +233,7 @@ def _products(posterior: Posterior) -> _Products:
     at = np.concatenate([state.parameters, np.zeros(k - TEN)])
     order = np.concatenate([np.arange(k, k + TEN), np.arange(TEN, k)])
     crossed = normal[np.ix_(order, np.arange(k))]
-    return _Products(crossed, normal[np.ix_(order, order)], gradient[order] + crossed @ at)
+    return Products(crossed, normal[np.ix_(order, order)], gradient[order] + crossed @ at)
 
 
 def _rows(
@@ -295,7 +295,7 @@ def _instruments(
     return -(balance.at.whitener * balance.root[:, None, None]) @ regressor
 
 
-def _solved(posterior: Posterior, products: _Products) -> Solution:
+def solved(posterior: Posterior, products: Products) -> Solution:
     """The estimate, with directions that are not identifiable held as in least squares."""
     plain, prior = posterior.solution, posterior.prior
     use = np.flatnonzero(plain.estimated)
@@ -320,7 +320,7 @@ def _solved(posterior: Posterior, products: _Products) -> Solution:
     )
 
 
-def durbin_wu_hausman(found: Posterior, products: _Products, plain: Solution) -> tuple[float, int]:
+def durbin_wu_hausman(found: Posterior, products: Products, plain: Solution) -> tuple[float, int]:
     """Whether least squares on the same data gives another body than noise explains: chi-square and
     its degrees of freedom.
 

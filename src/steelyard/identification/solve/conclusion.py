@@ -87,7 +87,7 @@ class Fitted:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class SegmentEquations:
     """One segment with its equations."""
 
     segment: Segment
@@ -126,27 +126,34 @@ def sound(posterior: Callable[[], Posterior]) -> Posterior:
 
 
 @dataclass(frozen=True, eq=False)
-class Chunk:
+class FittedStretch:
     """All runs of an experiment, or a stretch of one of them, with the fit."""
 
     readings: Readings
     fitted: Fitted
-    parts: tuple[Part, ...]
+    parts: tuple[SegmentEquations, ...]
     """Its segments, with equations over all columns of the border."""
 
 
-def chunk_of(readings: Readings, fitted: Fitted) -> Chunk:
-    """A fit with its equations, and without what only these needed.
+def stretch_of(readings: Readings, fitted: Fitted) -> FittedStretch:
+    """A fit with its equations.
 
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
-    parts = tuple(_parts(fitted))
-    state = replace(fitted.fit.state, segments=tuple(part.segment for part in parts))
-    return Chunk(readings, replace(fitted, fit=replace(fitted.fit, state=state)), parts)
+    return FittedStretch(readings, fitted, tuple(_parts(fitted)))
 
 
-def concluded(chunks: Sequence[Chunk]) -> Posterior:
+def without_knots(chunk: FittedStretch) -> FittedStretch:
+    """A chunk without the large matrices of its knots, which have done their work."""
+    parts = tuple(replace(part, segment=replace(part.segment, jerks={})) for part in chunk.parts)
+    fit = chunk.fitted.fit
+    state = replace(fit.state, segments=tuple(part.segment for part in parts))
+    fitted = replace(chunk.fitted, fit=replace(fit, state=state, equations=(), motions=()))
+    return FittedStretch(chunk.readings, fitted, parts)
+
+
+def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
     """All that follows from a fit.
 
     Args:
@@ -202,7 +209,7 @@ def concluded(chunks: Sequence[Chunk]) -> Posterior:
     return replace(result, solution=wide, motion=motion)
 
 
-def _whole(state: State, chunks: Sequence[Chunk], solution: Solution) -> State:
+def _whole(state: State, chunks: Sequence[FittedStretch], solution: Solution) -> State:
     """The state of all chunks together."""
     if len(chunks) == 1:
         return state
@@ -215,7 +222,7 @@ def _whole(state: State, chunks: Sequence[Chunk], solution: Solution) -> State:
     )
 
 
-def _notes(chunks: Sequence[Chunk]) -> Iterator[str]:
+def _notes(chunks: Sequence[FittedStretch]) -> Iterator[str]:
     """What a reader should know of the readings."""
     for chunk in chunks:
         for samples in chunk.readings.samples:
@@ -226,7 +233,7 @@ def _notes(chunks: Sequence[Chunk]) -> Iterator[str]:
         yield from chunk.fitted.lost
 
 
-def _parts(fitted: Fitted) -> Sequence[Part]:
+def _parts(fitted: Fitted) -> Sequence[SegmentEquations]:
     """Equations of every segment over all columns of the border."""
     task, found = fitted.task, fitted.fit
     names = [run.name for run in task.experiment.runs]
@@ -246,7 +253,7 @@ def _part(
     forces: Forces,
     motion: Array | None,
     run: int,
-) -> Part:
+) -> SegmentEquations:
     """Equations of one segment over all columns of the border."""
     task, state = fitted.task, fitted.fit.state
     assert state.parameters is not None
@@ -281,9 +288,8 @@ def _part(
     freedom = float(np.sum(~forces.left_out.all(axis=1))) * looked_at
     equations = BorderEquations(normal, gradient + normal @ at, noise, freedom)
     blocks = _blocks(segment, rows, every, state.parameters, run)
-    return Part(
-        # Large matrices of its knots have done their work.
-        replace(segment, jerks={}),
+    return SegmentEquations(
+        segment,
         forces,
         tuple(each.at for each in balances),
         np.concatenate([each.root**2 for each in balances]),
@@ -294,7 +300,7 @@ def _part(
     )
 
 
-def _by_run(parts: Sequence[Part]) -> dict[str, BorderEquations]:
+def _by_run(parts: Sequence[SegmentEquations]) -> dict[str, BorderEquations]:
     """Run -> its normal equations."""
     found: dict[str, BorderEquations] = {}
     for part in parts:
@@ -336,7 +342,7 @@ def _bound(solution: Solution) -> Bound:
     return Bound(np.asarray(J @ covariance[:TEN, :TEN] @ J.T), covariance[TEN:, TEN:])
 
 
-def _weights(parts: Sequence[Part]) -> dict[str, Array]:
+def _weights(parts: Sequence[SegmentEquations]) -> dict[str, Array]:
     """Run -> weight of every sample; those that have been left out and named are none that stand
     out.
     """
@@ -348,7 +354,7 @@ def _weights(parts: Sequence[Part]) -> dict[str, Array]:
     return {run: np.concatenate(each) for run, each in found.items()}
 
 
-def _motion_of(part: Part, state: State, border: Array) -> FittedMotion:
+def _motion_of(part: SegmentEquations, state: State, border: Array) -> FittedMotion:
     """The motion of a segment in common time: the clock that tells it may have a delay of its own.
 
     Args:
@@ -454,7 +460,7 @@ def _force_ratio(found: Fit, sources: frozenset[Source], stated: frozenset[Sourc
     return square / max(freedom, 1.0)
 
 
-def _samples(run: Run, chunks: Sequence[Chunk]) -> Samples:
+def _samples(run: Run, chunks: Sequence[FittedStretch]) -> Samples:
     """Samples of a run at the times of the force readings, with the fitted motion and the forces as
     they were read.
     """

@@ -41,7 +41,14 @@ from steelyard.identification.solve.beginning import (
     on_force_clock,
     read,
 )
-from steelyard.identification.solve.conclusion import Chunk, Fitted, chunk_of, concluded, sound
+from steelyard.identification.solve.conclusion import (
+    Fitted,
+    FittedStretch,
+    concluded,
+    sound,
+    stretch_of,
+    without_knots,
+)
 from steelyard.identification.solve.joint_fit import (
     Fit,
     Linearised,
@@ -107,7 +114,7 @@ def _posterior(experiment: Experiment, tell: Tell, held_out: frozenset[str]) -> 
     return concluded(found)
 
 
-def _fitted(experiment: Experiment, tell: Tell, held_out: frozenset[str]) -> Chunk:
+def _fitted(experiment: Experiment, tell: Tell, held_out: frozenset[str]) -> FittedStretch:
     """The fit of an experiment that is not too long."""
     readings = read(experiment, None, tell)
     begun = begin(readings, tell, thorough=True)
@@ -118,7 +125,7 @@ def _fitted(experiment: Experiment, tell: Tell, held_out: frozenset[str]) -> Chu
         task, body.state, lambda part: tell("balancing forces and motion", 0.5 + 0.3 * part)
     )
     fitted = Fitted(task, found, begun.motion, readings.force_samples, begun.lost, {}, {}, held_out)
-    return chunk_of(readings, fitted)
+    return stretch_of(readings, fitted)
 
 
 def _looked_at(
@@ -131,7 +138,7 @@ def _looked_at(
     )
 
 
-def _about(part: Fitted, experiment: Experiment, run: Run) -> list[Chunk]:
+def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch]:
     """A stretch of a long recording, about the calibration, noise and smoothness of a part."""
     known = part.fit.state
     readings = read(experiment, known.calibration, lambda what, fraction: None, [run])
@@ -161,7 +168,7 @@ def _about(part: Fitted, experiment: Experiment, run: Run) -> list[Chunk]:
     bias = regressor_bias(task, state, motions, by_motion, equations)
     fit = replace(part.fit, state=state, motions=motions, bias=bias)
     fitted = replace(part, task=task, fit=fit, force_samples=readings.force_samples, lost=())
-    return [chunk_of(readings, fitted)]
+    return [without_knots(stretch_of(readings, fitted))]
 
 
 def _motion_about(task: Task, state: State) -> State:

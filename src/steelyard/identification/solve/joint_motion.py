@@ -25,7 +25,7 @@ from steelyard.identification.solve.beginning import (
     with_body,
 )
 from steelyard.identification.solve.coherence import coherence
-from steelyard.identification.solve.conclusion import Fitted, chunk_of, concluded, sound
+from steelyard.identification.solve.conclusion import Fitted, concluded, sound, stretch_of
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.outliers import look
 from steelyard.identification.solve.posterior import Posterior, Progress
@@ -82,7 +82,7 @@ def _posterior(experiment: Experiment, tell: Tell, start: Calibration | None) ->
         begun = with_body(readings, _again(readings, found, vibrations))
         found = _fitted(readings, begun, tell, vibrations)
     tell("how well it is known", 0.85)
-    return concluded([chunk_of(readings, found)])
+    return concluded([stretch_of(readings, found)])
 
 
 def _finer(readings: Readings, vibrations: Mapping[str, _Vibration]) -> Readings:

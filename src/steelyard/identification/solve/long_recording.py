@@ -30,10 +30,15 @@ def moving_length(experiment: Experiment) -> float:
     return sum(end - start for start, end in spans)
 
 
-def lively_parts(experiment: Experiment) -> Experiment:
-    """The experiment with the stretch of every run where most happens."""
+def lively_parts(experiment: Experiment, part: float | None = None) -> Experiment:
+    """The experiment with the stretch of every run where most happens.
+
+    Args:
+        experiment: With all of its runs.
+        part: Length of all stretches in motion together [s]; None: :data:`_PART`.
+    """
     moving = sum(not run.static for run in experiment.runs)
-    longest = max(_SHORTEST_PART, _PART / max(1, moving))
+    longest = max(_SHORTEST_PART, (part or _PART) / max(1, moving))
     runs = [run if run.static else _stretch(experiment, run, longest) for run in experiment.runs]
     return replace(experiment, runs=tuple(runs))
 
