@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run, is_force
-from steelyard.instruments import Command, Instrument
+from steelyard.experiment.model import Experiment, Run
+from steelyard.instruments import Instrument
 from steelyard.motion.state import motion_of_quaternions
 from steelyard.smoothing import Samples1D, Smoothed, choose_spacing, fit, segments
 
@@ -97,7 +97,7 @@ def _clock(
 ) -> Clock:
     signals: dict[str, Signal] = {}
     # A command is not where the platform is; what has been measured goes first.
-    for name in sorted(names, key=lambda n: isinstance(experiment.instruments[n], Command)):
+    for name in sorted(names, key=lambda n: experiment.instruments[n].commanded):
         stream = run.streams[name]
         for quantity, values in stream.values.items():
             flat = values.reshape(len(values), -1)
@@ -113,7 +113,7 @@ def _clock(
                 inside = kind in (RATE, SPECIFIC_FORCE)
                 samples = Signal(stream.time[use], flat[use] @ turned.T if inside else flat[use])
             there = signals.get(kind)
-            if there is not None and kind == FORCE and is_force(experiment.instruments[name]):
+            if there is not None and kind == FORCE and experiment.is_force(name):
                 if len(there.time) == len(samples.time):
                     signals[kind] = Signal(there.time, np.hstack([there.values, samples.values]))
             elif there is None or samples.step < 0.5 * there.step:
@@ -126,7 +126,7 @@ _FEWEST = 10
 
 def _mounting(instrument: Instrument) -> Array:
     """R_platform_instrument as the experiment file has it, shape (3, 3)."""
-    rpy = getattr(instrument, "rpy_deg", (0.0, 0.0, 0.0))
+    rpy = instrument.mounting.rpy_deg or (0.0, 0.0, 0.0)
     return np.asarray(Rotation.from_euler("ZYX", rpy[::-1], degrees=True).as_matrix())
 
 

@@ -20,7 +20,7 @@ from steelyard.dynamics import newton_euler, point_specific_force
 from steelyard.excitation.course import SIX
 from steelyard.excitation.ringing import softness_of
 from steelyard.excitation.sight import AT, commanded_state, hanging_wrench, structure_at, tension_of
-from steelyard.instruments import Instrument, Position
+from steelyard.instruments import Instrument
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 
@@ -172,18 +172,19 @@ class _Expressed:
         yield from self._below("angular speed", state.omega, limits.angular_speed)
         yield from self._below("angular acceleration", state.alpha, limits.angular_acceleration)
         for name, instrument in self.instruments.items():
-            if isinstance(instrument, Position):
-                point = ca.DM(instrument.target)
+            limits_of_target, target = instrument.target_limits, instrument.mounting.point
+            if limits_of_target is not None and target is not None:
+                point = ca.DM(target)
                 moved = speed + state.rotation @ ca.cross(state.omega, point)
                 force_samples = point_specific_force(
                     state.specific_force, state.omega, state.alpha, point
                 )
                 bent = state.rotation @ force_samples + ca.DM(self.robot.gravity)
                 yield from self._below(
-                    f"speed of the target of '{name}'", moved, instrument.limits.speed
+                    f"speed of the target of '{name}'", moved, limits_of_target.speed
                 )
                 yield from self._below(
-                    f"acceleration of the target of '{name}'", bent, instrument.limits.acceleration
+                    f"acceleration of the target of '{name}'", bent, limits_of_target.acceleration
                 )
 
     def _below(

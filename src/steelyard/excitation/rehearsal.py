@@ -15,7 +15,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.instruments import Command, Instrument, Length, Tension
+from steelyard.instruments import Instrument
 from steelyard.instruments.equations import means, predict
 from steelyard.motion.state import State
 from steelyard.motion.trajectory import Trajectory
@@ -74,7 +74,7 @@ def rehearsed(
                     f" s, found a rate of {instrument.rate:g} Hz; choose a longer motion"
                 )
             state = response.at(times)
-            if isinstance(instrument, Tension | Length):
+            if instrument.per_cable:
                 state = replace(state, tension=held_tensions(robot, state, level))
             readings = predict(instrument, robot, state, means(instrument, robot.m))
             there = _read(name, instrument, experiment)
@@ -101,7 +101,7 @@ def _stated(name: str, instrument: Instrument, experiment: Experiment) -> Instru
         steps = [step for step in steps if step > 0]
         if steps:
             rate = float(1 / np.median(steps))
-        elif isinstance(instrument, Command):
+        elif instrument.commanded:
             rate = _COMMANDED
         else:
             raise InputError(
@@ -109,7 +109,7 @@ def _stated(name: str, instrument: Instrument, experiment: Experiment) -> Instru
                 " take it from; add the samples per second"
             )
     for quantity in instrument.quantities(experiment.robot.m):
-        silent = isinstance(instrument, Command) and not instrument.is_measurement
+        silent = not instrument.is_measurement
         if (
             quantity.name in _read(name, instrument, experiment)
             and not quantity.noise

@@ -17,7 +17,7 @@ from steelyard.errors import InfeasibleError
 from steelyard.excitation.demands import Margin
 from steelyard.excitation.rehearsal import held_tensions
 from steelyard.inertia import Inertia
-from steelyard.instruments import Instrument, Position
+from steelyard.instruments import Instrument
 from steelyard.motion.limits import Use, below, commanded_tensions, extremes_of
 from steelyard.motion.state import State
 from steelyard.motion.trajectory import Trajectory
@@ -186,10 +186,10 @@ def _uses(
         robot.limits, pose, velocity, acceleration, state.omega, state.alpha
     ).uses
     for name, instrument in instruments.items():
-        if isinstance(instrument, Position):
-            point = state.position + state.rotation @ np.array(instrument.target)
+        limits, target = instrument.target_limits, instrument.mounting.point
+        if limits is not None and target is not None:
+            point = state.position + state.rotation @ np.array(target)
             moved = np.gradient(point, times, axis=0, edge_order=2)
-            limits = instrument.limits
             yield below(f"speed of the target of '{name}'", "m/s", moved, limits.speed)
             bent = np.gradient(moved, times, axis=0, edge_order=2)
             yield below(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array, stretches
 from steelyard.experiment.model import Fault, Stream
-from steelyard.instruments import Command, Instrument
+from steelyard.instruments import Instrument
 
 _FEWEST_REPEATS = 5
 """In a row, that may be a stuck channel."""
@@ -277,7 +277,7 @@ def without_stuck(
     faults: list[Fault] = []
     for name, stream in streams.items():
         kept[name] = stream
-        if isinstance(instruments[name], Command) or len(stream) < 2 * _FEWEST_REPEATS:
+        if instruments[name].commanded or len(stream) < 2 * _FEWEST_REPEATS:
             continue
         values = dict(stream.values)
         shares = {q: moving_share(v) for q, v in values.items() if v.ndim == 2 and v.shape[1] > 1}

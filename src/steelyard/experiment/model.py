@@ -13,7 +13,7 @@ from steelyard.arrays import Array
 from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.experiment.columns import stream_columns
-from steelyard.instruments import Command, Instrument, Length, Tension, Wrench
+from steelyard.instruments import Instrument
 from steelyard.instruments.base import DEFAULT_DELAY, Prior, exact, sigma
 from steelyard.robot.model import Robot
 
@@ -188,10 +188,6 @@ class Experiment:
         """
         return tables.to_pandas(self.columns(run, instrument, clock=clock))
 
-    def of_kind(self, kind: type[Instrument]) -> dict[str, Instrument]:
-        """Instruments of one kind, in the order of the file."""
-        return {name: i for name, i in self.instruments.items() if isinstance(i, kind)}
-
     def force_instrument(self, run: Run) -> str | None:
         """The instrument whose clock defines the time of a run: its first tension or wrench
         stream.
@@ -200,7 +196,7 @@ class Experiment:
 
     def is_force(self, name: str) -> bool:
         """Whether an instrument reads what carries the platform."""
-        return is_force(self.instruments[name])
+        return self.instruments[name].is_force
 
     def delay(self, run: Run, name: str) -> Prior:
         """Prior of the clock error of an instrument in a run [s]: as stated, else 0 for the clock
@@ -239,15 +235,3 @@ class Experiment:
         reference = self.force_instrument(run)
         origin = run.streams[reference].time[0] if reference else 0.0
         return run.streams[name].time - origin - late
-
-
-def is_force(instrument: Instrument) -> bool:
-    """Whether an instrument reads what carries the platform."""
-    return isinstance(instrument, Tension | Wrench)
-
-
-def is_motion(instrument: Instrument) -> bool:
-    """Whether an instrument measures how the platform moves."""
-    if isinstance(instrument, Command):
-        return instrument.is_measurement
-    return not isinstance(instrument, Tension | Wrench | Length)

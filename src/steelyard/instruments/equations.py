@@ -224,6 +224,19 @@ def _symbol_like(name: str, expression: Symbol) -> Symbol:
 
 
 @lru_cache(maxsize=128)
+def order_of(instrument: Instrument, quantity: str, robot: Robot) -> int:
+    """Highest time derivative of the pose that a quantity depends on: 0, 1 or 2."""
+    pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
+    state = state_of_pose(pose, rate, acceleration, ca.SX.sym("gravity", 3))
+    state = replace(state, tension=ca.SX.sym("tension", robot.m))
+    errors = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
+    predicted = ca.SX(instrument.predict(state, errors, robot)[quantity])
+    if ca.depends_on(predicted, acceleration):
+        return 2
+    return 1 if ca.depends_on(predicted, rate) else 0
+
+
+@lru_cache(maxsize=128)
 def difference_of(
     instrument: Instrument, quantity: str, robot: Robot
 ) -> tuple[Batched, dict[str, tuple[int, int]]]:

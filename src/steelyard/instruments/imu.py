@@ -14,6 +14,7 @@ from steelyard.instruments.base import (
     ORIENTATION_FORMS,
     Calibration,
     Instrument,
+    Mounting,
     Prior,
     Quantity,
     Sigma,
@@ -68,6 +69,11 @@ class Imu(Instrument):
     gravity: Literal["included", "removed"] = "included"
     """``removed`` where the device took gravity out of its reading."""
 
+    @property
+    def mounting(self) -> Mounting:
+        """See :class:`Instrument`."""
+        return Mounting(self.rpy_deg, self.position)
+
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
         n = self.noise
@@ -78,9 +84,15 @@ class Imu(Instrument):
                 "rad/s",
                 n.angular_velocity,
                 required=False,
+                determines=("rotation",),
             ),
             Quantity(
-                "specific_force", (("ax", "ay", "az"),), "m/s^2", n.specific_force, required=False
+                "specific_force",
+                (("ax", "ay", "az"),),
+                "m/s^2",
+                n.specific_force,
+                required=False,
+                determines=("position",),
             ),
             Quantity(
                 "orientation",
@@ -89,6 +101,7 @@ class Imu(Instrument):
                 n.orientation,
                 rotation=True,
                 required=False,
+                determines=("rotation",),
             ),
         )
 

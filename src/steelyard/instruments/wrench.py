@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 
@@ -11,6 +11,7 @@ from steelyard.batch import Symbol
 from steelyard.instruments.base import (
     Calibration,
     Instrument,
+    Mounting,
     Prior,
     Quantity,
     Sigma,
@@ -58,6 +59,8 @@ class WrenchCalibration(Calibration):
 class Wrench(Instrument):
     """Force and torque on the body, in the sensor's own frame about its own origin."""
 
+    measured_force: ClassVar[Literal["wrench"]] = "wrench"
+
     kind: Literal["wrench"]
     position: Vector = (0.0, 0.0, 0.0)
     """Origin of the sensor in the platform frame [m]."""
@@ -67,6 +70,11 @@ class Wrench(Instrument):
     calibration: WrenchCalibration = WrenchCalibration()
     acts_on: Literal["body", "sensor"] = "body"
     """Whose load the reading is: ``sensor`` turns the sign."""
+
+    @property
+    def mounting(self) -> Mounting:
+        """See :class:`Instrument`."""
+        return Mounting(self.rpy_deg, self.position)
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""

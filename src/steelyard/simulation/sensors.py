@@ -163,7 +163,7 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
 def _sensors(document: Document, robot: Robot) -> Sensors:
     data, own_sync = _without_own_sync(document)
     form = validate(SensorsForm, document, data)
-    if not any(i.kind in {"tension", "wrench"} for i in form.instruments.values()):
+    if not any(i.is_force for i in form.instruments.values()):
         raise document.error(
             ("instruments",),
             "expected an instrument of kind 'tension' or 'wrench', found none; add one",
@@ -214,7 +214,7 @@ def _stated(form: SensorsForm, own_sync: Mapping[str, float], m: int) -> dict[st
     defines the time has no error, the others have that of the synchronisation.
     """
     instruments: Mapping[str, Instrument] = form.instruments
-    reference = next(i for i in instruments.values() if i.kind in {"tension", "wrench"})
+    reference = next(i for i in instruments.values() if i.is_force)
     stated = {}
     for name, instrument in instruments.items():
         delay = instrument.calibration.delay
@@ -330,7 +330,7 @@ def record(
                 f"instrument '{name}': expected a rate of at least two samples in"
                 f" {response.duration:g} s, found {rate:g} Hz; raise it"
             )
-        source = command if instrument.kind == "command" else response
+        source = command if instrument.commanded else response
         readings = predict(instrument, robot, source.at(times), errors[name].calibration)
         noise = {q.name: q.noise or 0.0 for q in instrument.quantities(robot.m)}
         values = {key: _noisy(value, noise[key], rng) for key, value in readings.items()}

@@ -25,7 +25,6 @@ from steelyard.identification.model.sources import Sources, choose_sources
 from steelyard.identification.solve.classical import NoBalanceError, study
 from steelyard.identification.solve.normal_equations import TEN, Solution, solve
 from steelyard.identification.solve.study import Progress, Study, plausible
-from steelyard.instruments import Attitude, Command, Imu, Pose, Position
 
 _BIASED = 1e-3
 """Probability below which the two estimates differ by more than noise."""
@@ -103,24 +102,25 @@ def independent_sources(experiment: Experiment, run: Run) -> Sources | None:
     """
     own = choose_sources(experiment, run, None)
 
-    def first(quantity: str, *kinds: type) -> tuple[str, str] | None:
+    def first(quantity: str, *, commanded: bool) -> tuple[str, str] | None:
         return next(
             (
                 (name, quantity)
                 for name, instrument in experiment.instruments.items()
                 if name in run.streams
-                and isinstance(instrument, kinds)
+                and instrument.commanded == commanded
                 and quantity in run.streams[name].values
             ),
             None,
         )
 
     used = {name for name, _ in own.used()}
-    position, rotation = first("position", Command), first("orientation", Command)
+    position = first("position", commanded=True)
+    rotation = first("orientation", commanded=True)
     if position and rotation and position[0] not in used:
         return Sources(own.force, rotation, rotation, None, position)
-    position = first("position", Position, Pose)
-    rotation = first("orientation", Pose, Attitude, Imu)
+    position = first("position", commanded=False)
+    rotation = first("orientation", commanded=False)
     if (
         position is None
         or rotation is None

@@ -59,7 +59,6 @@ from steelyard.identification.solve.outliers import look
 from steelyard.identification.solve.segmentation import Recorded, recorded, resampled
 from steelyard.identification.solve.study import Progress, Study, plausible, sum_up
 from steelyard.inertia import body_jacobian
-from steelyard.instruments import Command
 from steelyard.smoothing import DEGREE
 
 _FAR_OFF = 10.0
@@ -365,7 +364,7 @@ def _stated(experiment: Experiment) -> frozenset[Source]:
         for rest in ("", AT_REST)
         for name, instrument in experiment.instruments.items()
         for quantity in instrument.quantities(experiment.robot.m)
-        if quantity.noise or isinstance(instrument, Command)
+        if quantity.noise or instrument.commanded
     )
 
 
