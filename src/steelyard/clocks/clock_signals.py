@@ -15,13 +15,14 @@ from steelyard.instruments import Instrument
 from steelyard.motion.state import motion_of_quaternions
 from steelyard.smoothing import Samples1D, Smoothed, choose_spacing, fit, segments
 
-POSITION, ROTATION, RATE, FORCE, SPECIFIC_FORCE, LENGTH = (
+POSITION, ROTATION, RATE, FORCE, SPECIFIC_FORCE, LENGTH, POSE = (
     "position",
     "rotation",
     "rate",
     "force",
     "specific force",
     "length",
+    "pose",
 )
 _KINDS = {
     "position": POSITION,
@@ -33,7 +34,8 @@ _KINDS = {
     "force": FORCE,
     "torque": FORCE,
 }
-"""Quantity of an instrument -> what it tells of the motion."""
+"""Quantity of an instrument -> what it tells of the motion; any other one is a linear function of
+place and attitude."""
 _FINEST, _WIDEST = 0.02, 0.5
 """Spacing of knots [s]: 25 Hz is all that a platform on cables does."""
 _CANDIDATES = 7
@@ -105,7 +107,7 @@ def _clock(
             use = np.isfinite(flat).all(axis=1) & np.concatenate([[True], np.diff(stream.time) > 0])
             if use.sum() < _FEWEST:
                 continue
-            kind = _KINDS[quantity]
+            kind = _KINDS.get(quantity, POSE)
             if kind == ROTATION:
                 samples = Signal(stream.time[use], _quaternions(values[use] @ turned.T))
             else:

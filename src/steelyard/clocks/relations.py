@@ -20,6 +20,7 @@ from steelyard.arrays import Array
 from steelyard.clocks.clock_signals import (
     FORCE,
     LENGTH,
+    POSE,
     POSITION,
     RATE,
     ROTATION,
@@ -80,6 +81,15 @@ def relations(of: ClockSignals, by: ClockSignals) -> Iterator[Relation]:
             _nothing,
             lambda t: _with_squares(_placed(by, t, turned=by.has(ROTATION))),
             False,
+        )
+    if of.has(POSE) and by.has(POSITION):
+        turned = by.has(ROTATION)
+        yield Relation(
+            "reading of the pose",
+            of.samples(POSE),
+            _nothing,
+            lambda t: _placed(by, t, turned=turned),
+            turned,
         )
 
 

@@ -26,6 +26,8 @@ from steelyard.inspection.frames import (
     turning,
 )
 from steelyard.inspection.picture import Picture
+from steelyard.instruments.equations import means, predict, term_columns
+from steelyard.motion.state import State
 
 BAD = 1.8
 """Ratio beyond which an agreement is none."""
@@ -42,6 +44,10 @@ _LATE = 1.33
 """The same of clocks, which are as good as they are said to be."""
 _LEAST = {"rad/s": 2e-3, "rad": 5e-3, "m/s^2": 0.05, "m": 5e-3}
 """What is never asked for, whatever the noise."""
+_LEAST_SIGMA = {"rad/s": 0.005, "rad": 0.02, "m/s^2": 0.1, "m": 0.02}
+"""1-sigma of a calibration error that any description may have, whatever it states."""
+_OWN_AGREEMENTS = frozenset({"orientation", "position", "angular_velocity", "specific_force"})
+"""Quantities that are compared by themselves and not by way of a whole motion."""
 _CLOCK = 0.05
 _COMMAND_CLOCK = 0.3
 """1-sigma of how late a platform follows its command [s]."""
@@ -111,6 +117,7 @@ def compare(
     noise: float,
     tolerance: float,
     robot: bool = False,
+    axes: Sequence[str] | None = None,
 ) -> Agreement:
     """Hold two accounts against each other.
 
@@ -124,6 +131,7 @@ def compare(
         noise: 1-sigma left in one number of the difference.
         tolerance: Part of the motion that may be left.
         robot: Whether the robot file matters.
+        axes: Names of the k numbers; None: x, y, z of three, else their places.
     """
     spread = np.minimum(measured.std(axis=0), predicted.std(axis=0))
     allowed = np.sqrt(
@@ -133,7 +141,9 @@ def compare(
         + _LEAST.get(unit, 0.0) ** 2
     )
     left, taken, far = settled(measured - predicted, allowed, freedoms)
-    axes = "xyz" if measured.shape[1] == 3 else [str(i + 1) for i in range(measured.shape[1])]
+    if axes is None:
+        k = measured.shape[1]
+        axes = "xyz" if k == 3 else [str(i + 1) for i in range(k)]
     return Agreement(
         name,
         between,
@@ -429,6 +439,55 @@ def length_and_geometry(
     )
 
 
+def reading_and_motion(
+    picture: Picture, of_reading: Source, of_attitude: Source, of_position: Source
+) -> Agreement:
+    """Any reading against what its instrument would read in a motion."""
+    name, quantity = of_reading
+    instrument, robot = picture.instruments[name], picture.robot.with_straight_cables()
+    turned = turning(picture, of_attitude)
+    where = place(picture, of_position, turned)
+    state = state_of(picture, turned, where)
+    read = picture.seen[of_reading]
+    predicted = predict(instrument, robot, state, means(instrument, robot.m))[quantity]
+    columns = term_columns(instrument, quantity, robot, state)
+    stated = instrument.quantity(quantity, robot.m)
+    least = _LEAST_SIGMA[stated.unit]
+    freedoms = []
+    for term in instrument.terms(robot.m):
+        sigma = np.full(term.size, least) if term.deviation is None else term.deviation
+        freedoms.append(Freedom(columns[term.key], np.maximum(sigma, least), (term.key,)))
+    freedoms.append(_late(read.rate, _clock_sigma(picture, name, of_position[0])))
+    lever = float(np.linalg.norm(lever_of(picture, name)))
+    return compare(
+        title(of_reading, of_position),
+        tuple(dict.fromkeys((of_reading, of_attitude, of_position))),
+        stated.unit,
+        read.value,
+        predicted,
+        freedoms,
+        noise=float(np.hypot(read.noise[0], where.noise[0] + lever * turned.noise[0])),
+        tolerance=tolerance(picture, of_attitude, of_position),
+        robot=True,
+        axes=stated.forms[0],
+    )
+
+
+def state_of(picture: Picture, turned: Turning, where: Place) -> State:
+    """State of the platform in a motion, without forces."""
+    return State(
+        position=where.position,
+        rotation=turned.rotation,
+        velocity=where.velocity,
+        omega=turned.omega,
+        specific_force=specific_force(picture, turned, where),
+        alpha=turned.alpha,
+        tension=None,
+        wrench=None,
+        gravity=picture.robot.gravity,
+    )
+
+
 Relation = tuple[str, tuple[Source, ...]]
 """Kind of an agreement and whom it takes."""
 
@@ -457,6 +516,17 @@ def motion_relations(picture: Picture) -> Iterator[Relation]:
             yield ("gravity", (force_samples,))
     for of_length in picture.quantity("length"):
         yield from (("lengths", (of_length, a, p)) for a in turned[:1] for p in placed)
+    for reading in _other_readings(picture):
+        yield from (("reading", (reading, a, p)) for a in turned[:1] for p in placed)
+
+
+def _other_readings(picture: Picture) -> list[Source]:
+    """Vectors that motion instruments read and no agreement of its own is made for."""
+    return [
+        (name, quantity)
+        for name, quantity in picture.seen
+        if picture.instruments[name].is_motion and quantity not in _OWN_AGREEMENTS
+    ]
 
 
 def motion_agreement(picture: Picture, relation: Relation) -> Agreement:
@@ -473,6 +543,8 @@ def motion_agreement(picture: Picture, relation: Relation) -> Agreement:
             return accelerometer_and_motion(picture, sources[0], sources[1], None)
         case "accelerometer", _:
             return accelerometer_and_motion(picture, sources[0], sources[1], sources[2])
+        case "reading", _:
+            return reading_and_motion(picture, sources[0], sources[1], sources[2])
         case "scatter", _:
             return scatter_of_attitude(picture, sources[0])
         case "lengths", _:

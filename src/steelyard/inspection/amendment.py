@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import permutations, product
@@ -45,10 +45,15 @@ class Turn:
     """Axes exchanged and turned round."""
 
     matrix: Array
-    """What is true is this times what was read, shape (3, 3)."""
+    """What is true is this times what was read, shape (k, k)."""
     order: tuple[int, ...]
     signs: tuple[int, ...]
     proper: bool
+
+    @property
+    def keeps_order(self) -> bool:
+        """Whether only signs change."""
+        return self.order == tuple(range(len(self.order)))
 
     @property
     def cost(self) -> float:
@@ -59,26 +64,25 @@ class Turn:
 
 
 @cache
-def turns() -> tuple[Turn, ...]:
-    """All ways to exchange axes and signs, but for none; the simple ones first."""
+def turns(k: int = 3) -> tuple[Turn, ...]:
+    """All ways to exchange k axes and signs, but for none; the simple ones first."""
     found = []
-    for order in permutations(range(3)):
-        for signs in product((1, -1), repeat=3):
-            matrix = np.zeros((3, 3))
-            matrix[np.arange(3), list(order)] = signs
-            if not np.array_equal(matrix, np.eye(3)):
+    for order in permutations(range(k)):
+        for signs in product((1, -1), repeat=k):
+            matrix = np.zeros((k, k))
+            matrix[np.arange(k), list(order)] = signs
+            if not np.array_equal(matrix, np.eye(k)):
                 found.append(Turn(matrix, order, signs, bool(np.linalg.det(matrix) > 0)))
     return tuple(sorted(found, key=lambda turn: turn.cost))
 
 
-def columns_of(prefix: str, turn: Turn) -> tuple[str, str]:
-    """A turn of three columns in words, and what to write into the experiment file.
+def columns_of(names: Sequence[str], turn: Turn) -> tuple[str, str]:
+    """A turn of columns in words, and what to write into the experiment file.
 
     Args:
-        prefix: Of their names: ``a`` of ax, ay, az.
+        names: Of k columns.
         turn: What is to be done with them.
     """
-    names = [prefix + axis for axis in AXES]
     exchanged = {names[i]: names[k] for i, k in enumerate(turn.order) if i != k}
     flipped = [names[k] for i, k in enumerate(turn.order) if turn.signs[i] < 0]
     words, keys = [], []
@@ -98,7 +102,7 @@ def mapped(source: Source, matrix: Array) -> Callable[[Picture], Picture]:
     return lambda picture: picture.with_seen({source: picture.seen[source].mapped(matrix)})
 
 
-def units_key(columns: Iterator[str] | list[str], unit: str) -> str:
+def units_key(columns: Iterable[str], unit: str) -> str:
     """Units as the experiment file has them."""
     return "units: {" + ", ".join(f"{c}: {unit}" for c in columns) + "}"
 

@@ -163,8 +163,8 @@ def of_wrench(picture: Picture, name: str) -> Iterator[Amendment]:
     )
     force, torque = (name, "force"), (name, "torque")
     for turn in turns():
-        words, key = columns_of("f", turn)
-        both, keys = columns_of("t", turn)
+        words, key = columns_of(("fx", "fy", "fz"), turn)
+        both, keys = columns_of(("tx", "ty", "tz"), turn)
 
         def change(p: Picture, M: Array = turn.matrix) -> Picture:
             # A torque is no arrow: mirrored axes turn it round.

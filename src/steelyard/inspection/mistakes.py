@@ -127,7 +127,7 @@ def judged(picture: Picture) -> Judged:
 
 
 _MOTION = frozenset(
-    {"gyro", "scatter", "attitudes", "places", "accelerometer", "gravity", "lengths"}
+    {"gyro", "scatter", "attitudes", "places", "accelerometer", "gravity", "lengths", "reading"}
 )
 
 

@@ -36,13 +36,12 @@ from steelyard.inspection.frames import (
 from steelyard.inspection.picture import Picture, Seen
 from steelyard.units import FACTORS
 
-_PREFIX = {"angular_velocity": "w", "specific_force": "a", "position": ""}
-_UNIT = {"angular_velocity": "rad/s", "specific_force": "m/s^2", "position": "m"}
 _LIKELY = {
-    "angular_velocity": ("deg/s", "rpm", "mrad/s"),
-    "specific_force": ("g", "mg", "mm/s^2", "cm/s^2"),
-    "position": ("mm", "cm", "in", "ft"),
+    "rad/s": ("deg/s", "rpm", "mrad/s"),
+    "m/s^2": ("g", "mg", "mm/s^2", "cm/s^2"),
+    "m": ("mm", "cm", "in", "ft"),
 }
+"""Unit of a quantity -> units that logs have instead."""
 _HEADINGS = tuple(range(-170, 180, 10))
 _FARTHEST = 4.0
 """Radii of the platform beyond which nothing sits on it."""
@@ -54,20 +53,19 @@ def of_vectors(picture: Picture, source: Source) -> Iterator[Amendment]:
     """Signs, axes and units of a vector."""
     name, quantity = source
     touches = frozenset({name})
-    prefix = _PREFIX[quantity]
-    names = [prefix + axis for axis in AXES]
-    for turn in turns():
-        words, key = columns_of(prefix, turn)
-        kind = "order of axes" if turn.order != (0, 1, 2) else "sign of an axis"
+    stated = picture.instruments[name].quantity(quantity, picture.robot.m)
+    names = stated.forms[0]
+    for turn in turns(len(names)):
+        words, key = columns_of(names, turn)
+        kind = "sign of an axis" if turn.keeps_order else "order of axes"
         yield Amendment(
             kind, name, quantity, words, key, mapped(source, turn.matrix), turn.cost, touches
         )
-    si = _UNIT[quantity]
-    for unit, words, factor in other_units({u: FACTORS[si][u] for u in (si, *_LIKELY[quantity])}):
+    si = stated.unit
+    for unit, words, factor in other_units({u: FACTORS[si][u] for u in (si, *_LIKELY[si])}):
         key = units_key(names, unit)
-        yield Amendment(
-            "unit", name, quantity, words, key, mapped(source, factor * np.eye(3)), SIMPLE, touches
-        )
+        matrix = factor * np.eye(len(names))
+        yield Amendment("unit", name, quantity, words, key, mapped(source, matrix), SIMPLE, touches)
 
 
 def of_imu(picture: Picture, name: str) -> Iterator[Amendment]:

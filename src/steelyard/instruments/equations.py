@@ -61,6 +61,37 @@ def predict(
     return Batched("predict", {k: getattr(symbolic, k) for k in known}, possible)(**known)
 
 
+@lru_cache(maxsize=64)
+def _term_columns_of(instrument: Instrument, quantity: str, robot: Robot) -> _Part:
+    state = symbols(robot.m)
+    predicted, terms = _predicted(instrument, robot, (quantity,), state)
+    return _part(ca.jacobian(predicted, ca.vertcat(*terms.values())), state, terms)
+
+
+def term_columns(
+    instrument: Instrument, quantity: str, robot: Robot, state: State
+) -> dict[str, Array]:
+    """How the reading of one quantity follows the systematic errors, about their values known
+    beforehand.
+
+    Args:
+        instrument: Any kind with systematic errors.
+        quantity: One of its quantities, a vector of k numbers.
+        robot: Its cables.
+        state: Arrays over n samples; None where the reading does not depend on it.
+
+    Returns:
+        One derivative for each of :meth:`Instrument.terms`, shape (n, k, size).
+    """
+    part = _term_columns_of(instrument, quantity, robot)
+    known = {f"term_{key}": value for key, value in means(instrument, robot.m).items()}
+    values = part.evaluate({**known, **vars(state)})
+    sizes = {term.key: term.size for term in instrument.terms(robot.m)}
+    columns = np.broadcast_to(values, (len(state.rotation), *values.shape[1:]))
+    parts = np.split(columns, np.cumsum(list(sizes.values()))[:-1], axis=2)
+    return dict(zip(sizes, parts, strict=True))
+
+
 def solve_for(
     unknown: str,
     instrument: Instrument,
