@@ -17,9 +17,9 @@ from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.schema import schema
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.inspection.excerpt import excerpts
 from steelyard.inspection.inspect import inspect
 from steelyard.inspection.mistakes import judged, mistakes
-from steelyard.inspection.picture import pictures
 from steelyard.instruments import Distance
 from steelyard.instruments.equations import linearised, predict, term_columns
 from steelyard.motion.state import State
@@ -188,8 +188,8 @@ def test_it_takes_the_place_of_what_the_tracker_does_not_tell():
 
 
 def test_inspection_compares_it_with_the_motion():
-    (picture,) = pictures(recorded(2), 1)
-    found = judged(picture)
+    (excerpt,) = excerpts(recorded(2), 1)
+    found = judged(excerpt)
     assert not found.bad
     own = [a for a in found.agreements.values() if ("laser", "distance") in a.between]
     assert own
@@ -210,8 +210,8 @@ def test_inspection_says_what_the_recording_tells_of_it():
     [(-1.0, "wrong sign"), (1000.0, "units: {d: mm}"), (100.0, "units: {d: cm}")],
 )
 def test_a_wrong_sign_or_unit_is_named(factor, words):
-    (picture,) = pictures(vector("laser", "distance", factor)(recorded(2)), 1)
-    found, after = mistakes(picture)
+    (excerpt,) = excerpts(vector("laser", "distance", factor)(recorded(2)), 1)
+    found, after = mistakes(excerpt)
     (mistake,) = found
     assert mistake.amendment.subject == "laser"
     assert words in f"{mistake.amendment.what}; {mistake.amendment.proposal}"

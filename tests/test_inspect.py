@@ -11,10 +11,10 @@ from recordings import RUN, save, table, write_small
 from simulated import PAPER, RECORDER, changed, sound, without
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.inspection.delays import of_pictures
+from steelyard.inspection.delays import of_excerpt
+from steelyard.inspection.excerpt import excerpts
 from steelyard.inspection.inspect import inspect
 from steelyard.inspection.mistakes import judged, mistakes
-from steelyard.inspection.picture import pictures
 from steelyard.report.inspection_document import inspection_document
 from steelyard.report.markdown import markdown
 
@@ -30,8 +30,8 @@ TRIED = (
 
 
 def found_in(experiment):
-    (picture,) = pictures(experiment, 1)
-    return mistakes(picture)
+    (excerpt,) = excerpts(experiment, 1)
+    return mistakes(excerpt)
 
 
 @pytest.mark.slow
@@ -49,8 +49,8 @@ def test_a_mistake_is_named_with_what_to_change(name):
 
 @pytest.mark.parametrize("seed", range(1, 5))
 def test_a_sound_recording_raises_no_alarm(seed):
-    (picture,) = pictures(sound(seed), 1)
-    assert not judged(picture).bad
+    (excerpt,) = excerpts(sound(seed), 1)
+    assert not judged(excerpt).bad
 
 
 @pytest.mark.parametrize(
@@ -64,8 +64,8 @@ def test_a_sound_recording_raises_no_alarm(seed):
     ],
 )
 def test_fewer_instruments_raise_no_alarm_either(instrument, quantity):
-    (picture,) = pictures(without(sound(1), instrument, quantity), 1)
-    assert not judged(picture).bad
+    (excerpt,) = excerpts(without(sound(1), instrument, quantity), 1)
+    assert not judged(excerpt).bad
 
 
 def test_the_gyro_is_blamed_for_its_own_mistake_alone():
@@ -135,7 +135,7 @@ def shaken(rng, delay):
 @pytest.mark.parametrize("delay", [-0.004, 0.0, 0.0072])
 def test_vibrations_tell_how_late_an_accelerometer_is(rng, delay):
     experiment = shaken(rng, delay)
-    found = {each.instruments: each for each in of_pictures(experiment, experiment.runs[0])}
+    found = {each.instruments: each for each in of_excerpt(experiment, experiment.runs[0])}
     accelerometer = found["imu",]
     assert accelerometer.told
     assert accelerometer.value == pytest.approx(delay, abs=5e-4)

@@ -15,9 +15,10 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
+from steelyard.inspection.excerpt import Excerpt
 from steelyard.inspection.frames import (
-    Place,
-    Turning,
+    AttitudeMotion,
+    OriginMotion,
     accelerometer,
     gyro,
     lever_of,
@@ -25,7 +26,6 @@ from steelyard.inspection.frames import (
     place,
     turning,
 )
-from steelyard.inspection.picture import Picture
 from steelyard.instruments.equations import means, predict, term_columns
 from steelyard.motion.state import State
 
@@ -60,7 +60,7 @@ _VIBRATION = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Agreement:
+class InstrumentAgreement:
     """Two accounts of one thing."""
 
     name: str
@@ -118,7 +118,7 @@ def compare(
     tolerance: float,
     robot: bool = False,
     axes: Sequence[str] | None = None,
-) -> Agreement:
+) -> InstrumentAgreement:
     """Hold two accounts against each other.
 
     Args:
@@ -144,7 +144,7 @@ def compare(
     if axes is None:
         k = measured.shape[1]
         axes = "xyz" if k == 3 else [str(i + 1) for i in range(k)]
-    return Agreement(
+    return InstrumentAgreement(
         name,
         between,
         (*axes, *(f.names[0] for f in freedoms)),
@@ -179,9 +179,9 @@ def settled(
     return residual - taken, taken, np.array([float(np.sqrt(np.mean(g**2))) for g in groups])
 
 
-def _sigma(picture: Picture, name: str, key: str, least: float) -> Array:
+def _sigma(excerpt: Excerpt, name: str, key: str, least: float) -> Array:
     """1-sigma of three components of a calibration error, at least as stated; shape (3,)."""
-    terms = {term.key: term for term in picture.instruments[name].terms(picture.robot.m)}
+    terms = {term.key: term for term in excerpt.instruments[name].terms(excerpt.robot.m)}
     term = terms.get(key)
     stated = None if term is None else term.deviation
     return np.full(3, least) if stated is None else np.maximum(stated, least)
@@ -206,36 +206,36 @@ def _late(rate: Array, sigma: float) -> Freedom:
     return Freedom(-rate[:, :, None], np.array([sigma]), ("delay",))
 
 
-def _clock_sigma(picture: Picture, *names: str) -> float:
+def _clock_sigma(excerpt: Excerpt, *names: str) -> float:
     """How far clocks may be apart [s]."""
     total = 0.0
     for name in names:
-        if picture.instruments[name].kind == "command":
+        if excerpt.instruments[name].kind == "command":
             total += _COMMAND_CLOCK**2
             continue
-        stated = picture.experiment.delay(picture.run, name).sigma
+        stated = excerpt.experiment.delay(excerpt.run, name).sigma
         total += max(0.02, float(np.mean(stated)) if stated is not None else _CLOCK) ** 2
     return float(np.sqrt(total))
 
 
-def is_command(picture: Picture, name: str) -> bool:
+def is_command(excerpt: Excerpt, name: str) -> bool:
     """Whether an instrument says what was asked for rather than what was."""
-    return picture.instruments[name].kind == "command"
+    return excerpt.instruments[name].kind == "command"
 
 
-def tolerance(picture: Picture, *sources: Source) -> float:
+def tolerance(excerpt: Excerpt, *sources: Source) -> float:
     """What may be left of a motion."""
-    return _COMMANDED if any(is_command(picture, name) for name, _ in sources) else _MEASURED
+    return _COMMANDED if any(is_command(excerpt, name) for name, _ in sources) else _MEASURED
 
 
-def attitudes(picture: Picture) -> list[Source]:
+def attitudes(excerpt: Excerpt) -> list[Source]:
     """Orientations, measured ones first."""
-    return sorted(picture.quantity("orientation"), key=lambda s: is_command(picture, s[0]))
+    return sorted(excerpt.quantity("orientation"), key=lambda s: is_command(excerpt, s[0]))
 
 
-def positions(picture: Picture) -> list[Source]:
+def positions(excerpt: Excerpt) -> list[Source]:
     """Positions, measured ones first."""
-    return sorted(picture.quantity("position"), key=lambda s: is_command(picture, s[0]))
+    return sorted(excerpt.quantity("position"), key=lambda s: is_command(excerpt, s[0]))
 
 
 def title(*sources: Source) -> str:
@@ -243,9 +243,11 @@ def title(*sources: Source) -> str:
     return " against ".join(f"{quantity.replace('_', ' ')} of {name}" for name, quantity in sources)
 
 
-def gyro_and_attitude(picture: Picture, of_gyro: Source, of_attitude: Source) -> Agreement:
+def gyro_and_attitude(
+    excerpt: Excerpt, of_gyro: Source, of_attitude: Source
+) -> InstrumentAgreement:
     """Angular velocity against the derivative of an attitude."""
-    seen, turned = gyro(picture, of_gyro), turning(picture, of_attitude)
+    seen, turned = gyro(excerpt, of_gyro), turning(excerpt, of_attitude)
     n = len(seen.value)
     return compare(
         title(of_gyro, of_attitude),
@@ -254,25 +256,25 @@ def gyro_and_attitude(picture: Picture, of_gyro: Source, of_attitude: Source) ->
         seen.value,
         turned.omega,
         [
-            _constant(n, _sigma(picture, of_gyro[0], "gyro_bias", 0.005), "bias"),
-            _tilt(turned.omega, np.hypot(_sigma(picture, of_gyro[0], "misalignment", 0.02), 0.02)),
-            _late(seen.rate, _clock_sigma(picture, of_gyro[0], of_attitude[0])),
+            _constant(n, _sigma(excerpt, of_gyro[0], "gyro_bias", 0.005), "bias"),
+            _tilt(turned.omega, np.hypot(_sigma(excerpt, of_gyro[0], "misalignment", 0.02), 0.02)),
+            _late(seen.rate, _clock_sigma(excerpt, of_gyro[0], of_attitude[0])),
         ],
         noise=float(np.hypot(seen.noise[0], turned.noise[1])),
-        tolerance=tolerance(picture, of_gyro, of_attitude),
+        tolerance=tolerance(excerpt, of_gyro, of_attitude),
     )
 
 
-def attitude_and_attitude(picture: Picture, first: Source, second: Source) -> Agreement:
+def attitude_and_attitude(excerpt: Excerpt, first: Source, second: Source) -> InstrumentAgreement:
     """Two orientations."""
-    one, other = turning(picture, first), turning(picture, second)
+    one, other = turning(excerpt, first), turning(excerpt, second)
     apart = vector_of_rotations(other.rotation.swapaxes(1, 2) @ one.rotation)
     n = len(apart)
-    # About the first instant, so that a picture of both shows the motion.
+    # About the first instant, so that an excerpt of both shows the motion.
     begin = vector_of_rotations(other.rotation[0].T @ other.rotation)
     small = np.hypot(
-        _sigma(picture, first[0], "misalignment", 0.02),
-        _sigma(picture, first[0], "reference", 0.03),
+        _sigma(excerpt, first[0], "misalignment", 0.02),
+        _sigma(excerpt, first[0], "reference", 0.03),
     )
     return compare(
         title(first, second),
@@ -283,10 +285,10 @@ def attitude_and_attitude(picture: Picture, first: Source, second: Source) -> Ag
         [
             _constant(n, small, "misalignment"),
             Freedom(other.rotation.swapaxes(1, 2), small, ("reference",)),
-            _late(other.omega, _clock_sigma(picture, first[0], second[0])),
+            _late(other.omega, _clock_sigma(excerpt, first[0], second[0])),
         ],
         noise=float(np.hypot(one.noise[0], other.noise[0])),
-        tolerance=tolerance(picture, first, second),
+        tolerance=tolerance(excerpt, first, second),
     )
 
 
@@ -298,13 +300,13 @@ def vector_of_rotations(matrices: Array) -> Array:
 
 
 def position_and_position(
-    picture: Picture, first: Source, second: Source, of_attitude: Source
-) -> Agreement:
+    excerpt: Excerpt, first: Source, second: Source, of_attitude: Source
+) -> InstrumentAgreement:
     """Two places, both turned into that of the platform origin."""
-    turned = turning(picture, of_attitude)
-    one, other = (place(picture, source, turned) for source in (first, second))
+    turned = turning(excerpt, of_attitude)
+    one, other = (place(excerpt, source, turned) for source in (first, second))
     n = len(turned.omega)
-    target = _sigma(picture, first[0], "target", 0.02)
+    target = _sigma(excerpt, first[0], "target", 0.02)
     return compare(
         title(first, second),
         tuple(dict.fromkeys((first, second, of_attitude))),
@@ -314,32 +316,32 @@ def position_and_position(
         [
             _constant(n, np.full(3, np.hypot(_COMMAND_PLACE, 0.01)), "frame"),
             Freedom(turned.rotation, target, ("target",)),
-            _late(other.velocity, _clock_sigma(picture, first[0], second[0])),
+            _late(other.velocity, _clock_sigma(excerpt, first[0], second[0])),
         ],
         noise=float(np.hypot(one.noise[0], other.noise[0])),
-        tolerance=tolerance(picture, first, second),
+        tolerance=tolerance(excerpt, first, second),
     )
 
 
-def specific_force(picture: Picture, turned: Turning, where: Place | None) -> Array:
+def specific_force(excerpt: Excerpt, turned: AttitudeMotion, where: OriginMotion | None) -> Array:
     """Specific force of the platform origin that a motion makes, platform frame [m/s^2], shape (n,
     3).
     """
     acceleration = np.zeros_like(turned.omega) if where is None else where.acceleration
     return np.asarray(
-        np.einsum("nji,nj->ni", turned.rotation, acceleration - picture.robot.gravity)
+        np.einsum("nji,nj->ni", turned.rotation, acceleration - excerpt.robot.gravity)
     )
 
 
 def accelerometer_and_motion(
-    picture: Picture, of_force: Source, of_attitude: Source, of_position: Source | None
-) -> Agreement:
+    excerpt: Excerpt, of_force: Source, of_attitude: Source, of_position: Source | None
+) -> InstrumentAgreement:
     """Specific force where an accelerometer sits against what gravity and the motion make of it."""
-    turned = turning(picture, of_attitude)
-    where = None if of_position is None else place(picture, of_position, turned)
-    force_samples = accelerometer(picture, of_force, turned.rotation)
-    lever = lever_of(picture, of_force[0])
-    predicted = moved(specific_force(picture, turned, where), turned.omega, turned.alpha, lever)
+    turned = turning(excerpt, of_attitude)
+    where = None if of_position is None else place(excerpt, of_position, turned)
+    force_samples = accelerometer(excerpt, of_force, turned.rotation)
+    lever = lever_of(excerpt, of_force[0])
+    predicted = moved(specific_force(excerpt, turned, where), turned.omega, turned.alpha, lever)
     n = len(predicted)
     by_lever = _skew(turned.alpha) + _skew(turned.omega) @ _skew(turned.omega)
     between = tuple(dict.fromkeys(s for s in (of_force, of_attitude, of_position) if s))
@@ -360,27 +362,27 @@ def accelerometer_and_motion(
         force_samples.value,
         predicted,
         [
-            _constant(n, _sigma(picture, of_force[0], "accelerometer_bias", 0.1), "bias"),
-            _tilt(predicted, np.hypot(_sigma(picture, of_force[0], "misalignment", 0.02), 0.02)),
-            Freedom(by_lever, _sigma(picture, of_force[0], "position", 0.03), ("position",)),
-            _late(force_samples.rate, _clock_sigma(picture, *(s[0] for s in between))),
+            _constant(n, _sigma(excerpt, of_force[0], "accelerometer_bias", 0.1), "bias"),
+            _tilt(predicted, np.hypot(_sigma(excerpt, of_force[0], "misalignment", 0.02), 0.02)),
+            Freedom(by_lever, _sigma(excerpt, of_force[0], "position", 0.03), ("position",)),
+            _late(force_samples.rate, _clock_sigma(excerpt, *(s[0] for s in between))),
         ],
         noise=float(noise),
-        tolerance=tolerance(picture, *between),
+        tolerance=tolerance(excerpt, *between),
         robot=True,
     )
 
 
-def gravity_and_accelerometer_alone(picture: Picture, of_force: Source) -> Agreement:
+def gravity_and_accelerometer_alone(excerpt: Excerpt, of_force: Source) -> InstrumentAgreement:
     """Length of what an accelerometer feels on average against gravity, where nothing tells the
     attitude.
     """
-    force_samples = picture.seen[of_force]
+    force_samples = excerpt.observations[of_force]
     length = np.linalg.norm(force_samples.value, axis=1, keepdims=True)
-    gravity = np.full_like(length, np.linalg.norm(picture.robot.gravity))
+    gravity = np.full_like(length, np.linalg.norm(excerpt.robot.gravity))
     left = float(np.mean(length) / gravity[0, 0])
     off = abs(np.log(max(left, 1e-6)))
-    return Agreement(
+    return InstrumentAgreement(
         f"mean of {title(of_force)} against gravity",
         (of_force,),
         ("length",),
@@ -393,15 +395,15 @@ def gravity_and_accelerometer_alone(picture: Picture, of_force: Source) -> Agree
     )
 
 
-def scatter_of_attitude(picture: Picture, of_attitude: Source) -> Agreement:
+def scatter_of_attitude(excerpt: Excerpt, of_attitude: Source) -> InstrumentAgreement:
     """How far an orientation is from a motion at all: what turns to and fro from sample to sample
     is none.
     """
-    seen = picture.seen[of_attitude]
+    seen = excerpt.observations[of_attitude]
     flat = seen.value.reshape(len(seen.value), -1)
     # The determinant of what is smooth is that of a rotation.
     lost = np.abs(1 - np.linalg.det(seen.value))
-    return Agreement(
+    return InstrumentAgreement(
         f"{title(of_attitude)} alone",
         (of_attitude,),
         ("scatter", "length"),
@@ -414,17 +416,17 @@ def scatter_of_attitude(picture: Picture, of_attitude: Source) -> Agreement:
 
 
 def length_and_geometry(
-    picture: Picture, of_length: Source, of_attitude: Source, of_position: Source
-) -> Agreement:
+    excerpt: Excerpt, of_length: Source, of_attitude: Source, of_position: Source
+) -> InstrumentAgreement:
     """Cable lengths against anchors, attachments and pose, up to a constant of each cable."""
-    robot = picture.robot
-    turned = turning(picture, of_attitude)
-    where = place(picture, of_position, turned)
+    robot = excerpt.robot
+    turned = turning(excerpt, of_attitude)
+    where = place(excerpt, of_position, turned)
     corners = where.position[:, None, :] + np.einsum(
         "nij,mj->nmi", turned.rotation, robot.attachments
     )
     lengths = np.linalg.norm(robot.anchors - corners, axis=2)
-    read = picture.seen[of_length]
+    read = excerpt.observations[of_length]
     measured, predicted = (each - each.mean(axis=0) for each in (read.value, lengths))
     return compare(
         title(of_length, of_position),
@@ -432,23 +434,23 @@ def length_and_geometry(
         "m",
         measured,
         predicted,
-        [_late(read.rate, _clock_sigma(picture, of_length[0], of_position[0]))],
+        [_late(read.rate, _clock_sigma(excerpt, of_length[0], of_position[0]))],
         noise=float(np.hypot(read.noise[0], where.noise[0] + robot.size * turned.noise[0])),
-        tolerance=tolerance(picture, of_attitude, of_position),
+        tolerance=tolerance(excerpt, of_attitude, of_position),
         robot=True,
     )
 
 
 def reading_and_motion(
-    picture: Picture, of_reading: Source, of_attitude: Source, of_position: Source
-) -> Agreement:
+    excerpt: Excerpt, of_reading: Source, of_attitude: Source, of_position: Source
+) -> InstrumentAgreement:
     """Any reading against what its instrument would read in a motion."""
     name, quantity = of_reading
-    instrument, robot = picture.instruments[name], picture.robot.with_straight_cables()
-    turned = turning(picture, of_attitude)
-    where = place(picture, of_position, turned)
-    state = state_of(picture, turned, where)
-    read = picture.seen[of_reading]
+    instrument, robot = excerpt.instruments[name], excerpt.robot.with_straight_cables()
+    turned = turning(excerpt, of_attitude)
+    where = place(excerpt, of_position, turned)
+    state = state_of(excerpt, turned, where)
+    read = excerpt.observations[of_reading]
     predicted = predict(instrument, robot, state, means(instrument, robot.m))[quantity]
     columns = term_columns(instrument, quantity, robot, state)
     stated = instrument.quantity(quantity, robot.m)
@@ -457,8 +459,8 @@ def reading_and_motion(
     for term in instrument.terms(robot.m):
         sigma = np.full(term.size, least) if term.deviation is None else term.deviation
         freedoms.append(Freedom(columns[term.key], np.maximum(sigma, least), (term.key,)))
-    freedoms.append(_late(read.rate, _clock_sigma(picture, name, of_position[0])))
-    lever = float(np.linalg.norm(lever_of(picture, name)))
+    freedoms.append(_late(read.rate, _clock_sigma(excerpt, name, of_position[0])))
+    lever = float(np.linalg.norm(lever_of(excerpt, name)))
     return compare(
         title(of_reading, of_position),
         tuple(dict.fromkeys((of_reading, of_attitude, of_position))),
@@ -467,24 +469,24 @@ def reading_and_motion(
         predicted,
         freedoms,
         noise=float(np.hypot(read.noise[0], where.noise[0] + lever * turned.noise[0])),
-        tolerance=tolerance(picture, of_attitude, of_position),
+        tolerance=tolerance(excerpt, of_attitude, of_position),
         robot=True,
         axes=stated.forms[0],
     )
 
 
-def state_of(picture: Picture, turned: Turning, where: Place) -> State:
+def state_of(excerpt: Excerpt, turned: AttitudeMotion, where: OriginMotion) -> State:
     """State of the platform in a motion, without forces."""
     return State(
         position=where.position,
         rotation=turned.rotation,
         velocity=where.velocity,
         omega=turned.omega,
-        specific_force=specific_force(picture, turned, where),
+        specific_force=specific_force(excerpt, turned, where),
         alpha=turned.alpha,
         tension=None,
         wrench=None,
-        gravity=picture.robot.gravity,
+        gravity=excerpt.robot.gravity,
     )
 
 
@@ -492,62 +494,62 @@ Relation = tuple[str, tuple[Source, ...]]
 """Kind of an agreement and whom it takes."""
 
 
-def motion_relations(picture: Picture) -> Iterator[Relation]:
+def motion_relations(excerpt: Excerpt) -> Iterator[Relation]:
     """Which motion instruments can be held against which."""
-    turned, placed = attitudes(picture), positions(picture)
-    measured = [s for s in turned if not is_command(picture, s[0])]
-    if not picture.static:
+    turned, placed = attitudes(excerpt), positions(excerpt)
+    measured = [s for s in turned if not is_command(excerpt, s[0])]
+    if not excerpt.static:
         yield from (("scatter", (a,)) for a in turned)
-    for of_gyro in picture.quantity("angular_velocity"):
-        if not picture.static:
+    for of_gyro in excerpt.quantity("angular_velocity"):
+        if not excerpt.static:
             yield from (("gyro", (of_gyro, a)) for a in turned)
     for i, first in enumerate(turned):
         yield from (("attitudes", (first, second)) for second in turned[i + 1 :])
     for i, first in enumerate(placed):
         if turned:
             yield from (("places", (first, second, turned[0])) for second in placed[i + 1 :])
-    for force_samples in picture.quantity("specific_force"):
+    for force_samples in excerpt.quantity("specific_force"):
         for a in measured or turned:
-            if picture.static or not placed:
+            if excerpt.static or not placed:
                 yield ("accelerometer", (force_samples, a))
             else:
                 yield from (("accelerometer", (force_samples, a, p)) for p in placed)
         if not turned:
             yield ("gravity", (force_samples,))
-    for of_length in picture.quantity("length"):
+    for of_length in excerpt.quantity("length"):
         yield from (("lengths", (of_length, a, p)) for a in turned[:1] for p in placed)
-    for reading in _other_readings(picture):
+    for reading in _other_readings(excerpt):
         yield from (("reading", (reading, a, p)) for a in turned[:1] for p in placed)
 
 
-def _other_readings(picture: Picture) -> list[Source]:
+def _other_readings(excerpt: Excerpt) -> list[Source]:
     """Vectors that motion instruments read and no agreement of its own is made for."""
     return [
         (name, quantity)
-        for name, quantity in picture.seen
-        if picture.instruments[name].is_motion and quantity not in _OWN_AGREEMENTS
+        for name, quantity in excerpt.observations
+        if excerpt.instruments[name].is_motion and quantity not in _OWN_AGREEMENTS
     ]
 
 
-def motion_agreement(picture: Picture, relation: Relation) -> Agreement:
+def motion_agreement(excerpt: Excerpt, relation: Relation) -> InstrumentAgreement:
     """Evaluate one of :func:`motion_relations`."""
     kind, sources = relation
     match kind, len(sources):
         case "gyro", _:
-            return gyro_and_attitude(picture, sources[0], sources[1])
+            return gyro_and_attitude(excerpt, sources[0], sources[1])
         case "attitudes", _:
-            return attitude_and_attitude(picture, sources[0], sources[1])
+            return attitude_and_attitude(excerpt, sources[0], sources[1])
         case "places", _:
-            return position_and_position(picture, sources[0], sources[1], sources[2])
+            return position_and_position(excerpt, sources[0], sources[1], sources[2])
         case "accelerometer", 2:
-            return accelerometer_and_motion(picture, sources[0], sources[1], None)
+            return accelerometer_and_motion(excerpt, sources[0], sources[1], None)
         case "accelerometer", _:
-            return accelerometer_and_motion(picture, sources[0], sources[1], sources[2])
+            return accelerometer_and_motion(excerpt, sources[0], sources[1], sources[2])
         case "reading", _:
-            return reading_and_motion(picture, sources[0], sources[1], sources[2])
+            return reading_and_motion(excerpt, sources[0], sources[1], sources[2])
         case "scatter", _:
-            return scatter_of_attitude(picture, sources[0])
+            return scatter_of_attitude(excerpt, sources[0])
         case "lengths", _:
-            return length_and_geometry(picture, sources[0], sources[1], sources[2])
+            return length_and_geometry(excerpt, sources[0], sources[1], sources[2])
         case _:
-            return gravity_and_accelerometer_alone(picture, sources[0])
+            return gravity_and_accelerometer_alone(excerpt, sources[0])

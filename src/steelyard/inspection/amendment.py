@@ -11,7 +11,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.picture import Picture
+from steelyard.inspection.excerpt import Excerpt
 
 ROBOT = "robot"
 """Subject of mistakes in the robot file."""
@@ -34,7 +34,7 @@ class Amendment:
     """The mistake in words."""
     proposal: str
     """What to change, with the key of the experiment file."""
-    change: Callable[[Picture], Picture]
+    change: Callable[[Excerpt], Excerpt]
     cost: float
     touches: frozenset[str]
     """Instruments whose readings look different then, and :data:`ROBOT`."""
@@ -97,9 +97,11 @@ def columns_of(names: Sequence[str], turn: Turn) -> tuple[str, str]:
     return " and ".join(words), ", and ".join(keys)
 
 
-def mapped(source: Source, matrix: Array) -> Callable[[Picture], Picture]:
+def mapped(source: Source, matrix: Array) -> Callable[[Excerpt], Excerpt]:
     """The change of a vector."""
-    return lambda picture: picture.with_seen({source: picture.seen[source].mapped(matrix)})
+    return lambda excerpt: excerpt.with_observations(
+        {source: excerpt.observations[source].mapped(matrix)}
+    )
 
 
 def units_key(columns: Iterable[str], unit: str) -> str:

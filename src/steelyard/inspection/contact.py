@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array, stretches
 from steelyard.inspection.agreement import BAD, Relation
-from steelyard.inspection.carrying import Weighed, carrying_relations, weighed
+from steelyard.inspection.excerpt import Excerpt
 from steelyard.inspection.frames import mounting
-from steelyard.inspection.picture import Picture
+from steelyard.inspection.wrench_balance import BodyBalance, body_balance, force_relations
 
 _ROUNDS = 40
 _FAR = 4.0
@@ -68,28 +68,28 @@ class Residual:
 
 
 def unexplained(
-    pictures: Sequence[Picture], worst: Mapping[str, float]
+    excerpts: Sequence[Excerpt], worst: Mapping[str, float]
 ) -> tuple[list[Residual], list[Contact]]:
     """Forces that a body leaves over which explains most of all runs.
 
     Args:
-        pictures: Of the runs.
+        excerpts: Of the runs.
         worst: Run -> ratio of the worst agreement of its forces.
     """
     fits = {}
-    for picture in pictures:
-        relation = _relation(picture)
+    for excerpt in excerpts:
+        relation = _relation(excerpt)
         if (
             relation is not None
-            and not picture.static
-            and (found := weighed(picture, relation)) is not None
+            and not excerpt.static
+            and (found := body_balance(excerpt, relation)) is not None
         ):
-            fits[picture.run.name] = (picture, relation, found)
+            fits[excerpt.run.name] = (excerpt, relation, found)
     sound = [found for run, (_, _, found) in fits.items() if worst.get(run, 0.0) < BAD]
     residuals, contacts = [], []
-    for picture, relation, found in fits.values():
+    for excerpt, relation, found in fits.values():
         others = [each for each in sound if each is not found]
-        residual = _residual(picture, relation, found, others)
+        residual = _residual(excerpt, relation, found, others)
         residuals.append(residual)
         far = residual.size > _FAR
         if far.mean() < 1 - _LEAST_CLEAN:
@@ -97,17 +97,17 @@ def unexplained(
     return residuals, contacts
 
 
-def _relation(picture: Picture) -> Relation | None:
+def _relation(excerpt: Excerpt) -> Relation | None:
     """The account of the motion to go by: an accelerometer feels what the platform does, others
     only where it is.
     """
-    relations = [r for r in carrying_relations(picture) if r[0] in {"cables", "wrench"}]
+    relations = [r for r in force_relations(excerpt) if r[0] in {"cables", "wrench"}]
     force_samples = [r for r in relations if any(q == "specific_force" for _, q in r[1])]
     return next(iter(force_samples or relations), None)
 
 
 def _residual(
-    picture: Picture, relation: Relation, found: Weighed, others: Sequence[Weighed]
+    excerpt: Excerpt, relation: Relation, found: BodyBalance, others: Sequence[BodyBalance]
 ) -> Residual:
     """What a body leaves that is chosen so as to explain as many instants as possible, near that of
     sound runs.
@@ -132,9 +132,9 @@ def _residual(
     size = np.sqrt(np.mean(left**2, axis=1))
     whole = left * found.allowed
     name = relation[1][0][0]
-    instrument = picture.instruments[name]
+    instrument = excerpt.instruments[name]
     if instrument.kind == "wrench":
-        R = mounting(picture, name)
+        R = mounting(excerpt, name)
         sign = 1.0 if instrument.acts_on == "body" else -1.0  # type: ignore[attr-defined]
         whole = sign * np.hstack([whole[:, :3] @ R, whole[:, 3:] @ R])
         names: tuple[str, ...] = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -142,7 +142,7 @@ def _residual(
         names = tuple(
             f"{what} {axis} of the platform" for what in ("force", "torque") for axis in "xyz"
         )
-    return Residual(picture.run.name, name, picture.time, whole, size, names)
+    return Residual(excerpt.run.name, name, excerpt.time, whole, size, names)
 
 
 def _contacts(residual: Residual, far: NDArray[np.bool_]) -> list[Contact]:

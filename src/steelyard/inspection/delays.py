@@ -14,8 +14,8 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.solve.joint_study import Joint
 from steelyard.inspection.agreement import Relation, motion_agreement, motion_relations
-from steelyard.inspection.carrying import carrying_relations, weighed
-from steelyard.inspection.picture import Picture, picture
+from steelyard.inspection.excerpt import Excerpt, excerpt_of
+from steelyard.inspection.wrench_balance import body_balance, force_relations
 from steelyard.smoothing import Samples1D, fit
 
 _FINEST = 0.03
@@ -119,7 +119,7 @@ def of_joint(joint: Joint, run: Run) -> list[Delay]:
     return found
 
 
-def of_pictures(experiment: Experiment, run: Run) -> list[Delay]:
+def of_excerpt(experiment: Experiment, run: Run) -> list[Delay]:
     """Delays by moving each clock until what it shows agrees best with the forces, or with what
     agrees with them.
 
@@ -127,11 +127,11 @@ def of_pictures(experiment: Experiment, run: Run) -> list[Delay]:
         experiment: With its instruments.
         run: One in motion.
     """
-    view = picture(experiment, run, _FINEST, _MOST)
+    view = excerpt_of(experiment, run, _FINEST, _MOST)
     return [] if view is None else [_best(view, names) for names in groups_of(experiment, run)]
 
 
-def _best(view: Picture, names: tuple[str, ...]) -> Delay:
+def _best(view: Excerpt, names: tuple[str, ...]) -> Delay:
     """Delay of one clock."""
     prior = prior_of(view.experiment, view.run, names)
     shaken = _by_vibration(view, names)
@@ -154,13 +154,13 @@ def _best(view: Picture, names: tuple[str, ...]) -> Delay:
     return Delay(view.run.name, names, prior[0] + value, sigma, prior, sigma < _LARGEST_SIGMA, how)
 
 
-def _relations(view: Picture, names: tuple[str, ...]) -> list[Relation]:
+def _relations(view: Excerpt, names: tuple[str, ...]) -> list[Relation]:
     """What a clock can be held against: the forces where what it reads is enough to know the motion
     by, else its fellows.
     """
     own = [
         r
-        for r in carrying_relations(view)
+        for r in force_relations(view)
         if r[0] in {"cables", "wrench"}
         and any(n in names for n, _ in r[1])
         and not any(view.instruments[n].kind == "command" for n, _ in r[1] if n not in names)
@@ -176,7 +176,7 @@ def _relations(view: Picture, names: tuple[str, ...]) -> list[Relation]:
 
 
 def _least(
-    view: Picture, names: tuple[str, ...], relation: Relation
+    view: Excerpt, names: tuple[str, ...], relation: Relation
 ) -> tuple[float, float, str] | None:
     """Delay of least residual, its 1-sigma, and by what."""
     grid = np.arange(-_REACH, _REACH + _STEP / 2, _STEP)
@@ -201,7 +201,7 @@ def _least(
     return value, sigma, " and ".join(dict.fromkeys(n for n, _ in relation[1]))
 
 
-def _by_vibration(view: Picture, names: tuple[str, ...]) -> tuple[float, float] | None:
+def _by_vibration(view: Excerpt, names: tuple[str, ...]) -> tuple[float, float] | None:
     """Delay of an accelerometer against a six-axis sensor: whatever shakes the body shakes both, as
     fast as they are read.
 
@@ -249,16 +249,16 @@ def _by_vibration(view: Picture, names: tuple[str, ...]) -> tuple[float, float] 
     return value, float(np.sqrt(2 * cost[i] / (bend * 3 * len(at) / 2)))
 
 
-def _moved(view: Picture, names: tuple[str, ...], delay: float) -> Picture:
-    return view.with_seen(
-        {s: seen.later(view.time, delay) for s, seen in view.seen.items() if s[0] in names}
+def _moved(view: Excerpt, names: tuple[str, ...], delay: float) -> Excerpt:
+    return view.with_observations(
+        {s: seen.later(view.time, delay) for s, seen in view.observations.items() if s[0] in names}
     )
 
 
-def _left(view: Picture, relation: Relation) -> float:
+def _left(view: Excerpt, relation: Relation) -> float:
     """Mean square of what is left, in units that do not change."""
     if relation[0] in {"cables", "wrench"}:
-        found = weighed(view, relation)
+        found = body_balance(view, relation)
         if found is None:
             return np.inf
         scale = np.repeat([_rms(found.carried.wrench[:, :3]), _rms(found.carried.wrench[:, 3:])], 3)

@@ -24,7 +24,7 @@ _MOSTLY = 0.9
 
 
 @dataclass(frozen=True)
-class Finding:
+class Identifiability:
     """How well one number can be known."""
 
     name: str
@@ -44,9 +44,9 @@ class Finding:
 class Excitation:
     """How well everything can be known from this recording."""
 
-    body: tuple[Finding, ...]
+    body: tuple[Identifiability, ...]
     """The ten of :data:`steelyard.inertia.BODY_PARAMETERS`."""
-    calibration: tuple[Finding, ...]
+    calibration: tuple[Identifiability, ...]
     """Every systematic error that is not known exactly."""
 
 
@@ -71,11 +71,11 @@ def excitation(joint: Joint) -> Excitation:
             if sigma < _HALF * sizes[i]
             else "not at all"
         )
-        findings.append(Finding(name, BODY_UNITS[i], float(values[i]), sigma, known, told))
+        findings.append(Identifiability(name, BODY_UNITS[i], float(values[i]), sigma, known, told))
     left = np.sqrt(np.maximum(np.diag(joint.bound.calibration), 0.0))
     names = calibration_parameters.names
     calibration = [
-        Finding(
+        Identifiability(
             names[place],
             unknown.unit,
             float(study.calibration.values[place]),

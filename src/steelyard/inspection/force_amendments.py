@@ -20,8 +20,8 @@ from steelyard.inspection.amendment import (
     turns,
     units_key,
 )
+from steelyard.inspection.excerpt import Excerpt
 from steelyard.inspection.motion_amendments import of_mounting
-from steelyard.inspection.picture import Picture
 from steelyard.units import FACTORS
 
 _FORCES = ("N", "kN", "daN", "kgf", "lbf", "mN")
@@ -29,16 +29,16 @@ _TORQUES = ("N m", "N mm", "N cm", "kgf m", "kN m")
 _LENGTHS = ("m", "mm", "cm", "in", "ft")
 
 
-def of_cables(picture: Picture, source: Source, letter: str) -> Iterator[Amendment]:
+def of_cables(excerpt: Excerpt, source: Source, letter: str) -> Iterator[Amendment]:
     """Columns of one cable each.
 
     Args:
-        picture: What is looked at.
+        excerpt: What is looked at.
         source: Tensions or lengths.
         letter: Of the columns: ``f`` or ``l``.
     """
     name, quantity = source
-    m = picture.seen[source].value.shape[1]
+    m = excerpt.observations[source].value.shape[1]
     touches = frozenset({name})
     names = [f"{letter}{i + 1}" for i in range(m)]
 
@@ -142,13 +142,13 @@ def _one(m: int, i: int, factor: float) -> Array:
     return matrix
 
 
-def _without(i: int) -> Callable[[Picture], Picture]:
-    return lambda picture: replace(picture, unread=picture.unread | {i})
+def _without(i: int) -> Callable[[Excerpt], Excerpt]:
+    return lambda excerpt: replace(excerpt, unread=excerpt.unread | {i})
 
 
-def of_wrench(picture: Picture, name: str) -> Iterator[Amendment]:
+def of_wrench(excerpt: Excerpt, name: str) -> Iterator[Amendment]:
     """A six-axis sensor."""
-    instrument = picture.instruments[name]
+    instrument = excerpt.instruments[name]
     touches = frozenset({name})
     other = "body" if instrument.acts_on == "sensor" else "sensor"  # type: ignore[attr-defined]
     yield Amendment(
@@ -166,9 +166,11 @@ def of_wrench(picture: Picture, name: str) -> Iterator[Amendment]:
         words, key = columns_of(("fx", "fy", "fz"), turn)
         both, keys = columns_of(("tx", "ty", "tz"), turn)
 
-        def change(p: Picture, M: Array = turn.matrix) -> Picture:
+        def change(p: Excerpt, M: Array = turn.matrix) -> Excerpt:
             # A torque is no arrow: mirrored axes turn it round.
-            return p.with_seen({force: p.seen[force].mapped(M), torque: p.seen[torque].mapped(M)})
+            return p.with_observations(
+                {force: p.observations[force].mapped(M), torque: p.observations[torque].mapped(M)}
+            )
 
         kind = "order of axes" if turn.order != (0, 1, 2) else "sign of an axis"
         yield Amendment(
@@ -207,16 +209,18 @@ def of_wrench(picture: Picture, name: str) -> Iterator[Amendment]:
         "force, torque",
         "has its torque first",
         "columns: {fx: tx, fy: ty, fz: tz, tx: fx, ty: fy, tz: fz}",
-        lambda p: p.with_seen({force: p.seen[torque], torque: p.seen[force]}),
+        lambda p: p.with_observations(
+            {force: p.observations[torque], torque: p.observations[force]}
+        ),
         SIMPLE,
         touches,
     )
-    yield from of_mounting(picture, name)
+    yield from of_mounting(excerpt, name)
 
 
-def of_forces(picture: Picture, name: str) -> Iterator[Amendment]:
+def of_forces(excerpt: Excerpt, name: str) -> Iterator[Amendment]:
     """Whatever an instrument of forces may have wrong."""
-    if (name, "tension") in picture.seen:
-        yield from of_cables(picture, (name, "tension"), "f")
-    elif (name, "force") in picture.seen:
-        yield from of_wrench(picture, name)
+    if (name, "tension") in excerpt.observations:
+        yield from of_cables(excerpt, (name, "tension"), "f")
+    elif (name, "force") in excerpt.observations:
+        yield from of_wrench(excerpt, name)

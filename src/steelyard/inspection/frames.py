@@ -1,4 +1,4 @@
-"""What the instruments of a picture say of the platform, if they are as described."""
+"""What the instruments of an excerpt say of the platform, if they are as described."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.picture import Picture, Seen
+from steelyard.inspection.excerpt import Excerpt, Observation
 
 _REMEMBERED = 32
 """Attitudes and places: descriptions that are tried have most of them in common."""
 
 
 @dataclass(frozen=True, eq=False)
-class Turning:
+class AttitudeMotion:
     """Attitude of the platform and how it changes, n instants."""
 
     rotation: Array
@@ -35,7 +35,7 @@ class Turning:
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class OriginMotion:
     """The platform origin in the world, n instants."""
 
     position: Array
@@ -45,9 +45,9 @@ class Place:
     noise: tuple[float, float, float]
 
 
-def mounting(picture: Picture, name: str) -> Array:
+def mounting(excerpt: Excerpt, name: str) -> Array:
     """R_platform_instrument, shape (3, 3)."""
-    return matrix_of(getattr(picture.instruments[name], "rpy_deg", (0.0, 0.0, 0.0)))
+    return matrix_of(getattr(excerpt.instruments[name], "rpy_deg", (0.0, 0.0, 0.0)))
 
 
 @lru_cache(maxsize=256)
@@ -88,29 +88,29 @@ def vector_of(matrices: Array) -> Array:
     )
 
 
-def tracker_frame(picture: Picture, name: str) -> tuple[Array, Array]:
+def tracker_frame(excerpt: Excerpt, name: str) -> tuple[Array, Array]:
     """Origin of the tracker in the world [m] and R_world_tracker."""
-    frame = getattr(picture.instruments[name], "frame", None)
+    frame = getattr(excerpt.instruments[name], "frame", None)
     if frame is None:
         return np.zeros(3), np.eye(3)
     return np.array(frame.position, dtype=np.float64), matrix_of(frame.rpy_deg)
 
 
-def turning(picture: Picture, source: Source) -> Turning:
+def turning(excerpt: Excerpt, source: Source) -> AttitudeMotion:
     """Attitude that an orientation shows."""
     name = source[0]
-    frame, mounted = tracker_frame(picture, name)[1], mounting(picture, name)
-    return _turning(picture.seen[source], frame.tobytes(), mounted.tobytes())
+    frame, mounted = tracker_frame(excerpt, name)[1], mounting(excerpt, name)
+    return _turning(excerpt.observations[source], frame.tobytes(), mounted.tobytes())
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def _turning(read: Seen, frame: bytes, mounted: bytes) -> Turning:
+def _turning(read: Observation, frame: bytes, mounted: bytes) -> AttitudeMotion:
     seen = read.between(_matrix(frame), _matrix(mounted).T)
     R, rate, bend = _nearest(seen.value), seen.rate, seen.bend
     back = R.swapaxes(1, 2)
     # Nine numbers share what three angles scatter by.
     angle, speed, acceleration = (each * np.sqrt(1.5) for each in seen.noise)
-    return Turning(
+    return AttitudeMotion(
         R, rate, bend, vector_of(back @ rate), vector_of(back @ bend), (angle, speed, acceleration)
     )
 
@@ -127,30 +127,34 @@ def _nearest(matrices: Array) -> Array:
     return np.asarray((U * D[:, None, :]) @ V)
 
 
-def lever_of(picture: Picture, name: str) -> Array:
+def lever_of(excerpt: Excerpt, name: str) -> Array:
     """Where on the platform an instrument looks [m], shape (3,)."""
-    instrument = picture.instruments[name]
+    instrument = excerpt.instruments[name]
     return np.array(
         getattr(instrument, "target", None) or getattr(instrument, "position", (0.0, 0.0, 0.0)),
         dtype=np.float64,
     )
 
 
-def place(picture: Picture, source: Source, turned: Turning) -> Place:
+def place(excerpt: Excerpt, source: Source, turned: AttitudeMotion) -> OriginMotion:
     """Where the platform origin is, if a position is that of its target."""
     name = source[0]
-    origin, R = tracker_frame(picture, name)
-    lever = lever_of(picture, name)
-    return _place(picture.seen[source], turned, R.tobytes(), origin.tobytes(), lever.tobytes())
+    origin, R = tracker_frame(excerpt, name)
+    lever = lever_of(excerpt, name)
+    return _place(
+        excerpt.observations[source], turned, R.tobytes(), origin.tobytes(), lever.tobytes()
+    )
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def _place(read: Seen, turned: Turning, frame: bytes, origin: bytes, where: bytes) -> Place:
+def _place(
+    read: Observation, turned: AttitudeMotion, frame: bytes, origin: bytes, where: bytes
+) -> OriginMotion:
     seen, lever = read.mapped(_matrix(frame)), np.frombuffer(where)
     size = float(np.linalg.norm(lever))
     by_place, by_angle = np.array(seen.noise), size * np.array(turned.noise)
     noise = np.hypot(by_place, by_angle)
-    return Place(
+    return OriginMotion(
         seen.value + np.frombuffer(origin) - turned.rotation @ lever,
         seen.rate - turned.rate @ lever,
         seen.bend - turned.bend @ lever,
@@ -167,20 +171,20 @@ def moved(force: Array, turned_omega: Array, alpha: Array, lever: Array) -> Arra
     )
 
 
-def gyro(picture: Picture, source: Source) -> Seen:
+def gyro(excerpt: Excerpt, source: Source) -> Observation:
     """Angular velocity in the platform frame [rad/s]."""
-    return picture.seen[source].mapped(mounting(picture, source[0]))
+    return excerpt.observations[source].mapped(mounting(excerpt, source[0]))
 
 
-def accelerometer(picture: Picture, source: Source, rotation: Array) -> Seen:
+def accelerometer(excerpt: Excerpt, source: Source, rotation: Array) -> Observation:
     """Specific force where the instrument sits, platform frame [m/s^2]."""
-    seen = picture.seen[source].mapped(mounting(picture, source[0]))
-    if getattr(picture.instruments[source[0]], "gravity", "included") == "removed":
-        return seen.plus(-rotation.swapaxes(1, 2) @ picture.robot.gravity)
+    seen = excerpt.observations[source].mapped(mounting(excerpt, source[0]))
+    if getattr(excerpt.instruments[source[0]], "gravity", "included") == "removed":
+        return seen.plus(-rotation.swapaxes(1, 2) @ excerpt.robot.gravity)
     return seen
 
 
-def attitude_source(picture: Picture) -> Source | None:
+def attitude_source(excerpt: Excerpt) -> Source | None:
     """Who tells the attitude: a measured one where there is one."""
-    sources = picture.quantity("orientation")
-    return min(sources, key=lambda s: picture.instruments[s[0]].kind == "command", default=None)
+    sources = excerpt.quantity("orientation")
+    return min(sources, key=lambda s: excerpt.instruments[s[0]].kind == "command", default=None)

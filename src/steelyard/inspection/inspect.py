@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,14 +15,14 @@ from steelyard.identification.model.preparation import prepare
 from steelyard.identification.solve.classical import NoBalanceError
 from steelyard.identification.solve.joint_study import Joint, joint_study
 from steelyard.identification.synchronisation import synchronise
-from steelyard.inspection.agreement import BAD, Agreement
+from steelyard.inspection.agreement import BAD, InstrumentAgreement
 from steelyard.inspection.contact import Contact, Residual, unexplained
-from steelyard.inspection.delays import Delay, of_joint, of_pictures
+from steelyard.inspection.delays import Delay, of_excerpt, of_joint
+from steelyard.inspection.excerpt import Excerpt, excerpts
 from steelyard.inspection.excitation import Excitation, excitation
 from steelyard.inspection.mistakes import Judged, Mistake, mistakes
 from steelyard.inspection.mistakes import judged as judge
 from steelyard.inspection.part import part_of
-from steelyard.inspection.picture import Picture, pictures
 from steelyard.inspection.remarks import constant_channels, of_noise, of_times
 from steelyard.inspection.streams import StreamReport, as_dict, stream_reports
 
@@ -42,7 +42,7 @@ class Inspection:
     experiment: Experiment
     streams: tuple[StreamReport, ...]
     delays: tuple[Delay, ...]
-    agreements: tuple[tuple[str, Agreement], ...]
+    agreements: tuple[tuple[str, InstrumentAgreement], ...]
     """Run and agreement, as described."""
     mistakes: tuple[Mistake, ...]
     """Each once, in the run where it shows most."""
@@ -89,7 +89,7 @@ class Inspection:
         }
 
 
-def _agreement_dict(run: str, agreement: Agreement) -> dict[str, Any]:
+def _agreement_dict(run: str, agreement: InstrumentAgreement) -> dict[str, Any]:
     return {
         "run": run,
         "between": agreement.name,
@@ -150,7 +150,7 @@ def inspect(
         experiment = synchronise(experiment, progress).experiment
         tell("reading the streams", 0.1)
         with np.errstate(all="ignore"):
-            shown = list(pictures(experiment, _MOST_RUNS))
+            shown = list(excerpts(experiment, _MOST_RUNS))
         _enter(experiment, shown)
     except InputError as error:
         # The sentence of the estimator, and what physics says of its cause.
@@ -160,7 +160,7 @@ def inspect(
         judged, found = _judge(shown, tell)
         named, runs_of = _merged(found)
         worst = {
-            j.picture.run.name: max(
+            j.excerpt.run.name: max(
                 (a.worst for r, a in j.agreements.items() if r[0] in {"cables", "wrench"}),
                 default=0.0,
             )
@@ -178,7 +178,7 @@ def inspect(
         experiment=experiment,
         streams=reports,
         delays=tuple(delays),
-        agreements=tuple((j.picture.run.name, a) for j in judged for a in j.agreements.values()),
+        agreements=tuple((j.excerpt.run.name, a) for j in judged for a in j.agreements.values()),
         mistakes=named,
         runs_of=runs_of,
         contacts=tuple(sorted(contacts, key=lambda c: (c.run, c.start))),
@@ -188,32 +188,32 @@ def inspect(
     )
 
 
-def _enter(experiment: Experiment, shown: Sequence[Picture]) -> None:
+def _enter(experiment: Experiment, shown: Sequence[Excerpt]) -> None:
     """What every estimator begins with, on a part of long runs; raises what it would."""
-    parts = {picture.run.name: picture for picture in shown if not picture.static}
+    parts = {excerpt.run.name: excerpt for excerpt in shown if not excerpt.static}
     for run in experiment.runs:
-        picture = parts.get(run.name)
+        excerpt = parts.get(run.name)
         window = run.window
-        if picture is not None:
+        if excerpt is not None:
             first, last = run.window or (-np.inf, np.inf)
             start, end = (
-                float(picture.time[0]) - picture.spacing,
-                float(picture.time[-1]) + picture.spacing,
+                float(excerpt.time[0]) - excerpt.spacing,
+                float(excerpt.time[-1]) + excerpt.spacing,
             )
             window = (max(start, first), min(end, last))
         prepare(experiment, replace(run, window=window), thin=True, commanded=True)
 
 
-def _judge(shown: Sequence[Picture], tell: Tell) -> tuple[list[Judged], list[list[Mistake]]]:
+def _judge(shown: Sequence[Excerpt], tell: Tell) -> tuple[list[Judged], list[list[Mistake]]]:
     """Agreements of every run as described, and the mistakes that each gives away."""
     judged, found = [], []
-    for i, picture in enumerate(shown):
+    for i, excerpt in enumerate(shown):
         tell(
-            f"holding the instruments of {picture.run.name} against each other",
+            f"holding the instruments of {excerpt.run.name} against each other",
             0.15 + 0.35 * i / len(shown),
         )
-        judged.append(judge(picture))
-        found.append(mistakes(picture)[0])
+        judged.append(judge(excerpt))
+        found.append(mistakes(excerpt)[0])
     return judged, found
 
 
@@ -233,19 +233,19 @@ def _merged(
     return tuple(m for m, _ in best), tuple(runs for _, runs in best)
 
 
-def _corrected(shown: Sequence[Picture], found: Sequence[Sequence[Mistake]]) -> list[Picture]:
+def _corrected(shown: Sequence[Excerpt], found: Sequence[Sequence[Mistake]]) -> list[Excerpt]:
     """Pictures with their mistakes taken back."""
     amended = []
-    for picture, own in zip(shown, found, strict=True):
+    for excerpt, own in zip(shown, found, strict=True):
         for mistake in own:
-            picture = mistake.amendment.change(picture)
-        amended.append(picture)
+            excerpt = mistake.amendment.change(excerpt)
+        amended.append(excerpt)
     return amended
 
 
 def _fitted(
     experiment: Experiment,
-    shown: Sequence[Picture],
+    shown: Sequence[Excerpt],
     wrong: bool,
     contacts: Sequence[Contact],
     tell: Tell,
@@ -277,7 +277,7 @@ def _fitted(
             own = of_joint(joint, _run(joint, run))
             delays += [replace(each, run=run.name) for each in own]
         else:
-            delays += of_pictures(experiment, run)
+            delays += of_excerpt(experiment, run)
     for each in delays:
         if each.surprising:
             late = "late" if each.value > 0 else "early"
@@ -340,7 +340,7 @@ def _joint_contacts(
 def _unexplained(judged: Sequence[Judged]) -> str:
     """Where instruments contradict each other and no simple mistake explains it."""
     run, worst = max(
-        ((j.picture.run.name, a) for j in judged for a in j.bad), key=lambda pair: pair[1].worst
+        ((j.excerpt.run.name, a) for j in judged for a in j.bad), key=lambda pair: pair[1].worst
     )
     i = int(np.argmax(worst.ratio))
     return (
@@ -348,10 +348,3 @@ def _unexplained(judged: Sequence[Judged]) -> str:
         " is allowed, and no simple mistake explains it; look at these instruments and the"
         " geometry of the robot"
     )
-
-
-def spoken(mistake: Mistake, runs: Sequence[str], several: bool) -> Mapping[str, str]:
-    """A mistake in words, for tables."""
-    a = mistake.amendment
-    where = f" (runs {', '.join(runs)})" if several else ""
-    return {"what": f"{a.subject}: {a.what}{where}", "do": a.proposal, "because": mistake.evidence}

@@ -18,7 +18,7 @@ from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.model.sources import Source
 from steelyard.inspection.agreement import (
     BAD,
-    Agreement,
+    InstrumentAgreement,
     Relation,
     motion_agreement,
     motion_relations,
@@ -26,7 +26,7 @@ from steelyard.inspection.agreement import (
     specific_force,
 )
 from steelyard.inspection.amendment import ROBOT, Amendment
-from steelyard.inspection.carrying import carrying_agreement, carrying_relations
+from steelyard.inspection.excerpt import Excerpt
 from steelyard.inspection.force_amendments import of_cables, of_forces
 from steelyard.inspection.frames import (
     accelerometer,
@@ -46,7 +46,7 @@ from steelyard.inspection.motion_amendments import (
     of_target,
     of_vectors,
 )
-from steelyard.inspection.picture import Picture
+from steelyard.inspection.wrench_balance import force_agreement, force_relations
 
 _MOST = 6
 """Mistakes that are looked for in one run."""
@@ -81,9 +81,9 @@ class Mistake:
 
     amendment: Amendment
     run: str
-    before: tuple[Agreement, ...]
+    before: tuple[InstrumentAgreement, ...]
     """Agreements that it spoils, as they are."""
-    after: tuple[Agreement, ...]
+    after: tuple[InstrumentAgreement, ...]
     """The same with the amended description."""
     gain: float
     others: tuple[str, ...]
@@ -107,23 +107,23 @@ class Mistake:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A picture and all its agreements."""
+    """An excerpt and all its agreements."""
 
-    picture: Picture
+    excerpt: Excerpt
     relations: tuple[Relation, ...]
-    agreements: Mapping[Relation, Agreement]
+    agreements: Mapping[Relation, InstrumentAgreement]
 
     @property
-    def bad(self) -> list[Agreement]:
+    def bad(self) -> list[InstrumentAgreement]:
         """Agreements that are none."""
         return [a for a in self.agreements.values() if a.worst > BAD]
 
 
-def judged(picture: Picture) -> Judged:
+def judged(excerpt: Excerpt) -> Judged:
     """Evaluate everything that can be compared."""
-    relations = (*motion_relations(picture), *carrying_relations(picture))
-    found = {r: a for r in relations if (a := evaluated(picture, r)) is not None}
-    return Judged(picture, tuple(found), found)
+    relations = (*motion_relations(excerpt), *force_relations(excerpt))
+    found = {r: a for r in relations if (a := evaluated(excerpt, r)) is not None}
+    return Judged(excerpt, tuple(found), found)
 
 
 _MOTION = frozenset(
@@ -131,20 +131,20 @@ _MOTION = frozenset(
 )
 
 
-def evaluated(picture: Picture, relation: Relation) -> Agreement | None:
+def evaluated(excerpt: Excerpt, relation: Relation) -> InstrumentAgreement | None:
     """One agreement; None where it cannot be had."""
     try:
         found = (
-            motion_agreement(picture, relation)
+            motion_agreement(excerpt, relation)
             if relation[0] in _MOTION
-            else carrying_agreement(picture, relation)
+            else force_agreement(excerpt, relation)
         )
     except np.linalg.LinAlgError:
         return None
     return found if found is not None and np.isfinite(found.ratio).all() else None
 
 
-def held_against(after: Agreement, before: Agreement) -> Agreement:
+def held_against(after: InstrumentAgreement, before: InstrumentAgreement) -> InstrumentAgreement:
     """An agreement that may not be better for allowing more: noise that a change makes larger
     explains nothing.
 
@@ -177,24 +177,24 @@ def held_against(after: Agreement, before: Agreement) -> Agreement:
     )
 
 
-def _touched(relation: Relation, agreement: Agreement, touches: frozenset[str]) -> bool:
+def _touched(relation: Relation, agreement: InstrumentAgreement, touches: frozenset[str]) -> bool:
     return any(name in touches for name, _ in relation[1]) or (ROBOT in touches and agreement.robot)
 
 
 def mistakes(
-    picture: Picture, tell: Callable[[str], None] | None = None
+    excerpt: Excerpt, tell: Callable[[str], None] | None = None
 ) -> tuple[list[Mistake], Judged]:
     """Find the mistakes of one run, and how everything agrees once they are taken back.
 
     Args:
-        picture: Of the run.
+        excerpt: Of the run.
         tell: Is told what is being tried.
     """
     found: list[Mistake] = []
-    now = judged(picture)
+    now = judged(excerpt)
     while now.bad and len(found) < _MOST:
         if tell is not None:
-            tell(f"looking for mistakes in {picture.run.name}")
+            tell(f"looking for mistakes in {excerpt.run.name}")
         # Who agrees with nobody first; then everybody who contradicts anyone.
         best = _best(now, _SUSPECT) or _best(now, 0.0)
         if best is None:
@@ -208,7 +208,7 @@ def _best(now: Judged, suspected: float) -> tuple[Mistake, Judged] | None:
     """The amendment that helps most, if it helps enough."""
     total = sum(a.cost for a in now.bad)
     wanted = max(_LEAST_GAIN, _SHARE * min(total, 30.0))
-    tried: list[tuple[float, Amendment, Picture, dict[Relation, Agreement]]] = []
+    tried: list[tuple[float, Amendment, Excerpt, dict[Relation, InstrumentAgreement]]] = []
     for amendment in _amendments(now, suspected):
         relations = [r for r, a in now.agreements.items() if _touched(r, a, amendment.touches)]
         # What could be gained at best: all that is wrong with these.
@@ -217,10 +217,10 @@ def _best(now: Judged, suspected: float) -> tuple[Mistake, Judged] | None:
         if gain < least:
             continue
         try:
-            amended = amendment.change(now.picture)
+            amended = amendment.change(now.excerpt)
         except (ValueError, np.linalg.LinAlgError):
             continue
-        after: dict[Relation, Agreement] = {}
+        after: dict[Relation, InstrumentAgreement] = {}
         for r in sorted(relations, key=lambda r: r[0] not in _MOTION):
             each = evaluated(amended, r)
             if each is None:
@@ -245,7 +245,7 @@ def _best(now: Judged, suspected: float) -> tuple[Mistake, Judged] | None:
         ]
         mistake = Mistake(
             amendment,
-            now.picture.run.name,
+            now.excerpt.run.name,
             tuple(now.agreements[r] for r in after),
             tuple(after.values()),
             gain,
@@ -259,36 +259,36 @@ def _best(now: Judged, suspected: float) -> tuple[Mistake, Judged] | None:
 
 def _amendments(now: Judged, suspected: float) -> Iterator[Amendment]:
     """What could be wrong with the instruments of agreements that are none."""
-    picture = now.picture
+    excerpt = now.excerpt
     suspects = _suspects(now, suspected)
     names = dict.fromkeys(name for name, _ in suspects)
-    if not picture.static:
+    if not excerpt.static:
         yield from _clocks(now, set(names))
     if any(a.robot for a in now.bad):
-        yield from of_gravity(picture)
+        yield from of_gravity(excerpt)
     for name, quantity in suspects:
-        kind = picture.instruments[name].kind
+        kind = excerpt.instruments[name].kind
         if kind in {"tension", "wrench"}:
             if quantity != "torque":
-                yield from of_forces(picture, name)
+                yield from of_forces(excerpt, name)
             continue
         if quantity == "orientation":
-            yield from of_orientation(picture, (name, quantity))
+            yield from of_orientation(excerpt, (name, quantity))
         elif quantity == "length":
-            yield from of_cables(picture, (name, quantity), "l")
+            yield from of_cables(excerpt, (name, quantity), "l")
         else:
-            yield from of_vectors(picture, (name, quantity))
+            yield from of_vectors(excerpt, (name, quantity))
         if kind in {"position", "pose"} and quantity == "position":
-            yield from of_frame(picture, name)
+            yield from of_frame(excerpt, name)
         if quantity in {"position", "specific_force"}:
-            for wanted in _wanted_places(picture, name):
-                yield from of_target(picture, name, wanted)
+            for wanted in _wanted_places(excerpt, name):
+                yield from of_target(excerpt, name, wanted)
     for name in names:
-        kind = picture.instruments[name].kind
+        kind = excerpt.instruments[name].kind
         if kind == "imu":
-            yield from of_imu(picture, name)
+            yield from of_imu(excerpt, name)
         if kind in {"attitude", "pose"}:
-            yield from of_mounting(picture, name)
+            yield from of_mounting(excerpt, name)
 
 
 def _suspects(now: Judged, suspected: float) -> list[Source]:
@@ -308,41 +308,41 @@ def _suspects(now: Judged, suspected: float) -> list[Source]:
     )
 
 
-def _wanted_places(picture: Picture, name: str) -> Iterator[Array]:
+def _wanted_places(excerpt: Excerpt, name: str) -> Iterator[Array]:
     """Where on the platform an instrument would have to sit."""
-    orientation = attitude_source(picture)
-    if orientation is None or picture.static:
+    orientation = attitude_source(excerpt)
+    if orientation is None or excerpt.static:
         return
-    turned = turning(picture, orientation)
+    turned = turning(excerpt, orientation)
     source = (name, "position")
     n = len(turned.omega)
     by_lever = _cross(turned.alpha) + _cross(turned.omega) @ _cross(turned.omega)
-    if source in picture.seen and picture.instruments[name].kind in {"position", "pose"}:
-        origin, R = tracker_frame(picture, name)
-        seen = picture.seen[source].mapped(R)
-        for other in positions(picture):
+    if source in excerpt.observations and excerpt.instruments[name].kind in {"position", "pose"}:
+        origin, R = tracker_frame(excerpt, name)
+        seen = excerpt.observations[source].mapped(R)
+        for other in positions(excerpt):
             if other != source:
-                apart = seen.value + origin - place(picture, other, turned).position
+                apart = seen.value + origin - place(excerpt, other, turned).position
                 columns = np.concatenate(
                     [turned.rotation, np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2
                 )
                 yield _solved(columns, apart)[:3]
-        for force_samples in picture.quantity("specific_force"):
-            own = accelerometer(picture, force_samples, turned.rotation).value
+        for force_samples in excerpt.quantity("specific_force"):
+            own = accelerometer(excerpt, force_samples, turned.rotation).value
             own = moved(
                 own,
                 turned.omega,
                 turned.alpha,
-                -np.array(picture.instruments[force_samples[0]].position),  # type: ignore[attr-defined]
+                -np.array(excerpt.instruments[force_samples[0]].position),  # type: ignore[attr-defined]
             )
-            tracked = np.einsum("nji,nj->ni", turned.rotation, seen.bend - picture.robot.gravity)
+            tracked = np.einsum("nji,nj->ni", turned.rotation, seen.bend - excerpt.robot.gravity)
             columns = np.concatenate([by_lever, np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2)
             yield _solved(columns, tracked - own)[:3]
     source = (name, "specific_force")
-    if source in picture.seen:
-        own_force = accelerometer(picture, source, turned.rotation)
-        for other in positions(picture):
-            force = specific_force(picture, turned, place(picture, other, turned))
+    if source in excerpt.observations:
+        own_force = accelerometer(excerpt, source, turned.rotation)
+        for other in positions(excerpt):
+            force = specific_force(excerpt, turned, place(excerpt, other, turned))
             columns = np.concatenate([by_lever, np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2)
             yield _solved(columns, own_force.value - force)[:3]
 
@@ -363,8 +363,8 @@ def _cross(v: Array) -> Array:
 
 def _clocks(now: Judged, suspects: set[str]) -> Iterator[Amendment]:
     """Clocks that are late, and events that were exchanged."""
-    picture = now.picture
-    experiment, run = picture.experiment, picture.run
+    excerpt = now.excerpt
+    experiment, run = excerpt.experiment, excerpt.run
     shared: dict[str, list[str]] = {}
     for name in run.streams:
         shared.setdefault(clock_of(experiment, name), []).append(name)
@@ -376,9 +376,9 @@ def _clocks(now: Judged, suspects: set[str]) -> Iterator[Amendment]:
             continue
         delay = _best_delay(now, names)
         if delay is not None:
-            yield of_clock(picture, names, delay)
+            yield of_clock(excerpt, names, delay)
     if run.sync:
-        yield from _exchanged(picture, list(groups))
+        yield from _exchanged(excerpt, list(groups))
 
 
 def _best_delay(now: Judged, names: tuple[str, ...]) -> float | None:
@@ -394,11 +394,11 @@ def _best_delay(now: Judged, names: tuple[str, ...]) -> float | None:
     relations = relations[:2]
     if not relations:
         return None
-    length = float(now.picture.time[-1] - now.picture.time[0])
+    length = float(now.excerpt.time[-1] - now.excerpt.time[0])
     most = min(_LATEST, length / 2)
 
     def cost(delay: float) -> float:
-        amended = of_clock(now.picture, names, delay).change(now.picture)
+        amended = of_clock(now.excerpt, names, delay).change(now.excerpt)
         each = [evaluated(amended, r) for r in relations]
         return (
             sum(a.cost for a in each if a is not None)
@@ -413,8 +413,8 @@ def _best_delay(now: Judged, names: tuple[str, ...]) -> float | None:
     return best if abs(best) > _LEAST_DELAY else None
 
 
-def _exchanged(picture: Picture, groups: Sequence[Sequence[str]]) -> Iterator[Amendment]:
-    sync = picture.run.sync
+def _exchanged(excerpt: Excerpt, groups: Sequence[Sequence[str]]) -> Iterator[Amendment]:
+    sync = excerpt.run.sync
     for i, first in enumerate(groups):
         for second in groups[i + 1 :]:
             apart = sync[first[0]] - sync[second[0]]
@@ -423,11 +423,11 @@ def _exchanged(picture: Picture, groups: Sequence[Sequence[str]]) -> Iterator[Am
             names = (*first, *second)
             delays = {**dict.fromkeys(first, -apart), **dict.fromkeys(second, apart)}
 
-            def change(p: Picture, delays: Mapping[str, float] = delays) -> Picture:
-                return p.with_seen(
+            def change(p: Excerpt, delays: Mapping[str, float] = delays) -> Excerpt:
+                return p.with_observations(
                     {
                         s: seen.later(p.time, delays[s[0]])
-                        for s, seen in p.seen.items()
+                        for s, seen in p.observations.items()
                         if s[0] in delays
                     }
                 )
@@ -443,8 +443,3 @@ def _exchanged(picture: Picture, groups: Sequence[Sequence[str]]) -> Iterator[Am
                 0.3,
                 frozenset(names),
             )
-
-
-def without_run(mistake: Mistake) -> tuple[str, str, str]:
-    """What makes two mistakes of different runs the same."""
-    return mistake.amendment.subject, mistake.amendment.kind, mistake.amendment.channel

@@ -25,6 +25,7 @@ from steelyard.inspection.amendment import (
     turns,
     units_key,
 )
+from steelyard.inspection.excerpt import Excerpt, Observation
 from steelyard.inspection.frames import (
     attitude_source,
     lever_of,
@@ -33,7 +34,6 @@ from steelyard.inspection.frames import (
     tracker_frame,
     turning,
 )
-from steelyard.inspection.picture import Picture, Seen
 from steelyard.units import FACTORS
 
 _LIKELY = {
@@ -49,11 +49,11 @@ _LEAST_TARGET = 0.05
 """By which a place on the platform must be wrong to be named [m]."""
 
 
-def of_vectors(picture: Picture, source: Source) -> Iterator[Amendment]:
+def of_vectors(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
     """Signs, axes and units of a vector."""
     name, quantity = source
     touches = frozenset({name})
-    stated = picture.instruments[name].quantity(quantity, picture.robot.m)
+    stated = excerpt.instruments[name].quantity(quantity, excerpt.robot.m)
     names = stated.forms[0]
     for turn in turns(len(names)):
         words, key = columns_of(names, turn)
@@ -68,12 +68,12 @@ def of_vectors(picture: Picture, source: Source) -> Iterator[Amendment]:
         yield Amendment("unit", name, quantity, words, key, mapped(source, matrix), SIMPLE, touches)
 
 
-def of_imu(picture: Picture, name: str) -> Iterator[Amendment]:
+def of_imu(excerpt: Excerpt, name: str) -> Iterator[Amendment]:
     """What an IMU does with gravity, and how it is mounted."""
     touches = frozenset({name})
     source = (name, "specific_force")
-    if source in picture.seen:
-        removed = getattr(picture.instruments[name], "gravity", "included") == "removed"
+    if source in excerpt.observations:
+        removed = getattr(excerpt.instruments[name], "gravity", "included") == "removed"
         other = "included" if removed else "removed"
         words = "still contains gravity" if removed else "has gravity taken out"
         yield Amendment(
@@ -86,7 +86,7 @@ def of_imu(picture: Picture, name: str) -> Iterator[Amendment]:
             SIMPLE,
             touches,
         )
-        orientation = attitude_source(picture)
+        orientation = attitude_source(excerpt)
         if orientation is not None and not removed:
             yield Amendment(
                 "gravity in the accelerometer",
@@ -99,9 +99,9 @@ def of_imu(picture: Picture, name: str) -> Iterator[Amendment]:
                 USUAL,
                 touches | {orientation[0]},
             )
-    own = [s for s in picture.seen if s[0] == name]
+    own = [s for s in excerpt.observations if s[0] == name]
     if "angular_velocity" in {q for _, q in own}:
-        orientation = attitude_source(picture)
+        orientation = attitude_source(excerpt)
         if orientation is not None:
             yield Amendment(
                 "frame",
@@ -114,12 +114,12 @@ def of_imu(picture: Picture, name: str) -> Iterator[Amendment]:
                 touches | {orientation[0]},
             )
     if len(own) > 1 or own == [source]:
-        yield from of_mounting(picture, name)
+        yield from of_mounting(excerpt, name)
 
 
-def of_mounting(picture: Picture, name: str) -> Iterator[Amendment]:
+def of_mounting(excerpt: Excerpt, name: str) -> Iterator[Amendment]:
     """Instruments turned by right angles."""
-    R = mounting(picture, name)
+    R = mounting(excerpt, name)
     for turn in turns():
         if not turn.proper:
             continue
@@ -149,37 +149,45 @@ def of_mounting(picture: Picture, name: str) -> Iterator[Amendment]:
         )
 
 
-def _with(name: str, **keys: object) -> Callable[[Picture], Picture]:
-    return lambda picture: picture.with_instrument(name, **keys)
+def _with(name: str, **keys: object) -> Callable[[Excerpt], Excerpt]:
+    return lambda excerpt: excerpt.with_instrument(name, **keys)
 
 
-def _gravity_turned(source: Source, orientation: Source) -> Callable[[Picture], Picture]:
-    def change(picture: Picture) -> Picture:
-        R = turning(picture, orientation).rotation @ mounting(picture, source[0])
-        return picture.with_seen(
-            {source: picture.seen[source].plus(-2 * R.swapaxes(1, 2) @ picture.robot.gravity)}
+def _gravity_turned(source: Source, orientation: Source) -> Callable[[Excerpt], Excerpt]:
+    def change(excerpt: Excerpt) -> Excerpt:
+        R = turning(excerpt, orientation).rotation @ mounting(excerpt, source[0])
+        return excerpt.with_observations(
+            {
+                source: excerpt.observations[source].plus(
+                    -2 * R.swapaxes(1, 2) @ excerpt.robot.gravity
+                )
+            }
         )
 
     return change
 
 
-def _world_gyro(source: Source, orientation: Source) -> Callable[[Picture], Picture]:
-    def change(picture: Picture) -> Picture:
-        R = turning(picture, orientation).rotation @ mounting(picture, source[0])
-        seen = picture.seen[source]
+def _world_gyro(source: Source, orientation: Source) -> Callable[[Excerpt], Excerpt]:
+    def change(excerpt: Excerpt) -> Excerpt:
+        R = turning(excerpt, orientation).rotation @ mounting(excerpt, source[0])
+        seen = excerpt.observations[source]
         value, rate = (np.einsum("nji,nj->ni", R, each) for each in (seen.value, seen.rate))
-        return picture.with_seen({source: replace(seen, value=value, rate=rate)})
+        return excerpt.with_observations({source: replace(seen, value=value, rate=rate)})
 
     return change
 
 
-def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
+def of_orientation(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
     """Ways to write an orientation."""
     name = source[0]
     touches = frozenset({name})
 
     def amendment(
-        kind: str, what: str, proposal: str, change: Callable[[Seen], Seen], cost: float
+        kind: str,
+        what: str,
+        proposal: str,
+        change: Callable[[Observation], Observation],
+        cost: float,
     ) -> Amendment:
         return Amendment(
             kind,
@@ -187,7 +195,7 @@ def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
             "orientation",
             what,
             proposal,
-            lambda p: p.with_seen({source: change(p.seen[source])}),
+            lambda p: p.with_observations({source: change(p.observations[source])}),
             cost,
             touches,
         )
@@ -195,11 +203,11 @@ def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
     def resampled(
         kind: str, what: str, proposal: str, change: Callable[[Array], Array], cost: float
     ) -> Amendment:
-        def changed(p: Picture) -> Picture:
-            return p.with_seen(
+        def changed(p: Excerpt) -> Excerpt:
+            return p.with_observations(
                 {
                     source: p.refitted(
-                        source, _sound(change, picture.run.streams[name].values["orientation"])
+                        source, _sound(change, excerpt.run.streams[name].values["orientation"])
                     )
                 }
             )
@@ -211,13 +219,13 @@ def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
         "is that of the world in the instrument: transposed, or the conjugate quaternion",
         "turn it around in the log: the transposed matrix (r12: r21, …), or qx, qy, qz with the"
         " other sign",
-        Seen.transposed,
+        Observation.transposed,
         SIMPLE,
     )
-    stream = picture.run.streams[name]
+    stream = excerpt.run.streams[name]
     angles = stream.angles.get("orientation")
     if angles is not None:
-        yield from _of_angles(picture, source, angles)
+        yield from _of_angles(excerpt, source, angles)
     else:
         for order in permutations(range(4)):
             if order == (0, 1, 2, 3):
@@ -259,13 +267,13 @@ def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
                 _left(turn.matrix),
                 USUAL,
             )
-            if picture.instruments[name].kind != "imu":
+            if excerpt.instruments[name].kind != "imu":
                 continue
             yield amendment(
                 "mounting",
                 f"is that of a frame turned against the rest of the IMU ({turn_words(turn)})",
                 "give the orientation an instrument of its own of kind attitude with rpy_deg:"
-                f" {rpy_deg_of(mounting(picture, name) @ turn.matrix)}",
+                f" {rpy_deg_of(mounting(excerpt, name) @ turn.matrix)}",
                 _right(turn.matrix.T),
                 USUAL + 0.2,
             )
@@ -293,7 +301,7 @@ def of_orientation(picture: Picture, source: Source) -> Iterator[Amendment]:
     for heading in _HEADINGS:
         if heading % 90:
             turned = np.asarray(
-                Rotation.from_rotvec(np.radians(heading) * picture.robot.up).as_matrix()
+                Rotation.from_rotvec(np.radians(heading) * excerpt.robot.up).as_matrix()
             )
             yield amendment(
                 "heading",
@@ -312,15 +320,15 @@ def turn_words(turn: Turn) -> str:
     )
 
 
-def _left(matrix: Array) -> Callable[[Seen], Seen]:
+def _left(matrix: Array) -> Callable[[Observation], Observation]:
     return lambda seen: seen.between(matrix, np.eye(3))
 
 
-def _right(matrix: Array) -> Callable[[Seen], Seen]:
+def _right(matrix: Array) -> Callable[[Observation], Observation]:
     return lambda seen: seen.between(np.eye(3), matrix)
 
 
-def _both(matrix: Array) -> Callable[[Seen], Seen]:
+def _both(matrix: Array) -> Callable[[Observation], Observation]:
     return lambda seen: seen.between(matrix, matrix.T)
 
 
@@ -361,18 +369,18 @@ _ORDERS = {
 }
 
 
-def _of_angles(picture: Picture, source: Source, angles: Array) -> Iterator[Amendment]:
+def _of_angles(excerpt: Excerpt, source: Source, angles: Array) -> Iterator[Amendment]:
     name = source[0]
     columns = ["roll", "pitch", "yaw"]
 
     def amendment(
         kind: str, what: str, proposal: str, rotations: Callable[[Array], Array], cost: float
     ) -> Amendment:
-        def change(p: Picture) -> Picture:
+        def change(p: Excerpt) -> Excerpt:
             values = np.full((len(angles), 3, 3), np.nan)
             complete = np.isfinite(angles).all(axis=1)
             values[complete] = rotations(angles[complete])
-            return p.with_seen({source: p.refitted(source, values)})
+            return p.with_observations({source: p.refitted(source, values)})
 
         return Amendment(kind, name, "orientation", what, proposal, change, cost, frozenset({name}))
 
@@ -428,9 +436,9 @@ def _of_angles(picture: Picture, source: Source, angles: Array) -> Iterator[Amen
         yield amendment("order of the angles", what, key, ordered(axes), USUAL)
 
 
-def of_frame(picture: Picture, name: str) -> Iterator[Amendment]:
+def of_frame(excerpt: Excerpt, name: str) -> Iterator[Amendment]:
     """Where a tracker stands."""
-    origin, R = tracker_frame(picture, name)
+    origin, R = tracker_frame(excerpt, name)
     if not np.allclose(R, np.eye(3)) or origin.any():
         yield Amendment(
             "tracker frame",
@@ -445,28 +453,28 @@ def of_frame(picture: Picture, name: str) -> Iterator[Amendment]:
         )
 
 
-def _frame(picture: Picture, name: str, origin: Array, R: Array) -> object:
-    form = picture.instruments[name].frame  # type: ignore[attr-defined]
+def _frame(excerpt: Excerpt, name: str, origin: Array, R: Array) -> object:
+    form = excerpt.instruments[name].frame  # type: ignore[attr-defined]
     return form.model_copy(
         update={"position": tuple(map(float, origin)), "rpy_deg": tuple(rpy_deg_of(R))}
     )
 
 
-def of_target(picture: Picture, name: str, wanted: Array) -> Iterator[Amendment]:
+def of_target(excerpt: Excerpt, name: str, wanted: Array) -> Iterator[Amendment]:
     """Another place on the platform.
 
     Args:
-        picture: What is looked at.
+        excerpt: What is looked at.
         name: Instrument.
         wanted: Where it seems to be, platform frame [m], shape (3,).
     """
-    instrument = picture.instruments[name]
+    instrument = excerpt.instruments[name]
     key = "target" if hasattr(instrument, "target") else "position"
-    lever = lever_of(picture, name)
+    lever = lever_of(excerpt, name)
     if (
         not _LEAST_TARGET
         < float(np.linalg.norm(wanted - lever))
-        < _FARTHEST * max(picture.robot.size, 0.5)
+        < _FARTHEST * max(excerpt.robot.size, 0.5)
     ):
         return
     place = tuple(round(float(v), 3) for v in wanted)
@@ -497,18 +505,18 @@ def of_target(picture: Picture, name: str, wanted: Array) -> Iterator[Amendment]
             )
 
 
-def of_clock(picture: Picture, names: tuple[str, ...], delay: float) -> Amendment:
+def of_clock(excerpt: Excerpt, names: tuple[str, ...], delay: float) -> Amendment:
     """A clock that is late."""
 
-    def change(p: Picture) -> Picture:
-        return p.with_seen(
-            {s: seen.later(p.time, delay) for s, seen in p.seen.items() if s[0] in names}
+    def change(p: Excerpt) -> Excerpt:
+        return p.with_observations(
+            {s: seen.later(p.time, delay) for s, seen in p.observations.items() if s[0] in names}
         )
 
     which = " and ".join(names)
     key = (
-        "sync: {" + ", ".join(f"{n}: {picture.run.sync[n] + delay:.3f}" for n in names) + "}"
-        if picture.run.sync
+        "sync: {" + ", ".join(f"{n}: {excerpt.run.sync[n] + delay:.3f}" for n in names) + "}"
+        if excerpt.run.sync
         else f"calibration: {{delay: {{value: {delay:.3f}, sigma: 0.02}}}}"
     )
     return Amendment(
@@ -523,9 +531,9 @@ def of_clock(picture: Picture, names: tuple[str, ...], delay: float) -> Amendmen
     )
 
 
-def of_gravity(picture: Picture) -> Iterator[Amendment]:
+def of_gravity(excerpt: Excerpt) -> Iterator[Amendment]:
     """Gravity in the robot file."""
-    g = picture.robot.gravity
+    g = excerpt.robot.gravity
     size = float(np.linalg.norm(g))
     for axis in (2, 1, 0):
         for sign in (-1, 1):
@@ -547,5 +555,5 @@ def of_gravity(picture: Picture) -> Iterator[Amendment]:
             )
 
 
-def _with_gravity(gravity: Array) -> Callable[[Picture], Picture]:
-    return lambda picture: replace(picture, robot=replace(picture.robot, gravity=gravity))
+def _with_gravity(gravity: Array) -> Callable[[Excerpt], Excerpt]:
+    return lambda excerpt: replace(excerpt, robot=replace(excerpt.robot, gravity=gravity))

@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Run
-from steelyard.inspection.agreement import BAD, Agreement
+from steelyard.inspection.agreement import BAD, InstrumentAgreement
 from steelyard.inspection.contact import Residual
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
@@ -167,7 +167,7 @@ def _balance(found: Inspection, residual: Residual, place: int) -> Figure:
     )
 
 
-def _agreement(run: str, agreement: Agreement, place: int) -> Figure:
+def _agreement(run: str, agreement: InstrumentAgreement, place: int) -> Figure:
     width = agreement.measured.shape[1]
     axes = (
         list(agreement.channels[:width])

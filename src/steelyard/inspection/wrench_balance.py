@@ -15,7 +15,7 @@ from steelyard.dynamics import platform_regressor
 from steelyard.errors import InfeasibleError
 from steelyard.identification.model.sources import Source
 from steelyard.inspection.agreement import (
-    Agreement,
+    InstrumentAgreement,
     Relation,
     attitudes,
     is_command,
@@ -23,9 +23,10 @@ from steelyard.inspection.agreement import (
     specific_force,
     title,
 )
+from steelyard.inspection.excerpt import Excerpt
 from steelyard.inspection.frames import (
-    Place,
-    Turning,
+    AttitudeMotion,
+    OriginMotion,
     accelerometer,
     gyro,
     lever_of,
@@ -34,7 +35,6 @@ from steelyard.inspection.frames import (
     place,
     turning,
 )
-from steelyard.inspection.picture import Picture
 from steelyard.instruments import Tension, Wrench
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
@@ -64,7 +64,7 @@ _SLACK = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class MeasuredWrench:
     """A wrench of the cables, or of a sensor, beside a motion."""
 
     wrench: Array
@@ -80,7 +80,7 @@ class Carried:
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class BodyBalance:
     """A body chosen to fit, and what it leaves."""
 
     left: Array
@@ -95,7 +95,7 @@ class Weighed:
     """Of them."""
     constants: Array
     """Of the sensors, in 1-sigmas."""
-    carried: Carried
+    carried: MeasuredWrench
     white: Array
     """What was solved: columns over all that was chosen, in their 1-sigmas, shape (n, 6, 10 +
     c)."""
@@ -105,72 +105,72 @@ class Weighed:
     """1-sigmas of what was chosen, shape (10 + c,)."""
 
 
-def carrying_relations(picture: Picture) -> Iterator[Relation]:
+def force_relations(excerpt: Excerpt) -> Iterator[Relation]:
     """Which motions the forces can be held against: each account of it by itself."""
-    turned, placed = attitudes(picture), positions(picture)
+    turned, placed = attitudes(excerpt), positions(excerpt)
     # What an accelerometer feels goes with the gyro beside it, which tells angular acceleration
     # best.
-    force_samples = [(f, *_beside(picture, f)) for f in picture.quantity("specific_force")]
-    for force in picture.quantity("tension"):
+    force_samples = [(f, *_beside(excerpt, f)) for f in excerpt.quantity("specific_force")]
+    for force in excerpt.quantity("tension"):
         yield ("tensions", (force,))
-        measured = [s for s in turned if not is_command(picture, s[0])]
-        at = [s for s in placed if not is_command(picture, s[0])]
+        measured = [s for s in turned if not is_command(excerpt, s[0])]
+        at = [s for s in placed if not is_command(excerpt, s[0])]
         for a in measured or turned[:1]:
             for p in at or placed[:1]:
                 yield ("cables", (force, a, p))
                 yield from (
-                    ("cables", (force, a, p, *f)) for f in force_samples if not picture.static
+                    ("cables", (force, a, p, *f)) for f in force_samples if not excerpt.static
                 )
         if (
             turned
             and placed
             and (measured or at)
-            and is_command(picture, turned[-1][0])
-            and is_command(picture, placed[-1][0])
+            and is_command(excerpt, turned[-1][0])
+            and is_command(excerpt, placed[-1][0])
         ):
             # What was commanded is an account of its own.
             yield ("cables", (force, turned[-1], placed[-1]))
-    for force in picture.quantity("force", "wrench"):
+    for force in excerpt.quantity("force", "wrench"):
         torque = (force[0], "torque")
-        at = [s for s in placed if not is_command(picture, s[0])] or placed[:1]
+        at = [s for s in placed if not is_command(excerpt, s[0])] or placed[:1]
         for a in turned:
             yield from (("wrench", (force, torque, a, p)) for p in at)
             yield from (("wrench", (force, torque, a, *f)) for f in force_samples)
-            if not at and (picture.static or not force_samples):
+            if not at and (excerpt.static or not force_samples):
                 yield ("wrench", (force, torque, a))
         if not turned:
             yield from (("wrench", (force, torque, *f)) for f in force_samples)
 
 
-def _beside(picture: Picture, force_samples: Source) -> tuple[Source, ...]:
+def _beside(excerpt: Excerpt, force_samples: Source) -> tuple[Source, ...]:
     """The gyro that goes with an accelerometer: its own, or any."""
-    gyros = picture.quantity("angular_velocity")
+    gyros = excerpt.quantity("angular_velocity")
     return (
         tuple(sorted(gyros, key=lambda s: s[0] != force_samples[0])[:1])
-        if not picture.static
+        if not excerpt.static
         else ()
     )
 
 
-def carrying_agreement(picture: Picture, relation: Relation) -> Agreement | None:
-    """Evaluate one of :func:`carrying_relations`; None where it cannot be had."""
+def force_agreement(excerpt: Excerpt, relation: Relation) -> InstrumentAgreement | None:
+    """Evaluate one of :func:`force_relations`; None where it cannot be had."""
     kind, sources = relation
     if kind == "tensions":
-        return tensions_alone(picture, sources[0])
-    found = weighed(picture, relation)
-    return None if found is None else _agreement(picture, relation, found)
+        return tensions_alone(excerpt, sources[0])
+    found = body_balance(excerpt, relation)
+    return None if found is None else _agreement(excerpt, relation, found)
 
 
-def tensions_alone(picture: Picture, source: Source) -> Agreement:
+def tensions_alone(excerpt: Excerpt, source: Source) -> InstrumentAgreement:
     """Cables pull; and about as hard as the robot file allows."""
-    read = picture.seen[source].value
+    read = excerpt.observations[source].value
     size = float(np.median(np.abs(read))) or 1.0
     below = np.sqrt(np.mean(np.minimum(read, 0.0) ** 2, axis=0))
-    low, high = picture.robot.tension_limits
+    low, high = excerpt.robot.tension_limits
     beyond = max(0.0, float(np.log(size / high)) if np.isfinite(high) else 0.0)
     if low > 0:
         beyond = max(beyond, float(np.log(low / size)))
-    return Agreement(
+    return InstrumentAgreement(
         f"{title(source)} alone",
         (source,),
         (*(f"f{i + 1} above zero" for i in range(read.shape[1])), "range"),
@@ -184,11 +184,11 @@ def tensions_alone(picture: Picture, source: Source) -> Agreement:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class PlatformMotion:
     """One account of how the platform moves."""
 
-    turned: Turning | None
-    where: Place | None
+    turned: AttitudeMotion | None
+    where: OriginMotion | None
     force: Array
     """Specific force of the platform origin [m/s^2], shape (n, 3)."""
     omega: Array
@@ -197,21 +197,21 @@ class Motion:
     """1-sigma left in specific force [m/s^2] and angular acceleration [rad/s^2]."""
 
 
-def _motion(picture: Picture, sources: tuple[Source, ...]) -> Motion | None:
+def _motion(excerpt: Excerpt, sources: tuple[Source, ...]) -> PlatformMotion | None:
     """What some sources say of the motion; None where they do not say enough."""
-    turned = next((turning(picture, s) for s in sources if s[1] == "orientation"), None)
+    turned = next((turning(excerpt, s) for s in sources if s[1] == "orientation"), None)
     at = next((s for s in sources if s[1] == "position"), None)
     force_samples = next((s for s in sources if s[1] == "specific_force"), None)
-    where = None if at is None or turned is None else place(picture, at, turned)
-    turns = next((gyro(picture, s) for s in sources if s[1] == "angular_velocity"), None)
+    where = None if at is None or turned is None else place(excerpt, at, turned)
+    turns = next((gyro(excerpt, s) for s in sources if s[1] == "angular_velocity"), None)
     if turns is not None:
         omega, alpha, jitter = turns.value, turns.rate, turns.noise[1]
     elif turned is not None:
         omega, alpha, jitter = turned.omega, turned.alpha, turned.noise[2]
-    elif picture.static:
+    elif excerpt.static:
         omega, alpha, jitter = (
-            np.zeros((len(picture.time), 3)),
-            np.zeros((len(picture.time), 3)),
+            np.zeros((len(excerpt.time), 3)),
+            np.zeros((len(excerpt.time), 3)),
             0.0,
         )
     else:
@@ -222,73 +222,77 @@ def _motion(picture: Picture, sources: tuple[Source, ...]) -> Motion | None:
             if turned is not None
             else np.broadcast_to(np.eye(3), (len(omega), 3, 3))
         )
-        seen = accelerometer(picture, force_samples, rotation)
-        lever = lever_of(picture, force_samples[0])
+        seen = accelerometer(excerpt, force_samples, rotation)
+        lever = lever_of(excerpt, force_samples[0])
         force = moved(seen.value, omega, alpha, -lever)
         # A bias and a small misalignment are the accelerometer's own, and are allowed for
         # elsewhere.
         noise = float(
             np.sqrt(seen.noise[0] ** 2 + (np.linalg.norm(lever) * jitter) ** 2 + _ACCELEROMETER**2)
         )
-        return Motion(turned, where, force, omega, alpha, (noise, jitter))
+        return PlatformMotion(turned, where, force, omega, alpha, (noise, jitter))
     if turned is None:
         return None
     noise = float(np.hypot(9.81 * turned.noise[0], 0.0 if where is None else where.noise[2]))
-    return Motion(
-        turned, where, specific_force(picture, turned, where), omega, alpha, (noise, jitter)
+    return PlatformMotion(
+        turned, where, specific_force(excerpt, turned, where), omega, alpha, (noise, jitter)
     )
 
 
-def weighed(picture: Picture, relation: Relation) -> Weighed | None:
+def body_balance(excerpt: Excerpt, relation: Relation) -> BodyBalance | None:
     """The body that fits forces and one account of the motion best."""
     kind, sources = relation
-    motion = _motion(picture, sources)
+    motion = _motion(excerpt, sources)
     if motion is None:
         return None
     if kind == "cables":
         if motion.turned is None or motion.where is None:
             return None
-        carried = _of_cables(picture, sources[0], motion.turned, motion.where)
+        carried = _of_cables(excerpt, sources[0], motion.turned, motion.where)
     else:
-        carried = _of_sensor(picture, sources[0], sources[1])
+        carried = _of_sensor(excerpt, sources[0], sources[1])
     if carried is None:
         return None
-    commanded = any(is_command(picture, name) for name, _ in sources)
+    commanded = any(is_command(excerpt, name) for name, _ in sources)
     Y = platform_regressor(motion.force, motion.omega, motion.alpha)
-    return _weigh(picture, carried, Y, motion.noise, commanded=commanded)
+    return _balanced(excerpt, carried, Y, motion.noise, commanded=commanded)
 
 
-def _of_cables(picture: Picture, source: Source, turned: Turning, where: Place) -> Carried | None:
-    robot = picture.robot.with_straight_cables()
-    read = picture.seen[source]
+def _of_cables(
+    excerpt: Excerpt, source: Source, turned: AttitudeMotion, where: OriginMotion
+) -> MeasuredWrench | None:
+    robot = excerpt.robot.with_straight_cables()
+    read = excerpt.observations[source]
     try:
         W = _structures(robot, where, turned)
     except InfeasibleError:
         return None
-    instrument = picture.instruments[source[0]]
+    instrument = excerpt.instruments[source[0]]
     assert isinstance(instrument, Tension)
     offset = instrument.terms(robot.m)[0].deviation
     least = _OFFSET * float(np.median(np.abs(read.value)))
     sigma = np.full(robot.m, least) if offset is None else np.maximum(offset, least / 4)
     by_force = read.noise[0] * float(np.sqrt(np.mean(np.sum(W[:, :3] ** 2, axis=2))))
     by_torque = read.noise[0] * float(np.sqrt(np.mean(np.sum(W[:, 3:] ** 2, axis=2))))
-    return Carried(np.einsum("nkm,nm->nk", W, read.value), W, sigma, (by_force, by_torque), W)
+    return MeasuredWrench(
+        np.einsum("nkm,nm->nk", W, read.value), W, sigma, (by_force, by_torque), W
+    )
 
 
 @lru_cache(maxsize=32)
-def _structures(robot: Robot, where: Place, turned: Turning) -> Array:
+def _structures(robot: Robot, where: OriginMotion, turned: AttitudeMotion) -> Array:
     # Of straight cables: what sag does to the directions is less than what is allowed for.
     return cables_at(robot, where.position, turned.rotation, np.full(robot.m, 100.0)).structure
 
 
-def _of_sensor(picture: Picture, of_force: Source, of_torque: Source) -> Carried:
-    instrument = picture.instruments[of_force[0]]
+def _of_sensor(excerpt: Excerpt, of_force: Source, of_torque: Source) -> MeasuredWrench:
+    instrument = excerpt.instruments[of_force[0]]
     assert isinstance(instrument, Wrench)
-    R, lever = mounting(picture, of_force[0]), np.array(instrument.position)
+    R, lever = mounting(excerpt, of_force[0]), np.array(instrument.position)
     sign = 1.0 if instrument.acts_on == "body" else -1.0
     force, torque = (
-        picture.seen[of_force].mapped(sign * R),
-        picture.seen[of_torque].mapped(sign * R),
+        excerpt.observations[of_force].mapped(sign * R),
+        excerpt.observations[of_torque].mapped(sign * R),
     )
     wrench = np.hstack([force.value, torque.value + np.cross(lever, force.value)])
     n = len(wrench)
@@ -302,12 +306,17 @@ def _of_sensor(picture: Picture, of_force: Source, of_torque: Source) -> Carried
         force.noise[0],
         float(np.hypot(torque.noise[0], np.linalg.norm(lever) * force.noise[0])),
     )
-    return Carried(wrench, columns, np.maximum(np.concatenate(sigma), 1e-9), noise, None)
+    return MeasuredWrench(wrench, columns, np.maximum(np.concatenate(sigma), 1e-9), noise, None)
 
 
-def _weigh(
-    picture: Picture, carried: Carried, Y: Array, noise: tuple[float, float], *, commanded: bool
-) -> Weighed:
+def _balanced(
+    excerpt: Excerpt,
+    carried: MeasuredWrench,
+    Y: Array,
+    noise: tuple[float, float],
+    *,
+    commanded: bool,
+) -> BodyBalance:
     w = carried.wrench
     n = len(w)
     part = _TOLERANCE_COMMANDED if commanded else _TOLERANCE
@@ -317,7 +326,7 @@ def _weigh(
         # Offsets are free: the force itself is not known.
         force = float(np.sqrt(np.sum(spread[:3] ** 2)))
     lever = float(np.linalg.norm(spread[3:])) / max(float(np.linalg.norm(spread[:3])), 1e-12)
-    size = picture.robot.size if picture.robot.m else max(lever, 1e-3)
+    size = excerpt.robot.size if excerpt.robot.m else max(lever, 1e-3)
     mass = force / 9.81 if carried.structure is not None else max(force / 5.0, 1e-6)
     common = np.repeat([float(np.mean(spread[:3] ** 2)), float(np.mean(spread[3:] ** 2))], 3)
     whole = np.repeat([_OF_WEIGHT * force, _OF_WEIGHT * force * size], 3)
@@ -329,22 +338,22 @@ def _weigh(
     allowed = np.sqrt(
         noisy**2 + (part * spread) ** 2 + (0.5 * part) ** 2 * common + whole**2 + 1e-24
     )
-    reach = picture.robot.size if picture.robot.m else max(size, 0.3)
+    reach = excerpt.robot.size if excerpt.robot.m else max(size, 0.3)
     body = mass * np.concatenate([[10.0], np.full(3, 2 * reach), np.full(6, 2 * reach**2)])
     columns = np.concatenate([Y, -carried.columns], axis=2)
     sigma = np.concatenate([body, carried.sigma])
     white = columns / allowed[:, None] * sigma
     whole_b = w / allowed
-    if picture.unread and carried.structure is not None:
+    if excerpt.unread and carried.structure is not None:
         # What such a cable pulls is whatever it must.
-        out = _across(carried.structure[:, :, sorted(picture.unread)] / allowed[:, None])
+        out = _across(carried.structure[:, :, sorted(excerpt.unread)] / allowed[:, None])
         white, whole_b = out @ white, np.einsum("nij,nj->ni", out, whole_b)
     A, b = white.reshape(n * 6, -1), whole_b.ravel()
     weight = 30.0 / n
     inverse = np.linalg.inv(weight * A.T @ A + np.eye(len(sigma)))
     value = inverse @ (weight * A.T @ b)
     explained = (columns @ (value * sigma)).reshape(n, 6)
-    return Weighed(
+    return BodyBalance(
         (whole_b - white @ value) * allowed,
         explained,
         allowed,
@@ -364,16 +373,16 @@ def _across(directions: Array) -> Array:
     return np.asarray(np.eye(6) - Q @ Q.swapaxes(1, 2))
 
 
-def _agreement(picture: Picture, relation: Relation, found: Weighed) -> Agreement:
+def _agreement(excerpt: Excerpt, relation: Relation, found: BodyBalance) -> InstrumentAgreement:
     sources = relation[1]
-    robot, p = picture.robot, found.parameters
+    robot, p = excerpt.robot, found.parameters
     names, left, allowed = (
         ["fx", "fy", "fz", "tx", "ty", "tz"],
         [*np.sqrt(np.mean(found.left**2, axis=0))],
         [*found.allowed],
     )
     m, sigma = float(p[0]), float(found.sigma[0])
-    known = picture.experiment.known.get("mass")
+    known = excerpt.experiment.known.get("mass")
     nominal = known[0] if known else robot.platform.mass if robot.platform else None
     if abs(m) > 3 * sigma:
         off = _NEGATIVE if m <= 0 else abs(float(np.log(m / nominal))) if nominal else 0.0
@@ -396,7 +405,7 @@ def _agreement(picture: Picture, relation: Relation, found: Weighed) -> Agreemen
         names.append("offsets")
         left.append(float(np.sqrt(np.mean(found.constants**2))))
         allowed.append(3.0)
-    return Agreement(
+    return InstrumentAgreement(
         title(*sources),
         sources,
         tuple(names),

@@ -35,7 +35,7 @@ _BIN = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Observation:
     """One quantity at n instants, in the axes and units that the log is said to have."""
 
     value: Array
@@ -51,7 +51,7 @@ class Seen:
     span: tuple[float, float] = (-np.inf, np.inf)
     """Of the spline, on common time [s]."""
 
-    def mapped(self, matrix: Array) -> Seen:
+    def mapped(self, matrix: Array) -> Observation:
         """Vectors in other axes or units: ``matrix`` times them."""
         # One channel in another unit says nothing of the noise of the others.
         size = float(np.median(np.sqrt(np.sum(matrix**2, axis=1))))
@@ -63,11 +63,11 @@ class Seen:
             noise=(size * self.noise[0], size * self.noise[1], size * self.noise[2]),
         )
 
-    def plus(self, value: Array) -> Seen:
+    def plus(self, value: Array) -> Observation:
         """Vectors with something added to them, whose derivatives are not looked at."""
         return replace(self, value=self.value + value)
 
-    def between(self, left: Array, right: Array) -> Seen:
+    def between(self, left: Array, right: Array) -> Observation:
         """Rotations: ``left`` times them times ``right``."""
         return replace(
             self,
@@ -76,12 +76,12 @@ class Seen:
             bend=left @ self.bend @ right,
         )
 
-    def transposed(self) -> Seen:
+    def transposed(self) -> Observation:
         """Rotations the other way round."""
         value, rate, bend = (each.swapaxes(1, 2) for each in (self.value, self.rate, self.bend))
         return replace(self, value=value, rate=rate, bend=bend)
 
-    def later(self, times: Array, delay: float) -> Seen:
+    def later(self, times: Array, delay: float) -> Observation:
         """At instants of common time, of a stream that is late; beyond its ends it stays as it was
         there.
         """
@@ -98,7 +98,7 @@ class Seen:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class Excerpt:
     """A part of one run, as it is described."""
 
     experiment: Experiment
@@ -107,7 +107,7 @@ class Picture:
     """Common time [s], shape (n,); of poses at rest their numbers."""
     robot: Robot
     instruments: Mapping[str, Instrument]
-    seen: Mapping[Source, Seen]
+    observations: Mapping[Source, Observation]
     spacing: float
     """Of the knots [s]; 0 of poses at rest."""
     unread: frozenset[int] = frozenset()
@@ -118,11 +118,11 @@ class Picture:
         """Whether these are poses at rest."""
         return self.run.static
 
-    def with_seen(self, changed: Mapping[Source, Seen]) -> Picture:
+    def with_observations(self, changed: Mapping[Source, Observation]) -> Excerpt:
         """With other readings."""
-        return replace(self, seen={**self.seen, **changed})
+        return replace(self, observations={**self.observations, **changed})
 
-    def with_instrument(self, name: str, **keys: object) -> Picture:
+    def with_instrument(self, name: str, **keys: object) -> Excerpt:
         """With another description of one instrument."""
         changed = self.instruments[name].model_copy(update=keys)
         return replace(self, instruments={**self.instruments, name: changed})
@@ -131,11 +131,11 @@ class Picture:
         """Who reads it, of some kinds of instruments."""
         return [
             s
-            for s in self.seen
+            for s in self.observations
             if s[1] == quantity and (not kinds or self.instruments[s[0]].kind in kinds)
         ]
 
-    def refitted(self, source: Source, values: Array) -> Seen:
+    def refitted(self, source: Source, values: Array) -> Observation:
         """Other samples of a quantity, smoothed like those that are there.
 
         Args:
@@ -146,12 +146,12 @@ class Picture:
             return _at_rest(values)
         common = self.experiment.common_time(self.run, source[0])
         found = _smoothed(common, values, self.time, self.spacing)
-        return self.seen[source] if found is None else found
+        return self.observations[source] if found is None else found
 
 
-def picture(
+def excerpt_of(
     experiment: Experiment, run: Run, finest: float = _FINEST, most: int = _MOST
-) -> Picture | None:
+) -> Excerpt | None:
     """Look at the liveliest part of a run; None where its streams have too little in common.
 
     Args:
@@ -176,7 +176,7 @@ def picture(
             found = _smoothed(times[name], values, inside, spacing)
             if found is not None:
                 seen[name, quantity] = found
-    return Picture(experiment, run, inside, experiment.robot, experiment.instruments, seen, spacing)
+    return Excerpt(experiment, run, inside, experiment.robot, experiment.instruments, seen, spacing)
 
 
 def _part(run: Run, times: Mapping[str, Array], finest: float) -> tuple[float, float, float] | None:
@@ -223,7 +223,7 @@ def _liveliest(run: Run, times: Mapping[str, Array], start: float, end: float) -
     )
 
 
-def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Seen | None:
+def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Observation | None:
     """One quantity at instants; None where its samples do not tell it."""
     flat = values.reshape(len(values), -1)
     complete = np.isfinite(flat).all(axis=1)
@@ -243,10 +243,10 @@ def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Seen
     at = np.clip(inside, start, end)
     value, rate, bend = (found.at(at, order).reshape(shape) for order in range(3))
     noise = found.noise(at, 0), found.noise(at, 1), found.noise(at, 2)
-    return Seen(value, rate, bend, noise, found.spline, (start, end))
+    return Observation(value, rate, bend, noise, found.spline, (start, end))
 
 
-def _poses(experiment: Experiment, run: Run) -> Picture | None:
+def _poses(experiment: Experiment, run: Run) -> Excerpt | None:
     everything = [
         v.reshape(len(v), -1) for stream in run.streams.values() for v in stream.values.values()
     ]
@@ -259,15 +259,15 @@ def _poses(experiment: Experiment, run: Run) -> Picture | None:
         for quantity, values in stream.values.items()
     }
     numbers = np.flatnonzero(rows).astype(np.float64)
-    return Picture(experiment, run, numbers, experiment.robot, experiment.instruments, seen, 0.0)
+    return Excerpt(experiment, run, numbers, experiment.robot, experiment.instruments, seen, 0.0)
 
 
-def _at_rest(values: Array) -> Seen:
+def _at_rest(values: Array) -> Observation:
     nothing = np.zeros_like(values)
-    return Seen(values, nothing, nothing, (0.0, 0.0, 0.0))
+    return Observation(values, nothing, nothing, (0.0, 0.0, 0.0))
 
 
-def pictures(experiment: Experiment, most: int) -> Sequence[Picture]:
+def excerpts(experiment: Experiment, most: int) -> Sequence[Excerpt]:
     """Of a few runs: those in motion first, spread over the experiment."""
     moving = [run for run in experiment.runs if not run.static]
     chosen = [
@@ -275,5 +275,5 @@ def pictures(experiment: Experiment, most: int) -> Sequence[Picture]:
         for i in sorted({round(k) for k in np.linspace(0, len(moving) - 1, min(most, len(moving)))})
     ]
     chosen += [run for run in experiment.runs if run.static][:1]
-    found = (picture(experiment, run) for run in chosen)
+    found = (excerpt_of(experiment, run) for run in chosen)
     return [each for each in found if each is not None]
