@@ -19,7 +19,8 @@ from steelyard.experiment.schema import schema
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.inspection.excerpt import excerpts
 from steelyard.inspection.inspect import inspect
-from steelyard.inspection.mistakes import judged, mistakes
+from steelyard.inspection.judgement import judged
+from steelyard.inspection.mistakes import mistakes
 from steelyard.instruments import Distance
 from steelyard.instruments.equations import linearised, predict, term_columns
 from steelyard.motion.state import State

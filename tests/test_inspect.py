@@ -14,7 +14,8 @@ from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.inspection.delays import of_excerpt
 from steelyard.inspection.excerpt import excerpts
 from steelyard.inspection.inspect import inspect
-from steelyard.inspection.mistakes import judged, mistakes
+from steelyard.inspection.judgement import judged
+from steelyard.inspection.mistakes import mistakes
 from steelyard.report.inspection_document import inspection_document
 from steelyard.report.markdown import markdown
 

@@ -13,8 +13,8 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.solve.joint_study import Joint
-from steelyard.inspection.agreement import Relation, motion_agreement, motion_relations
 from steelyard.inspection.excerpt import Excerpt, excerpt_of
+from steelyard.inspection.motion_agreements import Relation, motion_agreement, motion_relations
 from steelyard.inspection.wrench_balance import body_balance, force_relations
 from steelyard.smoothing import Samples1D, fit
 
@@ -163,7 +163,7 @@ def _relations(view: Excerpt, names: tuple[str, ...]) -> list[Relation]:
         for r in force_relations(view)
         if r[0] in {"cables", "wrench"}
         and any(n in names for n, _ in r[1])
-        and not any(view.instruments[n].kind == "command" for n, _ in r[1] if n not in names)
+        and not any(view.instruments[n].commanded for n, _ in r[1] if n not in names)
     ]
     if own:
         force_samples = [
@@ -261,7 +261,9 @@ def _left(view: Excerpt, relation: Relation) -> float:
         found = body_balance(view, relation)
         if found is None:
             return np.inf
-        scale = np.repeat([_rms(found.carried.wrench[:, :3]), _rms(found.carried.wrench[:, 3:])], 3)
+        scale = np.repeat(
+            [_rms(found.measured.wrench[:, :3]), _rms(found.measured.wrench[:, 3:])], 3
+        )
         return float(np.mean((found.left / scale) ** 2))
     agreement = motion_agreement(view, relation)
     axes = agreement.measured.shape[1]

@@ -127,13 +127,9 @@ class Excerpt:
         changed = self.instruments[name].model_copy(update=keys)
         return replace(self, instruments={**self.instruments, name: changed})
 
-    def quantity(self, quantity: str, *kinds: str) -> list[Source]:
-        """Who reads it, of some kinds of instruments."""
-        return [
-            s
-            for s in self.observations
-            if s[1] == quantity and (not kinds or self.instruments[s[0]].kind in kinds)
-        ]
+    def quantity(self, quantity: str) -> list[Source]:
+        """All readings of one quantity."""
+        return [source for source in self.observations if source[1] == quantity]
 
     def refitted(self, source: Source, values: Array) -> Observation:
         """Other samples of a quantity, smoothed like those that are there.

@@ -15,13 +15,14 @@ from steelyard.identification.model.preparation import prepare
 from steelyard.identification.solve.classical import NoBalanceError
 from steelyard.identification.solve.joint_study import Joint, joint_study
 from steelyard.identification.synchronisation import synchronise
-from steelyard.inspection.agreement import BAD, InstrumentAgreement
+from steelyard.inspection.agreement import InstrumentAgreement
 from steelyard.inspection.contact import Contact, Residual, unexplained
 from steelyard.inspection.delays import Delay, of_excerpt, of_joint
 from steelyard.inspection.excerpt import Excerpt, excerpts
 from steelyard.inspection.excitation import Excitation, excitation
-from steelyard.inspection.mistakes import Judged, Mistake, mistakes
-from steelyard.inspection.mistakes import judged as judge
+from steelyard.inspection.judgement import Judged
+from steelyard.inspection.judgement import judged as judge
+from steelyard.inspection.mistakes import Mistake, mistakes
 from steelyard.inspection.part import part_of
 from steelyard.inspection.remarks import constant_channels, of_noise, of_times
 from steelyard.inspection.streams import StreamReport, as_dict, stream_reports
@@ -93,7 +94,7 @@ def _agreement_dict(run: str, agreement: InstrumentAgreement) -> dict[str, Any]:
     return {
         "run": run,
         "between": agreement.name,
-        "agrees": agreement.worst <= BAD,
+        "agrees": agreement.agrees,
         "channels": {
             channel: {"left": float(left), "allowed": float(allowed)}
             for channel, left, allowed in zip(

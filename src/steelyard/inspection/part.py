@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.inspection.excerpt import Excerpt
-from steelyard.instruments import Command, Instrument
+from steelyard.instruments import Instrument
 
 _FASTEST, _FASTEST_ON_SENSOR = 130.0, 30.0
 """Rate beyond which samples are averaged [Hz]: what platforms do on purpose is slower."""
@@ -29,7 +29,7 @@ def part_of(experiment: Experiment, excerpts: list[Excerpt]) -> Experiment:
     often = {
         name: max(1, int(_rate(runs, name) / fastest))
         for name, instrument in experiment.instruments.items()
-        if not isinstance(instrument, Command)
+        if not instrument.commanded
     }
     instruments = {
         name: _averaged_noise(each, often.get(name, 1))

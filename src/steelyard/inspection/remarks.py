@@ -49,7 +49,7 @@ def constant_channels(experiment: Experiment) -> Iterator[str]:
     """Channels that never change while others of their instrument do."""
     for run in experiment.runs:
         for name, stream in run.streams.items():
-            if experiment.instruments[name].kind == "command":
+            if experiment.instruments[name].commanded:
                 continue
             rows = [
                 (label, quantity, values)

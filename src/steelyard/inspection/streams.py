@@ -97,7 +97,7 @@ def _report(
         faults = tuple(
             f for f in faults_of(name, stream) if not (f.kind == "missing" and f.channel in taken)
         )
-        if instrument.kind == "command":
+        if instrument.commanded:
             faults = tuple(f for f in faults if f.kind not in {"held", "clipped"})
     quantities = tuple(
         _quantity(

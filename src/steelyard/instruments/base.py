@@ -168,6 +168,21 @@ class Mounting:
     """Frame that its readings stand in; key ``frame``; None: the world."""
 
 
+@dataclass(frozen=True)
+class Choice:
+    """A key with two values that is easily stated the wrong way round."""
+
+    key: str
+    other: str
+    """The value that the instrument does not have."""
+    quantities: tuple[str, ...]
+    """Readings that it is about."""
+    kind: str
+    """What sort of mistake that is, in two or three words."""
+    what: str
+    """The mistake in words: what the readings would be instead."""
+
+
 class Calibration(FileModel):
     """Systematic errors of an instrument, 1-sigma; every kind adds its own."""
 
@@ -226,6 +241,11 @@ class Instrument(FileModel, ABC):
     @abstractmethod
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """What it reads, on a robot of m cables."""
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """Keys with two values that are easily stated the wrong way round."""
+        return ()
 
     def quantity(self, name: str, m: int) -> Quantity:
         """One of :meth:`quantities`."""

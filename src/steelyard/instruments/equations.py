@@ -47,18 +47,30 @@ def predict(
     Returns:
         One array over n samples for each quantity that can be had from the known part of the state.
     """
-    symbolic = symbols(robot.m)
-    readings = instrument.predict(symbolic, {k: ca.DM(v) for k, v in calibration.items()}, robot)
     known = {
         f.name: getattr(state, f.name) for f in fields(State) if getattr(state, f.name) is not None
     }
+    errors = tuple((key, tuple(np.ravel(value).tolist())) for key, value in calibration.items())
+    return _prediction(instrument, robot, tuple(known), errors)(**known)
+
+
+@lru_cache(maxsize=64)
+def _prediction(
+    instrument: Instrument,
+    robot: Robot,
+    known: tuple[str, ...],
+    errors: tuple[tuple[str, tuple[float, ...]], ...],
+) -> Batched:
+    """Those readings that follow from the known part of the state, for given systematic errors."""
+    symbolic = symbols(robot.m)
+    readings = instrument.predict(symbolic, {key: ca.DM(value) for key, value in errors}, robot)
     unknown = [getattr(symbolic, f.name) for f in fields(State) if f.name not in known]
     possible = {
         name: ca.SX(value)
         for name, value in readings.items()
         if not any(u.numel() and ca.depends_on(ca.SX(value), ca.vec(u)) for u in unknown)
     }
-    return Batched("predict", {k: getattr(symbolic, k) for k in known}, possible)(**known)
+    return Batched("predict", {key: getattr(symbolic, key) for key in known}, possible)
 
 
 @lru_cache(maxsize=64)

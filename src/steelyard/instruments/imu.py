@@ -13,6 +13,7 @@ from steelyard.dynamics import point_specific_force
 from steelyard.instruments.base import (
     ORIENTATION_FORMS,
     Calibration,
+    Choice,
     Instrument,
     Mounting,
     Prior,
@@ -73,6 +74,16 @@ class Imu(Instrument):
     def mounting(self) -> Mounting:
         """See :class:`Instrument`."""
         return Mounting(self.rpy_deg, self.position)
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """See :class:`Instrument`."""
+        other, what = "removed", "has gravity taken out"
+        if self.gravity == "removed":
+            other, what = "included", "still contains gravity"
+        return (
+            Choice("gravity", other, ("specific_force",), "gravity in the accelerometer", what),
+        )
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""

@@ -10,6 +10,7 @@ import casadi as ca
 from steelyard.batch import Symbol
 from steelyard.instruments.base import (
     Calibration,
+    Choice,
     Instrument,
     Mounting,
     Prior,
@@ -75,6 +76,13 @@ class Wrench(Instrument):
     def mounting(self) -> Mounting:
         """See :class:`Instrument`."""
         return Mounting(self.rpy_deg, self.position)
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """See :class:`Instrument`."""
+        other = "body" if self.acts_on == "sensor" else "sensor"
+        what = f"is the load on the {other}"
+        return (Choice("acts_on", other, ("force", "torque"), "sign of the wrench", what),)
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""

@@ -10,7 +10,6 @@ import numpy as np
 from rich.text import Text
 
 from steelyard.digits import LABELS
-from steelyard.inspection.agreement import BAD
 from steelyard.inspection.contact import Contact
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
@@ -121,7 +120,7 @@ def _agreements(found: Inspection) -> Grid:
     rows = []
     for run, each in found.agreements:
         i = int(np.argmax(each.ratio))
-        verdict = "contradict each other" if each.worst > BAD else "agree"
+        verdict = "agree" if each.agrees else "contradict each other"
         rows.append((run, each.name, each.channels[i], f"{each.worst:.2g}", verdict))
     return Grid(
         "What the instruments say of each other, as described", head, tuple(rows), frozenset({3})
@@ -196,7 +195,7 @@ def statements(found: Inspection) -> Iterator[tuple[str, str]]:
         yield remark, "yellow"
     for each in found.streams:
         yield from ((text, "yellow") for text in fault_words(each))
-    if not found.mistakes and not any(a.worst > BAD for _, a in found.agreements):
+    if not found.mistakes and all(a.agrees for _, a in found.agreements):
         yield (
             "no mistake of sign, unit, axis or order was found: all instruments agree as described",
             "green",

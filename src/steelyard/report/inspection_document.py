@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Run
-from steelyard.inspection.agreement import BAD, InstrumentAgreement
+from steelyard.inspection.agreement import InstrumentAgreement
 from steelyard.inspection.contact import Residual
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
@@ -46,7 +46,7 @@ def _lead(found: Inspection) -> Statement:
         count = len(found.mistakes)
         which = "a mistake" if count == 1 else f"{count} mistakes"
         return Statement(f"The description has {which}; below stands what to change.", "bad")
-    if any(each.worst > BAD for _, each in found.agreements):
+    if not all(each.agrees for _, each in found.agreements):
         return Statement(
             "The instruments contradict each other, and no simple mistake explains it.", "bad"
         )
