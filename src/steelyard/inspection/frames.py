@@ -177,19 +177,31 @@ def _origin_motion(read: Observation, turned: AttitudeMotion, solver: _Solver) -
 
 def angular_velocity(excerpt: Excerpt, source: Source) -> Observation:
     """Angular velocity in the platform frame [rad/s]."""
-    solver, read = _Solver.of("omega", excerpt, source), excerpt.observations[source]
+    return _angular_velocity(excerpt.observations[source], _Solver.of("omega", excerpt, source))
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def _angular_velocity(read: Observation, solver: _Solver) -> Observation:
     return replace(read, value=solver.value(read.value), rate=solver.change(read.rate))
 
 
-def specific_force_there(excerpt: Excerpt, source: Source, rotation: Array) -> Observation:
+def specific_force_there(excerpt: Excerpt, source: Source, turned: AttitudeMotion) -> Observation:
     """Specific force of the point where an accelerometer sits, platform frame [m/s^2]."""
-    solver, read = _Solver.of("specific_force", excerpt, source), excerpt.observations[source]
+    solver = _Solver.of("specific_force", excerpt, source)
+    gravity = tuple(excerpt.robot.gravity.tolist())
+    return _specific_force_there(excerpt.observations[source], solver, turned, gravity)
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def _specific_force_there(
+    read: Observation, solver: _Solver, turned: AttitudeMotion, gravity: tuple[float, ...]
+) -> Observation:
     # Of an instrument that does not turn, that of the origin is that of any point.
     still = np.zeros_like(read.value)
-    given = {"omega": still, "alpha": still, "gravity": excerpt.robot.gravity}
-    value = solver.value(read.value, rotation=rotation, **given)
+    given = {"omega": still, "alpha": still, "gravity": np.array(gravity)}
+    value = solver.value(read.value, rotation=turned.rotation, **given)
     # Gravity turns slowly: it has no rate worth looking at.
-    level = np.zeros_like(rotation)
+    level = np.zeros_like(turned.rotation)
     rate = solver.value(read.rate, rotation=level, **given)
     rate = rate - solver.value(still, rotation=level, **given)
     return replace(read, value=value, rate=rate)

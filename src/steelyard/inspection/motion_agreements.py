@@ -183,7 +183,7 @@ def _accelerometer(
     least = SETTINGS.least_sigma
     turned = attitude_motion(excerpt, of_attitude)
     where = None if of_position is None else origin_motion(excerpt, of_position, turned)
-    read = specific_force_there(excerpt, of_force, turned.rotation)
+    read = specific_force_there(excerpt, of_force, turned)
     point = point_of(excerpt, of_force[0])
     predicted, by_point = specific_force_at(
         specific_force(excerpt, turned, where), turned.omega, turned.alpha, point

@@ -224,7 +224,7 @@ def _wanted_points(excerpt: Excerpt, source: Source) -> Iterator[Array]:
             )
             yield _solved(accelerated, tracked - own)
     else:
-        there = specific_force_there(excerpt, source, turned.rotation)
+        there = specific_force_there(excerpt, source, turned)
         for other in positions(excerpt):
             force = specific_force(excerpt, turned, origin_motion(excerpt, other, turned))
             yield _solved(accelerated, there.value - force)

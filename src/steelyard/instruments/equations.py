@@ -25,6 +25,12 @@ def means(instrument: Instrument, m: int) -> dict[str, Array]:
     return {term.key: term.mean for term in instrument.terms(m)}
 
 
+@lru_cache(maxsize=128)
+def _stated_errors(instrument: Instrument, m: int) -> Mapping[str, Array]:
+    """:func:`means` under the names of inputs; not to be changed."""
+    return {f"term_{key}": value for key, value in means(instrument, m).items()}
+
+
 def terms_behind(instrument: Instrument, quantity: str, robot: Robot) -> list[Term]:
     """Systematic errors that the reading of one quantity depends on."""
     values = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
@@ -96,8 +102,7 @@ def term_columns(
         One derivative for each of :meth:`Instrument.terms`, shape (n, k, size).
     """
     part = _term_columns_of(instrument, quantity, robot)
-    known = {f"term_{key}": value for key, value in means(instrument, robot.m).items()}
-    values = part.evaluate({**known, **vars(state)})
+    values = part.evaluate({**_stated_errors(instrument, robot.m), **vars(state)})
     sizes = {term.key: term.size for term in instrument.terms(robot.m)}
     columns = np.broadcast_to(values, (len(state.rotation), *values.shape[1:]))
     parts = np.split(columns, np.cumsum(list(sizes.values()))[:-1], axis=2)
@@ -138,8 +143,10 @@ def solve_for(
             f" {' and '.join(missing)} beside its {' and '.join(readings).replace('_', ' ')}, found"
             " none; add a stream that tells it"
         )
-    known = means(instrument, robot.m) if calibration is None else calibration
-    values = {**{f"term_{key}": value for key, value in known.items()}, **given}
+    known = _stated_errors(instrument, robot.m)
+    if calibration is not None:
+        known = {f"term_{key}": value for key, value in calibration.items()}
+    values = {**known, **given}
     measured = np.hstack(
         [_columns(np.asarray(value, dtype=np.float64)) for value in readings.values()]
     )
