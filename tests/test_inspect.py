@@ -2,20 +2,23 @@
 ones raise no alarm."""
 
 import json
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
 from mistaken import MISTAKES, late, vector
+from pydantic import TypeAdapter
 from recordings import RUN, save, table, write_small
 from simulated import PAPER, RECORDER, changed, sound, without
 
 from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.inspection.catalogue import OF_INSTRUMENTS, OF_READINGS
 from steelyard.inspection.delays import of_excerpt
 from steelyard.inspection.excerpt import excerpts
 from steelyard.inspection.inspect import inspect
 from steelyard.inspection.judgement import judged
-from steelyard.inspection.mistakes import mistakes
+from steelyard.inspection.mistakes import MistakeSettings, mistakes
+from steelyard.instruments import AnyInstrument
 from steelyard.report.inspection_document import inspection_document
 from steelyard.report.markdown import markdown
 
@@ -255,3 +258,48 @@ class TestCommandLine:
         status, _, err = run("inspect", write_small(tmp_path), "--run", "nowhere")
         assert status == 2
         assert "--run" in err
+
+
+def test_what_is_named_can_be_set():
+    twice = MISTAKES["gyro in deg/s"].make(sound(1))
+    (excerpt,) = excerpts(twice, 1)
+    assert mistakes(excerpt)[0]
+    assert not mistakes(excerpt, settings=MistakeSettings(most=0))[0]
+    assert not mistakes(excerpt, settings=MistakeSettings(least_gain=1e3))[0]
+    with pytest.raises(FrozenInstanceError):
+        MistakeSettings().most = 3
+
+
+@pytest.mark.parametrize(
+    ("kind", "names"),
+    {
+        "tension": {"order, signs and units of cables"},
+        "length": {"order, signs and units of cables"},
+        "attitude": {"how an orientation is written", "mounting"},
+        "position": {
+            "axes, signs and units of a vector",
+            "tracker frame",
+            "place on the platform",
+        },
+        "imu": {
+            "axes, signs and units of a vector",
+            "how an orientation is written",
+            "place on the platform",
+            "keys of two values",
+            "gravity upside down",
+            "rates in world axes",
+            "mounting",
+        },
+        "wrench": {"axes, signs and units of a wrench"},
+    }.items(),
+)
+def test_the_table_says_which_instruments_may_have_a_mistake(kind, names):
+    instrument = validated(kind)
+    quantities = instrument.quantities(8)
+    found = {each.name for each in OF_READINGS for q in quantities if each.may_have(instrument, q)}
+    found |= {each.name for each in OF_INSTRUMENTS if each.may_have(instrument, quantities)}
+    assert found == names
+
+
+def validated(kind):
+    return TypeAdapter(AnyInstrument).validate_python({"kind": kind})

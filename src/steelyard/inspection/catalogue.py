@@ -78,7 +78,11 @@ OF_READINGS = (
     ),
 )
 OF_INSTRUMENTS = (
-    OfInstrument("keys of two values", lambda i, recorded: not i.is_force, of_choices),
+    OfInstrument(
+        "keys of two values",
+        lambda i, recorded: bool(i.choices) and not i.is_force,
+        of_choices,
+    ),
     OfInstrument(
         "gravity upside down",
         lambda i, recorded: any(q.name == "specific_force" for q in recorded),

@@ -79,13 +79,14 @@ class Residual:
 
 
 def unexplained(
-    excerpts: Sequence[Excerpt], worst: Mapping[str, float]
+    excerpts: Sequence[Excerpt], worst: Mapping[str, float], *, settings: ContactSettings = SETTINGS
 ) -> tuple[list[Residual], list[Contact]]:
     """Forces that a body leaves over which explains most of all runs.
 
     Args:
         excerpts: Of the runs.
         worst: Run -> ratio of the worst agreement of its forces.
+        settings: What is taken for a contact.
     """
     fits = {}
     for excerpt in excerpts:
@@ -100,11 +101,11 @@ def unexplained(
     residuals, contacts = [], []
     for excerpt, relation, found in fits.values():
         others = [each for each in sound if each is not found]
-        residual = _residual(excerpt, relation, found, others)
+        residual = _residual(excerpt, relation, found, others, settings)
         residuals.append(residual)
-        far = residual.size > SETTINGS.far
-        if far.mean() < 1 - SETTINGS.least_clean:
-            contacts += _contacts(residual, far)
+        far = residual.size > settings.far
+        if far.mean() < 1 - settings.least_clean:
+            contacts += _contacts(residual, far, settings)
     return residuals, contacts
 
 
@@ -118,7 +119,11 @@ def _relation(excerpt: Excerpt) -> Relation | None:
 
 
 def _residual(
-    excerpt: Excerpt, relation: Relation, found: BodyBalance, others: Sequence[BodyBalance]
+    excerpt: Excerpt,
+    relation: Relation,
+    found: BodyBalance,
+    others: Sequence[BodyBalance],
+    settings: ContactSettings,
 ) -> Residual:
     """What a body leaves that is chosen so as to explain as many instants as possible, near that of
     sound runs.
@@ -127,12 +132,12 @@ def _residual(
     precision, expected = np.ones(A.shape[2]), np.zeros(A.shape[2])
     if others:
         scale = found.scale[BODY]
-        sigma = SETTINGS.known * np.mean([each.sigma for each in others], axis=0) / scale
+        sigma = settings.known * np.mean([each.sigma for each in others], axis=0) / scale
         precision[BODY] = 1 / np.maximum(sigma, 1e-9) ** 2
         expected[BODY] = np.mean([each.parameters for each in others], axis=0) / scale
     weight = np.ones(len(b))
     left = b
-    for _ in range(SETTINGS.iterations):
+    for _ in range(settings.iterations):
         left = unknown_body(A, b, precision, expected=expected, weight=weight).residual
         # What is far counts less and less: a contact is no noise.
         weight = 1 / (1 + np.mean(left**2, axis=1)) ** 2
@@ -171,32 +176,32 @@ def _pulling(wrench: Array) -> State:
     )
 
 
-def _contacts(residual: Residual, far: NDArray[np.bool_]) -> list[Contact]:
+def _contacts(
+    residual: Residual, far: NDArray[np.bool_], settings: ContactSettings
+) -> list[Contact]:
     time = residual.time
     found: list[tuple[int, int]] = []
     for first, last in stretches(far):
-        if found and time[first] - time[found[-1][1] - 1] < SETTINGS.pause:
+        if found and time[first] - time[found[-1][1] - 1] < settings.pause:
             found[-1] = (found[-1][0], last)
         else:
             found.append((first, last))
     step = float(np.median(np.diff(time)))
     return [
-        _contact(residual, first, last)
+        _contact(residual, first, last, settings.share)
         for first, last in found
-        if time[last - 1] - time[first] + step >= SETTINGS.shortest
+        if time[last - 1] - time[first] + step >= settings.shortest
     ]
 
 
-def _contact(residual: Residual, first: int, last: int) -> Contact:
+def _contact(residual: Residual, first: int, last: int, share: float) -> Contact:
     """Which channels, in units of what they are elsewhere."""
     inside = residual.left[first:last]
     names: list[str] = []
     for part in (slice(0, 3), slice(3, 6)):
         size = np.sqrt(np.mean(inside[:, part] ** 2, axis=0))
         order = np.argsort(-size)
-        names += [
-            residual.names[part.start + i] for i in order if size[i] > SETTINGS.share * size.max()
-        ]
+        names += [residual.names[part.start + i] for i in order if size[i] > share * size.max()]
     return Contact(
         residual.run,
         float(residual.time[first]),

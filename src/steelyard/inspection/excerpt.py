@@ -20,18 +20,30 @@ from steelyard.instruments import Instrument
 from steelyard.robot.model import Robot
 from steelyard.smoothing import Samples1D, fit, segments
 
-LONGEST = 30.0
-"""Of a run that is looked at [s]."""
-_SHORTEST = 0.5
-_MARGIN = 10.0
-"""Of a stream beside that part, so that clocks may be moved [s]."""
-_FINEST = 0.1
-"""Spacing of the knots [s]: what platforms do on purpose is slower."""
-_SAMPLES_PER_KNOT = 3.0
-_MOST = 160
-"""Instants that are looked at."""
-_BIN = 0.25
-"""Of which means are taken to see where most happens [s]."""
+
+@dataclass(frozen=True)
+class ExcerptSettings:
+    """Which part of a run is looked at, and how smooth."""
+
+    longest: float = 30.0
+    """Of a run that is looked at [s]: enough for every sign and axis, and quick."""
+    shortest: float = 0.5
+    """Of a run that is looked at [s]."""
+    margin: float = 10.0
+    """Of a stream beside that part, so that clocks may be moved [s]."""
+    finest: float = 0.1
+    """Spacing of the knots [s]: what platforms do on purpose is slower."""
+    samples_per_knot: float = 3.0
+    """Of the slowest stream, so that every spline is told by its samples."""
+    fewest_knots: float = 6.0
+    """Knots in the part."""
+    most: int = 160
+    """Instants that are looked at: all agreements of a description take milliseconds."""
+    bin: float = 0.25
+    """Length of which means are taken to see where most happens [s]."""
+
+
+SETTINGS = ExcerptSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +158,7 @@ class Excerpt:
 
 
 def excerpt_of(
-    experiment: Experiment, run: Run, finest: float = _FINEST, most: int = _MOST
+    experiment: Experiment, run: Run, finest: float = SETTINGS.finest, most: int = SETTINGS.most
 ) -> Excerpt | None:
     """Look at the liveliest part of a run; None where its streams have too little in common.
 
@@ -182,23 +194,27 @@ def _part(run: Run, times: Mapping[str, Array], finest: float) -> tuple[float, f
         max(start, *(float(t[0]) for t in times.values())),
         min(end, *(float(t[-1]) for t in times.values())),
     )
-    if end - start < _SHORTEST:
+    if end - start < SETTINGS.shortest:
         return None
     steps = [float(np.median(np.diff(t))) for t in times.values() if len(t) > 2]
-    spacing = max(finest, _SAMPLES_PER_KNOT * max(steps))
+    spacing = max(finest, SETTINGS.samples_per_knot * max(steps))
     parts = segments(list(times.values()), start, end, spacing)
     if not parts:
         return None
     start, end = max(parts, key=lambda part: part[1] - part[0])
-    if end - start > LONGEST:
+    if end - start > SETTINGS.longest:
         start = _liveliest(run, times, start, end)
-        end = start + LONGEST
-    return (start, end, spacing) if end - start > max(_SHORTEST, 6 * spacing) else None
+        end = start + SETTINGS.longest
+    return (
+        (start, end, spacing)
+        if end - start > max(SETTINGS.shortest, SETTINGS.fewest_knots * spacing)
+        else None
+    )
 
 
 def _liveliest(run: Run, times: Mapping[str, Array], start: float, end: float) -> float:
     """Where most happens within a long interval [s]."""
-    edges = np.arange(start, end, _BIN)
+    edges = np.arange(start, end, SETTINGS.bin)
     happens = np.zeros(len(edges))
     for name, stream in run.streams.items():
         for values in stream.values.values():
@@ -210,7 +226,7 @@ def _liveliest(run: Run, times: Mapping[str, Array], start: float, end: float) -
             for column in flat[use].T:
                 mean = np.bincount(bins[use], column / scale, minlength=len(edges)) / count
                 happens[1:] += np.diff(mean) ** 2
-    width = int(LONGEST / _BIN)
+    width = int(SETTINGS.longest / SETTINGS.bin)
     total = np.concatenate([[0.0], np.cumsum(np.minimum(happens, 25 * np.median(happens) + 1e-12))])
     return (
         float(edges[int(np.argmax(total[width:] - total[:-width]))])
@@ -226,7 +242,7 @@ def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Obse
     if complete.sum() < 4:
         return None
     time, flat = time[complete], flat[complete]
-    for margin in (_MARGIN, spacing):
+    for margin in (SETTINGS.margin, spacing):
         start, end = max(time[0], inside[0] - margin), min(time[-1], inside[-1] + margin)
         found = (
             fit(Samples1D(time, flat), start, end, spacing, robust=True) if end > start else None

@@ -65,7 +65,7 @@ def excitation(joint: Joint) -> Excitation:
         sigma, prior = float(joint.bound.standard_deviation[i]), experiment.known.get(name)
         known = prior[1] if prior else None
         told = (
-            _told(sigma, known)
+            _determined_by(sigma, known)
             if known is not None
             else "data"
             if sigma < _HALF * sizes[i]
@@ -81,7 +81,7 @@ def excitation(joint: Joint) -> Excitation:
             float(study.calibration.values[place]),
             float(left[place]),
             float(unknown.deviation[component]),
-            _told(float(left[place]), float(unknown.deviation[component])),
+            _determined_by(float(left[place]), float(unknown.deviation[component])),
             _group(unknown),
         )
         for place, unknown, component in calibration_parameters.components()
@@ -95,7 +95,7 @@ def _group(unknown: CalibrationParameter) -> str:
     return f"{owner}{unknown.key}" + (f" of run '{unknown.run}'" if unknown.run else "")
 
 
-def _told(sigma: float, prior: float) -> Told:
+def _determined_by(sigma: float, prior: float) -> Told:
     if sigma < _HALF * prior:
         return "data"
     return "data and prior" if sigma < _MOSTLY * prior else "prior"

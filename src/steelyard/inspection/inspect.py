@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,22 +16,35 @@ from steelyard.identification.solve.classical import NoBalanceError
 from steelyard.identification.solve.joint_study import Joint, joint_study
 from steelyard.identification.synchronisation import synchronise
 from steelyard.inspection.agreement import InstrumentAgreement
-from steelyard.inspection.contact import Contact, Residual, unexplained
+from steelyard.inspection.contact import Contact, ContactSettings, Residual, unexplained
 from steelyard.inspection.delays import Delay, of_excerpt, of_joint
 from steelyard.inspection.excerpt import Excerpt, excerpts
 from steelyard.inspection.excitation import Excitation, excitation
 from steelyard.inspection.judgement import Judged
 from steelyard.inspection.judgement import judged as judge
-from steelyard.inspection.mistakes import Mistake, mistakes
+from steelyard.inspection.mistakes import Mistake, MistakeSettings, mistakes
 from steelyard.inspection.part import part_of
 from steelyard.inspection.remarks import constant_channels, of_noise, of_times
 from steelyard.inspection.streams import StreamReport, as_dict, stream_reports
 
 FORMAT = "steelyard-inspection/1"
-_MOST_RUNS = 8
-"""Runs whose agreements are looked at."""
-_MOST_FITTED = 3
-"""Runs in motion that are fitted as a whole."""
+
+
+@dataclass(frozen=True)
+class InspectionSettings:
+    """How much is looked at, and what is named."""
+
+    runs: int = 8
+    """Runs whose agreements are looked at: mistakes of a description show in each."""
+    fitted: int = 3
+    """Runs in motion that are fitted as a whole: enough for what a recording tells."""
+    mistakes: MistakeSettings = field(default_factory=MistakeSettings)
+    """When a mistake is named."""
+    contacts: ContactSettings = field(default_factory=ContactSettings)
+    """What is taken for a contact."""
+
+
+SETTINGS = InspectionSettings()
 
 Tell = Callable[[str, float], None]
 
@@ -133,13 +146,17 @@ def _excitation_dict(found: Excitation) -> dict[str, Any]:
 
 
 def inspect(
-    experiment: Experiment, progress: Callable[[str, float], None] | None = None
+    experiment: Experiment,
+    progress: Callable[[str, float], None] | None = None,
+    *,
+    settings: InspectionSettings = SETTINGS,
 ) -> Inspection:
     """Look at the recordings of an experiment.
 
     Args:
         experiment: With at least one run.
         progress: Is told what is being done and the fraction that is done.
+        settings: How much is looked at, and what is named.
 
     Raises:
         InputError: What an estimator would fail on.
@@ -151,14 +168,14 @@ def inspect(
         experiment = synchronise(experiment, progress).experiment
         tell("reading the streams", 0.1)
         with np.errstate(all="ignore"):
-            shown = list(excerpts(experiment, _MOST_RUNS))
+            shown = list(excerpts(experiment, settings.runs))
         _enter(experiment, shown)
     except InputError as error:
         # The sentence of the estimator, and what physics says of its cause.
         raise InputError("; ".join([str(error), *hints])) from error
     reports = tuple(each for run in experiment.runs for each in stream_reports(experiment, run))
     with np.errstate(all="ignore"):
-        judged, found = _judge(shown, tell)
+        judged, found = _judge(shown, tell, settings)
         named, runs_of = _merged(found)
         worst = {
             j.excerpt.run.name: max(
@@ -168,8 +185,10 @@ def inspect(
             for j in judged
         }
         amended = _corrected(shown, found)
-        residuals, contacts = unexplained(amended, worst if not named else {})
-        delays, joint, remarks = _fitted(experiment, shown, bool(named), contacts, tell)
+        residuals, contacts = unexplained(
+            amended, worst if not named else {}, settings=settings.contacts
+        )
+        delays, joint, remarks = _fitted(experiment, shown, bool(named), contacts, tell, settings)
     remarks = [*hints, *constant_channels(experiment), *of_noise(experiment, reports), *remarks]
     if not named and any(j.bad for j in judged) and not contacts:
         remarks.append(_unexplained(judged))
@@ -205,7 +224,9 @@ def _enter(experiment: Experiment, shown: Sequence[Excerpt]) -> None:
         prepare(experiment, replace(run, window=window), thin=True, commanded=True)
 
 
-def _judge(shown: Sequence[Excerpt], tell: Tell) -> tuple[list[Judged], list[list[Mistake]]]:
+def _judge(
+    shown: Sequence[Excerpt], tell: Tell, settings: InspectionSettings
+) -> tuple[list[Judged], list[list[Mistake]]]:
     """Agreements of every run as described, and the mistakes that each gives away."""
     judged, found = [], []
     for i, excerpt in enumerate(shown):
@@ -214,7 +235,7 @@ def _judge(shown: Sequence[Excerpt], tell: Tell) -> tuple[list[Judged], list[lis
             0.15 + 0.35 * i / len(shown),
         )
         judged.append(judge(excerpt))
-        found.append(mistakes(excerpt)[0])
+        found.append(mistakes(excerpt, settings=settings.mistakes)[0])
     return judged, found
 
 
@@ -250,6 +271,7 @@ def _fitted(
     wrong: bool,
     contacts: Sequence[Contact],
     tell: Tell,
+    settings: InspectionSettings,
 ) -> tuple[list[Delay], Joint | None, list[str]]:
     """Delays, a fit of everything, and what to say of it."""
     delays: list[Delay] = []
@@ -265,7 +287,7 @@ def _fitted(
         )
     touched = {contact.run for contact in contacts}
     clean = [p for p in shown if p.run.name not in touched] or list(shown)
-    few = [p for p in clean if not p.static][:_MOST_FITTED] + [p for p in clean if p.static]
+    few = [p for p in clean if not p.static][: settings.fitted] + [p for p in clean if p.static]
     tell("fitting everything at once", 0.55)
     joint, remarks = _joint(
         part_of(experiment, few), lambda what, part: tell(what, 0.55 + 0.35 * part)
@@ -273,7 +295,7 @@ def _fitted(
     trusted = joint is not None and joint.fit.converged and experiment.robot.m > 0
     fitted = {p.run.name for p in few} if trusted else set[str]()
     tell("delays", 0.92)
-    for run in moving[:_MOST_RUNS]:
+    for run in moving[: settings.runs]:
         if joint is not None and run.name in fitted:
             own = of_joint(joint, _run(joint, run))
             delays += [replace(each, run=run.name) for each in own]

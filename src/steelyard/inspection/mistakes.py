@@ -97,13 +97,18 @@ class _Trial:
         return self.gain + self.amendment.cost
 
 
-def comparable(after: InstrumentAgreement, before: InstrumentAgreement) -> InstrumentAgreement:
+def comparable(
+    after: InstrumentAgreement,
+    before: InstrumentAgreement,
+    settings: MistakeSettings = SETTINGS,
+) -> InstrumentAgreement:
     """An agreement that may not be better for allowing more: noise that a change makes larger
     explains nothing.
 
     Args:
         after: With an amended description.
         before: As described.
+        settings: By how much more may be allowed.
     """
     axes = after.measured.shape[1]
     if len(before.allowed) < axes:
@@ -114,7 +119,7 @@ def comparable(after: InstrumentAgreement, before: InstrumentAgreement) -> Instr
     grown = np.sqrt(then / (now + 1e-300))
     # What is compared may have another unit: an axis of it, or all.
     grown = np.maximum(grown[:-1], grown[-1])
-    limits = SETTINGS.wider * before.allowed[:axes] * grown
+    limits = settings.wider * before.allowed[:axes] * grown
     most = dict(zip(before.channels, limits, strict=False))
     allowed = after.allowed.copy()
     for i, channel in enumerate(after.channels[:axes]):
@@ -129,21 +134,25 @@ def comparable(after: InstrumentAgreement, before: InstrumentAgreement) -> Instr
 
 
 def mistakes(
-    excerpt: Excerpt, tell: Callable[[str], None] | None = None
+    excerpt: Excerpt,
+    tell: Callable[[str], None] | None = None,
+    *,
+    settings: MistakeSettings = SETTINGS,
 ) -> tuple[list[Mistake], Judged]:
     """Find the mistakes of one run, and how everything agrees once they are taken back.
 
     Args:
         excerpt: Of the run.
         tell: Is told what is being tried.
+        settings: When a mistake is named.
     """
     found: list[Mistake] = []
     now = judged(excerpt)
-    while now.bad and len(found) < SETTINGS.most:
+    while now.bad and len(found) < settings.most:
         if tell is not None:
             tell(f"looking for mistakes in {excerpt.run.name}")
         # What agrees with nothing first; then all that contradicts anything.
-        best = _best(now, SETTINGS.suspect) or _best(now, 0.0)
+        best = _best(now, settings.suspect, settings) or _best(now, 0.0, settings)
         if best is None:
             break
         mistake, now = best
@@ -151,24 +160,28 @@ def mistakes(
     return found, now
 
 
-def _best(now: Judged, suspected: float) -> tuple[Mistake, Judged] | None:
+def _best(
+    now: Judged, suspected: float, settings: MistakeSettings
+) -> tuple[Mistake, Judged] | None:
     """The amendment that helps most, if it helps enough."""
     total = sum(a.cost for a in now.bad)
-    wanted = max(SETTINGS.least_gain, SETTINGS.share * min(total, SETTINGS.enough))
+    wanted = max(settings.least_gain, settings.share * min(total, settings.enough))
     tried: list[_Trial] = []
     for amendment in amendments(now, suspected):
         best = max((trial.gain for trial in tried), default=0.0)
-        trial = _tried(now, amendment, max(wanted, best - 2 * SETTINGS.equal))
+        trial = _tried(now, amendment, max(wanted, best - 2 * settings.equal), settings)
         if trial is not None:
             tried.append(trial)
     tried.sort(key=lambda trial: -trial.gain)
-    for trial in tried[: SETTINGS.considered]:
-        if _helps_much(now, trial):
-            return _named(now, trial, tried)
+    for trial in tried[: settings.considered]:
+        if _helps_much(now, trial, settings):
+            return _named(now, trial, tried, settings)
     return None
 
 
-def _tried(now: Judged, amendment: Amendment, least: float) -> _Trial | None:
+def _tried(
+    now: Judged, amendment: Amendment, least: float, settings: MistakeSettings
+) -> _Trial | None:
     """An amendment with what it gains; None where that is less than the least that is wanted."""
     touched = []
     for relation, agreement in now.agreements.items():
@@ -188,28 +201,30 @@ def _tried(now: Judged, amendment: Amendment, least: float) -> _Trial | None:
         agreement_then = evaluated(amended, relation)
         if agreement_then is None:
             return None
-        after[relation] = comparable(agreement_then, now.agreements[relation])
+        after[relation] = comparable(agreement_then, now.agreements[relation], settings)
         gain -= after[relation].cost
         if gain < least:
             return None
     return _Trial(gain, amendment, amended, after)
 
 
-def _helps_much(now: Judged, trial: _Trial) -> bool:
+def _helps_much(now: Judged, trial: _Trial, settings: MistakeSettings) -> bool:
     """Whether one of the agreements that are bad becomes good, or much better."""
     for relation, after in trial.after.items():
         before = now.agreements[relation]
-        limit = max(SETTINGS.good, SETTINGS.much_better * before.worst)
+        limit = max(settings.good, settings.much_better * before.worst)
         if not before.agrees and after.worst < limit:
             return True
     return False
 
 
-def _named(now: Judged, trial: _Trial, tried: Sequence[_Trial]) -> tuple[Mistake, Judged]:
+def _named(
+    now: Judged, trial: _Trial, tried: Sequence[_Trial], settings: MistakeSettings
+) -> tuple[Mistake, Judged]:
     """The mistake that an amendment takes back, and how everything agrees without it."""
     others: dict[str, None] = {}
     for other in tried:
-        close = other.likelihood > trial.likelihood - SETTINGS.equal
+        close = other.likelihood > trial.likelihood - settings.equal
         if close and other is not trial:
             others[f"{other.amendment.subject}: {other.amendment.what}"] = None
     mistake = Mistake(
@@ -218,7 +233,7 @@ def _named(now: Judged, trial: _Trial, tried: Sequence[_Trial]) -> tuple[Mistake
         tuple(now.agreements[relation] for relation in trial.after),
         tuple(trial.after.values()),
         trial.gain,
-        tuple(others)[: SETTINGS.others],
+        tuple(others)[: settings.others],
     )
     # From here on the amended description is the one that others are compared with.
     agreements = dict(now.agreements)

@@ -87,7 +87,8 @@ def _averaged(stream: Stream, often: int) -> Stream:
 
 def _averaged_noise(instrument: Instrument, often: int) -> Instrument:
     """With the noise of averages."""
-    noise = getattr(instrument, "noise", None)
+    # Every kind states its noise under this key, as a number or as a map.
+    noise = dict(instrument).get("noise")
     if often == 1 or noise is None:
         return instrument
     root = float(np.sqrt(often))

@@ -80,10 +80,10 @@ def _prediction(
 
 
 @lru_cache(maxsize=64)
-def _term_columns_of(instrument: Instrument, quantity: str, robot: Robot) -> _Part:
+def _term_columns_of(instrument: Instrument, quantity: str, robot: Robot) -> _Expression:
     state = symbols(robot.m)
     predicted, terms = _predicted(instrument, robot, (quantity,), state)
-    return _part(ca.jacobian(predicted, ca.vertcat(*terms.values())), state, terms)
+    return _expression(ca.jacobian(predicted, ca.vertcat(*terms.values())), state, terms)
 
 
 def term_columns(
@@ -135,7 +135,7 @@ def solve_for(
     Raises:
         InputError: The equation needs a part of the state that is not given.
     """
-    form = _form(unknown, instrument, robot, tuple(readings))
+    form = _inversion(unknown, instrument, robot, tuple(readings))
     missing = [name for name in form.given if name not in given]
     if missing:
         raise InputError(
@@ -178,7 +178,7 @@ _CLOSE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _Expression:
     """An expression of some of the systematic errors and of the state."""
 
     batched: Batched
@@ -188,25 +188,25 @@ class _Part:
         return self.batched(**{name: values[name] for name in self.inputs})["value"]
 
 
-def _part(expression: Symbol, state: State, terms: Mapping[str, Symbol]) -> _Part:
+def _expression(expression: Symbol, state: State, terms: Mapping[str, Symbol]) -> _Expression:
     dense = ca.densify(expression)
     behind = {
         **{f"term_{key}": symbol for key, symbol in terms.items()},
         **{f.name: getattr(state, f.name) for f in fields(State)},
     }
     inputs = {key: s for key, s in behind.items() if s.numel() and ca.depends_on(dense, ca.vec(s))}
-    return _Part(Batched("part", inputs, {"value": dense}), tuple(inputs))
+    return _Expression(Batched("part", inputs, {"value": dense}), tuple(inputs))
 
 
 @dataclass(frozen=True, eq=False)
-class _Form:
+class _Inversion:
     """Readings as a function of the unknown: about zero where they are linear in it, else about
     present values of it.
     """
 
-    inverse: _Part
+    inverse: _Expression
     """Of the derivative by the unknown."""
-    value: _Part
+    value: _Expression
     unknown: str
 
     @property
@@ -250,14 +250,18 @@ def _predicted(
 
 
 @lru_cache(maxsize=128)
-def _form(unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]) -> _Form:
+def _inversion(
+    unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
+) -> _Inversion:
     state = symbols(robot.m)
     predicted, terms = _predicted(instrument, robot, quantities, state)
     column = ca.vec(getattr(state, unknown))
     slope = ca.jacobian(predicted, column)
     linear = not ca.depends_on(slope, column)
     value = ca.substitute(predicted, column, ca.DM.zeros(column.numel())) if linear else predicted
-    return _Form(_part(ca.inv(slope), state, terms), _part(value, state, terms), unknown)
+    return _Inversion(
+        _expression(ca.inv(slope), state, terms), _expression(value, state, terms), unknown
+    )
 
 
 def needed_for(
@@ -266,7 +270,7 @@ def needed_for(
     """Other parts of the state that :func:`solve_for` takes to find one from the readings of some
     quantities.
     """
-    return _form(unknown, instrument, robot, quantities).given
+    return _inversion(unknown, instrument, robot, quantities).given
 
 
 def _symbol_like(name: str, expression: Symbol) -> Symbol:
@@ -489,13 +493,13 @@ def sensitivity(
 @lru_cache(maxsize=64)
 def _sensitivity_to(
     given: str, unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
-) -> _Part | None:
+) -> _Expression | None:
     state = symbols(robot.m)
     predicted, terms = _predicted(instrument, robot, quantities, state)
     by_given = ca.jacobian(predicted, getattr(state, given))
     if not by_given.nnz():
         return None
-    return _part(
+    return _expression(
         -ca.inv(ca.jacobian(predicted, ca.vec(getattr(state, unknown)))) @ by_given, state, terms
     )
 

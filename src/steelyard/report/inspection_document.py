@@ -228,7 +228,7 @@ def _spectra(streams: list[StreamReport]) -> Figure:
         }
         for report in streams
         for q in report.quantities
-        if report.kind != "command" and len(q.frequency)
+        if not report.commanded and len(q.frequency)
     ]
     axes = _axes("frequency [Hz]", "unit / √Hz")
     layout = {name: {**axis, "type": "log"} for name, axis in axes.items()}

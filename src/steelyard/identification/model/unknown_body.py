@@ -61,7 +61,7 @@ def unknown_body(
     weights = np.repeat(np.broadcast_to(weight, n), 6)
     # In units in which everything is known equally well.
     scale = np.sqrt(weights @ flat**2 + precision)
-    scale = np.maximum(scale, 1e-150)
+    scale = np.where(scale > 0, scale, 1.0)
     unit = flat / scale
     weighted = unit * weights[:, None]
     prior = precision / scale**2

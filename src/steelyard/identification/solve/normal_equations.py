@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, t
 
 from steelyard.arrays import Array
+from steelyard.identification.model.motion_residuals import robust_weight
 
 TEN = 10
-_HUBER = float(np.sqrt(chi2.ppf(1 - 1e-4, 6)))
-"""Size of a whitened residual that noise reaches once in ten thousand samples [Huber1964]_."""
 _BLOCK_SPACINGS = 5.0
 """Length of the blocks in which residuals may be correlated, in knot spacings of the filter."""
 _MOST_BLOCKS = 100
@@ -321,7 +320,7 @@ def robust_weights(residual: Array) -> Array:
         Shape (n,), 1 for all but outliers.
     """
     size = np.sqrt(np.sum(residual**2, axis=1))
-    return np.asarray(np.minimum(1.0, _HUBER / np.maximum(size, 1e-300)))
+    return robust_weight(size, 6)
 
 
 def enlarged(
