@@ -179,6 +179,7 @@ def _pulling(wrench: Array) -> State:
 def _contacts(
     residual: Residual, far: NDArray[np.bool_], settings: ContactSettings
 ) -> list[Contact]:
+    """Stretches far from what a body explains, without pauses."""
     time = residual.time
     found: list[tuple[int, int]] = []
     for first, last in stretches(far):

@@ -175,7 +175,7 @@ def _best(view: Excerpt, names: tuple[str, ...]) -> Delay:
 
 
 def _relations(view: Excerpt, names: tuple[str, ...]) -> list[Relation]:
-    """What a clock can be held against: the forces where what it reads is enough to know the motion
+    """What a clock can be compared with: the forces where its readings are enough to know the motion
     by, else its fellows.
     """
     own = [

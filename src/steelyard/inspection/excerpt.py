@@ -1,8 +1,8 @@
 """A part of one run as all instruments saw it: every quantity smooth, on one time base, as its log
 has it.
 
-This is what descriptions are held against: it is quick to change a sign or an axis in it and look
-again.
+This is what descriptions are compared with: it is quick to change a sign or an axis in it and
+look again.
 """
 
 from __future__ import annotations
@@ -259,6 +259,7 @@ def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Obse
 
 
 def _poses(experiment: Experiment, run: Run) -> Excerpt | None:
+    """Poses at rest that all instruments have read; None of too few."""
     everything = [
         v.reshape(len(v), -1) for stream in run.streams.values() for v in stream.values.values()
     ]

@@ -196,6 +196,7 @@ def specific_force_there(excerpt: Excerpt, source: Source, turned: AttitudeMotio
 def _specific_force_there(
     read: Observation, solver: _Solver, turned: AttitudeMotion, gravity: tuple[float, ...]
 ) -> Observation:
+    """See :func:`specific_force_there`, for a gravity in the world [m/s^2]."""
     # Of an instrument that does not turn, that of the origin is that of any point.
     still = np.zeros_like(read.value)
     given = {"omega": still, "alpha": still, "gravity": np.array(gravity)}

@@ -104,6 +104,7 @@ class Inspection:
 
 
 def _agreement_dict(run: str, agreement: InstrumentAgreement) -> dict[str, Any]:
+    """Plain values of an agreement."""
     return {
         "run": run,
         "between": agreement.name,
@@ -118,6 +119,7 @@ def _agreement_dict(run: str, agreement: InstrumentAgreement) -> dict[str, Any]:
 
 
 def _mistake_dict(mistake: Mistake, runs: Sequence[str]) -> dict[str, Any]:
+    """Plain values of a mistake and of the runs that show it."""
     amendment = mistake.amendment
     return {
         "kind": amendment.kind,
@@ -132,6 +134,8 @@ def _mistake_dict(mistake: Mistake, runs: Sequence[str]) -> dict[str, Any]:
 
 
 def _excitation_dict(found: Excitation) -> dict[str, Any]:
+    """Plain values of what can be known; null for what cannot."""
+
     def numbers(each: Any) -> dict[str, Any]:
         values = {key: value for key, value in vars(each).items() if key != "name"}
         return {
@@ -318,6 +322,7 @@ def _run(joint: Joint, run: Run) -> Run:
 
 
 def _joint(part: Experiment, tell: Tell) -> tuple[Joint | None, list[str]]:
+    """A fit of everything and remarks on it; None where there is none."""
     try:
         joint = joint_study(part, tell)
     except (NoBalanceError, InputError) as error:

@@ -70,6 +70,7 @@ def _first(experiment: Experiment, run: Run) -> float:
 
 
 def _averaged(stream: Stream, often: int) -> Stream:
+    """Means of so many samples in a row."""
     if often == 1:
         return stream
     n = len(stream) // often * often

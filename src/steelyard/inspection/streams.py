@@ -106,16 +106,9 @@ def _report(
     rest: NDArray[np.bool_] | None,
     m: int,
 ) -> StreamReport:
+    """What one stream shows; ``rest``: samples at which the platform rests, shape (n,)."""
     stuck = tuple(fault for fault in run.excluded if fault.instrument == name)
-    faults: tuple[Fault, ...] = ()
-    if not run.static:
-        # What was taken out is missing on purpose.
-        taken = {fault.channel for fault in stuck}
-        faults = tuple(
-            f for f in faults_of(name, stream) if not (f.kind == "missing" and f.channel in taken)
-        )
-        if instrument.commanded:
-            faults = tuple(f for f in faults if f.kind not in {"held", "clipped"})
+    faults = () if run.static else _faults(instrument, name, stream, stuck)
     quantities = tuple(
         _quantity(
             q.name, q.unit, q.noise, stream.values[q.name], stream.time, rest, static=run.static
@@ -137,6 +130,21 @@ def _report(
     )
 
 
+def _faults(
+    instrument: Instrument, name: str, stream: Stream, stuck: tuple[Fault, ...]
+) -> tuple[Fault, ...]:
+    """Faults of a stream beside channels that were stuck and have been taken out."""
+    taken = {fault.channel for fault in stuck}
+    found = []
+    for fault in faults_of(name, stream):
+        on_purpose = fault.kind == "missing" and fault.channel in taken
+        # Commands stand still when they are told to, and end where they were told to.
+        as_commanded = instrument.commanded and fault.kind in {"held", "clipped"}
+        if not on_purpose and not as_commanded:
+            found.append(fault)
+    return tuple(found)
+
+
 def _quantity(
     name: str,
     unit: str,
@@ -147,6 +155,7 @@ def _quantity(
     *,
     static: bool,
 ) -> QuantityReport:
+    """Range, noise at rest and in motion, and spectrum of one quantity."""
     flat = values.reshape(len(values), -1)
     nothing = np.zeros(0)
     low, high = _extremes(flat)

@@ -95,10 +95,9 @@ class BodyBalance:
 
 
 def force_relations(excerpt: Excerpt) -> Iterator[Relation]:
-    """Which motions the forces can be held against: each account of it by itself."""
+    """Which motions the forces can be compared with: each account of them by itself."""
     turned, placed = attitudes(excerpt), positions(excerpt)
-    # What an accelerometer feels goes with the gyro beside it, which tells angular acceleration
-    # best.
+    # An accelerometer goes with the gyro beside it, which tells angular acceleration best.
     force_samples = [(f, *_beside(excerpt, f)) for f in excerpt.quantity("specific_force")]
     for force in excerpt.quantity("tension"):
         yield ("tensions", (force,))
@@ -265,48 +264,52 @@ def _across(directions: Array) -> Array:
 
 
 def _agreement(excerpt: Excerpt, relation: Relation, found: BodyBalance) -> InstrumentAgreement:
-    sources = relation[1]
-    robot, p = excerpt.robot, found.parameters
-    names, left, allowed = (
-        ["fx", "fy", "fz", "tx", "ty", "tz"],
-        [*np.sqrt(np.mean(found.left**2, axis=0))],
-        [*found.allowed],
-    )
-    m, sigma = float(p[0]), float(found.sigma[0])
-    known = excerpt.experiment.known.get("mass")
-    nominal = known[0] if known else robot.platform.mass if robot.platform else None
-    if abs(m) > 3 * sigma:
-        off = SETTINGS.negative if m <= 0 else abs(float(np.log(m / nominal))) if nominal else 0.0
-        names.append("mass")
-        left.append(off)
-        allowed.append(SETTINGS.mass)
-        if m > 0:
-            centre = p[1:4] / m
-            by = found.sigma[1:4] / m
-            reach = robot.size if robot.m else 1.0
-            expected = robot.platform.center_of_gravity if robot.platform else np.zeros(3)
-            free = SETTINGS.center * reach if robot.platform else SETTINGS.center_unknown * reach
-            names.append("centre of gravity")
-            left.append(float(np.linalg.norm(np.maximum(np.abs(centre - expected) - 2 * by, 0.0))))
-            allowed.append(free)
-            names.append("moments")
-            left.append(_impossible(p, found.sigma))
-            allowed.append(SETTINGS.moments)
+    """What is left of the wrench, and how plausible the body is that was chosen."""
+    left = np.sqrt(np.mean(found.left**2, axis=0))
+    axes = ("fx", "fy", "fz", "tx", "ty", "tz")
+    rows = list(zip(axes, left.tolist(), found.allowed.tolist(), strict=True))
+    rows += _plausibility(excerpt, found)
     if found.measured.structure is not None:
-        names.append("offsets")
-        left.append(float(np.sqrt(np.mean(found.constants**2))))
-        allowed.append(SETTINGS.offsets)
+        offsets = float(np.sqrt(np.mean(found.constants**2)))
+        rows.append(("offsets", offsets, SETTINGS.offsets))
     return InstrumentAgreement(
-        title(*sources),
-        sources,
-        tuple(names),
-        np.array(left),
-        np.array(allowed),
+        title(*relation[1]),
+        relation[1],
+        tuple(name for name, _, _ in rows),
+        np.array([off for _, off, _ in rows]),
+        np.array([allowed for _, _, allowed in rows]),
         "N",
         found.measured.wrench,
         found.explained,
         True,
     )
+
+
+def _plausibility(excerpt: Excerpt, found: BodyBalance) -> list[tuple[str, float, float]]:
+    """Mass, centre of gravity and moments of a body: by how much each is off, and what is allowed;
+    nothing where the mass is not known.
+    """
+    robot, p = excerpt.robot, found.parameters
+    mass, sigma = float(p[0]), float(found.sigma[0])
+    if abs(mass) <= 3 * sigma:
+        return []
+    if mass <= 0:
+        return [("mass", SETTINGS.negative, SETTINGS.mass)]
+    known = excerpt.experiment.known.get("mass")
+    expected, nominal, free = np.zeros(3), None, SETTINGS.center_unknown
+    if robot.platform is not None:
+        expected, nominal = robot.platform.center_of_gravity, robot.platform.mass
+        free = SETTINGS.center
+    if known is not None:
+        nominal = known[0]
+    off = abs(float(np.log(mass / nominal))) if nominal else 0.0
+    reach = robot.size if robot.m else 1.0
+    beyond = np.abs(p[1:4] / mass - expected) - 2 * found.sigma[1:4] / mass
+    return [
+        ("mass", off, SETTINGS.mass),
+        ("centre of gravity", float(np.linalg.norm(np.maximum(beyond, 0.0))), free * reach),
+        ("moments", _impossible(p, found.sigma), SETTINGS.moments),
+    ]
 
 
 def _impossible(p: Array, sigma: Array) -> float:

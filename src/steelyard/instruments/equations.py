@@ -253,6 +253,7 @@ def _predicted(
 def _inversion(
     unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
 ) -> _Inversion:
+    """The equation of some quantities and its derivative by the unknown, inverted."""
     state = symbols(robot.m)
     predicted, terms = _predicted(instrument, robot, quantities, state)
     column = ca.vec(getattr(state, unknown))
