@@ -46,3 +46,20 @@ def stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(first), int(last)) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def joined_stretches(time: Array, mask: NDArray[np.bool_], pause: float) -> list[tuple[int, int]]:
+    """:func:`stretches` of samples, those with no more than a pause between them taken together.
+
+    Args:
+        time: Ascending, shape (n,).
+        mask: Shape (n,).
+        pause: In units of the time.
+    """
+    places = np.flatnonzero(mask)
+    if not len(places):
+        return []
+    breaks = np.flatnonzero(np.diff(time[places]) > pause)
+    firsts = places[np.concatenate([[0], breaks + 1])]
+    lasts = places[np.concatenate([breaks, [len(places) - 1]])]
+    return [(int(first), int(last) + 1) for first, last in zip(firsts, lasts, strict=True)]

@@ -9,7 +9,10 @@ model needs with derivatives.
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
+from scipy.spatial.transform import Rotation
 
+from steelyard.arrays import Array
 from steelyard.batch import Symbol
 
 
@@ -108,3 +111,12 @@ def log(rotation: Symbol) -> Symbol:
     sine = ca.sqrt(ca.if_else(small, 1.0, square))
     factor = ca.if_else(small, 1 + square / 6 + 3 * square**2 / 40, ca.atan2(sine, cosine) / sine)
     return factor * axial
+
+
+def continuous_quaternions(matrices: Array) -> Array:
+    """Quaternions (w, x, y, z) of rotation matrices, shape (n, 3, 3), without jumps of sign from
+    one to the next, shape (n, 4).
+    """
+    quaternions = Rotation.from_matrix(matrices).as_quat(scalar_first=True)
+    flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
+    return np.asarray(quaternions * np.concatenate([[1.0], np.cumprod(flips)])[:, None])

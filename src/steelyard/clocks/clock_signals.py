@@ -13,6 +13,7 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.instruments import Instrument
 from steelyard.motion.state import motion_of_quaternions
+from steelyard.rotations import continuous_quaternions
 from steelyard.smoothing import Samples1D, Smoothed, choose_spacing, fit, segments
 
 POSITION, ROTATION, RATE, FORCE, SPECIFIC_FORCE, LENGTH, POSE = (
@@ -109,7 +110,7 @@ def _clock(
                 continue
             kind = _KINDS.get(quantity, POSE)
             if kind == ROTATION:
-                samples = Signal(stream.time[use], _quaternions(values[use] @ turned.T))
+                samples = Signal(stream.time[use], continuous_quaternions(values[use] @ turned.T))
             else:
                 # Vectors of the platform's axes; places and tensions have axes of their own.
                 inside = kind in (RATE, SPECIFIC_FORCE)
@@ -130,12 +131,6 @@ def _mounting(instrument: Instrument) -> Array:
     """R_platform_instrument as the experiment file has it, shape (3, 3)."""
     rpy = instrument.mounting.rpy_deg or (0.0, 0.0, 0.0)
     return np.asarray(Rotation.from_euler("ZYX", rpy[::-1], degrees=True).as_matrix())
-
-
-def _quaternions(rotations: Array) -> Array:
-    quaternions = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
-    flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
-    return np.asarray(quaternions * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
 
 
 @dataclass(frozen=True, eq=False)

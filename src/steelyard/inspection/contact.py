@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.arrays import Array, stretches
+from steelyard.arrays import Array, joined_stretches
 from steelyard.identification.model.unknown_body import BODY, unknown_body
 from steelyard.inspection.agreement import SETTINGS as AGREEMENT
 from steelyard.inspection.excerpt import Excerpt
@@ -181,12 +181,7 @@ def _contacts(
 ) -> list[Contact]:
     """Stretches far from what a body explains, without pauses."""
     time = residual.time
-    found: list[tuple[int, int]] = []
-    for first, last in stretches(far):
-        if found and time[first] - time[found[-1][1] - 1] < settings.pause:
-            found[-1] = (found[-1][0], last)
-        else:
-            found.append((first, last))
+    found = joined_stretches(time, far, settings.pause)
     step = float(np.median(np.diff(time)))
     return [
         _contact(residual, first, last, settings.share)

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
@@ -24,6 +23,7 @@ from steelyard.identification.model.reading import RunReader, SmoothPart
 from steelyard.identification.model.sources import Acceleration, Source, Sources, choose_sources
 from steelyard.motion.state import specific_force_of
 from steelyard.robot.cable_inertia import dragging
+from steelyard.rotations import continuous_quaternions
 from steelyard.smoothing import Samples1D, choose_spacing, pieces, segments
 
 _FEWEST_SAMPLES = 10
@@ -393,17 +393,10 @@ def samples_of(task: RunReader, source: Source) -> Samples1D:
             f" {quantity.replace('_', ' ')}, found {len(time)}; fill the empty cells"
         )
     if values.ndim == 3:
-        values = quaternions_of(task.solve("rotation", source, values))
+        values = continuous_quaternions(task.solve("rotation", source, values))
     elif quantity == "angular_velocity":
         values = task.solve("omega", source, values)
     return Samples1D(time, values)
-
-
-def quaternions_of(rotations: Array) -> Array:
-    """Quaternions (w, x, y, z) without jumps of sign, shape (n, 4)."""
-    quaternions = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
-    flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
-    return np.asarray(quaternions * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
 
 
 def _spacing(
