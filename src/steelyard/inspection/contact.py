@@ -110,7 +110,7 @@ def unexplained(
 
 
 def _relation(excerpt: Excerpt) -> Relation | None:
-    """The account of the motion to go by: an accelerometer feels what the platform does, others
+    """The account of the motion to go by: an accelerometer reads what accelerates the platform, others
     only where it is.
     """
     relations = [r for r in force_relations(excerpt) if r[0] in {"cables", "wrench"}]

@@ -1,6 +1,4 @@
-"""How late each clock is against that of the forces, by what moves the platform and what it
-feels.
-"""
+"""How late each clock is against that of the forces, by the motion and the forces."""
 
 from __future__ import annotations
 
@@ -21,7 +19,7 @@ from steelyard.smoothing import Samples1D, fit
 
 @dataclass(frozen=True)
 class DelaySettings:
-    """How a delay is looked for, and when it is told."""
+    """How a delay is looked for, and when the data determine it."""
 
     finest: float = 0.03
     """Spacing of the knots [s]: fine enough for vibrations, which tell a clock best."""
@@ -32,7 +30,7 @@ class DelaySettings:
     step: float = 0.004
     """Steps in which it is moved first [s]: several within the narrowest minimum."""
     largest_sigma: float = 0.02
-    """1-sigma of what still counts as told [s]."""
+    """Largest 1-sigma of a delay that the data determine [s]."""
     prior_share: float = 0.5
     """Part of the prior's 1-sigma, for the same."""
     correlated: float = 0.5
@@ -78,7 +76,7 @@ class Delay:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values; null where it is not told."""
+        """Plain values; null where the data do not determine it."""
         return {
             "run": self.run,
             "instruments": list(self.instruments),
@@ -165,10 +163,10 @@ def _best(view: Excerpt, names: tuple[str, ...]) -> Delay:
     ]
     if not found:
         return Delay(
-            view.run.name, names, prior[0], np.inf, prior, False, "nothing to hold it against"
+            view.run.name, names, prior[0], np.inf, prior, False, "nothing to compare it with"
         )
     value, sigma, how = min(found, key=lambda each: each[1])
-    # Times are told from the delay that is known beforehand.
+    # Times are counted from the delay that is known beforehand.
     return Delay(
         view.run.name, names, prior[0] + value, sigma, prior, sigma < SETTINGS.largest_sigma, how
     )

@@ -34,7 +34,7 @@ class ExcerptSettings:
     finest: float = 0.1
     """Spacing of the knots [s]: what platforms do on purpose is slower."""
     samples_per_knot: float = 3.0
-    """Of the slowest stream, so that every spline is told by its samples."""
+    """Of the slowest stream, so that its samples determine every spline."""
     fewest_knots: float = 6.0
     """Knots in the part."""
     most: int = 160

@@ -20,7 +20,7 @@ Told = Literal["data", "data and prior", "prior", "not at all"]
 
 @dataclass(frozen=True)
 class IdentifiabilitySettings:
-    """When a number is told by the data."""
+    """When the data determine a number."""
 
     data: float = 0.5
     """Part of its plausible size, or of its prior 1-sigma, within which it is known by the data."""

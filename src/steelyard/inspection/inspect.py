@@ -71,17 +71,17 @@ class Inspection:
 
     def __repr__(self) -> str:
         amendments = [mistake.amendment for mistake in self.mistakes]
-        told = [
+        named = [
             f"mistake: {each.subject}: {each.what}. Change: {each.proposal}" for each in amendments
         ]
         counts = (
-            f"{len(told) or 'no'} mistake{'' if len(told) == 1 else 's'},"
+            f"{len(named) or 'no'} mistake{'' if len(named) == 1 else 's'},"
             f" {len(self.contacts) or 'no'} contact{'' if len(self.contacts) == 1 else 's'}"
         )
         return "\n".join(
             map(
                 printable,
-                [f"Inspection of '{self.experiment.name}': {counts}", *told, *self.remarks],
+                [f"Inspection of '{self.experiment.name}': {counts}", *named, *self.remarks],
             )
         )
 
@@ -235,7 +235,7 @@ def _judge(
     judged, found = [], []
     for i, excerpt in enumerate(shown):
         tell(
-            f"holding the instruments of {excerpt.run.name} against each other",
+            f"comparing the instruments of {excerpt.run.name}",
             0.15 + 0.35 * i / len(shown),
         )
         judged.append(judge(excerpt))

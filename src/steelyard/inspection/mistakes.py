@@ -47,7 +47,7 @@ class MistakeSettings:
     considered: int = 5
     """Amendments of the largest gain among which one must do much better somewhere."""
     others: int = 3
-    """Other explanations that are told."""
+    """Other explanations that are named."""
 
 
 SETTINGS = MistakeSettings()

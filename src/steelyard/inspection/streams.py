@@ -37,7 +37,7 @@ class StreamSettings:
     fewest_still: int = 3
     """Bins in a row that make a rest."""
     fewest: int = 20
-    """Third differences of which the noise is told."""
+    """Third differences that are enough to find the noise."""
     segment: int = 512
     """Samples of a noise spectrum: resolves a hundredth of the rate."""
 
@@ -138,7 +138,7 @@ def _faults(
     found = []
     for fault in faults_of(name, stream):
         on_purpose = fault.kind == "missing" and fault.channel in taken
-        # Commands stand still when they are told to, and end where they were told to.
+        # Commands stand still and end at their limits on purpose.
         as_commanded = instrument.commanded and fault.kind in {"held", "clipped"}
         if not on_purpose and not as_commanded:
             found.append(fault)
