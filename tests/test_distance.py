@@ -307,3 +307,54 @@ def test_a_stream_without_its_column_is_refused(tmp_path):
     (tmp_path / "laser.csv").write_text(STREAM.replace("t,d", "t,range"))
     with pytest.raises(InputError, match=r"laser\.csv: expected columns d, found no d"):
         read_experiment(saved(path, data))
+
+
+SENSORS = """
+sync: 0.005
+instruments:
+  cables:
+    kind: tension
+    clock: recorder
+    rate: 50
+    noise: 5.0
+    calibration: {offset: 5.0, gain: 0.0, common_gain: 0.0}
+  imu:
+    kind: imu
+    clock: recorder
+    rate: 50
+    noise: {angular_velocity: 0.002, specific_force: 0.03, orientation: 0.003}
+  tracker: {kind: position, target: [0.1, 0.2, 1.1], rate: 50, noise: 0.0005}
+  laser:
+    kind: distance
+    point: [0.3, 0.1, -0.2]
+    plane: {normal: [0, 0, 2], offset: -0.4}
+    rate: 50
+    noise: 0.002
+"""
+
+
+@pytest.mark.slow
+def test_all_verbs_take_it(tmp_path, run):
+    (tmp_path / "sensors.yaml").write_text(SENSORS)
+    recorded_in, estimate = tmp_path / "recorded", tmp_path / "estimate"
+    suite = ("--sensors", tmp_path / "sensors.yaml", "--seed", 3)
+    assert run("simulate", "cogiro-cuboid", *suite, "--duration", 8, "--out", recorded_in)[0] == 0
+    experiment = recorded_in / "experiment.yaml"
+    assert (recorded_in / "multisine" / "laser.csv").read_text().startswith("t,d\n")
+    status, printed, _ = run("inspect", experiment, "--json")
+    assert status == 0
+    found = json.loads(printed)
+    assert not found["mistakes"]
+    assert any("distance of laser" in each["between"] for each in found["agreements"])
+    assert "laser.offset" in found["excitation"]["calibration"]
+    assert run("identify", experiment, "--out", estimate)[0] == 0
+    written = json.loads((estimate / "estimate.json").read_text())
+    laser = written["estimates"]["maximum-likelihood"]["calibration"]["laser"]
+    assert set(laser) == {"offset", "target", "delay"}
+    truth = json.loads((recorded_in / "truth.json").read_text())["calibration"]["laser"]["offset"]
+    error = np.ravel(laser["offset"]["value"]) - np.ravel(truth)
+    assert np.all(np.abs(error) < 4 * np.ravel(laser["offset"]["standard_deviation"]))
+    assert "laser, distance" in (estimate / "report.html").read_text(encoding="utf-8")
+    status, printed, _ = run("design", experiment, "--check", "paper", "--json", "--duration", 8)
+    assert status == 0
+    assert json.loads(printed)["standard_deviation"]["mass"] > 0
