@@ -70,6 +70,7 @@ class Inspection:
     remarks: tuple[str, ...]
 
     def __repr__(self) -> str:
+        """Counts, mistakes with what to change, and remarks."""
         amendments = [mistake.amendment for mistake in self.mistakes]
         named = [
             f"mistake: {each.subject}: {each.what}. Change: {each.proposal}" for each in amendments

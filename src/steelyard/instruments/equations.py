@@ -495,6 +495,7 @@ def sensitivity(
 def _sensitivity_to(
     given: str, unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
 ) -> _Expression | None:
+    """Derivative of what is found by another part of the state; None where it is zero."""
     state = symbols(robot.m)
     predicted, terms = _predicted(instrument, robot, quantities, state)
     by_given = ca.jacobian(predicted, getattr(state, given))
