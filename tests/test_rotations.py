@@ -189,7 +189,7 @@ def test_quaternions_of_a_turning_body_do_not_jump():
     axis = np.array([0.6, 0.0, 0.8]) + 0.01 * angle * np.array([0.0, 1.0, 0.0])
     turns = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis, axis=1, keepdims=True))
     assert np.abs(np.diff(turns.as_quat(canonical=True), axis=0)).max() > 0.5
-    found = rotations.continuous_quaternions(turns.as_matrix())
+    found = rotations.quaternions_of(turns.as_matrix())
     assert np.abs(np.diff(found, axis=0)).max() < 0.05
     back = Rotation.from_quat(found, scalar_first=True)
     np.testing.assert_allclose(back.as_matrix(), turns.as_matrix(), atol=1e-12)

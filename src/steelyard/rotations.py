@@ -1,9 +1,8 @@
-"""Rotations, written once in CasADi.
+"""Rotations: in CasADi what the model needs with derivatives, in NumPy what samples need.
 
 ``R_a_b`` maps coordinates in frame b to coordinates in frame a. Tait-Bryan angles are (roll, pitch,
 yaw) with ``R = Rz(yaw) Ry(pitch) Rx(roll)``, Eq. (3) of [Tempel2017]_; quaternions are (w, x, y,
-z). Conversions of recorded numbers use :class:`scipy.spatial.transform.Rotation`; here is what the
-model needs with derivatives.
+z). All other conversions of recorded numbers use :class:`scipy.spatial.transform.Rotation`.
 """
 
 from __future__ import annotations
@@ -113,10 +112,40 @@ def log(rotation: Symbol) -> Symbol:
     return factor * axial
 
 
-def continuous_quaternions(matrices: Array) -> Array:
-    """Quaternions (w, x, y, z) of rotation matrices, shape (n, 3, 3), without jumps of sign from
-    one to the next, shape (n, 4).
+def cross_matrices(vectors: Array) -> Array:
+    """Matrices of the cross product with vectors, ``S(v) w = v x w``.
+
+    Args:
+        vectors: Shape (n, 3).
+
+    Returns:
+        Shape (n, 3, 3); :func:`skew` is the same in CasADi.
     """
-    quaternions = Rotation.from_matrix(matrices).as_quat(scalar_first=True)
-    flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
-    return np.asarray(quaternions * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
+    zero = np.zeros(len(vectors))
+    x, y, z = vectors.T
+    rows = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1)
+    return np.asarray(rows).reshape(-1, 3, 3)
+
+
+def quaternions_of(matrices: Array) -> Array:
+    """Quaternions (w, x, y, z) of rotation matrices over time, without jumps of sign.
+
+    Args:
+        matrices: Shape (n, 3, 3).
+
+    Returns:
+        Shape (n, 4).
+    """
+    return sign_continuous(Rotation.from_matrix(matrices).as_quat(scalar_first=True))
+
+
+def sign_continuous(quaternions: Array) -> Array:
+    """Quaternions over time without jumps of sign: q and -q are one rotation; of the two, the one
+    closer to the sample before. The first stays as it is.
+
+    Args:
+        quaternions: Of unit length, shape (n, 4).
+    """
+    jumps = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
+    signs = np.cumprod(np.where(jumps, -1.0, 1.0))
+    return np.asarray(quaternions * np.concatenate([[1.0], signs])[:, None])

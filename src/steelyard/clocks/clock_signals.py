@@ -13,7 +13,7 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.instruments import Instrument
 from steelyard.motion.state import motion_of_quaternions
-from steelyard.rotations import continuous_quaternions
+from steelyard.rotations import quaternions_of
 from steelyard.smoothing import Samples1D, Smoothed, choose_spacing, fit, segments
 
 POSITION, ROTATION, RATE, FORCE, SPECIFIC_FORCE, LENGTH, POSE = (
@@ -110,7 +110,7 @@ def _clock(
                 continue
             kind = _KINDS.get(quantity, POSE)
             if kind == ROTATION:
-                samples = Signal(stream.time[use], continuous_quaternions(values[use] @ turned.T))
+                samples = Signal(stream.time[use], quaternions_of(values[use] @ turned.T))
             else:
                 # Vectors of the platform's axes; places and tensions have axes of their own.
                 inside = kind in (RATE, SPECIFIC_FORCE)

@@ -41,7 +41,7 @@ class Shift:
     """Mean logarithm of the variance that is left; less is better."""
 
 
-class ResidualOfShift(Protocol):
+class ShiftTerm(Protocol):
     """Readings of one clock, explained by another one at any shift."""
 
     @property
@@ -83,7 +83,7 @@ def refined(
     return least([term for term in terms if term.enough], guess, reach)
 
 
-def least(terms: Sequence[ResidualOfShift], guess: float, reach: float) -> Shift | None:
+def least(terms: Sequence[ShiftTerm], guess: float, reach: float) -> Shift | None:
     """The shift that leaves least unexplained; None where there is nothing to explain.
 
     Args:
@@ -162,7 +162,7 @@ class _Regression:
         return np.asarray(np.sqrt(left**2 + _ROUNDING**2) * np.sign(left + (left == 0)))
 
 
-def _deviation(terms: Sequence[ResidualOfShift], shift: float) -> float:
+def _deviation(terms: Sequence[ShiftTerm], shift: float) -> float:
     """1-sigma [s] from how much stretches of the recording contradict each other."""
     curvature, scores = 0.0, []
     for term in terms:

@@ -138,7 +138,7 @@ _OFFSET_NOISE = 1.0
 @dataclass(frozen=True, eq=False)
 class _Balance:
     """Readings that are inside at all shifts near a guess, as a
-    :class:`steelyard.clocks.shift.ResidualOfShift`.
+    :class:`steelyard.clocks.shift.ShiftTerm`.
     """
 
     task: Carrying

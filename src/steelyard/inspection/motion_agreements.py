@@ -23,6 +23,7 @@ from steelyard.inspection.frames import (
 )
 from steelyard.instruments.equations import means, predict, term_columns
 from steelyard.motion.state import State
+from steelyard.rotations import cross_matrices
 
 Relation = tuple[str, tuple[Source, ...]]
 """Kind of an agreement and the readings that it takes."""
@@ -44,8 +45,7 @@ def _constant(n: int, sigma: Array, name: str) -> Freedom:
 
 def _tilt(vectors: Array, sigma: Array) -> Freedom:
     """A small rotation of vectors: theta x v."""
-    columns = np.cross(np.eye(3)[None], vectors[:, None, :]).swapaxes(1, 2)
-    return Freedom(columns, sigma, "misalignment")
+    return Freedom(-cross_matrices(vectors), sigma, "misalignment")
 
 
 def _late(rate: Array, sigma: float) -> Freedom:

@@ -25,7 +25,7 @@ from steelyard.inspection.amendment import (
 from steelyard.inspection.axes import rotations_by_right_angles
 from steelyard.inspection.excerpt import Excerpt
 from steelyard.inspection.frames import mounting, rpy_deg_of
-from steelyard.rotations import continuous_quaternions
+from steelyard.rotations import quaternions_of
 
 _HEADINGS = tuple(each for each in range(-170, 180, 10) if each % 90)
 """Angles about the vertical that are tried [deg]; right angles are tried with the others."""
@@ -109,7 +109,7 @@ def _of_quaternion(subject: Subject, source: Source, matrices: Array) -> Iterato
 def _reordered(order: tuple[int, ...]) -> Rotations:
     def rotations(matrices: Array) -> Array:
         # The sign of a quaternion is lost; without jumps it goes on as it began.
-        parts = continuous_quaternions(matrices)[:, list(order)]
+        parts = quaternions_of(matrices)[:, list(order)]
         return np.asarray(Rotation.from_quat(parts, scalar_first=True).as_matrix())
 
     return rotations

@@ -23,7 +23,7 @@ from steelyard.identification.model.reading import RunReader, SmoothPart
 from steelyard.identification.model.sources import Acceleration, Source, Sources, choose_sources
 from steelyard.motion.state import specific_force_of
 from steelyard.robot.cable_inertia import dragging
-from steelyard.rotations import continuous_quaternions
+from steelyard.rotations import quaternions_of
 from steelyard.smoothing import Samples1D, choose_spacing, pieces, segments
 
 _FEWEST_SAMPLES = 10
@@ -393,7 +393,7 @@ def samples_of(task: RunReader, source: Source) -> Samples1D:
             f" {quantity.replace('_', ' ')}, found {len(time)}; fill the empty cells"
         )
     if values.ndim == 3:
-        values = continuous_quaternions(task.solve("rotation", source, values))
+        values = quaternions_of(task.solve("rotation", source, values))
     elif quantity == "angular_velocity":
         values = task.solve("omega", source, values)
     return Samples1D(time, values)

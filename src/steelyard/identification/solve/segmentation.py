@@ -23,7 +23,7 @@ from steelyard.identification.model.segment import motion_at
 from steelyard.identification.model.smoothness import LOOSER
 from steelyard.instruments.base import Part
 from steelyard.instruments.equations import order_of
-from steelyard.rotations import continuous_quaternions
+from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, Samples1D, fit, knots
 
 _LEAST_NOISE = 1e-4
@@ -149,7 +149,7 @@ def poses_of(samples: Samples) -> Array:
     n = len(samples)
     position = np.zeros((n, 3)) if samples.position is None else samples.position
     rotation = _tilt(samples).as_matrix() if samples.rotation is None else samples.rotation
-    return np.hstack([position, continuous_quaternions(rotation)])
+    return np.hstack([position, quaternions_of(rotation)])
 
 
 def _tilt(samples: Samples) -> Rotation:
@@ -496,7 +496,7 @@ def _spacing(
     for stream in streams:
         values, sigma = stream.values, stream.sigma
         if values.ndim == 3:
-            values = continuous_quaternions(values)
+            values = quaternions_of(values)
             # A quaternion turns half as fast as the rotation vector.
             sigma = sigma / 2 if sigma else None
         complete = np.isfinite(values).all(axis=1)
