@@ -314,7 +314,8 @@ def balance_of(
     )
     moving = found.pop("wrench")
     errors = calibration.of(force_samples.name, instrument, segment.run)
-    unknown = "tension" if instrument.kind == "tension" else "wrench"
+    unknown = instrument.measured_force
+    assert unknown is not None  # it is the force instrument of a run
     carried = solve_for(unknown, instrument, robot, force_samples.readings, found, errors)
     structure = None
     if unknown == "tension":
