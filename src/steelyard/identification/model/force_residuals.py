@@ -528,7 +528,7 @@ def sample_weight(residual: Array) -> Array:
     than the body pulls, shape (n,).
     """
     size = np.sqrt(np.sum(residual**2, axis=1))
-    return np.asarray(np.minimum(1.0, limit(6) / np.maximum(size, 1e-300)))
+    return robust_weight(size, 6)
 
 
 def tally_forces(
