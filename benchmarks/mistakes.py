@@ -10,9 +10,9 @@ from pathlib import Path
 from recordings import recordings
 
 from steelyard.experiment.read import read_experiment
+from steelyard.inspection.excerpt import excerpts
 from steelyard.inspection.mistakes import Mistake as Found
 from steelyard.inspection.mistakes import mistakes
-from steelyard.inspection.picture import pictures
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
@@ -39,12 +39,12 @@ def main(only: list[str]) -> None:
     alarms = {}
     for name, path in chosen:
         sound = read_experiment(path)
-        alarms[name] = sum(len(mistakes(picture)[0]) for picture in pictures(sound, 8))
+        alarms[name] = sum(len(mistakes(excerpt)[0]) for excerpt in excerpts(sound, 8))
         for what, mistake in MISTAKES.items():
             if not possible(mistake, sound):
                 continue
             start = time.perf_counter()
-            views = pictures(mistake.make(sound), 1)
+            views = excerpts(mistake.make(sound), 1)
             found = mistakes(views[0])[0] if views else []
             results.setdefault(what, {})[name] = named(found, mistake)
             print(

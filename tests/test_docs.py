@@ -296,7 +296,17 @@ def test_every_verb_and_kind_has_its_place(built):
     )
     for verb in app.list_commands(click.Context(app)):
         assert f'id="{verb}"' in commands
-    for kind in ("tension", "wrench", "imu", "attitude", "position", "pose", "length", "command"):
+    for kind in (
+        "tension",
+        "wrench",
+        "imu",
+        "attitude",
+        "position",
+        "pose",
+        "length",
+        "distance",
+        "command",
+    ):
         assert f'id="{kind}"' in files
     assert "generated:" not in commands + files
 

@@ -5,7 +5,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from steelyard.batch import Batched
-from steelyard.dynamics import platform_regressor, platform_wrench, point_specific_force
+from steelyard.dynamics import (
+    platform_regressor,
+    platform_wrench,
+    point_specific_force,
+    specific_force_at,
+)
 from steelyard.inertia import LINEAR_PARAMETERS, Inertia, PinocchioParameters
 
 TOLERANCE = 1e-12  # of the largest entry: both sides are the same sums in another order
@@ -156,3 +161,19 @@ def test_a_body_at_rest_is_carried_at_its_centre_of_gravity():
     force, torque = platform_wrench(BODY.parameters, -GRAVITY[None], still, still)[0].reshape(2, 3)
     close(force, -BODY.mass * GRAVITY)
     close(torque, np.cross(BODY.center_of_gravity, force))
+
+
+def test_specific_force_of_a_point_and_how_it_follows_the_point():
+    rng = np.random.default_rng(5)
+    force, omega, alpha = (rng.normal(0, 3, (7, 3)) for _ in range(3))
+    point, step = np.array([0.3, -0.2, 0.5]), 1e-3
+    found, by_point = specific_force_at(force, omega, alpha, point)
+    np.testing.assert_allclose(
+        found,
+        force + np.cross(alpha, point) + np.cross(omega, np.cross(omega, point)),
+        atol=1e-12,
+    )
+    for j in range(3):
+        # It is linear in the point: any step does.
+        moved, _ = specific_force_at(force, omega, alpha, point + step * np.eye(3)[j])
+        np.testing.assert_allclose(by_point[:, :, j], (moved - found) / step, atol=1e-9)

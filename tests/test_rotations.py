@@ -205,3 +205,15 @@ def test_log_undoes_exp_with_unit_derivative(angle):
     value, J = jacobian(theta)
     np.testing.assert_allclose(np.array(value).ravel(), theta, atol=TOLERANCE)
     np.testing.assert_allclose(np.array(J), np.eye(3), atol=TOLERANCE)
+
+
+def test_quaternions_of_a_turning_body_do_not_jump():
+    # More than a full turn about an axis that moves: the sign that SciPy gives jumps on the way.
+    angle = np.linspace(0.0, 9.0, 200)[:, None]
+    axis = np.array([0.6, 0.0, 0.8]) + 0.01 * angle * np.array([0.0, 1.0, 0.0])
+    turns = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis, axis=1, keepdims=True))
+    assert np.abs(np.diff(turns.as_quat(canonical=True), axis=0)).max() > 0.5
+    found = rotations.quaternions_of(turns.as_matrix())
+    assert np.abs(np.diff(found, axis=0)).max() < 0.05
+    back = Rotation.from_quat(found, scalar_first=True)
+    np.testing.assert_allclose(back.as_matrix(), turns.as_matrix(), atol=1e-12)

@@ -66,3 +66,20 @@ def complex_step_jacobian(function: Callable[[Any], Any], at: Array) -> Array:
     """
     columns = [np.imag(function(at + 1j * _STEP * e)) / _STEP for e in np.eye(len(at))]
     return np.column_stack(columns)
+
+
+def joined_stretches(time: Array, mask: NDArray[np.bool_], pause: float) -> list[tuple[int, int]]:
+    """:func:`stretches` of samples, those with no more than a pause between them taken together.
+
+    Args:
+        time: Ascending, shape (n,).
+        mask: Shape (n,).
+        pause: In units of the time.
+    """
+    places = np.flatnonzero(mask)
+    if not len(places):
+        return []
+    breaks = np.flatnonzero(np.diff(time[places]) > pause)
+    firsts = places[np.concatenate([[0], breaks + 1])]
+    lasts = places[np.concatenate([breaks, [len(places) - 1]])]
+    return [(int(first), int(last) + 1) for first, last in zip(firsts, lasts, strict=True)]

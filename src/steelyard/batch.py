@@ -97,38 +97,49 @@ class Batched:
         if len(lengths) > 1:
             raise ValueError(f"expected equal numbers of samples, found {sorted(lengths)}")
         n = lengths.pop() if lengths else 1
-        # Whole blocks, so that the last one needs no function of its own.
-        padded = -(-n // self._size) * self._size
+        # Whole blocks, so that the last one needs no function of its own; one sample is none.
+        size, function = (1, self._single) if n == 1 else (self._size, self._block)
+        padded = -(-n // size) * size
         inputs = [_stack(values[key], shape, n, padded) for key, shape in self._in_shapes.items()]
         outputs = {key: np.empty((padded, *shape)) for key, shape in self._out_shapes.items()}
-        blocks = padded // self._size
+        blocks = padded // size
         threads = max(1, min(os.cpu_count() or 1, _MOST_THREADS, padded // _SAMPLES_A_THREAD))
         if threads == 1:
-            self._evaluate(inputs, list(outputs.values()), 0, blocks)
+            _evaluate(function, size, inputs, list(outputs.values()), range(blocks))
         else:
             bounds = [blocks * k // threads for k in range(threads + 1)]
             with ThreadPoolExecutor(threads) as pool:
                 shares = [
-                    pool.submit(self._evaluate, inputs, list(outputs.values()), first, last)
+                    pool.submit(
+                        _evaluate,
+                        function,
+                        size,
+                        inputs,
+                        list(outputs.values()),
+                        range(first, last),
+                    )
                     for first, last in pairwise(bounds)
                 ]
             for share in shares:
                 share.result()  # raises what went wrong there
         return {key: array[:n] for key, array in outputs.items()}
 
-    def _evaluate(self, inputs: list[Array], outputs: list[Array], first: int, last: int) -> None:
-        """Fill the outputs of blocks first to last - 1; a buffer has memory of its own, so that
-        calls may overlap.
-        """
-        buffer: Any
-        buffer, evaluate = self._block.buffer()
-        for k in range(first, last):
-            part = slice(k * self._size, (k + 1) * self._size)
-            for i, array in enumerate(inputs):
-                buffer.set_arg(i, array[part].data)
-            for i, array in enumerate(outputs):
-                buffer.set_res(i, array[part].data)
-            evaluate()
+
+def _evaluate(
+    function: Symbol, size: int, inputs: list[Array], outputs: list[Array], blocks: range
+) -> None:
+    """Fill some blocks of the outputs, of ``size`` samples each; a buffer has memory of its own, so
+    that calls may overlap.
+    """
+    buffer: Any
+    buffer, evaluate = function.buffer()
+    for k in blocks:
+        part = slice(k * size, (k + 1) * size)
+        for i, array in enumerate(inputs):
+            buffer.set_arg(i, array[part].data)
+        for i, array in enumerate(outputs):
+            buffer.set_res(i, array[part].data)
+        evaluate()
 
 
 def _shape(symbol: Symbol) -> tuple[int, ...]:

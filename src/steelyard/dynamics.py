@@ -69,6 +69,33 @@ def point_velocity(rotation: Symbol, velocity: Symbol, omega: Symbol, point: Sym
 
 
 @cache
+def _batched_point() -> Batched:
+    motion = {name: ca.SX.sym(name, 3) for name in ("specific_force", "omega", "alpha", "point")}
+    force = point_specific_force(**motion)
+    return Batched(
+        "point", motion, {"force": force, "by_point": ca.jacobian(force, motion["point"])}
+    )
+
+
+def specific_force_at(
+    specific_force: Array, omega: Array, alpha: Array, point: Array
+) -> tuple[Array, Array]:
+    """:func:`point_specific_force` over samples, and its derivative by the point.
+
+    Args:
+        specific_force: Of the platform origin, in P [m/s^2], shape (n, 3).
+        omega: Shape (n, 3) [rad/s].
+        alpha: Shape (n, 3) [rad/s^2].
+        point: Platform frame [m], shape (3,).
+
+    Returns:
+        Specific force of the point [m/s^2], shape (n, 3), and derivative [1/s^2], shape (n, 3, 3).
+    """
+    found = _batched_point()(specific_force=specific_force, omega=omega, alpha=alpha, point=point)
+    return found["force"], found["by_point"]
+
+
+@cache
 def _batched() -> tuple[Batched, Batched]:
     p = ca.SX.sym("parameters", 10)
     motion = {name: ca.SX.sym(name, 3) for name in ("specific_force", "omega", "alpha")}

@@ -622,7 +622,7 @@ def test_the_balance_of_forces_has_the_information_that_the_estimators_use(which
             off = np.einsum("nri,ni->nr", np.linalg.pinv(at.by_reading), at.left_over)
             forces = replace(forces, readings={"tension": forces.readings["tension"] - off})
     calibration_parameters = point.calibration.calibration_parameters
-    rows = force_residuals(
+    (rows,) = force_residuals(
         point.experiment,
         segment,
         forces,

@@ -16,7 +16,17 @@ from steelyard.instruments import AnyInstrument
 from steelyard.robot.file import bundled_names, read_robot
 from steelyard.yaml_file import read_yaml
 
-KINDS = ("tension", "wrench", "imu", "attitude", "position", "pose", "length", "command")
+KINDS = (
+    "tension",
+    "wrench",
+    "imu",
+    "attitude",
+    "position",
+    "pose",
+    "length",
+    "distance",
+    "command",
+)
 
 
 @cache

@@ -2,19 +2,23 @@
 ones raise no alarm."""
 
 import json
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
 from mistaken import MISTAKES, late, vector
+from pydantic import TypeAdapter
 from recordings import RUN, save, table, write_small
 from simulated import PAPER, RECORDER, changed, sound, without
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.inspection.delays import of_pictures
+from steelyard.inspection.catalogue import OF_INSTRUMENTS, OF_READINGS
+from steelyard.inspection.delays import of_excerpt
+from steelyard.inspection.excerpt import excerpts
 from steelyard.inspection.inspect import inspect
-from steelyard.inspection.mistakes import judged, mistakes
-from steelyard.inspection.picture import pictures
+from steelyard.inspection.judgement import judged
+from steelyard.inspection.mistakes import MistakeSettings, mistakes
+from steelyard.instruments import AnyInstrument
 from steelyard.report.inspection_document import inspection_document
 from steelyard.report.markdown import markdown
 
@@ -32,8 +36,8 @@ TRIED = (
 
 
 def found_in(experiment):
-    (picture,) = pictures(experiment, 1)
-    return mistakes(picture)
+    (excerpt,) = excerpts(experiment, 1)
+    return mistakes(excerpt)
 
 
 @pytest.mark.slow
@@ -51,8 +55,8 @@ def test_a_mistake_is_named_with_what_to_change(name):
 
 @pytest.mark.parametrize("seed", range(1, 5))
 def test_a_sound_recording_raises_no_alarm(seed):
-    (picture,) = pictures(sound(seed), 1)
-    assert not judged(picture).bad
+    (excerpt,) = excerpts(sound(seed), 1)
+    assert not judged(excerpt).bad
 
 
 @pytest.mark.parametrize(
@@ -66,8 +70,8 @@ def test_a_sound_recording_raises_no_alarm(seed):
     ],
 )
 def test_fewer_instruments_raise_no_alarm_either(instrument, quantity):
-    (picture,) = pictures(without(sound(1), instrument, quantity), 1)
-    assert not judged(picture).bad
+    (excerpt,) = excerpts(without(sound(1), instrument, quantity), 1)
+    assert not judged(excerpt).bad
 
 
 def test_the_gyro_is_blamed_for_its_own_mistake_alone():
@@ -137,7 +141,7 @@ def shaken(rng, delay):
 @pytest.mark.parametrize("delay", [-0.004, 0.0, 0.0072])
 def test_vibrations_tell_how_late_an_accelerometer_is(rng, delay):
     experiment = shaken(rng, delay)
-    found = {each.instruments: each for each in of_pictures(experiment, experiment.runs[0])}
+    found = {each.instruments: each for each in of_excerpt(experiment, experiment.runs[0])}
     accelerometer = found["imu",]
     assert accelerometer.told
     assert accelerometer.value == pytest.approx(delay, abs=5e-4)
@@ -256,3 +260,48 @@ class TestCommandLine:
         status, _, err = run("inspect", write_small(tmp_path), "--run", "nowhere")
         assert status == 2
         assert "--run" in err
+
+
+def test_what_is_named_can_be_set():
+    twice = MISTAKES["gyro in deg/s"].make(sound(1))
+    (excerpt,) = excerpts(twice, 1)
+    assert mistakes(excerpt)[0]
+    assert not mistakes(excerpt, settings=MistakeSettings(most=0))[0]
+    assert not mistakes(excerpt, settings=MistakeSettings(least_gain=1e3))[0]
+    with pytest.raises(FrozenInstanceError):
+        MistakeSettings().most = 3
+
+
+@pytest.mark.parametrize(
+    ("kind", "names"),
+    {
+        "tension": {"order, signs and units of cables"},
+        "length": {"order, signs and units of cables"},
+        "attitude": {"how an orientation is written", "mounting"},
+        "position": {
+            "axes, signs and units of a vector",
+            "tracker frame",
+            "place on the platform",
+        },
+        "imu": {
+            "axes, signs and units of a vector",
+            "how an orientation is written",
+            "place on the platform",
+            "keys of two values",
+            "gravity upside down",
+            "rates in world axes",
+            "mounting",
+        },
+        "wrench": {"axes, signs and units of a wrench"},
+    }.items(),
+)
+def test_the_table_says_which_instruments_may_have_a_mistake(kind, names):
+    instrument = validated(kind)
+    quantities = instrument.quantities(8)
+    found = {each.name for each in OF_READINGS for q in quantities if each.may_have(instrument, q)}
+    found |= {each.name for each in OF_INSTRUMENTS if each.may_have(instrument, quantities)}
+    assert found == names
+
+
+def validated(kind):
+    return TypeAdapter(AnyInstrument).validate_python({"kind": kind})

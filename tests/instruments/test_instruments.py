@@ -7,7 +7,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension, Wrench
-from steelyard.instruments.equations import linearised, means, predict, sensitivity, solve_for
+from steelyard.instruments.equations import (
+    linearised,
+    means,
+    order_of,
+    predict,
+    sensitivity,
+    solve_for,
+    term_columns,
+)
 from steelyard.motion.state import State
 from steelyard.robot.model import CableProperties, Robot
 
@@ -741,3 +749,114 @@ def test_a_tension_follows_its_own_reading_gain_and_offset(state):
     )
     np.testing.assert_allclose(whole[:, :, M : 2 * M], -eye * (t / gain)[:, None, :], rtol=1e-12)
     np.testing.assert_allclose(whole[:, :, 2 * M], -t / common, rtol=1e-12)
+
+
+# What an instrument says of itself
+
+DECLARED = {
+    # kind: force that it reads, reading for every cable, commanded, motion, motion by cables
+    "tension": ("tension", True, False, False, False),
+    "wrench": ("wrench", False, False, False, False),
+    "imu": (None, False, False, True, False),
+    "attitude": (None, False, False, True, False),
+    "position": (None, False, False, True, False),
+    "pose": (None, False, False, True, False),
+    "length": (None, True, False, False, True),
+    "command": (None, False, True, False, False),
+}
+
+
+@pytest.mark.parametrize("kind", DECLARED)
+def test_what_a_kind_is(kind):
+    i = KINDS[kind][0]
+    declared = (i.measured_force, i.per_cable, i.commanded, i.is_motion, i.is_cable_motion)
+    assert declared == DECLARED[kind]
+    assert i.is_force == (DECLARED[kind][0] is not None)
+
+
+def test_a_command_with_a_noise_is_a_measurement():
+    assert not Command(kind="command").is_motion
+    assert Command.model_validate({"kind": "command", "noise": {"position": 0.01}}).is_motion
+
+
+MOUNTINGS = {
+    # kind: keys of rotation, point and frame
+    "wrench": ("rpy_deg", "position", None),
+    "imu": ("rpy_deg", "position", None),
+    "attitude": ("rpy_deg", None, None),
+    "position": (None, "target", "frame"),
+    "pose": ("rpy_deg", "position", "frame"),
+    "length": (None, None, None),
+    "tension": (None, None, None),
+    "command": (None, None, None),
+}
+
+
+@pytest.mark.parametrize("kind", MOUNTINGS)
+def test_a_mounting_is_that_of_the_keys(kind):
+    instrument = KINDS[kind][0]
+    mounting, keys = instrument.mounting, dict(instrument)
+    rotation, point, frame = MOUNTINGS[kind]
+    assert mounting.rpy_deg == (keys[rotation] if rotation else None)
+    assert mounting.point == (keys[point] if point else None)
+    assert mounting.frame == (keys[frame] if frame else None)
+    if point:
+        assert mounting.point_key == point
+
+
+@pytest.mark.parametrize("kind", ["imu", "imu without gravity", "wrench", "wrench on the sensor"])
+def test_the_other_choice_is_another_instrument_whose_other_choice_is_this_one(kind):
+    instrument = KINDS[kind][0]
+    (choice,) = instrument.choices
+    other = instrument.model_copy(update={choice.key: choice.other})
+    assert other != instrument
+    (back,) = other.choices
+    assert other.model_copy(update={back.key: back.other}) == instrument
+    assert back.what != choice.what
+
+
+ORDERS = {
+    ("imu", "angular_velocity"): 1,
+    ("imu", "specific_force"): 2,
+    ("imu", "orientation"): 0,
+    ("imu without gravity", "specific_force"): 2,
+    ("attitude", "orientation"): 0,
+    ("position", "position"): 0,
+    ("pose", "orientation"): 0,
+    ("length", "length"): 0,
+    ("length of elastic cables", "length"): 0,
+}
+
+
+@pytest.mark.parametrize(("kind", "quantity"), ORDERS)
+def test_the_derivative_of_the_motion_that_a_quantity_reads(kind, quantity):
+    instrument, _, robot = KINDS[kind]
+    assert order_of(instrument, quantity, robot) == ORDERS[kind, quantity]
+
+
+@pytest.mark.parametrize(
+    ("kind", "quantity"),
+    [
+        ("imu", "angular_velocity"),
+        ("imu", "specific_force"),
+        ("position", "position"),
+        ("pose", "position"),
+        ("length", "length"),
+        ("wrench", "torque"),
+        ("tension", "tension"),
+    ],
+)
+def test_columns_of_the_errors_are_those_of_differences(kind, quantity, state):
+    instrument, stated, robot = KINDS[kind]
+    known = means(instrument, M)
+    found = term_columns(instrument, quantity, robot, state)
+    assert found.keys() == known.keys()
+    for key, columns in found.items():
+
+        def reading(value, key=key):
+            return np.array(stated(instrument, {**known, key: value}, robot, state)[quantity])
+
+        expected = differences_by(reading, known[key])
+        np.testing.assert_allclose(
+            columns, expected, atol=DIFFERENCED * max(1, np.abs(expected).max()), err_msg=key
+        )

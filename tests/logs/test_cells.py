@@ -7,7 +7,10 @@ import polars as pl
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.logs.cells import (
+from steelyard.logs.frames import as_array
+from steelyard.logs.packages import listed, shown
+from steelyard.logs.size import check_unpacked
+from steelyard.logs.text.cells import (
     as_instants,
     as_numbers,
     is_instant,
@@ -15,9 +18,6 @@ from steelyard.logs.cells import (
     is_number,
     stripped,
 )
-from steelyard.logs.frames import as_array
-from steelyard.logs.packages import listed, shown
-from steelyard.logs.size import check_unpacked
 
 
 @pytest.mark.parametrize("cell", ["1", "-1.5", "+.5", "2.", "1e-3", "1E+05", "inf", "-Infinity"])

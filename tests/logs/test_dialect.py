@@ -5,7 +5,7 @@ import io
 
 import pytest
 
-from steelyard.logs.dialect import dialect_of, split
+from steelyard.logs.text.dialect import dialect_of, split
 
 ROWS = [[f"{0.5 * i + j:.2f}" for j in range(3)] for i in range(30)]
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from steelyard.logs.nested import Arrays, Source, with_rows_first
 
 from steelyard.errors import InputError
-from steelyard.logs.log import Log, NoRowsError, Part
+from steelyard.logs.arrays.nested import Arrays, Source, with_rows_first
+from steelyard.logs.log import Log, NoRowsError, RowRange
 from steelyard.logs.table import table_of
 
 COLUMNS = {"t": np.arange(4.0), "x": np.array([1.0, np.nan, 3.0, 4.0]), "y": np.ones(4)}
@@ -41,11 +41,11 @@ def test_neighbours_side_by_side_are_a_view_and_others_a_copy():
 
 
 def test_a_part_of_the_rows():
-    part = Part("t", 0.5, 2.5)
+    part = RowRange("t", 0.5, 2.5)
     np.testing.assert_array_equal(log(COLUMNS).read(["y", "t"], part)["t"], [1, 2])
     np.testing.assert_array_equal(log(COLUMNS).read(["t"], None, 3)["t"], [0, 1, 2])
     with pytest.raises(NoRowsError, match="rows with 't' between 7 and 8, found none"):
-        log(COLUMNS).read(["t"], Part("t", 7, 8))
+        log(COLUMNS).read(["t"], RowRange("t", 7, 8))
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ def test_the_platform_stands_where_the_motion_begins(found, drawn):
     cables = next(trace for trace in drawn["robot"].data if trace.name == "cables")
     points = np.stack([cables.x, cables.y, cables.z], axis=1)
     np.testing.assert_array_equal(points[::3], robot.anchors)
-    pose = found.fitted.samples[0]
+    pose = found.posterior.samples[0]
     expected = robot.attachments @ pose.rotation[0].T + pose.position[0]
     np.testing.assert_allclose(points[1::3], expected, atol=1e-4)
 
@@ -70,7 +70,7 @@ def test_one_by_name(found, drawn):
 def test_names_are_text(found):
     hostile = "<b>bold</b>"
     runs = tuple(replace(run, name=hostile) for run in found.recorded.runs)
-    named = replace(found, recorded=replace(found.recorded, runs=runs), fitted=None)
+    named = replace(found, recorded=replace(found.recorded, runs=runs), posterior=None)
     text = "".join(each.to_json() for each in steelyard.figures(named).values())
     assert "<b>" not in text.replace("\\u003c", "<")
 

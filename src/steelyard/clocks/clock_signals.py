@@ -11,14 +11,14 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.clocks.settings import SMOOTHING
-from steelyard.experiment.model import Experiment, Run, is_force
-from steelyard.instruments import Command, Instrument
+from steelyard.experiment.model import Experiment, Run
+from steelyard.instruments import Instrument
 from steelyard.motion.state import motion_of_quaternions
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import Samples1D, Smoothed, choose_spacing, fit, segments
 
 POSITION, ROTATION, RATE = "position", "rotation", "rate"
-FORCE, SPECIFIC_FORCE, LENGTH = "force", "specific force", "length"
+FORCE, SPECIFIC_FORCE, LENGTH, POSE = "force", "specific force", "length", "pose"
 _KINDS = {
     "position": POSITION,
     "orientation": ROTATION,
@@ -29,7 +29,8 @@ _KINDS = {
     "force": FORCE,
     "torque": FORCE,
 }
-"""Quantity of an instrument -> what it measures of the motion."""
+"""Quantity of an instrument -> what it measures of the motion; any other one is a linear function
+of position and rotation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,7 @@ def _clock(
     """The signals of instruments that share a clock, in platform axes."""
     signals: dict[str, Signal] = {}
     # A command is not where the platform is; what has been measured goes first.
-    for name in sorted(names, key=lambda n: isinstance(experiment.instruments[n], Command)):
+    for name in sorted(names, key=lambda n: experiment.instruments[n].commanded):
         stream = run.streams[name]
         for quantity, values in stream.values.items():
             flat = values.reshape(len(values), -1)
@@ -97,7 +98,7 @@ def _clock(
             use = np.isfinite(flat).all(axis=1) & np.concatenate([[True], np.diff(stream.time) > 0])
             if use.sum() < SMOOTHING.fewest:
                 continue
-            kind = _KINDS[quantity]
+            kind = _KINDS.get(quantity, POSE)
             if kind == ROTATION:
                 samples = Signal(stream.time[use], quaternions_of(values[use] @ turned.T))
             else:
@@ -105,7 +106,7 @@ def _clock(
                 inside = kind in (RATE, SPECIFIC_FORCE)
                 samples = Signal(stream.time[use], flat[use] @ turned.T if inside else flat[use])
             there = signals.get(kind)
-            if there is not None and kind == FORCE and is_force(experiment.instruments[name]):
+            if there is not None and kind == FORCE and experiment.is_force(name):
                 if len(there.time) == len(samples.time):
                     signals[kind] = Signal(there.time, np.hstack([there.values, samples.values]))
             elif there is None or samples.step < 0.5 * there.step:
@@ -115,7 +116,7 @@ def _clock(
 
 def _mounting(instrument: Instrument) -> Array:
     """R_platform_instrument as the experiment file has it, shape (3, 3)."""
-    rpy = getattr(instrument, "rpy_deg", (0.0, 0.0, 0.0))
+    rpy = instrument.mounting.rpy_deg or (0.0, 0.0, 0.0)
     return np.asarray(Rotation.from_euler("ZYX", rpy[::-1], degrees=True).as_matrix())
 
 

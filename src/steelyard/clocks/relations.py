@@ -20,6 +20,7 @@ from steelyard.arrays import Array
 from steelyard.clocks.clock_signals import (
     FORCE,
     LENGTH,
+    POSE,
     POSITION,
     RATE,
     ROTATION,
@@ -80,6 +81,9 @@ def relations(of: ClockSignals, by: ClockSignals) -> Iterator[Relation]:
     if of.has(LENGTH) and by.has(POSITION):
         squares = partial(_position_and_squares, by)
         yield Relation("cable length", of.samples(LENGTH), _none, squares, False)
+    if of.has(POSE) and by.has(POSITION, ROTATION):
+        # Position alone would fit at some shift or other: rotation moves the reading as much.
+        yield Relation("pose", of.samples(POSE), _none, partial(_position, by), True)
 
 
 def _of_accelerometer(of: ClockSignals, by: ClockSignals) -> Iterator[Relation]:

@@ -13,7 +13,7 @@ from steelyard.arrays import Array
 from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.experiment.columns import stream_columns
-from steelyard.instruments import Command, Instrument, Length, Tension, Wrench
+from steelyard.instruments import Instrument
 from steelyard.instruments.base import DEFAULT_DELAY, Prior, exact, sigma
 from steelyard.robot.model import Robot
 
@@ -196,7 +196,7 @@ class Experiment:
 
     def is_force(self, name: str) -> bool:
         """Whether an instrument measures the forces on the platform."""
-        return is_force(self.instruments[name])
+        return self.instruments[name].is_force
 
     def delay(self, run: Run, name: str) -> Prior:
         """Prior of the clock error of an instrument in a run [s]: as stated, else 0 for the clock
@@ -239,15 +239,3 @@ class Experiment:
         """Delay of an instrument's clock as known beforehand [s]."""
         value = self.delay(run, name).value
         return 0.0 if value is None else float(np.mean(value))
-
-
-def is_force(instrument: Instrument) -> bool:
-    """Whether an instrument measures the forces on the platform."""
-    return isinstance(instrument, Tension | Wrench)
-
-
-def is_motion(instrument: Instrument) -> bool:
-    """Whether an instrument measures how the platform moves."""
-    if isinstance(instrument, Command):
-        return instrument.is_measurement
-    return not isinstance(instrument, Tension | Wrench | Length)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, PlanForm, RunForm
-from steelyard.experiment.model import Experiment, Fault, Run, is_force, is_motion
+from steelyard.experiment.model import Experiment, Fault, Run
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
 from steelyard.experiment.stuck import without_stuck
 from steelyard.instruments import Instrument
@@ -63,7 +63,7 @@ def read_plan(path: str | Path) -> Experiment:
     path = Path(path)
     document = read_yaml(path)
     form = validate(PlanForm, document)
-    if form.runs and any(i.rate is None and i.kind != "command" for i in form.instruments.values()):
+    if form.runs and any(i.rate is None and not i.commanded for i in form.instruments.values()):
         return read_experiment(path)
     return _experiment(form, _described(form, document), (), path)
 
@@ -136,7 +136,7 @@ def check_instruments(
                 "expected a name of letters, digits, '_', '-' and blanks that is no key of a run"
                 f" ({', '.join(sorted(RUN_KEYS))}), found '{name}'; rename it",
             )
-        if instrument.kind in {"tension", "length"} and not robot.m:
+        if instrument.per_cable and not robot.m:
             raise document.error(
                 ("instruments", name, "kind"),
                 f"expected a robot with cables for an instrument of kind '{instrument.kind}', found"
@@ -219,7 +219,7 @@ def _spans(
     """
     assert form.window is not None
     force = next(
-        (n for n in whole.instruments if n in places and is_force(whole.instruments[n])), None
+        (n for n in whole.instruments if n in places and whole.instruments[n].is_force), None
     )
     if not sync:
         if force is None:
@@ -281,7 +281,7 @@ def _check_run(
             f"run '{run.name}': expected a stream of kind 'tension' or 'wrench', found none; add"
             " the forces",
         )
-    if not any(is_motion(experiment.instruments[name]) for name in run.streams):
+    if not any(experiment.instruments[name].is_motion for name in run.streams):
         raise document.error(
             key,
             f"run '{run.name}': expected a stream that measures the motion (imu, attitude, position,"

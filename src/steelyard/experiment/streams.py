@@ -225,11 +225,7 @@ def _present_quantities(
         partial = max(quantity.forms, key=lambda form: len(have[form]))
         if quantity.required or have[partial] or any(c in names.place.columns for c in partial):
             missing = [names.asked(c) for c in partial if c not in have[partial]]
-            per_cable = (
-                f" for the {m} cables of the robot"
-                if instrument.kind in {"tension", "length"}
-                else ""
-            )
+            per_cable = f" for the {m} cables of the robot" if instrument.per_cable else ""
             other = (
                 " (or another form of the orientation)"
                 if quantity.rotation and not have[partial]

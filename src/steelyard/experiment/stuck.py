@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array, stretches
 from steelyard.experiment.faults import SLOW, channels, clipped
 from steelyard.experiment.model import Fault, Stream
-from steelyard.instruments import Command, Instrument
+from steelyard.instruments import Instrument
 
 FEWEST_REPEATS = 5
 """Readings in a row that repeat the one before them, from which on a channel may be stuck: fewer
@@ -223,7 +223,7 @@ def without_stuck(
     kept = dict(streams)
     faults: list[Fault] = []
     for name, stream in streams.items():
-        if isinstance(instruments[name], Command) or len(stream) < 2 * FEWEST_REPEATS:
+        if instruments[name].commanded or len(stream) < 2 * FEWEST_REPEATS:
             continue
         values = dict(stream.values)
         for label, quantity, component, mask in _stopped(stream, settings):

@@ -22,6 +22,7 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.preparation import samples_of
 from steelyard.identification.model.reading import RunReader, SmoothPart, UndeterminedError
 from steelyard.identification.model.sources import choose_sources
+from steelyard.identification.model.unknown_body import BODY, unknown_body
 from steelyard.robot.kinematics import cables_at
 from steelyard.smoothing import choose_spacing
 
@@ -45,6 +46,8 @@ _LEAST_GAIN = 3.0
 """Log likelihood that forces and motion must share."""
 _CLOSE = 0.85
 """Part of the largest gain that others may have to be looked at closer."""
+_RIDGE = 1e-9
+"""Of the fit of a body whose ten the motion may not tell."""
 _MUCH = 0.1
 """Logarithm of the variance by which one shift must be better than another one."""
 
@@ -86,21 +89,15 @@ class Carrying:
         forces' time to the motion's.
         """
         W, Y = self.structure_at(rows, shift), self._at(self.regressor, rows, shift)
-        A = np.concatenate([Y, W], axis=2) / self.scale[:, None]
-        b = np.einsum("nkm,nm->nk", W, self.readings[rows]) / self.scale
-        k = A.shape[2]
-        flat = A.reshape(-1, k)
-        norms = np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
-        normal = (flat / norms).T @ (flat / norms) + 1e-9 * np.eye(k)
+        columns = np.concatenate([Y, W], axis=2) / self.scale[:, None]
+        target = np.einsum("nkm,nm->nk", W, self.readings[rows]) / self.scale
         # Offsets of cables are small against the readings; without that, they and the weight would
         # explain each other.
-        held = np.zeros(k)
+        precision = np.zeros(columns.shape[2])
         if self.small_offsets:
             offset = _OFFSET * np.maximum(np.median(np.abs(self.readings), axis=0), 1e-9)
-            held[10:] = (_OFFSET_NOISE / offset / norms[10:]) ** 2
-        normal += np.diag(held)
-        solved = np.linalg.solve(normal, (flat / norms).T @ b.ravel())
-        return np.asarray(b - (flat / norms @ solved).reshape(b.shape))
+            precision[BODY.stop :] = (_OFFSET_NOISE / offset) ** 2
+        return unknown_body(columns, target, precision, ridge=_RIDGE).residual
 
     def inside(self, shift: float) -> NDArray[np.intp]:
         """Readings at whose time the motion is known, shape (n,)."""
@@ -142,7 +139,7 @@ _OFFSET_NOISE = 1.0
 @dataclass(frozen=True, eq=False)
 class _Balance:
     """Readings that are inside at all shifts near a guess, as a
-    :class:`steelyard.clocks.shift.Term`.
+    :class:`steelyard.clocks.shift.ShiftTerm`.
     """
 
     task: Carrying

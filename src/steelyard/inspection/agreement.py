@@ -1,61 +1,80 @@
 """What two instruments say of the same thing, and how far apart they are.
 
 Each agreement allows for what the description allows for (a bias, a small misalignment, a clock
-that is a little off), within its prior, and holds what is then left against what noise and
+that is a little off), within its prior, and compares what is then left with what noise and
 imperfect models would leave. All that is judged is the ratio of the two: near one in a sound
 recording, ten or a hundred where a sign, an axis or a unit is wrong.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.frames import (
-    Place,
-    Turning,
-    accelerometer,
-    gyro,
-    lever_of,
-    moved,
-    place,
-    turning,
-)
-from steelyard.inspection.picture import Picture
-from steelyard.rotations import cross_matrices
 
-BAD = 1.8
-"""Ratio beyond which an agreement is none."""
-_MEASURED, _COMMANDED = 0.05, 0.1
-"""What may be left of a motion that two instruments see, and of one that was commanded, as a part
-of it."""
-_CROSS = 0.3
-"""Part of that, of the other axes: what misalignment takes from them."""
-_EFFECTIVE = 10.0
-"""Samples that count as independent when a calibration error is held against its prior."""
-_FAR_FROM_PRIOR = 3.0
-"""1-sigmas that a calibration error may be off."""
-_LATE = 1.33
-"""The same of clocks, which are as good as they are said to be."""
-_LEAST = {"rad/s": 2e-3, "rad": 5e-3, "m/s^2": 0.05, "m": 5e-3}
-"""What is never asked for, whatever the noise."""
-_CLOCK = 0.05
-_COMMAND_CLOCK = 0.3
-"""1-sigma of how late a platform follows its command [s]."""
-_COMMAND_PLACE = 0.03
-"""1-sigma of how far the world of a controller is from that of the robot file [m]."""
-_SCATTER = 0.05
-"""Of an orientation about a smooth motion [rad]."""
-_VIBRATION = 0.3
-"""What a platform feels beyond its commanded motion [m/s^2]."""
+
+@dataclass(frozen=True)
+class AgreementSettings:
+    """What two accounts of one motion may differ by; chosen on simulated and real recordings
+    (docs/validation.md) so that sound ones stay below a ratio of one and a half.
+    """
+
+    bad: float = 1.8
+    """Ratio of what is left to what is allowed beyond which instruments contradict each other."""
+    measured: float = 0.05
+    """What may be left of a motion that two instruments measure, as a part of it: smoothing and
+    imperfect models."""
+    commanded: float = 0.1
+    """The same of a commanded motion, which a platform on elastic cables follows less well."""
+    cross: float = 0.3
+    """Part of these two, of the other axes: what misalignment takes from them."""
+    effective: float = 10.0
+    """Samples that count as independent when a calibration error is compared with its prior:
+    imperfect models change slowly."""
+    far_from_prior: float = 3.0
+    """1-sigmas that a calibration error may be off."""
+    late: float = 1.33
+    """1-sigmas that a clock may be off; clocks are as good as they are said to be."""
+    least: Mapping[str, float] = field(
+        default_factory=lambda: {"rad/s": 2e-3, "rad": 5e-3, "m/s^2": 0.05, "m": 5e-3}
+    )
+    """Unit -> difference that is always allowed, whatever the noise."""
+    least_sigma: Mapping[str, float] = field(
+        default_factory=lambda: {"rad/s": 0.005, "rad": 0.02, "m/s^2": 0.1, "m": 0.02}
+    )
+    """Unit -> 1-sigma of a calibration error that any description may have, whatever it states."""
+    least_reference: float = 0.03
+    """The same of the reference of an orientation [rad]."""
+    least_lever: float = 0.03
+    """The same of the place of an accelerometer [m]."""
+    least_clock: float = 0.02
+    """1-sigma that a clock is allowed at least [s]: half a knot of the fastest motion."""
+    clock: float = 0.05
+    """1-sigma of a clock whose error is taken from the data [s], the contract's default."""
+    command_clock: float = 0.3
+    """1-sigma of how late a platform follows its command [s]."""
+    command_place: float = 0.03
+    """1-sigma of how far the world of a controller is from that of the robot file [m]."""
+    scatter: float = 0.05
+    """What an orientation may scatter about a smooth motion [rad]."""
+    vibration: float = 0.3
+    """What a platform shakes beyond its commanded motion [m/s^2]."""
+    gravity: float = 0.15
+    """What the mean length of an accelerometer's reading may differ from gravity, as a
+    logarithm."""
+    unknown_motion: float = 0.5
+    """Part of the accelerometer's changes that may be left where nothing tells the place."""
+
+
+SETTINGS = AgreementSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class Agreement:
+class InstrumentAgreement:
     """Two accounts of one thing."""
 
     name: str
@@ -68,7 +87,7 @@ class Agreement:
     """What noise and imperfect models would leave, shape (k,)."""
     unit: str
     measured: Array
-    """Shape (n, 3) or (n, m), for pictures."""
+    """Shape (n, 3) or (n, m), for figures."""
     predicted: Array
     """The same, with what was allowed for added."""
     robot: bool = False
@@ -85,6 +104,11 @@ class Agreement:
         return float(self.ratio.max(initial=0.0))
 
     @property
+    def agrees(self) -> bool:
+        """Whether nothing but noise and imperfect models is left."""
+        return self.worst <= SETTINGS.bad
+
+    @property
     def cost(self) -> float:
         """How bad it is: grows with the logarithm, since ten times too bad is bad enough."""
         return float(np.sum(np.log1p(self.ratio**2)))
@@ -98,7 +122,7 @@ class Freedom:
     """Derivative of what is left by them, shape (n, k, c)."""
     sigma: Array
     """1-sigma beforehand, shape (c,)."""
-    names: tuple[str, ...]
+    name: str
 
 
 def compare(
@@ -112,8 +136,9 @@ def compare(
     noise: float,
     tolerance: float,
     robot: bool = False,
-) -> Agreement:
-    """Hold two accounts against each other.
+    axes: Sequence[str] | None = None,
+) -> InstrumentAgreement:
+    """Compare two accounts.
 
     Args:
         name: What is compared.
@@ -125,24 +150,26 @@ def compare(
         noise: 1-sigma left in one number of the difference.
         tolerance: Part of the motion that may be left.
         robot: Whether the robot file matters.
+        axes: Names of the k numbers; None: x, y, z of three, else their places.
     """
     spread = np.minimum(measured.std(axis=0), predicted.std(axis=0))
     allowed = np.sqrt(
         noise**2
         + (tolerance * spread) ** 2
-        + (_CROSS * tolerance) ** 2 * float(np.mean(spread**2))
-        + _LEAST.get(unit, 0.0) ** 2
+        + (SETTINGS.cross * tolerance) ** 2 * float(np.mean(spread**2))
+        + SETTINGS.least.get(unit, 0.0) ** 2
     )
     left, taken, far = settled(measured - predicted, allowed, freedoms)
-    axes = "xyz" if measured.shape[1] == 3 else [str(i + 1) for i in range(measured.shape[1])]
-    return Agreement(
+    if axes is None:
+        k = measured.shape[1]
+        axes = "xyz" if k == 3 else [str(i + 1) for i in range(k)]
+    levels = [SETTINGS.late if f.name == "delay" else SETTINGS.far_from_prior for f in freedoms]
+    return InstrumentAgreement(
         name,
         between,
-        (*axes, *(f.names[0] for f in freedoms)),
+        (*axes, *(f.name for f in freedoms)),
         np.concatenate([np.sqrt(np.mean(left**2, axis=0)), far]),
-        np.concatenate(
-            [allowed, [_LATE if f.names[0] == "delay" else _FAR_FROM_PRIOR for f in freedoms]]
-        ),
+        np.concatenate([allowed, levels]),
         unit,
         measured,
         predicted + taken,
@@ -163,316 +190,8 @@ def settled(
     n = len(residual)
     A = (columns / allowed[:, None]).reshape(n * residual.shape[1], -1) * sigma
     b = (residual / allowed).ravel()
-    weight = _EFFECTIVE / n
+    weight = SETTINGS.effective / n
     value = np.linalg.solve(weight * A.T @ A + np.eye(len(sigma)), weight * A.T @ b)
     taken = (columns @ (value * sigma)).reshape(residual.shape)
     groups = np.split(np.abs(value), np.cumsum([len(f.sigma) for f in freedoms])[:-1])
     return residual - taken, taken, np.array([float(np.sqrt(np.mean(g**2))) for g in groups])
-
-
-def _sigma(picture: Picture, name: str, key: str, least: float) -> Array:
-    """1-sigma of three components of a calibration error, at least as stated; shape (3,)."""
-    terms = {term.key: term for term in picture.instruments[name].terms(picture.robot.m)}
-    term = terms.get(key)
-    stated = None if term is None else term.deviation
-    return np.full(3, least) if stated is None else np.maximum(stated, least)
-
-
-def _constant(n: int, sigma: Array, name: str) -> Freedom:
-    return Freedom(np.broadcast_to(np.eye(len(sigma)), (n, len(sigma), len(sigma))), sigma, (name,))
-
-
-def _tilt(vectors: Array, sigma: Array, name: str = "misalignment") -> Freedom:
-    """A small rotation: theta x v."""
-    return Freedom(-cross_matrices(vectors), sigma, (name,))
-
-
-def _late(rate: Array, sigma: float) -> Freedom:
-    return Freedom(-rate[:, :, None], np.array([sigma]), ("delay",))
-
-
-def _clock_sigma(picture: Picture, *names: str) -> float:
-    """How far clocks may be apart [s]."""
-    total = 0.0
-    for name in names:
-        if picture.instruments[name].kind == "command":
-            total += _COMMAND_CLOCK**2
-            continue
-        stated = picture.experiment.delay(picture.run, name).sigma
-        total += max(0.02, float(np.mean(stated)) if stated is not None else _CLOCK) ** 2
-    return float(np.sqrt(total))
-
-
-def is_command(picture: Picture, name: str) -> bool:
-    """Whether an instrument says what was asked for rather than what was."""
-    return picture.instruments[name].kind == "command"
-
-
-def tolerance(picture: Picture, *sources: Source) -> float:
-    """What may be left of a motion."""
-    return _COMMANDED if any(is_command(picture, name) for name, _ in sources) else _MEASURED
-
-
-def attitudes(picture: Picture) -> list[Source]:
-    """Orientations, measured ones first."""
-    return sorted(picture.quantity("orientation"), key=lambda s: is_command(picture, s[0]))
-
-
-def positions(picture: Picture) -> list[Source]:
-    """Positions, measured ones first."""
-    return sorted(picture.quantity("position"), key=lambda s: is_command(picture, s[0]))
-
-
-def title(*sources: Source) -> str:
-    """Sources for people."""
-    return " against ".join(f"{quantity.replace('_', ' ')} of {name}" for name, quantity in sources)
-
-
-def gyro_and_attitude(picture: Picture, of_gyro: Source, of_attitude: Source) -> Agreement:
-    """Angular velocity against the derivative of an attitude."""
-    seen, turned = gyro(picture, of_gyro), turning(picture, of_attitude)
-    n = len(seen.value)
-    return compare(
-        title(of_gyro, of_attitude),
-        (of_gyro, of_attitude),
-        "rad/s",
-        seen.value,
-        turned.omega,
-        [
-            _constant(n, _sigma(picture, of_gyro[0], "gyro_bias", 0.005), "bias"),
-            _tilt(turned.omega, np.hypot(_sigma(picture, of_gyro[0], "misalignment", 0.02), 0.02)),
-            _late(seen.rate, _clock_sigma(picture, of_gyro[0], of_attitude[0])),
-        ],
-        noise=float(np.hypot(seen.noise[0], turned.noise[1])),
-        tolerance=tolerance(picture, of_gyro, of_attitude),
-    )
-
-
-def attitude_and_attitude(picture: Picture, first: Source, second: Source) -> Agreement:
-    """Two orientations."""
-    one, other = turning(picture, first), turning(picture, second)
-    apart = vector_of_rotations(other.rotation.swapaxes(1, 2) @ one.rotation)
-    n = len(apart)
-    # About the first instant, so that a picture of both shows the motion.
-    begin = vector_of_rotations(other.rotation[0].T @ other.rotation)
-    small = np.hypot(
-        _sigma(picture, first[0], "misalignment", 0.02),
-        _sigma(picture, first[0], "reference", 0.03),
-    )
-    return compare(
-        title(first, second),
-        (first, second),
-        "rad",
-        begin + apart,
-        begin,
-        [
-            _constant(n, small, "misalignment"),
-            Freedom(other.rotation.swapaxes(1, 2), small, ("reference",)),
-            _late(other.omega, _clock_sigma(picture, first[0], second[0])),
-        ],
-        noise=float(np.hypot(one.noise[0], other.noise[0])),
-        tolerance=tolerance(picture, first, second),
-    )
-
-
-def vector_of_rotations(matrices: Array) -> Array:
-    """Rotation vectors [rad], shape (n, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(matrices).as_rotvec())
-
-
-def position_and_position(
-    picture: Picture, first: Source, second: Source, of_attitude: Source
-) -> Agreement:
-    """Two places, both turned into that of the platform origin."""
-    turned = turning(picture, of_attitude)
-    one, other = (place(picture, source, turned) for source in (first, second))
-    n = len(turned.omega)
-    target = _sigma(picture, first[0], "target", 0.02)
-    return compare(
-        title(first, second),
-        tuple(dict.fromkeys((first, second, of_attitude))),
-        "m",
-        one.position,
-        other.position,
-        [
-            _constant(n, np.full(3, np.hypot(_COMMAND_PLACE, 0.01)), "frame"),
-            Freedom(turned.rotation, target, ("target",)),
-            _late(other.velocity, _clock_sigma(picture, first[0], second[0])),
-        ],
-        noise=float(np.hypot(one.noise[0], other.noise[0])),
-        tolerance=tolerance(picture, first, second),
-    )
-
-
-def specific_force(picture: Picture, turned: Turning, where: Place | None) -> Array:
-    """Specific force of the platform origin that a motion makes, platform frame [m/s^2], shape (n,
-    3).
-    """
-    acceleration = np.zeros_like(turned.omega) if where is None else where.acceleration
-    return np.asarray(
-        np.einsum("nji,nj->ni", turned.rotation, acceleration - picture.robot.gravity)
-    )
-
-
-def accelerometer_and_motion(
-    picture: Picture, of_force: Source, of_attitude: Source, of_position: Source | None
-) -> Agreement:
-    """Specific force where an accelerometer sits against what gravity and the motion make of it."""
-    turned = turning(picture, of_attitude)
-    where = None if of_position is None else place(picture, of_position, turned)
-    force_samples = accelerometer(picture, of_force, turned.rotation)
-    lever = lever_of(picture, of_force[0])
-    predicted = moved(specific_force(picture, turned, where), turned.omega, turned.alpha, lever)
-    n = len(predicted)
-    by_lever = cross_matrices(turned.alpha) + cross_matrices(turned.omega) @ cross_matrices(
-        turned.omega
-    )
-    between = tuple(dict.fromkeys(s for s in (of_force, of_attitude, of_position) if s))
-    follows = 9.81 * turned.noise[0]
-    noise = np.sqrt(
-        force_samples.noise[0] ** 2
-        + follows**2
-        + (_VIBRATION**2 if where is None else where.noise[2] ** 2)
-        + (float(np.linalg.norm(lever)) * turned.noise[2]) ** 2
-    )
-    if where is None:
-        # What accelerates it is not known: whatever moves it back and forth.
-        noise = float(np.hypot(noise, 0.5 * force_samples.value.std(axis=0).mean()))
-    return compare(
-        title(*between),
-        between,
-        "m/s^2",
-        force_samples.value,
-        predicted,
-        [
-            _constant(n, _sigma(picture, of_force[0], "accelerometer_bias", 0.1), "bias"),
-            _tilt(predicted, np.hypot(_sigma(picture, of_force[0], "misalignment", 0.02), 0.02)),
-            Freedom(by_lever, _sigma(picture, of_force[0], "position", 0.03), ("position",)),
-            _late(force_samples.rate, _clock_sigma(picture, *(s[0] for s in between))),
-        ],
-        noise=float(noise),
-        tolerance=tolerance(picture, *between),
-        robot=True,
-    )
-
-
-def gravity_and_accelerometer_alone(picture: Picture, of_force: Source) -> Agreement:
-    """Length of what an accelerometer feels on average against gravity, where nothing tells the
-    attitude.
-    """
-    force_samples = picture.seen[of_force]
-    length = np.linalg.norm(force_samples.value, axis=1, keepdims=True)
-    gravity = np.full_like(length, np.linalg.norm(picture.robot.gravity))
-    left = float(np.mean(length) / gravity[0, 0])
-    off = abs(np.log(max(left, 1e-6)))
-    return Agreement(
-        f"mean of {title(of_force)} against gravity",
-        (of_force,),
-        ("length",),
-        np.array([off]),
-        np.array([0.15]),
-        "1",
-        length,
-        gravity,
-        True,
-    )
-
-
-def scatter_of_attitude(picture: Picture, of_attitude: Source) -> Agreement:
-    """How far an orientation is from a motion at all: what turns to and fro from sample to sample
-    is none.
-    """
-    seen = picture.seen[of_attitude]
-    flat = seen.value.reshape(len(seen.value), -1)
-    # The determinant of what is smooth is that of a rotation.
-    lost = np.abs(1 - np.linalg.det(seen.value))
-    return Agreement(
-        f"{title(of_attitude)} alone",
-        (of_attitude,),
-        ("scatter", "length"),
-        np.array([seen.noise[0] * np.sqrt(1.5), float(np.median(lost))]),
-        np.array([_SCATTER, _SCATTER]),
-        "rad",
-        flat,
-        flat,
-    )
-
-
-def length_and_geometry(
-    picture: Picture, of_length: Source, of_attitude: Source, of_position: Source
-) -> Agreement:
-    """Cable lengths against anchors, attachments and pose, up to a constant of each cable."""
-    robot = picture.robot
-    turned = turning(picture, of_attitude)
-    where = place(picture, of_position, turned)
-    corners = where.position[:, None, :] + np.einsum(
-        "nij,mj->nmi", turned.rotation, robot.attachments
-    )
-    lengths = np.linalg.norm(robot.anchors - corners, axis=2)
-    read = picture.seen[of_length]
-    measured, predicted = (each - each.mean(axis=0) for each in (read.value, lengths))
-    return compare(
-        title(of_length, of_position),
-        tuple(dict.fromkeys((of_length, of_attitude, of_position))),
-        "m",
-        measured,
-        predicted,
-        [_late(read.rate, _clock_sigma(picture, of_length[0], of_position[0]))],
-        noise=float(np.hypot(read.noise[0], where.noise[0] + robot.size * turned.noise[0])),
-        tolerance=tolerance(picture, of_attitude, of_position),
-        robot=True,
-    )
-
-
-Relation = tuple[str, tuple[Source, ...]]
-"""Kind of an agreement and whom it takes."""
-
-
-def motion_relations(picture: Picture) -> Iterator[Relation]:
-    """Which motion instruments can be held against which."""
-    turned, placed = attitudes(picture), positions(picture)
-    measured = [s for s in turned if not is_command(picture, s[0])]
-    if not picture.static:
-        yield from (("scatter", (a,)) for a in turned)
-    for of_gyro in picture.quantity("angular_velocity"):
-        if not picture.static:
-            yield from (("gyro", (of_gyro, a)) for a in turned)
-    for i, first in enumerate(turned):
-        yield from (("attitudes", (first, second)) for second in turned[i + 1 :])
-    for i, first in enumerate(placed):
-        if turned:
-            yield from (("places", (first, second, turned[0])) for second in placed[i + 1 :])
-    for force_samples in picture.quantity("specific_force"):
-        for a in measured or turned:
-            if picture.static or not placed:
-                yield ("accelerometer", (force_samples, a))
-            else:
-                yield from (("accelerometer", (force_samples, a, p)) for p in placed)
-        if not turned:
-            yield ("gravity", (force_samples,))
-    for of_length in picture.quantity("length"):
-        yield from (("lengths", (of_length, a, p)) for a in turned[:1] for p in placed)
-
-
-def motion_agreement(picture: Picture, relation: Relation) -> Agreement:
-    """Evaluate one of :func:`motion_relations`."""
-    kind, sources = relation
-    match kind, len(sources):
-        case "gyro", _:
-            return gyro_and_attitude(picture, sources[0], sources[1])
-        case "attitudes", _:
-            return attitude_and_attitude(picture, sources[0], sources[1])
-        case "places", _:
-            return position_and_position(picture, sources[0], sources[1], sources[2])
-        case "accelerometer", 2:
-            return accelerometer_and_motion(picture, sources[0], sources[1], None)
-        case "accelerometer", _:
-            return accelerometer_and_motion(picture, sources[0], sources[1], sources[2])
-        case "scatter", _:
-            return scatter_of_attitude(picture, sources[0])
-        case "lengths", _:
-            return length_and_geometry(picture, sources[0], sources[1], sources[2])
-        case _:
-            return gravity_and_accelerometer_alone(picture, sources[0])

@@ -1,23 +1,24 @@
-"""One simple mistake, and how the recording would look without it."""
+"""One simple mistake as an amendment of an experiment: what is changed, and what to say."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import cache
-from itertools import permutations, product
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.picture import Picture
+from steelyard.inspection.excerpt import Excerpt
 
 ROBOT = "robot"
 """Subject of mistakes in the robot file."""
 SIMPLE, USUAL, RARE = 0.3, 0.6, 1.2
 """What a mistake costs: of two that explain the same the likelier one is named."""
 AXES = "xyz"
+
+Change = Callable[[Excerpt], Excerpt]
+"""How an excerpt looks without a mistake."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,87 +35,123 @@ class Amendment:
     """The mistake in words."""
     proposal: str
     """What to change, with the key of the experiment file."""
-    change: Callable[[Picture], Picture]
+    change: Change
     cost: float
     touches: frozenset[str]
     """Instruments whose readings look different then, and :data:`ROBOT`."""
 
 
-@dataclass(frozen=True, eq=False)
-class Turn:
-    """Axes exchanged and turned round."""
+@dataclass(frozen=True)
+class Subject:
+    """One instrument and the columns that its amendments concern."""
 
-    matrix: Array
-    """What is true is this times what was read, shape (3, 3)."""
-    order: tuple[int, ...]
-    signs: tuple[int, ...]
-    proper: bool
+    name: str
+    channel: str
 
-    @property
-    def cost(self) -> float:
-        """A sign or two axes are simple, the rest is not."""
-        moved = sum(i != k for i, k in enumerate(self.order))
-        flipped = sum(s < 0 for s in self.signs)
-        return SIMPLE + 0.1 * moved + 0.1 * flipped
+    def amendment(
+        self,
+        kind: str,
+        what: str,
+        proposal: str,
+        change: Change,
+        cost: float,
+        *,
+        beside: Iterable[str] = (),
+    ) -> Amendment:
+        """One amendment of it.
+
+        Args:
+            kind: See :class:`Amendment`.
+            what: The same.
+            proposal: The same.
+            change: The same.
+            cost: The same.
+            beside: Other instruments whose readings the change takes.
+        """
+        touches = frozenset({self.name, *beside})
+        return Amendment(kind, self.name, self.channel, what, proposal, change, cost, touches)
 
 
-@cache
-def turns() -> tuple[Turn, ...]:
-    """All ways to exchange axes and signs, but for none; the simple ones first."""
-    found = []
-    for order in permutations(range(3)):
-        for signs in product((1, -1), repeat=3):
-            matrix = np.zeros((3, 3))
-            matrix[np.arange(3), list(order)] = signs
-            if not np.array_equal(matrix, np.eye(3)):
-                found.append(Turn(matrix, order, signs, bool(np.linalg.det(matrix) > 0)))
-    return tuple(sorted(found, key=lambda turn: turn.cost))
+def with_keys(name: str, **keys: object) -> Change:
+    """Other keys of an instrument."""
+    return lambda excerpt: excerpt.with_instrument(name, **keys)
 
 
-def columns_of(prefix: str, turn: Turn) -> tuple[str, str]:
-    """A turn of three columns in words, and what to write into the experiment file.
+def with_gravity(gravity: Array) -> Change:
+    """Another gravity in the robot file."""
+    return lambda excerpt: replace(excerpt, robot=replace(excerpt.robot, gravity=gravity))
 
-    Args:
-        prefix: Of their names: ``a`` of ax, ay, az.
-        turn: What is to be done with them.
-    """
-    names = [prefix + axis for axis in AXES]
-    exchanged = {names[i]: names[k] for i, k in enumerate(turn.order) if i != k}
-    flipped = [names[k] for i, k in enumerate(turn.order) if turn.signs[i] < 0]
-    words, keys = [], []
-    if exchanged:
-        words.append(f"{', '.join(sorted(exchanged))} are exchanged (sign or order of axes)")
-        keys.append("columns: {" + ", ".join(f"{a}: {b}" for a, b in exchanged.items()) + "}")
-    if flipped:
-        words.append(
-            f"{', '.join(flipped)} {'has' if len(flipped) == 1 else 'have'} the wrong sign"
+
+def mapped(source: Source, matrix: Array) -> Change:
+    """A matrix times the readings of a vector."""
+    return lambda excerpt: excerpt.with_observations(
+        {source: excerpt.observations[source].mapped(matrix)}
+    )
+
+
+def rotated(source: Source, left: Array, right: Array) -> Change:
+    """An orientation between two matrices, shape (3, 3) each."""
+    return lambda excerpt: excerpt.with_observations(
+        {source: excerpt.observations[source].between(left, right)}
+    )
+
+
+def shifted(delays: Mapping[str, float]) -> Change:
+    """Instruments at times that are later [s]."""
+
+    def change(excerpt: Excerpt) -> Excerpt:
+        return excerpt.with_observations(
+            {
+                source: each.later(excerpt.time, delays[source[0]])
+                for source, each in excerpt.observations.items()
+                if source[0] in delays
+            }
         )
-        keys.append(f"turn the sign of {', '.join(flipped)} in the log")
-    return " and ".join(words), ", and ".join(keys)
+
+    return change
 
 
-def mapped(source: Source, matrix: Array) -> Callable[[Picture], Picture]:
-    """The change of a vector."""
-    return lambda picture: picture.with_seen({source: picture.seen[source].mapped(matrix)})
+def without_cable(i: int) -> Change:
+    """One cable whose sensor is not believed."""
+    return lambda excerpt: replace(excerpt, unread=excerpt.unread | {i})
 
 
-def units_key(columns: Iterator[str] | list[str], unit: str) -> str:
+def single(k: int, i: int, factor: float) -> Array:
+    """Matrix that multiplies one of k numbers, shape (k, k)."""
+    matrix = np.eye(k)
+    matrix[i, i] = factor
+    return matrix
+
+
+def columns_key(columns: Mapping[str, str]) -> str:
+    """Names of columns as the experiment file has them."""
+    return "columns: {" + ", ".join(f"{a}: {b}" for a, b in columns.items()) + "}"
+
+
+def units_key(columns: Iterable[str], unit: str) -> str:
     """Units as the experiment file has them."""
     return "units: {" + ", ".join(f"{c}: {unit}" for c in columns) + "}"
+
+
+_STATED = frozenset({"deg", "deg/s", "g", "mm", "kN", "kgf", "daN", "cm", "N mm"})
+"""Units that people state for readings that are in SI."""
 
 
 def other_units(table: Mapping[str, float]) -> Iterator[tuple[str, str, float]]:
     """Units that a log may have been taken for, and in: the unit, how to say it, and the factor on
     what was read.
+
+    Args:
+        table: Unit -> its size; the first one is that of SI.
     """
-    seen: list[float] = [1.0]
-    for unit, factor in table.items():
-        if any(abs(factor / other - 1) < 1e-3 for other in seen):
-            continue
-        seen.append(factor)
-        yield unit, f"reads in {unit}, not in {next(iter(table))}", factor
     si = next(iter(table))
-    for factor in seen[1:]:
+    distinct = [1.0]
+    for unit, factor in table.items():
+        if any(abs(factor / other - 1) < 1e-3 for other in distinct):
+            continue
+        distinct.append(factor)
+        yield unit, f"reads in {unit}, not in {si}", factor
+    for factor in distinct[1:]:
         unit = next(u for u, f in table.items() if f == factor)
-        if unit in {"deg", "deg/s", "g", "mm", "kN", "kgf", "daN", "cm", "N mm"}:
+        if unit in _STATED:
             yield si, f"is stated in {unit} but reads in {si}", 1 / factor

@@ -10,28 +10,39 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.arrays import Array, stretches
-from steelyard.inspection.agreement import BAD, Relation
-from steelyard.inspection.carrying import Weighed, carrying_relations, weighed
-from steelyard.inspection.frames import mounting
-from steelyard.inspection.picture import Picture
+from steelyard.arrays import Array, joined_stretches
+from steelyard.identification.model.unknown_body import BODY, unknown_body
+from steelyard.inspection.agreement import SETTINGS as AGREEMENT
+from steelyard.inspection.excerpt import Excerpt
+from steelyard.inspection.motion_agreements import Relation
+from steelyard.inspection.wrench_balance import BodyBalance, body_balance, force_relations
+from steelyard.instruments.equations import predict
+from steelyard.motion.state import State
 
-_ROUNDS = 40
-_FAR = 4.0
-"""Ratio of what is left to what is allowed, of one instant, that something has touched the
-platform."""
-_PAUSE = 0.3
-"""Longest pause within one contact [s]."""
-_SHORTEST = 0.15
-"""[s]"""
-_LEAST_CLEAN = 0.15
-"""Part of the run that one body must explain: else the forces are wrong, and nothing has
-touched."""
-_KNOWN = 5.0
-"""By how much less a body of other runs is trusted than these say."""
-_SHARE = 0.4
-"""Of the largest, that a channel must show to be named."""
-_TEN = 10
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """What is taken for a contact."""
+
+    iterations: int = 40
+    """Of the weights; the body settles in ten to twenty."""
+    far: float = 4.0
+    """Ratio of what is left to what is allowed, of one instant, from which something has touched
+    the platform: sound recordings stay below two and a half."""
+    pause: float = 0.3
+    """Longest pause within one contact [s]."""
+    shortest: float = 0.15
+    """[s]; what is shorter is a spike."""
+    least_clean: float = 0.15
+    """Part of the run that one body must explain: else the forces are wrong, and nothing has
+    touched."""
+    known: float = 5.0
+    """By how much less a body of other runs is trusted than these say."""
+    share: float = 0.4
+    """Of the largest channel, that another one must show to be named."""
+
+
+SETTINGS = ContactSettings()
 
 
 @dataclass(frozen=True)
@@ -68,107 +79,125 @@ class Residual:
 
 
 def unexplained(
-    pictures: Sequence[Picture], worst: Mapping[str, float]
+    excerpts: Sequence[Excerpt], worst: Mapping[str, float], *, settings: ContactSettings = SETTINGS
 ) -> tuple[list[Residual], list[Contact]]:
     """Forces that a body leaves over which explains most of all runs.
 
     Args:
-        pictures: Of the runs.
+        excerpts: Of the runs.
         worst: Run -> ratio of the worst agreement of its forces.
+        settings: What is taken for a contact.
     """
     fits = {}
-    for picture in pictures:
-        relation = _relation(picture)
+    for excerpt in excerpts:
+        relation = _relation(excerpt)
         if (
             relation is not None
-            and not picture.static
-            and (found := weighed(picture, relation)) is not None
+            and not excerpt.static
+            and (found := body_balance(excerpt, relation)) is not None
         ):
-            fits[picture.run.name] = (picture, relation, found)
-    sound = [found for run, (_, _, found) in fits.items() if worst.get(run, 0.0) < BAD]
+            fits[excerpt.run.name] = (excerpt, relation, found)
+    sound = [found for run, (_, _, found) in fits.items() if worst.get(run, 0.0) < AGREEMENT.bad]
     residuals, contacts = [], []
-    for picture, relation, found in fits.values():
+    for excerpt, relation, found in fits.values():
         others = [each for each in sound if each is not found]
-        residual = _residual(picture, relation, found, others)
+        residual = _residual(excerpt, relation, found, others, settings)
         residuals.append(residual)
-        far = residual.size > _FAR
-        if far.mean() < 1 - _LEAST_CLEAN:
-            contacts += _contacts(residual, far)
+        far = residual.size > settings.far
+        if far.mean() < 1 - settings.least_clean:
+            contacts += _contacts(residual, far, settings)
     return residuals, contacts
 
 
-def _relation(picture: Picture) -> Relation | None:
-    """The account of the motion to go by: an accelerometer feels what the platform does, others
+def _relation(excerpt: Excerpt) -> Relation | None:
+    """The account of the motion to go by: an accelerometer reads what accelerates the platform, others
     only where it is.
     """
-    relations = [r for r in carrying_relations(picture) if r[0] in {"cables", "wrench"}]
+    relations = [r for r in force_relations(excerpt) if r[0] in {"cables", "wrench"}]
     force_samples = [r for r in relations if any(q == "specific_force" for _, q in r[1])]
     return next(iter(force_samples or relations), None)
 
 
 def _residual(
-    picture: Picture, relation: Relation, found: Weighed, others: Sequence[Weighed]
+    excerpt: Excerpt,
+    relation: Relation,
+    found: BodyBalance,
+    others: Sequence[BodyBalance],
+    settings: ContactSettings,
 ) -> Residual:
     """What a body leaves that is chosen so as to explain as many instants as possible, near that of
     sound runs.
     """
     A, b = found.white, found.target
-    k = A.shape[2]
-    precision, pull = np.eye(k), np.zeros(k)
+    precision, expected = np.ones(A.shape[2]), np.zeros(A.shape[2])
     if others:
-        body = np.mean([each.parameters for each in others], axis=0) / found.scale[:_TEN]
-        sigma = _KNOWN * np.mean([each.sigma for each in others], axis=0) / found.scale[:_TEN]
-        precision[:_TEN, :_TEN] = np.diag(1 / np.maximum(sigma, 1e-9) ** 2)
-        pull[:_TEN] = body / np.maximum(sigma, 1e-9) ** 2
+        scale = found.scale[BODY]
+        sigma = settings.known * np.mean([each.sigma for each in others], axis=0) / scale
+        precision[BODY] = 1 / np.maximum(sigma, 1e-9) ** 2
+        expected[BODY] = np.mean([each.parameters for each in others], axis=0) / scale
     weight = np.ones(len(b))
-    for _ in range(_ROUNDS):
-        W = weight[:, None, None] * A
-        value = np.linalg.solve(
-            np.einsum("nki,nkj->ij", W, A) + precision, np.einsum("nki,nk->i", W, b) + pull
-        )
-        left = b - np.einsum("nki,i->nk", A, value)
+    left = b
+    for _ in range(settings.iterations):
+        left = unknown_body(A, b, precision, expected=expected, weight=weight).residual
         # What is far counts less and less: a contact is no noise.
         weight = 1 / (1 + np.mean(left**2, axis=1)) ** 2
     size = np.sqrt(np.mean(left**2, axis=1))
-    whole = left * found.allowed
     name = relation[1][0][0]
-    instrument = picture.instruments[name]
-    if instrument.kind == "wrench":
-        R = mounting(picture, name)
-        sign = 1.0 if instrument.acts_on == "body" else -1.0  # type: ignore[attr-defined]
-        whole = sign * np.hstack([whole[:, :3] @ R, whole[:, 3:] @ R])
-        names: tuple[str, ...] = ("fx", "fy", "fz", "tx", "ty", "tz")
-    else:
-        names = tuple(
-            f"{what} {axis} of the platform" for what in ("force", "torque") for axis in "xyz"
-        )
-    return Residual(picture.run.name, name, picture.time, whole, size, names)
+    whole, names = _shown(excerpt, name, left * found.allowed)
+    return Residual(excerpt.run.name, name, excerpt.time, whole, size, names)
 
 
-def _contacts(residual: Residual, far: NDArray[np.bool_]) -> list[Contact]:
+def _shown(excerpt: Excerpt, name: str, wrench: Array) -> tuple[Array, tuple[str, ...]]:
+    """A wrench on the platform as people look for it, shape (n, 6): in the axes of a six-axis
+    sensor, of cables in those of the platform; and the names of its numbers.
+    """
+    instrument = excerpt.instruments[name]
+    if instrument.measured_force == "tension":
+        parts = ("force", "torque")
+        return wrench, tuple(f"{what} {axis} of the platform" for what in parts for axis in "xyz")
+    robot = excerpt.experiment.robot
+    errors = {term.key: np.full(term.size, term.nominal) for term in instrument.terms(robot.m)}
+    readings = predict(instrument, robot, _pulling(wrench), errors)
+    return np.hstack(list(readings.values())), ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+def _pulling(wrench: Array) -> State:
+    """A state of which nothing but the wrench is known."""
+    return State(
+        position=None,
+        rotation=None,
+        velocity=None,
+        omega=None,
+        specific_force=None,
+        alpha=None,
+        tension=None,
+        wrench=wrench,
+        gravity=None,
+    )
+
+
+def _contacts(
+    residual: Residual, far: NDArray[np.bool_], settings: ContactSettings
+) -> list[Contact]:
+    """Stretches far from what a body explains, without pauses."""
     time = residual.time
-    found: list[tuple[int, int]] = []
-    for first, last in stretches(far):
-        if found and time[first] - time[found[-1][1] - 1] < _PAUSE:
-            found[-1] = (found[-1][0], last)
-        else:
-            found.append((first, last))
+    found = joined_stretches(time, far, settings.pause)
     step = float(np.median(np.diff(time)))
     return [
-        _contact(residual, first, last)
+        _contact(residual, first, last, settings.share)
         for first, last in found
-        if time[last - 1] - time[first] + step >= _SHORTEST
+        if time[last - 1] - time[first] + step >= settings.shortest
     ]
 
 
-def _contact(residual: Residual, first: int, last: int) -> Contact:
+def _contact(residual: Residual, first: int, last: int, share: float) -> Contact:
     """Which channels, in units of what they are elsewhere."""
     inside = residual.left[first:last]
     names: list[str] = []
     for part in (slice(0, 3), slice(3, 6)):
         size = np.sqrt(np.mean(inside[:, part] ** 2, axis=0))
         order = np.argsort(-size)
-        names += [residual.names[part.start + i] for i in order if size[i] > _SHARE * size.max()]
+        names += [residual.names[part.start + i] for i in order if size[i] > share * size.max()]
     return Contact(
         residual.run,
         float(residual.time[first]),

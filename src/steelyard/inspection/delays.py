@@ -1,6 +1,4 @@
-"""How late each clock is against that of the forces, by what moves the platform and what it
-feels.
-"""
+"""How late each clock is against that of the forces, by the motion and the forces."""
 
 from __future__ import annotations
 
@@ -13,27 +11,39 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.solve.posterior import Posterior
-from steelyard.inspection.agreement import Relation, motion_agreement, motion_relations
-from steelyard.inspection.carrying import carrying_relations, weighed
-from steelyard.inspection.picture import Picture, picture
+from steelyard.inspection.excerpt import Excerpt, excerpt_of
+from steelyard.inspection.motion_agreements import Relation, motion_agreement, motion_relations
+from steelyard.inspection.wrench_balance import body_balance, force_relations
 from steelyard.smoothing import Samples1D, fit
 
-_FINEST = 0.03
-"""Spacing of the knots [s]: fine enough for vibrations, which tell a clock best."""
-_MOST = 800
-_REACH, _STEP = 0.08, 0.004
-"""By how much a clock is moved, and in which steps [s]."""
-_LARGEST_SIGMA = 0.02
-"""Of what still counts as told [s]."""
-_COLOUR = 0.5
-"""After which what a body leaves of the forces is something new [s]."""
-_PER_KNOT = 3.0
-_SHAKEN = 0.8
-"""Part of the changes of the force that may be left: else the two do not shake together."""
-_CLEAR = 4.0
-"""1-sigmas by which a clock must be off to be worth a remark."""
+
+@dataclass(frozen=True)
+class DelaySettings:
+    """How a delay is looked for, and when the data determine it."""
+
+    finest: float = 0.03
+    """Spacing of the knots [s]: fine enough for vibrations, which tell a clock best."""
+    most: int = 800
+    """Instants that are looked at: two a knot over thirty seconds with room to spare."""
+    reach: float = 0.08
+    """By how much a clock is moved [s]: what `sync` is usually good to."""
+    step: float = 0.004
+    """Steps in which it is moved first [s]: several within the narrowest minimum."""
+    largest_sigma: float = 0.02
+    """Largest 1-sigma of a delay that the data determine [s]."""
+    prior_share: float = 0.5
+    """Part of the prior's 1-sigma, for the same."""
+    correlated: float = 0.5
+    """Time after which what a body leaves of the forces is something new [s]."""
+    per_knot: float = 3.0
+    """Samples between two knots of a vibration."""
+    shaken: float = 0.8
+    """Part of the changes of the force that may be left: else the two do not shake together."""
+    clear: float = 4.0
+    """1-sigmas by which a clock must be off to be worth a remark."""
 
 
+SETTINGS = DelaySettings()
 _JOINT, _SHAKEN_BY = "everything at once", "vibrations"
 _TRUSTED = frozenset({_JOINT, _SHAKEN_BY})
 """Ways to find a delay whose 1-sigma contains all that matters."""
@@ -62,11 +72,11 @@ class Delay:
         return (
             self.told
             and self.how in _TRUSTED
-            and abs(self.value - value) > _CLEAR * float(np.hypot(sigma, self.sigma))
+            and abs(self.value - value) > SETTINGS.clear * float(np.hypot(sigma, self.sigma))
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values; null where it is not told."""
+        """Plain values; null where the data do not determine it."""
         return {
             "run": self.run,
             "instruments": list(self.instruments),
@@ -111,7 +121,7 @@ def of_joint(joint: Posterior, run: Run) -> list[Delay]:
         )
         prior = prior_of(experiment, run, names)
         own = float(sigma[place][0])
-        told = prior[1] > 0 and own < min(_LARGEST_SIGMA, 0.5 * prior[1])
+        told = prior[1] > 0 and own < min(SETTINGS.largest_sigma, SETTINGS.prior_share * prior[1])
         how = _JOINT if told else "stated" if not prior[1] else "the readings do not tell it"
         found.append(
             Delay(run.name, names, float(calibration.values[place][0]), own, prior, told, how)
@@ -119,7 +129,7 @@ def of_joint(joint: Posterior, run: Run) -> list[Delay]:
     return found
 
 
-def of_pictures(experiment: Experiment, run: Run) -> list[Delay]:
+def of_excerpt(experiment: Experiment, run: Run) -> list[Delay]:
     """Delays by moving each clock until what it shows agrees best with the forces, or with what
     agrees with them.
 
@@ -127,18 +137,24 @@ def of_pictures(experiment: Experiment, run: Run) -> list[Delay]:
         experiment: With its instruments.
         run: One in motion.
     """
-    view = picture(experiment, run, _FINEST, _MOST)
+    view = excerpt_of(experiment, run, SETTINGS.finest, SETTINGS.most)
     return [] if view is None else [_best(view, names) for names in groups_of(experiment, run)]
 
 
-def _best(view: Picture, names: tuple[str, ...]) -> Delay:
+def _best(view: Excerpt, names: tuple[str, ...]) -> Delay:
     """Delay of one clock."""
     prior = prior_of(view.experiment, view.run, names)
     shaken = _by_vibration(view, names)
     if shaken is not None:
         value, sigma = shaken
         return Delay(
-            view.run.name, names, prior[0] + value, sigma, prior, sigma < _LARGEST_SIGMA, _SHAKEN_BY
+            view.run.name,
+            names,
+            prior[0] + value,
+            sigma,
+            prior,
+            sigma < SETTINGS.largest_sigma,
+            _SHAKEN_BY,
         )
     found = [
         each
@@ -147,23 +163,25 @@ def _best(view: Picture, names: tuple[str, ...]) -> Delay:
     ]
     if not found:
         return Delay(
-            view.run.name, names, prior[0], np.inf, prior, False, "nothing to hold it against"
+            view.run.name, names, prior[0], np.inf, prior, False, "nothing to compare it with"
         )
     value, sigma, how = min(found, key=lambda each: each[1])
-    # Times are told from the delay that is known beforehand.
-    return Delay(view.run.name, names, prior[0] + value, sigma, prior, sigma < _LARGEST_SIGMA, how)
+    # Times are counted from the delay that is known beforehand.
+    return Delay(
+        view.run.name, names, prior[0] + value, sigma, prior, sigma < SETTINGS.largest_sigma, how
+    )
 
 
-def _relations(view: Picture, names: tuple[str, ...]) -> list[Relation]:
-    """What a clock can be held against: the forces where what it reads is enough to know the motion
+def _relations(view: Excerpt, names: tuple[str, ...]) -> list[Relation]:
+    """What a clock can be compared with: the forces where its readings are enough to know the motion
     by, else its fellows.
     """
     own = [
         r
-        for r in carrying_relations(view)
+        for r in force_relations(view)
         if r[0] in {"cables", "wrench"}
         and any(n in names for n, _ in r[1])
-        and not any(view.instruments[n].kind == "command" for n, _ in r[1] if n not in names)
+        and not any(view.instruments[n].commanded for n, _ in r[1] if n not in names)
     ]
     if own:
         force_samples = [
@@ -176,10 +194,10 @@ def _relations(view: Picture, names: tuple[str, ...]) -> list[Relation]:
 
 
 def _least(
-    view: Picture, names: tuple[str, ...], relation: Relation
+    view: Excerpt, names: tuple[str, ...], relation: Relation
 ) -> tuple[float, float, str] | None:
     """Delay of least residual, its 1-sigma, and by what."""
-    grid = np.arange(-_REACH, _REACH + _STEP / 2, _STEP)
+    grid = np.arange(-SETTINGS.reach, SETTINGS.reach + SETTINGS.step / 2, SETTINGS.step)
     left = np.array([_left(_moved(view, names, float(d)), relation) for d in grid])
     if not np.isfinite(left).all():
         return None
@@ -188,7 +206,7 @@ def _least(
         return None
     value = float(grid[i])
     three, bend = np.zeros(3), 0.0
-    for width in (_STEP, _STEP / 4):
+    for width in (SETTINGS.step, SETTINGS.step / 4):
         around = value + width * np.array([-1.0, 0.0, 1.0])
         three = np.array([_left(_moved(view, names, float(d)), relation) for d in around])
         bend = float(three[0] - 2 * three[1] + three[2]) / width**2
@@ -196,12 +214,12 @@ def _least(
             return None
         value = float(around[1] - (three[2] - three[0]) / (2 * width) / bend)
     # What is left is mostly imperfect models, which change slowly.
-    count = float(view.time[-1] - view.time[0]) / _COLOUR
+    count = float(view.time[-1] - view.time[0]) / SETTINGS.correlated
     sigma = float(np.sqrt(2 * three[1] / (bend * count)))
     return value, sigma, " and ".join(dict.fromkeys(n for n, _ in relation[1]))
 
 
-def _by_vibration(view: Picture, names: tuple[str, ...]) -> tuple[float, float] | None:
+def _by_vibration(view: Excerpt, names: tuple[str, ...]) -> tuple[float, float] | None:
     """Delay of an accelerometer against a six-axis sensor: whatever shakes the body shakes both, as
     fast as they are read.
 
@@ -216,8 +234,11 @@ def _by_vibration(view: Picture, names: tuple[str, ...]) -> tuple[float, float] 
         return None
     pair = ((force_samples, "specific_force"), (force, "force"))
     times = [experiment.common_time(run, name) for name, _ in pair]
-    start, end = max(t[0] for t in times) + _REACH, min(t[-1] for t in times) - _REACH
-    spacing = _PER_KNOT * max(float(np.median(np.diff(t))) for t in times)
+    start, end = (
+        max(t[0] for t in times) + SETTINGS.reach,
+        min(t[-1] for t in times) - SETTINGS.reach,
+    )
+    spacing = SETTINGS.per_knot * max(float(np.median(np.diff(t))) for t in times)
     if end - start < 40 * spacing:
         return None
     end = min(end, start + 30.0)
@@ -225,7 +246,14 @@ def _by_vibration(view: Picture, names: tuple[str, ...]) -> tuple[float, float] 
     for (name, quantity), t in zip(pair, times, strict=True):
         values = run.streams[name].values[quantity]
         there = np.isfinite(values).all(axis=1)
-        fits.append(fit(Samples1D(t[there], values[there]), start - _REACH, end + _REACH, spacing))
+        fits.append(
+            fit(
+                Samples1D(t[there], values[there]),
+                start - SETTINGS.reach,
+                end + SETTINGS.reach,
+                spacing,
+            )
+        )
     acceleration, forces = fits
     if acceleration is None or forces is None:
         return None
@@ -237,10 +265,10 @@ def _by_vibration(view: Picture, names: tuple[str, ...]) -> tuple[float, float] 
         value, *_ = np.linalg.lstsq(columns, target, rcond=None)
         return float(np.sum((target - columns @ value) ** 2))
 
-    grid = np.arange(-0.6 * _REACH, 0.6 * _REACH, spacing / 12)
+    grid = np.arange(-0.6 * SETTINGS.reach, 0.6 * SETTINGS.reach, spacing / 12)
     cost = np.array([left(float(d)) for d in grid])
     i = int(np.argmin(cost))
-    if not 0 < i < len(grid) - 1 or cost[i] > _SHAKEN * float(np.sum(target**2)):
+    if not 0 < i < len(grid) - 1 or cost[i] > SETTINGS.shaken * float(np.sum(target**2)):
         return None
     width = grid[1] - grid[0]
     bend = float(cost[i - 1] - 2 * cost[i] + cost[i + 1]) / width**2
@@ -249,19 +277,21 @@ def _by_vibration(view: Picture, names: tuple[str, ...]) -> tuple[float, float] 
     return value, float(np.sqrt(2 * cost[i] / (bend * 3 * len(at) / 2)))
 
 
-def _moved(view: Picture, names: tuple[str, ...], delay: float) -> Picture:
-    return view.with_seen(
-        {s: seen.later(view.time, delay) for s, seen in view.seen.items() if s[0] in names}
+def _moved(view: Excerpt, names: tuple[str, ...], delay: float) -> Excerpt:
+    return view.with_observations(
+        {s: seen.later(view.time, delay) for s, seen in view.observations.items() if s[0] in names}
     )
 
 
-def _left(view: Picture, relation: Relation) -> float:
+def _left(view: Excerpt, relation: Relation) -> float:
     """Mean square of what is left, in units that do not change."""
     if relation[0] in {"cables", "wrench"}:
-        found = weighed(view, relation)
+        found = body_balance(view, relation)
         if found is None:
             return np.inf
-        scale = np.repeat([_rms(found.carried.wrench[:, :3]), _rms(found.carried.wrench[:, 3:])], 3)
+        scale = np.repeat(
+            [_rms(found.measured.wrench[:, :3]), _rms(found.measured.wrench[:, 3:])], 3
+        )
         return float(np.mean((found.left / scale) ** 2))
     agreement = motion_agreement(view, relation)
     axes = agreement.measured.shape[1]

@@ -4,6 +4,7 @@ and every systematic error.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,15 +17,22 @@ from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS, Inertia
 
 Told = Literal["data", "data and prior", "prior", "not at all"]
 
-_HALF = 0.5
-"""Of its plausible size, or of its prior 1-sigma: what is known better than that is told by the
-data."""
-_MOSTLY = 0.9
-"""Of its prior 1-sigma: what is known no better than that is told by the prior."""
+
+@dataclass(frozen=True)
+class IdentifiabilitySettings:
+    """When the data determine a number."""
+
+    data: float = 0.5
+    """Part of its plausible size, or of its prior 1-sigma, within which it is known by the data."""
+    mostly_prior: float = 0.9
+    """Part of its prior 1-sigma beyond which it is known by the prior."""
+
+
+SETTINGS = IdentifiabilitySettings()
 
 
 @dataclass(frozen=True)
-class Finding:
+class Identifiability:
     """How well one number can be known."""
 
     name: str
@@ -44,9 +52,9 @@ class Finding:
 class Excitation:
     """How well everything can be known from this recording."""
 
-    body: tuple[Finding, ...]
+    body: tuple[Identifiability, ...]
     """The ten of :data:`steelyard.inertia.BODY_PARAMETERS`."""
-    calibration: tuple[Finding, ...]
+    calibration: tuple[Identifiability, ...]
     """Every systematic error that is not known exactly."""
 
 
@@ -56,37 +64,39 @@ def excitation(joint: Posterior) -> Excitation:
     Args:
         joint: Of it.
     """
-    experiment, calibration_parameters = joint.experiment, joint.calibration.calibration_parameters
-    sizes = plausible_sizes(abs(float(joint.parameters[0])), plausible_radius(experiment.robot))
-    values = Inertia.from_parameters(joint.parameters).body_parameters
-    findings = []
+    study = joint
+    experiment = study.experiment
+    sizes = plausible_sizes(abs(float(study.parameters[0])), plausible_radius(experiment.robot))
+    values = Inertia.from_parameters(study.parameters).body_parameters
+    body = []
     for i, name in enumerate(BODY_PARAMETERS):
-        sigma, prior = float(joint.bound.standard_deviation[i]), experiment.known.get(name)
-        known = prior[1] if prior else None
-        told = (
-            _told(sigma, known)
-            if known is not None
-            else "data"
-            if sigma < _HALF * sizes[i]
-            else "not at all"
-        )
-        findings.append(Finding(name, BODY_UNITS[i], float(values[i]), sigma, known, told))
+        sigma = float(joint.bound.standard_deviation[i])
+        told: Told = "data" if sigma < SETTINGS.data * sizes[i] else "not at all"
+        known = None
+        if name in experiment.known:
+            known = experiment.known[name][1]
+            told = _determined_by(sigma, known)
+        body.append(Identifiability(name, BODY_UNITS[i], float(values[i]), sigma, known, told))
+    return Excitation(tuple(body), tuple(_of_calibration(joint)))
+
+
+def _of_calibration(joint: Posterior) -> Iterator[Identifiability]:
+    """Of every systematic error that is not known exactly."""
+    study = joint
+    parameters = study.calibration.calibration_parameters
     left = np.sqrt(np.maximum(np.diag(joint.bound.calibration), 0.0))
-    names = calibration_parameters.names
-    calibration = [
-        Finding(
-            names[place],
-            unknown.unit,
-            float(joint.calibration.values[place]),
-            float(left[place]),
-            float(unknown.deviation[component]),
-            _told(float(left[place]), float(unknown.deviation[component])),
-            _group(unknown),
-        )
-        for place, unknown, component in calibration_parameters.components()
-        if unknown.deviation[component] > 0
-    ]
-    return Excitation(tuple(findings), tuple(calibration))
+    for place, unknown, component in parameters.components():
+        sigma, prior = float(left[place]), float(unknown.deviation[component])
+        if prior > 0:
+            yield Identifiability(
+                parameters.names[place],
+                unknown.unit,
+                float(study.calibration.values[place]),
+                sigma,
+                prior,
+                _determined_by(sigma, prior),
+                _group(unknown),
+            )
 
 
 def _group(unknown: CalibrationParameter) -> str:
@@ -94,7 +104,7 @@ def _group(unknown: CalibrationParameter) -> str:
     return f"{owner}{unknown.key}" + (f" of run '{unknown.run}'" if unknown.run else "")
 
 
-def _told(sigma: float, prior: float) -> Told:
-    if sigma < _HALF * prior:
+def _determined_by(sigma: float, prior: float) -> Told:
+    if sigma < SETTINGS.data * prior:
         return "data"
-    return "data and prior" if sigma < _MOSTLY * prior else "prior"
+    return "data and prior" if sigma < SETTINGS.mostly_prior * prior else "prior"

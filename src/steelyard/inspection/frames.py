@@ -1,8 +1,10 @@
-"""What the instruments of a picture say of the platform, if they are as described."""
+"""What the instruments of an excerpt say of the platform, if they are as described: their own
+measurement equations, solved for the motion.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -10,14 +12,17 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.picture import Picture, Seen
+from steelyard.inspection.excerpt import Excerpt, Observation
+from steelyard.instruments import Instrument
+from steelyard.instruments.equations import solve_for
+from steelyard.robot.model import Robot
 
 _REMEMBERED = 32
 """Attitudes and places: descriptions that are tried have most of them in common."""
 
 
 @dataclass(frozen=True, eq=False)
-class Turning:
+class AttitudeMotion:
     """Attitude of the platform and how it changes, n instants."""
 
     rotation: Array
@@ -35,7 +40,7 @@ class Turning:
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class OriginMotion:
     """The platform origin in the world, n instants."""
 
     position: Array
@@ -45,9 +50,9 @@ class Place:
     noise: tuple[float, float, float]
 
 
-def mounting(picture: Picture, name: str) -> Array:
+def mounting(excerpt: Excerpt, name: str) -> Array:
     """R_platform_instrument, shape (3, 3)."""
-    return matrix_of(getattr(picture.instruments[name], "rpy_deg", (0.0, 0.0, 0.0)))
+    return matrix_of(excerpt.instruments[name].mounting.rpy_deg or (0.0, 0.0, 0.0))
 
 
 @lru_cache(maxsize=256)
@@ -77,46 +82,71 @@ def _angles(R: Array) -> tuple[float, float, float]:
     )
 
 
-def vector_of(matrices: Array) -> Array:
+def axis_of(matrices: Array) -> Array:
     """Axis of the antisymmetric part of matrices, shape (n, 3)."""
     m = matrices
-    return (
-        np.stack(
-            [m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=1
-        )
-        / 2
-    )
+    columns = [m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]]
+    return np.stack(columns, axis=1) / 2
 
 
-def tracker_frame(picture: Picture, name: str) -> tuple[Array, Array]:
-    """Origin of the tracker in the world [m] and R_world_tracker."""
-    frame = getattr(picture.instruments[name], "frame", None)
+def point_of(excerpt: Excerpt, name: str) -> Array:
+    """Where on the platform an instrument looks [m], shape (3,)."""
+    return np.array(excerpt.instruments[name].mounting.point or (0.0, 0.0, 0.0), dtype=np.float64)
+
+
+def tracker_frame(excerpt: Excerpt, name: str) -> tuple[Array, Array]:
+    """Origin of the frame that readings stand in, in the world [m], and R_world_tracker."""
+    frame = excerpt.instruments[name].mounting.frame
     if frame is None:
         return np.zeros(3), np.eye(3)
     return np.array(frame.position, dtype=np.float64), matrix_of(frame.rpy_deg)
 
 
-def turning(picture: Picture, source: Source) -> Turning:
+@dataclass(frozen=True)
+class _Solver:
+    """The measurement equation of one quantity, solved for a part of the state that it is linear
+    in.
+    """
+
+    unknown: str
+    instrument: Instrument
+    quantity: str
+    robot: Robot
+
+    @classmethod
+    def of(cls, unknown: str, excerpt: Excerpt, source: Source) -> _Solver:
+        # No motion depends on what may be amended in the robot; so fewer equations are made.
+        return cls(unknown, excerpt.instruments[source[0]], source[1], excerpt.experiment.robot)
+
+    def value(self, reading: Array, **given: Array) -> Array:
+        """The unknown for readings over n samples."""
+        readings = {self.quantity: reading}
+        return solve_for(self.unknown, self.instrument, self.robot, readings, given)
+
+    def change(self, rate: Array, **given: Array) -> Array:
+        """Its time derivative for rates of the readings and of what is given: the same without
+        its constant part.
+        """
+        constant = self.value(
+            np.zeros_like(rate[:1]), **{key: np.zeros_like(each[:1]) for key, each in given.items()}
+        )
+        return self.value(rate, **given) - constant
+
+
+def attitude_motion(excerpt: Excerpt, source: Source) -> AttitudeMotion:
     """Attitude that an orientation shows."""
-    name = source[0]
-    frame, mounted = tracker_frame(picture, name)[1], mounting(picture, name)
-    return _turning(picture.seen[source], frame.tobytes(), mounted.tobytes())
+    return _attitude_motion(excerpt.observations[source], _Solver.of("rotation", excerpt, source))
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def _turning(read: Seen, frame: bytes, mounted: bytes) -> Turning:
-    seen = read.between(_matrix(frame), _matrix(mounted).T)
-    R, rate, bend = _nearest(seen.value), seen.rate, seen.bend
+def _attitude_motion(read: Observation, solver: _Solver) -> AttitudeMotion:
+    R = _nearest(solver.value(read.value))
+    rate, bend = solver.change(read.rate), solver.change(read.bend)
     back = R.swapaxes(1, 2)
     # Nine numbers share what three angles scatter by.
-    angle, speed, acceleration = (each * np.sqrt(1.5) for each in seen.noise)
-    return Turning(
-        R, rate, bend, vector_of(back @ rate), vector_of(back @ bend), (angle, speed, acceleration)
-    )
-
-
-def _matrix(content: bytes) -> Array:
-    return np.frombuffer(content).reshape(3, 3)
+    angle, speed, acceleration = (each * np.sqrt(1.5) for each in read.noise)
+    noise = (angle, speed, acceleration)
+    return AttitudeMotion(R, rate, bend, axis_of(back @ rate), axis_of(back @ bend), noise)
 
 
 def _nearest(matrices: Array) -> Array:
@@ -127,60 +157,73 @@ def _nearest(matrices: Array) -> Array:
     return np.asarray((U * D[:, None, :]) @ V)
 
 
-def lever_of(picture: Picture, name: str) -> Array:
-    """Where on the platform an instrument looks [m], shape (3,)."""
-    instrument = picture.instruments[name]
-    return np.array(
-        getattr(instrument, "target", None) or getattr(instrument, "position", (0.0, 0.0, 0.0)),
-        dtype=np.float64,
-    )
-
-
-def place(picture: Picture, source: Source, turned: Turning) -> Place:
+def origin_motion(excerpt: Excerpt, source: Source, turned: AttitudeMotion) -> OriginMotion:
     """Where the platform origin is, if a position is that of its target."""
-    name = source[0]
-    origin, R = tracker_frame(picture, name)
-    lever = lever_of(picture, name)
-    return _place(picture.seen[source], turned, R.tobytes(), origin.tobytes(), lever.tobytes())
+    solver = _Solver.of("position", excerpt, source)
+    return _origin_motion(excerpt.observations[source], turned, solver)
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def _place(read: Seen, turned: Turning, frame: bytes, origin: bytes, where: bytes) -> Place:
-    seen, lever = read.mapped(_matrix(frame)), np.frombuffer(where)
-    size = float(np.linalg.norm(lever))
-    by_place, by_angle = np.array(seen.noise), size * np.array(turned.noise)
-    noise = np.hypot(by_place, by_angle)
-    return Place(
-        seen.value + np.frombuffer(origin) - turned.rotation @ lever,
-        seen.rate - turned.rate @ lever,
-        seen.bend - turned.bend @ lever,
+def _origin_motion(read: Observation, turned: AttitudeMotion, solver: _Solver) -> OriginMotion:
+    size = float(np.linalg.norm(solver.instrument.mounting.point or (0.0, 0.0, 0.0)))
+    noise = np.hypot(read.noise, size * np.array(turned.noise))
+    return OriginMotion(
+        solver.value(read.value, rotation=turned.rotation),
+        solver.change(read.rate, rotation=turned.rate),
+        solver.change(read.bend, rotation=turned.bend),
         (float(noise[0]), float(noise[1]), float(noise[2])),
     )
 
 
-def moved(force: Array, turned_omega: Array, alpha: Array, lever: Array) -> Array:
-    """Specific force at a lever away from a point whose specific force is given [m/s^2], shape (n,
-    3).
+def angular_velocity(excerpt: Excerpt, source: Source) -> Observation:
+    """Angular velocity in the platform frame [rad/s]."""
+    return _angular_velocity(excerpt.observations[source], _Solver.of("omega", excerpt, source))
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def _angular_velocity(read: Observation, solver: _Solver) -> Observation:
+    return replace(read, value=solver.value(read.value), rate=solver.change(read.rate))
+
+
+def specific_force_there(excerpt: Excerpt, source: Source, turned: AttitudeMotion) -> Observation:
+    """Specific force of the point where an accelerometer sits, platform frame [m/s^2]."""
+    solver = _Solver.of("specific_force", excerpt, source)
+    gravity = tuple(excerpt.robot.gravity.tolist())
+    return _specific_force_there(excerpt.observations[source], solver, turned, gravity)
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def _specific_force_there(
+    read: Observation, solver: _Solver, turned: AttitudeMotion, gravity: tuple[float, ...]
+) -> Observation:
+    """See :func:`specific_force_there`, for a gravity in the world [m/s^2]."""
+    # Of an instrument that does not turn, that of the origin is that of any point.
+    still = np.zeros_like(read.value)
+    given = {"omega": still, "alpha": still, "gravity": np.array(gravity)}
+    value = solver.value(read.value, rotation=turned.rotation, **given)
+    # Gravity turns slowly: it has no rate worth looking at.
+    level = np.zeros_like(turned.rotation)
+    rate = solver.value(read.rate, rotation=level, **given)
+    rate = rate - solver.value(still, rotation=level, **given)
+    return replace(read, value=value, rate=rate)
+
+
+def specific_force_of_origin(
+    excerpt: Excerpt, source: Source, rotation: Array, omega: Array, alpha: Array
+) -> Array:
+    """Specific force of the platform origin by an accelerometer, platform frame [m/s^2], shape
+    (n, 3).
     """
-    return np.asarray(
-        force + np.cross(alpha, lever) + np.cross(turned_omega, np.cross(turned_omega, lever))
+    return _Solver.of("specific_force", excerpt, source).value(
+        excerpt.observations[source].value,
+        rotation=rotation,
+        omega=omega,
+        alpha=alpha,
+        gravity=excerpt.robot.gravity,
     )
 
 
-def gyro(picture: Picture, source: Source) -> Seen:
-    """Angular velocity in the platform frame [rad/s]."""
-    return picture.seen[source].mapped(mounting(picture, source[0]))
-
-
-def accelerometer(picture: Picture, source: Source, rotation: Array) -> Seen:
-    """Specific force where the instrument sits, platform frame [m/s^2]."""
-    seen = picture.seen[source].mapped(mounting(picture, source[0]))
-    if getattr(picture.instruments[source[0]], "gravity", "included") == "removed":
-        return seen.plus(-rotation.swapaxes(1, 2) @ picture.robot.gravity)
-    return seen
-
-
-def attitude_source(picture: Picture) -> Source | None:
+def attitude_source(excerpt: Excerpt) -> Source | None:
     """Who tells the attitude: a measured one where there is one."""
-    sources = picture.quantity("orientation")
-    return min(sources, key=lambda s: picture.instruments[s[0]].kind == "command", default=None)
+    sources = excerpt.quantity("orientation")
+    return min(sources, key=lambda s: excerpt.instruments[s[0]].commanded, default=None)

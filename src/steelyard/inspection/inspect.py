@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,22 +16,36 @@ from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.synchronisation import synchronise
-from steelyard.inspection.agreement import BAD, Agreement
-from steelyard.inspection.contact import Contact, Residual, unexplained
-from steelyard.inspection.delays import Delay, of_joint, of_pictures
+from steelyard.inspection.agreement import InstrumentAgreement
+from steelyard.inspection.contact import Contact, ContactSettings, Residual, unexplained
+from steelyard.inspection.delays import Delay, of_excerpt, of_joint
+from steelyard.inspection.excerpt import Excerpt, excerpts
 from steelyard.inspection.excitation import Excitation, excitation
-from steelyard.inspection.mistakes import Judged, Mistake, mistakes
-from steelyard.inspection.mistakes import judged as judge
+from steelyard.inspection.judgement import Judged
+from steelyard.inspection.judgement import judged as judge
+from steelyard.inspection.mistakes import Mistake, MistakeSettings, mistakes
 from steelyard.inspection.part import part_of
-from steelyard.inspection.picture import Picture, pictures
 from steelyard.inspection.remarks import constant_channels, of_noise, of_times
 from steelyard.inspection.streams import StreamReport, as_dict, stream_reports
 
 FORMAT = "steelyard-inspection/1"
-_MOST_RUNS = 8
-"""Runs whose agreements are looked at."""
-_MOST_FITTED = 3
-"""Runs in motion that are fitted as a whole."""
+
+
+@dataclass(frozen=True)
+class InspectionSettings:
+    """How much is looked at, and what is named."""
+
+    runs: int = 8
+    """Runs whose agreements are looked at: mistakes of a description show in each."""
+    fitted: int = 3
+    """Runs in motion that are fitted as a whole: enough for what a recording tells."""
+    mistakes: MistakeSettings = field(default_factory=MistakeSettings)
+    """When a mistake is named."""
+    contacts: ContactSettings = field(default_factory=ContactSettings)
+    """What is taken for a contact."""
+
+
+SETTINGS = InspectionSettings()
 
 Tell = Callable[[str, float], None]
 
@@ -43,7 +57,7 @@ class Inspection:
     experiment: Experiment
     streams: tuple[StreamReport, ...]
     delays: tuple[Delay, ...]
-    agreements: tuple[tuple[str, Agreement], ...]
+    agreements: tuple[tuple[str, InstrumentAgreement], ...]
     """Run and agreement, as described."""
     mistakes: tuple[Mistake, ...]
     """Each once, in the run where it shows most."""
@@ -57,18 +71,19 @@ class Inspection:
     remarks: tuple[str, ...]
 
     def __repr__(self) -> str:
+        """Counts, mistakes with what to change, and remarks."""
         amendments = [mistake.amendment for mistake in self.mistakes]
-        told = [
+        named = [
             f"mistake: {each.subject}: {each.what}. Change: {each.proposal}" for each in amendments
         ]
         counts = (
-            f"{len(told) or 'no'} mistake{'' if len(told) == 1 else 's'},"
+            f"{len(named) or 'no'} mistake{'' if len(named) == 1 else 's'},"
             f" {len(self.contacts) or 'no'} contact{'' if len(self.contacts) == 1 else 's'}"
         )
         return "\n".join(
             map(
                 printable,
-                [f"Inspection of '{self.experiment.name}': {counts}", *told, *self.remarks],
+                [f"Inspection of '{self.experiment.name}': {counts}", *named, *self.remarks],
             )
         )
 
@@ -90,11 +105,12 @@ class Inspection:
         }
 
 
-def _agreement_dict(run: str, agreement: Agreement) -> dict[str, Any]:
+def _agreement_dict(run: str, agreement: InstrumentAgreement) -> dict[str, Any]:
+    """Plain values of an agreement."""
     return {
         "run": run,
         "between": agreement.name,
-        "agrees": agreement.worst <= BAD,
+        "agrees": agreement.agrees,
         "channels": {
             channel: {"left": float(left), "allowed": float(allowed)}
             for channel, left, allowed in zip(
@@ -105,6 +121,7 @@ def _agreement_dict(run: str, agreement: Agreement) -> dict[str, Any]:
 
 
 def _mistake_dict(mistake: Mistake, runs: Sequence[str]) -> dict[str, Any]:
+    """Plain values of a mistake and of the runs that show it."""
     amendment = mistake.amendment
     return {
         "kind": amendment.kind,
@@ -119,6 +136,8 @@ def _mistake_dict(mistake: Mistake, runs: Sequence[str]) -> dict[str, Any]:
 
 
 def _excitation_dict(found: Excitation) -> dict[str, Any]:
+    """Plain values of what can be known; null for what cannot."""
+
     def numbers(each: Any) -> dict[str, Any]:
         values = {key: value for key, value in vars(each).items() if key != "name"}
         return {
@@ -133,13 +152,17 @@ def _excitation_dict(found: Excitation) -> dict[str, Any]:
 
 
 def inspect(
-    experiment: Experiment, progress: Callable[[str, float], None] | None = None
+    experiment: Experiment,
+    progress: Callable[[str, float], None] | None = None,
+    *,
+    settings: InspectionSettings = SETTINGS,
 ) -> Inspection:
     """Look at the recordings of an experiment.
 
     Args:
         experiment: With at least one run.
         progress: Is told what is being done and the fraction that is done.
+        settings: How much is looked at, and what is named.
 
     Raises:
         InputError: What an estimator would fail on.
@@ -151,25 +174,27 @@ def inspect(
         experiment = synchronise(experiment, progress).experiment
         tell("reading the streams", 0.1)
         with np.errstate(all="ignore"):
-            shown = list(pictures(experiment, _MOST_RUNS))
+            shown = list(excerpts(experiment, settings.runs))
         _enter(experiment, shown)
     except InputError as error:
         # The sentence of the estimator, and what physics says of its cause.
         raise InputError("; ".join([str(error), *hints])) from error
     reports = tuple(each for run in experiment.runs for each in stream_reports(experiment, run))
     with np.errstate(all="ignore"):
-        judged, found = _judge(shown, tell)
+        judged, found = _judge(shown, tell, settings)
         named, runs_of = _merged(found)
         worst = {
-            j.picture.run.name: max(
+            j.excerpt.run.name: max(
                 (a.worst for r, a in j.agreements.items() if r[0] in {"cables", "wrench"}),
                 default=0.0,
             )
             for j in judged
         }
         amended = _corrected(shown, found)
-        residuals, contacts = unexplained(amended, worst if not named else {})
-        delays, joint, remarks = _fitted(experiment, shown, bool(named), contacts, tell)
+        residuals, contacts = unexplained(
+            amended, worst if not named else {}, settings=settings.contacts
+        )
+        delays, joint, remarks = _fitted(experiment, shown, bool(named), contacts, tell, settings)
     remarks = [*hints, *constant_channels(experiment), *of_noise(experiment, reports), *remarks]
     if not named and any(j.bad for j in judged) and not contacts:
         remarks.append(_unexplained(judged))
@@ -179,7 +204,7 @@ def inspect(
         experiment=experiment,
         streams=reports,
         delays=tuple(delays),
-        agreements=tuple((j.picture.run.name, a) for j in judged for a in j.agreements.values()),
+        agreements=tuple((j.excerpt.run.name, a) for j in judged for a in j.agreements.values()),
         mistakes=named,
         runs_of=runs_of,
         contacts=tuple(sorted(contacts, key=lambda c: (c.run, c.start))),
@@ -189,32 +214,34 @@ def inspect(
     )
 
 
-def _enter(experiment: Experiment, shown: Sequence[Picture]) -> None:
+def _enter(experiment: Experiment, shown: Sequence[Excerpt]) -> None:
     """What every estimator begins with, on a part of long runs; raises what it would."""
-    parts = {picture.run.name: picture for picture in shown if not picture.static}
+    parts = {excerpt.run.name: excerpt for excerpt in shown if not excerpt.static}
     for run in experiment.runs:
-        picture = parts.get(run.name)
+        excerpt = parts.get(run.name)
         window = run.window
-        if picture is not None:
+        if excerpt is not None:
             first, last = run.window or (-np.inf, np.inf)
             start, end = (
-                float(picture.time[0]) - picture.spacing,
-                float(picture.time[-1]) + picture.spacing,
+                float(excerpt.time[0]) - excerpt.spacing,
+                float(excerpt.time[-1]) + excerpt.spacing,
             )
             window = (max(start, first), min(end, last))
         prepare(experiment, replace(run, window=window), thin=True, commanded=True)
 
 
-def _judge(shown: Sequence[Picture], tell: Tell) -> tuple[list[Judged], list[list[Mistake]]]:
+def _judge(
+    shown: Sequence[Excerpt], tell: Tell, settings: InspectionSettings
+) -> tuple[list[Judged], list[list[Mistake]]]:
     """Agreements of every run as described, and the mistakes that each gives away."""
     judged, found = [], []
-    for i, picture in enumerate(shown):
+    for i, excerpt in enumerate(shown):
         tell(
-            f"holding the instruments of {picture.run.name} against each other",
+            f"comparing the instruments of {excerpt.run.name}",
             0.15 + 0.35 * i / len(shown),
         )
-        judged.append(judge(picture))
-        found.append(mistakes(picture)[0])
+        judged.append(judge(excerpt))
+        found.append(mistakes(excerpt, settings=settings.mistakes)[0])
     return judged, found
 
 
@@ -234,22 +261,23 @@ def _merged(
     return tuple(m for m, _ in best), tuple(runs for _, runs in best)
 
 
-def _corrected(shown: Sequence[Picture], found: Sequence[Sequence[Mistake]]) -> list[Picture]:
+def _corrected(shown: Sequence[Excerpt], found: Sequence[Sequence[Mistake]]) -> list[Excerpt]:
     """Pictures with their mistakes taken back."""
     amended = []
-    for picture, own in zip(shown, found, strict=True):
+    for excerpt, own in zip(shown, found, strict=True):
         for mistake in own:
-            picture = mistake.amendment.change(picture)
-        amended.append(picture)
+            excerpt = mistake.amendment.change(excerpt)
+        amended.append(excerpt)
     return amended
 
 
 def _fitted(
     experiment: Experiment,
-    shown: Sequence[Picture],
+    shown: Sequence[Excerpt],
     wrong: bool,
     contacts: Sequence[Contact],
     tell: Tell,
+    settings: InspectionSettings,
 ) -> tuple[list[Delay], Posterior | None, list[str]]:
     """Delays, a fit of everything, and what to say of it."""
     delays: list[Delay] = []
@@ -265,7 +293,7 @@ def _fitted(
         )
     touched = {contact.run for contact in contacts}
     clean = [p for p in shown if p.run.name not in touched] or list(shown)
-    few = [p for p in clean if not p.static][:_MOST_FITTED] + [p for p in clean if p.static]
+    few = [p for p in clean if not p.static][: settings.fitted] + [p for p in clean if p.static]
     tell("fitting everything at once", 0.55)
     joint, remarks = _joint(
         part_of(experiment, few), lambda what, part: tell(what, 0.55 + 0.35 * part)
@@ -273,12 +301,12 @@ def _fitted(
     trusted = joint is not None and joint.fit.converged and experiment.robot.m > 0
     fitted = {p.run.name for p in few} if trusted else set[str]()
     tell("delays", 0.92)
-    for run in moving[:_MOST_RUNS]:
+    for run in moving[: settings.runs]:
         if joint is not None and run.name in fitted:
             own = of_joint(joint, _run(joint, run))
             delays += [replace(each, run=run.name) for each in own]
         else:
-            delays += of_pictures(experiment, run)
+            delays += of_excerpt(experiment, run)
     for each in delays:
         if each.surprising:
             late = "late" if each.value > 0 else "early"
@@ -296,6 +324,7 @@ def _run(joint: Posterior, run: Run) -> Run:
 
 
 def _joint(part: Experiment, tell: Tell) -> tuple[Posterior | None, list[str]]:
+    """A fit of everything and remarks on it; None where there is none."""
     try:
         joint = fit_jointly(part, tell)
     except (NoBalanceError, InputError) as error:
@@ -341,7 +370,7 @@ def _joint_contacts(
 def _unexplained(judged: Sequence[Judged]) -> str:
     """Where instruments contradict each other and no simple mistake explains it."""
     run, worst = max(
-        ((j.picture.run.name, a) for j in judged for a in j.bad), key=lambda pair: pair[1].worst
+        ((j.excerpt.run.name, a) for j in judged for a in j.bad), key=lambda pair: pair[1].worst
     )
     i = int(np.argmax(worst.ratio))
     return (
@@ -349,10 +378,3 @@ def _unexplained(judged: Sequence[Judged]) -> str:
         " is allowed, and no simple mistake explains it; look at these instruments and the"
         " geometry of the robot"
     )
-
-
-def spoken(mistake: Mistake, runs: Sequence[str], several: bool) -> Mapping[str, str]:
-    """A mistake in words, for tables."""
-    a = mistake.amendment
-    where = f" (runs {', '.join(runs)})" if several else ""
-    return {"what": f"{a.subject}: {a.what}{where}", "do": a.proposal, "because": mistake.evidence}

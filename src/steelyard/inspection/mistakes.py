@@ -1,79 +1,56 @@
-"""Which simple mistakes a recording gives away: descriptions amended by one of them, held against
+"""Which simple mistakes a recording gives away: descriptions amended by one of them, compared with
 the present one.
 
 A mistake is named where the present description fits badly and the amended one much better, in all
-agreements together: who is wrong shows in how many others then agree. Then the next one is looked
+agreements together: what is wrong shows in how many others then agree. Then the next one is looked
 for, until nothing is bad or nothing helps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.arrays import Array
-from steelyard.identification.model.calibration_parameters import clock_of
-from steelyard.identification.model.sources import Source
-from steelyard.inspection.agreement import (
-    BAD,
-    Agreement,
-    Relation,
-    motion_agreement,
-    motion_relations,
-    positions,
-    specific_force,
-)
+from steelyard.inspection.agreement import InstrumentAgreement
 from steelyard.inspection.amendment import ROBOT, Amendment
-from steelyard.inspection.carrying import carrying_agreement, carrying_relations
-from steelyard.inspection.force_amendments import of_cables, of_forces
-from steelyard.inspection.frames import (
-    accelerometer,
-    attitude_source,
-    moved,
-    place,
-    tracker_frame,
-    turning,
-)
-from steelyard.inspection.motion_amendments import (
-    of_clock,
-    of_frame,
-    of_gravity,
-    of_imu,
-    of_mounting,
-    of_orientation,
-    of_target,
-    of_vectors,
-)
-from steelyard.inspection.picture import Picture
-from steelyard.rotations import cross_matrices
+from steelyard.inspection.catalogue import amendments
+from steelyard.inspection.excerpt import Excerpt
+from steelyard.inspection.judgement import Judged, evaluated, judged
+from steelyard.inspection.motion_agreements import Relation, is_of_motion
 
-_MOST = 6
-"""Mistakes that are looked for in one run."""
-_LEAST_GAIN = 2.5
-"""By how much the whole must get better: of one channel, that it is left with less than a third of
-what was too much."""
-_SHARE = 0.25
-"""Of what is bad altogether, that a mistake must explain."""
-_MUCH_BETTER = 0.4
-"""Ratio to the present one that is left where it is worst, at most."""
-_GOOD = 1.25
-"""Ratio of an agreement that nothing but noise is left of."""
-_WIDER = 2.0
-"""By how much more may be allowed to the amended description, as a part of what is compared."""
-_EQUAL = 0.5
-"""Gain by which the next best explanation is about as good."""
-_SUSPECT = 0.5
-"""Share of bad agreements, as a part of the largest, from which a source is suspected."""
-_COARSE, _FINE = 0.2, 0.04
-"""Steps in which clocks are tried [s]."""
-_LATEST = 10.0
-"""[s]"""
-_LEAST_DELAY = 0.15
-"""Of a clock that is named [s]."""
-_FREE = 1e-3
-"""Weight of what is not known about a constant that is solved for."""
+
+@dataclass(frozen=True)
+class MistakeSettings:
+    """When a mistake is named; chosen so that no sound recording of ``make bench`` has one."""
+
+    most: int = 6
+    """Mistakes that are looked for in one run."""
+    least_gain: float = 2.5
+    """By how much the whole must get better: of one channel, that it is left with less than a third
+    of what was too much."""
+    share: float = 0.25
+    """Of what is bad altogether, that a mistake must explain."""
+    enough: float = 30.0
+    """Cost of all that is bad from which that share grows no more."""
+    much_better: float = 0.4
+    """Ratio to the present one that is left where it is worst, at most."""
+    good: float = 1.25
+    """Ratio of an agreement that nothing but noise is left of."""
+    wider: float = 2.0
+    """By how much more may be allowed to the amended description, as a part of what is compared."""
+    equal: float = 0.5
+    """Gain by which the next best explanation is about as good."""
+    suspect: float = 0.5
+    """Share of bad agreements, as a part of the largest, from which a source is suspected."""
+    considered: int = 5
+    """Amendments of the largest gain among which one must do much better somewhere."""
+    others: int = 3
+    """Other explanations that are named."""
+
+
+SETTINGS = MistakeSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +59,9 @@ class Mistake:
 
     amendment: Amendment
     run: str
-    before: tuple[Agreement, ...]
+    before: tuple[InstrumentAgreement, ...]
     """Agreements that it spoils, as they are."""
-    after: tuple[Agreement, ...]
+    after: tuple[InstrumentAgreement, ...]
     """The same with the amended description."""
     gain: float
     others: tuple[str, ...]
@@ -93,10 +70,9 @@ class Mistake:
     @property
     def evidence(self) -> str:
         """Where it shows most, in words."""
-        pairs = [(b, a) for b, a in zip(self.before, self.after, strict=True) if b.worst > BAD]
-        b, a = max(
-            pairs or [(self.before[0], self.after[0])], key=lambda pair: pair[0].cost - pair[1].cost
-        )
+        pairs = list(zip(self.before, self.after, strict=True))
+        spoilt = [pair for pair in pairs if not pair[0].agrees] or pairs[:1]
+        b, a = max(spoilt, key=lambda pair: pair[0].cost - pair[1].cost)
         i = int(np.argmax(b.ratio))
         channel = b.channels[i]
         left = a.ratio[a.channels.index(channel)] if channel in a.channels else a.worst
@@ -107,97 +83,76 @@ class Mistake:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """A picture and all its agreements."""
+class _Trial:
+    """An amendment that helps."""
 
-    picture: Picture
-    relations: tuple[Relation, ...]
-    agreements: Mapping[Relation, Agreement]
+    gain: float
+    amendment: Amendment
+    excerpt: Excerpt
+    after: dict[Relation, InstrumentAgreement]
 
     @property
-    def bad(self) -> list[Agreement]:
-        """Agreements that are none."""
-        return [a for a in self.agreements.values() if a.worst > BAD]
+    def likelihood(self) -> float:
+        """How much it explains, however rare it is."""
+        return self.gain + self.amendment.cost
 
 
-def judged(picture: Picture) -> Judged:
-    """Evaluate everything that can be compared."""
-    relations = (*motion_relations(picture), *carrying_relations(picture))
-    found = {r: a for r in relations if (a := evaluated(picture, r)) is not None}
-    return Judged(picture, tuple(found), found)
-
-
-_MOTION = frozenset(
-    {"gyro", "scatter", "attitudes", "places", "accelerometer", "gravity", "lengths"}
-)
-
-
-def evaluated(picture: Picture, relation: Relation) -> Agreement | None:
-    """One agreement; None where it cannot be had."""
-    try:
-        found = (
-            motion_agreement(picture, relation)
-            if relation[0] in _MOTION
-            else carrying_agreement(picture, relation)
-        )
-    except np.linalg.LinAlgError:
-        return None
-    return found if found is not None and np.isfinite(found.ratio).all() else None
-
-
-def held_against(after: Agreement, before: Agreement) -> Agreement:
+def comparable(
+    after: InstrumentAgreement,
+    before: InstrumentAgreement,
+    settings: MistakeSettings = SETTINGS,
+) -> InstrumentAgreement:
     """An agreement that may not be better for allowing more: noise that a change makes larger
     explains nothing.
 
     Args:
         after: With an amended description.
         before: As described.
+        settings: By how much more may be allowed.
     """
     axes = after.measured.shape[1]
     if len(before.allowed) < axes:
         # Of one account alone, which has limits of its own.
         return after
-    now, then = (
-        np.append(np.var(each.measured, axis=0), np.mean(np.var(each.measured, axis=0)))
-        for each in (before, after)
-    )
+    now, then = (np.var(each.measured, axis=0) for each in (before, after))
+    now, then = np.append(now, np.mean(now)), np.append(then, np.mean(then))
     grown = np.sqrt(then / (now + 1e-300))
     # What is compared may have another unit: an axis of it, or all.
     grown = np.maximum(grown[:-1], grown[-1])
-    most = dict(zip(before.channels, _WIDER * before.allowed[:axes] * grown, strict=False))
-    capped = [
-        min(float(a), most.get(c, np.inf)) if i < axes else float(a)
-        for i, (c, a) in enumerate(zip(after.channels, after.allowed, strict=True))
-    ]
-    gone = [i for i, c in enumerate(before.channels) if c not in after.channels]
+    limits = settings.wider * before.allowed[:axes] * grown
+    most = dict(zip(before.channels, limits, strict=False))
+    allowed = after.allowed.copy()
+    for i, channel in enumerate(after.channels[:axes]):
+        allowed[i] = min(allowed[i], most.get(channel, np.inf))
+    gone = [i for i, channel in enumerate(before.channels) if channel not in after.channels]
     return replace(
         after,
         channels=(*after.channels, *(before.channels[i] for i in gone)),
         left=np.concatenate([after.left, before.left[gone]]),
-        allowed=np.concatenate([capped, before.allowed[gone]]),
+        allowed=np.concatenate([allowed, before.allowed[gone]]),
     )
 
 
-def _touched(relation: Relation, agreement: Agreement, touches: frozenset[str]) -> bool:
-    return any(name in touches for name, _ in relation[1]) or (ROBOT in touches and agreement.robot)
-
-
 def mistakes(
-    picture: Picture, tell: Callable[[str], None] | None = None
+    excerpt: Excerpt,
+    tell: Callable[[str], None] | None = None,
+    *,
+    settings: MistakeSettings = SETTINGS,
 ) -> tuple[list[Mistake], Judged]:
     """Find the mistakes of one run, and how everything agrees once they are taken back.
 
     Args:
-        picture: Of the run.
+        excerpt: Of the run.
         tell: Is told what is being tried.
+        settings: When a mistake is named.
     """
     found: list[Mistake] = []
-    now = judged(picture)
-    while now.bad and len(found) < _MOST:
+    now = judged(excerpt)
+    while now.bad and len(found) < settings.most:
         if tell is not None:
-            tell(f"looking for mistakes in {picture.run.name}")
-        # Who agrees with nobody first; then everybody who contradicts anyone.
-        best = _best(now, _SUSPECT) or _best(now, 0.0)
+            tell(f"looking for mistakes in {excerpt.run.name}")
+        # What agrees with nothing first; then all that contradicts anything.
+        best = _best(now, settings.suspect, settings) or _best(now, 0.0, settings)
         if best is None:
             break
         mistake, now = best
@@ -205,245 +160,85 @@ def mistakes(
     return found, now
 
 
-def _best(now: Judged, suspected: float) -> tuple[Mistake, Judged] | None:
+def _best(
+    now: Judged, suspected: float, settings: MistakeSettings
+) -> tuple[Mistake, Judged] | None:
     """The amendment that helps most, if it helps enough."""
     total = sum(a.cost for a in now.bad)
-    wanted = max(_LEAST_GAIN, _SHARE * min(total, 30.0))
-    tried: list[tuple[float, Amendment, Picture, dict[Relation, Agreement]]] = []
-    for amendment in _amendments(now, suspected):
-        relations = [r for r, a in now.agreements.items() if _touched(r, a, amendment.touches)]
-        # What could be gained at best: all that is wrong with these.
-        gain = sum(now.agreements[r].cost for r in relations) - amendment.cost
-        least = max(wanted, max((t[0] for t in tried), default=0.0) - 2 * _EQUAL)
-        if gain < least:
-            continue
-        try:
-            amended = amendment.change(now.picture)
-        except (ValueError, np.linalg.LinAlgError):
-            continue
-        after: dict[Relation, Agreement] = {}
-        for r in sorted(relations, key=lambda r: r[0] not in _MOTION):
-            each = evaluated(amended, r)
-            if each is None:
-                break
-            after[r] = each = held_against(each, now.agreements[r])
-            gain -= each.cost
-            if gain < least:
-                break
-        else:
-            tried.append((gain, amendment, amended, after))
-    tried.sort(key=lambda each: -each[0])
-    for gain, amendment, amended, after in tried[:5]:
-        spoilt = [r for r in after if now.agreements[r].worst > BAD]
-        if not any(
-            after[r].worst < max(_GOOD, _MUCH_BETTER * now.agreements[r].worst) for r in spoilt
-        ):
-            continue
-        others = [
-            f"{a.subject}: {a.what}"
-            for g, a, *_ in tried
-            if a is not amendment and g + a.cost > gain + amendment.cost - _EQUAL
-        ]
-        mistake = Mistake(
-            amendment,
-            now.picture.run.name,
-            tuple(now.agreements[r] for r in after),
-            tuple(after.values()),
-            gain,
-            tuple(dict.fromkeys(others))[:3],
-        )
-        # From here on the amended description is the one that is held against others.
-        fresh = {r: each for r in after if (each := evaluated(amended, r)) is not None}
-        return mistake, Judged(amended, now.relations, {**now.agreements, **fresh})
+    wanted = max(settings.least_gain, settings.share * min(total, settings.enough))
+    tried: list[_Trial] = []
+    for amendment in amendments(now, suspected):
+        best = max((trial.gain for trial in tried), default=0.0)
+        trial = _tried(now, amendment, max(wanted, best - 2 * settings.equal), settings)
+        if trial is not None:
+            tried.append(trial)
+    tried.sort(key=lambda trial: -trial.gain)
+    for trial in tried[: settings.considered]:
+        if _helps_much(now, trial, settings):
+            return _named(now, trial, tried, settings)
     return None
 
 
-def _amendments(now: Judged, suspected: float) -> Iterator[Amendment]:
-    """What could be wrong with the instruments of agreements that are none."""
-    picture = now.picture
-    suspects = _suspects(now, suspected)
-    names = dict.fromkeys(name for name, _ in suspects)
-    if not picture.static:
-        yield from _clocks(now, set(names))
-    if any(a.robot for a in now.bad):
-        yield from of_gravity(picture)
-    for name, quantity in suspects:
-        kind = picture.instruments[name].kind
-        if kind in {"tension", "wrench"}:
-            if quantity != "torque":
-                yield from of_forces(picture, name)
-            continue
-        if quantity == "orientation":
-            yield from of_orientation(picture, (name, quantity))
-        elif quantity == "length":
-            yield from of_cables(picture, (name, quantity), "l")
-        else:
-            yield from of_vectors(picture, (name, quantity))
-        if kind in {"position", "pose"} and quantity == "position":
-            yield from of_frame(picture, name)
-        if quantity in {"position", "specific_force"}:
-            for wanted in _wanted_places(picture, name):
-                yield from of_target(picture, name, wanted)
-    for name in names:
-        kind = picture.instruments[name].kind
-        if kind == "imu":
-            yield from of_imu(picture, name)
-        if kind in {"attitude", "pose"}:
-            yield from of_mounting(picture, name)
-
-
-def _suspects(now: Judged, suspected: float) -> list[Source]:
-    """Sources of which most agreements are none, the worst first: who is wrong agrees with
-    nobody.
-    """
-    bad: dict[Source, int] = {}
-    all_of: dict[Source, int] = {}
+def _tried(
+    now: Judged, amendment: Amendment, least: float, settings: MistakeSettings
+) -> _Trial | None:
+    """An amendment with what it gains; None where that is less than the least that is wanted."""
+    touched = []
     for relation, agreement in now.agreements.items():
-        for source in relation[1]:
-            all_of[source] = all_of.get(source, 0) + 1
-            bad[source] = bad.get(source, 0) + (agreement.worst > BAD)
-    share = {source: bad[source] / count for source, count in all_of.items()}
-    most = max(share.values())
-    return sorted(
-        (s for s in share if bad[s] and share[s] >= suspected * most), key=lambda s: -share[s]
-    )
-
-
-def _wanted_places(picture: Picture, name: str) -> Iterator[Array]:
-    """Where on the platform an instrument would have to sit."""
-    orientation = attitude_source(picture)
-    if orientation is None or picture.static:
-        return
-    turned = turning(picture, orientation)
-    source = (name, "position")
-    n = len(turned.omega)
-    by_lever = cross_matrices(turned.alpha) + cross_matrices(turned.omega) @ cross_matrices(
-        turned.omega
-    )
-    if source in picture.seen and picture.instruments[name].kind in {"position", "pose"}:
-        origin, R = tracker_frame(picture, name)
-        seen = picture.seen[source].mapped(R)
-        for other in positions(picture):
-            if other != source:
-                apart = seen.value + origin - place(picture, other, turned).position
-                columns = np.concatenate(
-                    [turned.rotation, np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2
-                )
-                yield _solved(columns, apart)[:3]
-        for force_samples in picture.quantity("specific_force"):
-            own = accelerometer(picture, force_samples, turned.rotation).value
-            own = moved(
-                own,
-                turned.omega,
-                turned.alpha,
-                -np.array(picture.instruments[force_samples[0]].position),  # type: ignore[attr-defined]
-            )
-            tracked = np.einsum("nji,nj->ni", turned.rotation, seen.bend - picture.robot.gravity)
-            columns = np.concatenate([by_lever, np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2)
-            yield _solved(columns, tracked - own)[:3]
-    source = (name, "specific_force")
-    if source in picture.seen:
-        own_force = accelerometer(picture, source, turned.rotation)
-        for other in positions(picture):
-            force = specific_force(picture, turned, place(picture, other, turned))
-            columns = np.concatenate([by_lever, np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2)
-            yield _solved(columns, own_force.value - force)[:3]
-
-
-def _solved(columns: Array, target: Array) -> Array:
-    A = columns.reshape(-1, columns.shape[2])
-    scale = np.linalg.norm(A, axis=0).max()
-    held = _FREE * scale * np.eye(A.shape[1])
-    value, *_ = np.linalg.lstsq(
-        np.vstack([A, held]), np.concatenate([target.ravel(), np.zeros(len(held))]), rcond=None
-    )
-    return np.asarray(value)
-
-
-def _clocks(now: Judged, suspects: set[str]) -> Iterator[Amendment]:
-    """Clocks that are late, and events that were exchanged."""
-    picture = now.picture
-    experiment, run = picture.experiment, picture.run
-    shared: dict[str, list[str]] = {}
-    for name in run.streams:
-        shared.setdefault(clock_of(experiment, name), []).append(name)
-    # Instruments that are said to share a clock may not.
-    groups = dict.fromkeys([*map(tuple, shared.values()), *((name,) for name in run.streams)])
-    force = experiment.force_instrument(run)
-    for names in groups:
-        if force in names or not suspects & set(names):
-            continue
-        delay = _best_delay(now, names)
-        if delay is not None:
-            yield of_clock(picture, names, delay)
-    if run.sync:
-        yield from _exchanged(picture, list(groups))
-
-
-def _best_delay(now: Judged, names: tuple[str, ...]) -> float | None:
-    """By how much a clock would have to be late, roughly, if at all [s]."""
-    relations = [
-        r
-        for r in now.relations
-        if any(n in names for n, _ in r[1]) and not all(n in names for n, _ in r[1])
-    ]
-    # Against other motion instruments where there are some: it is quicker, and no body needs to be
-    # known.
-    relations.sort(key=lambda r: (r[0] not in _MOTION, -now.agreements[r].worst))
-    relations = relations[:2]
-    if not relations:
+        own = any(name in amendment.touches for name, _ in relation[1])
+        if own or (ROBOT in amendment.touches and agreement.robot):
+            touched.append(relation)
+    # What could be gained at best: all that is wrong with these.
+    gain = sum(now.agreements[relation].cost for relation in touched) - amendment.cost
+    if gain < least:
         return None
-    length = float(now.picture.time[-1] - now.picture.time[0])
-    most = min(_LATEST, length / 2)
-
-    def cost(delay: float) -> float:
-        amended = of_clock(now.picture, names, delay).change(now.picture)
-        each = [evaluated(amended, r) for r in relations]
-        return (
-            sum(a.cost for a in each if a is not None)
-            if all(a is not None for a in each)
-            else np.inf
-        )
-
-    grid = np.arange(-most, most + _COARSE / 2, _COARSE)
-    best = float(grid[int(np.argmin([cost(float(d)) for d in grid]))])
-    fine = best + np.arange(-_COARSE, _COARSE + _FINE / 2, _FINE)
-    best = float(fine[int(np.argmin([cost(float(d)) for d in fine]))])
-    return best if abs(best) > _LEAST_DELAY else None
+    try:
+        amended = amendment.change(now.excerpt)
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+    after: dict[Relation, InstrumentAgreement] = {}
+    for relation in sorted(touched, key=lambda r: not is_of_motion(r)):
+        agreement_then = evaluated(amended, relation)
+        if agreement_then is None:
+            return None
+        after[relation] = comparable(agreement_then, now.agreements[relation], settings)
+        gain -= after[relation].cost
+        if gain < least:
+            return None
+    return _Trial(gain, amendment, amended, after)
 
 
-def _exchanged(picture: Picture, groups: Sequence[Sequence[str]]) -> Iterator[Amendment]:
-    sync = picture.run.sync
-    for i, first in enumerate(groups):
-        for second in groups[i + 1 :]:
-            apart = sync[first[0]] - sync[second[0]]
-            if abs(apart) < _LEAST_DELAY or set(first) & set(second):
-                continue
-            names = (*first, *second)
-            delays = {**dict.fromkeys(first, -apart), **dict.fromkeys(second, apart)}
-
-            def change(p: Picture, delays: Mapping[str, float] = delays) -> Picture:
-                return p.with_seen(
-                    {
-                        s: seen.later(p.time, delays[s[0]])
-                        for s, seen in p.seen.items()
-                        if s[0] in delays
-                    }
-                )
-
-            key = "sync: {" + ", ".join(f"{n}: {sync[n] + d:.6g}" for n, d in delays.items()) + "}"
-            yield Amendment(
-                "clock",
-                first[0],
-                "sync",
-                f"the events of {first[0]} and {second[0]} under 'sync' are exchanged",
-                key,
-                change,
-                0.3,
-                frozenset(names),
-            )
+def _helps_much(now: Judged, trial: _Trial, settings: MistakeSettings) -> bool:
+    """Whether one of the agreements that are bad becomes good, or much better."""
+    for relation, after in trial.after.items():
+        before = now.agreements[relation]
+        limit = max(settings.good, settings.much_better * before.worst)
+        if not before.agrees and after.worst < limit:
+            return True
+    return False
 
 
-def without_run(mistake: Mistake) -> tuple[str, str, str]:
-    """What makes two mistakes of different runs the same."""
-    return mistake.amendment.subject, mistake.amendment.kind, mistake.amendment.channel
+def _named(
+    now: Judged, trial: _Trial, tried: Sequence[_Trial], settings: MistakeSettings
+) -> tuple[Mistake, Judged]:
+    """The mistake that an amendment takes back, and how everything agrees without it."""
+    others: dict[str, None] = {}
+    for other in tried:
+        close = other.likelihood > trial.likelihood - settings.equal
+        if close and other is not trial:
+            others[f"{other.amendment.subject}: {other.amendment.what}"] = None
+    mistake = Mistake(
+        trial.amendment,
+        now.excerpt.run.name,
+        tuple(now.agreements[relation] for relation in trial.after),
+        tuple(trial.after.values()),
+        trial.gain,
+        tuple(others)[: settings.others],
+    )
+    # From here on the amended description is the one that others are compared with.
+    agreements = dict(now.agreements)
+    for relation in trial.after:
+        agreement = evaluated(trial.excerpt, relation)
+        if agreement is not None:
+            agreements[relation] = agreement
+    return mistake, Judged(trial.excerpt, now.relations, agreements)

@@ -9,27 +9,27 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.inspection.picture import Picture
-from steelyard.instruments import Command, Instrument
+from steelyard.inspection.excerpt import Excerpt
+from steelyard.instruments import Instrument
 
 _FASTEST, _FASTEST_ON_SENSOR = 130.0, 30.0
 """Rate beyond which samples are averaged [Hz]: what platforms do on purpose is slower."""
 
 
-def part_of(experiment: Experiment, pictures: list[Picture]) -> Experiment:
-    """Some runs, of each what a picture shows, fast streams averaged.
+def part_of(experiment: Experiment, excerpts: list[Excerpt]) -> Experiment:
+    """Some runs, of each what an excerpt shows, fast streams averaged.
 
     Args:
         experiment: The whole.
-        pictures: Of some of its runs.
+        excerpts: Of some of its runs.
     """
-    shown = {picture.run.name: picture for picture in pictures}
+    shown = {excerpt.run.name: excerpt for excerpt in excerpts}
     runs = [run for run in experiment.runs if run.name in shown]
     fastest = _FASTEST if experiment.robot.m else _FASTEST_ON_SENSOR
     often = {
         name: max(1, int(_rate(runs, name) / fastest))
         for name, instrument in experiment.instruments.items()
-        if not isinstance(instrument, Command)
+        if not instrument.commanded
     }
     instruments = {
         name: _averaged_noise(each, often.get(name, 1))
@@ -54,8 +54,8 @@ def _rate(runs: list[Run], name: str) -> float:
     return 1 / min(steps) if steps else 0.0
 
 
-def _cut(experiment: Experiment, run: Run, picture: Picture, often: dict[str, int]) -> Run:
-    start, end = float(picture.time[0]) - picture.spacing, float(picture.time[-1]) + picture.spacing
+def _cut(experiment: Experiment, run: Run, excerpt: Excerpt, often: dict[str, int]) -> Run:
+    start, end = float(excerpt.time[0]) - excerpt.spacing, float(excerpt.time[-1]) + excerpt.spacing
     first, last = run.window or (-np.inf, np.inf)
     window = (max(start, first), min(end, last))
     streams = {name: _averaged(stream, often.get(name, 1)) for name, stream in run.streams.items()}
@@ -70,6 +70,7 @@ def _first(experiment: Experiment, run: Run) -> float:
 
 
 def _averaged(stream: Stream, often: int) -> Stream:
+    """Means of so many samples in a row."""
     if often == 1:
         return stream
     n = len(stream) // often * often
@@ -87,7 +88,8 @@ def _averaged(stream: Stream, often: int) -> Stream:
 
 def _averaged_noise(instrument: Instrument, often: int) -> Instrument:
     """With the noise of averages."""
-    noise = getattr(instrument, "noise", None)
+    # Every kind states its noise under this key, as a number or as a map.
+    noise = dict(instrument).get("noise")
     if often == 1 or noise is None:
         return instrument
     root = float(np.sqrt(often))

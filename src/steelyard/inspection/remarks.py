@@ -5,6 +5,7 @@ none of the stated one.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,12 +15,22 @@ from steelyard.inspection.streams import StreamReport
 from steelyard.units import FACTORS
 
 _TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
-_LIKE = 0.15
-"""Logarithm within which two lengths of recording are the same."""
-_FAR = 4.0
-"""Factor between stated and found noise that is worth a remark."""
-_NEAR_UNIT = 0.35
-"""Logarithm within which that factor may be one of a unit."""
+
+
+@dataclass(frozen=True)
+class RemarkSettings:
+    """What of a single stream is worth a remark."""
+
+    like: float = 0.15
+    """Logarithm within which two lengths of recording are the same: streams seldom begin and end
+    together."""
+    far: float = 4.0
+    """Factor between stated and found noise."""
+    near_unit: float = 0.35
+    """Logarithm within which that factor may be one of a unit."""
+
+
+SETTINGS = RemarkSettings()
 
 
 def of_times(experiment: Experiment, run: Run) -> Iterator[str]:
@@ -33,12 +44,12 @@ def of_times(experiment: Experiment, run: Run) -> Iterator[str]:
             continue
         ratio = length / float(np.median(others))
         for unit, factor in _TIME_UNITS.items():
-            if abs(np.log(ratio * factor)) < _LIKE:
+            if abs(np.log(ratio * factor)) < SETTINGS.like:
                 yield (
                     f"run '{run.name}': the time of {name} seems to be in {unit}, not in s: state"
                     f" units: {{t: {unit}}}"
                 )
-            elif abs(np.log(ratio / factor)) < _LIKE:
+            elif abs(np.log(ratio / factor)) < SETTINGS.like:
                 yield (
                     f"run '{run.name}': the time of {name} seems to be in s, not in {unit}: correct"
                     " 'units' of its column t"
@@ -49,7 +60,7 @@ def constant_channels(experiment: Experiment) -> Iterator[str]:
     """Channels that never change while others of their instrument do."""
     for run in experiment.runs:
         for name, stream in run.streams.items():
-            if experiment.instruments[name].kind == "command":
+            if experiment.instruments[name].commanded:
                 continue
             rows = [
                 (label, quantity, values)
@@ -81,7 +92,7 @@ def of_noise(experiment: Experiment, reports: Sequence[StreamReport]) -> Iterato
             ratio = found / q.stated
             # A platform in motion may shake faster than its instruments read; less than the stated
             # noise it cannot do.
-            if ratio <= 1 / _FAR or (ratio >= _FAR and q.noise_at_rest is not None):
+            if ratio <= 1 / SETTINGS.far or (ratio >= SETTINGS.far and q.noise_at_rest is not None):
                 what = (
                     f"run '{report.run}': {q.name.replace('_', ' ')} of {report.instrument}"
                     f" scatters by {found:.2g} {q.unit}, {ratio:.2g} times the stated noise"
@@ -89,7 +100,7 @@ def of_noise(experiment: Experiment, reports: Sequence[StreamReport]) -> Iterato
                 units = [
                     unit
                     for unit, factor in FACTORS.get(q.unit, {}).items()
-                    if factor != 1 and abs(np.log(ratio * factor)) < _NEAR_UNIT
+                    if factor != 1 and abs(np.log(ratio * factor)) < SETTINGS.near_unit
                 ]
                 hint = f"; as if it read in {' or '.join(units[:3])}" if units and ratio < 1 else ""
                 yield f"{what}{hint}: check its unit, or correct 'noise'"

@@ -16,18 +16,33 @@ from steelyard.experiment.faults import Timing, faults_of, timing
 from steelyard.experiment.model import Experiment, Fault, Run, Stream
 from steelyard.instruments import Instrument
 
-_MOST = 400_000
-"""Samples of which the noise is looked at."""
-_BIN = 0.25
-"""Of which means are held against each other to see whether the platform moves [s]."""
-_STILL = 5.0
-"""Change from one mean to the next that is rest, in units of what noise makes of it."""
-_FEWEST_STILL = 3
-"""Bins in a row that make a rest."""
 _THIRD = float(np.sqrt(20.0))
 """1-sigma of third differences of white noise of 1-sigma one."""
-_SEGMENT = 512
-"""Samples of a noise spectrum."""
+_NORMAL = 0.6745
+"""Median of the size of a standard normal number."""
+
+
+@dataclass(frozen=True)
+class StreamSettings:
+    """How noise and rest of a stream are found."""
+
+    most: int = 400_000
+    """Samples of which the noise is looked at: more do not change two digits of it."""
+    bin: float = 0.25
+    """Length of which means are compared to see whether the platform moves [s]."""
+    still: float = 5.0
+    """Change from one mean to the next that is rest, in units of what noise makes of it."""
+    still_share: float = 2e-3
+    """Part of all changes that is rest as well: a platform on cables never hangs quite still."""
+    fewest_still: int = 3
+    """Bins in a row that make a rest."""
+    fewest: int = 20
+    """Third differences that are enough to find the noise."""
+    segment: int = 512
+    """Samples of a noise spectrum: resolves a hundredth of the rate."""
+
+
+SETTINGS = StreamSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +74,8 @@ class StreamReport:
     instrument: str
     kind: str
     source: str
+    commanded: bool
+    """Whether it says what was asked for."""
     samples: int
     timing: Timing | None
     """None of poses at rest."""
@@ -89,16 +106,9 @@ def _report(
     rest: NDArray[np.bool_] | None,
     m: int,
 ) -> StreamReport:
+    """What one stream shows; ``rest``: samples at which the platform rests, shape (n,)."""
     stuck = tuple(fault for fault in run.excluded if fault.instrument == name)
-    faults: tuple[Fault, ...] = ()
-    if not run.static:
-        # What was taken out is missing on purpose.
-        taken = {fault.channel for fault in stuck}
-        faults = tuple(
-            f for f in faults_of(name, stream) if not (f.kind == "missing" and f.channel in taken)
-        )
-        if instrument.kind == "command":
-            faults = tuple(f for f in faults if f.kind not in {"held", "clipped"})
+    faults = () if run.static else _faults(instrument, name, stream, stuck)
     quantities = tuple(
         _quantity(
             q.name, q.unit, q.noise, stream.values[q.name], stream.time, rest, static=run.static
@@ -112,11 +122,27 @@ def _report(
         name,
         instrument.kind,
         stream.source,
+        instrument.commanded,
         len(stream),
         times,
         (*stuck, *faults),
         quantities,
     )
+
+
+def _faults(
+    instrument: Instrument, name: str, stream: Stream, stuck: tuple[Fault, ...]
+) -> tuple[Fault, ...]:
+    """Faults of a stream beside channels that were stuck and have been taken out."""
+    taken = {fault.channel for fault in stuck}
+    found = []
+    for fault in faults_of(name, stream):
+        on_purpose = fault.kind == "missing" and fault.channel in taken
+        # Commands stand still and end at their limits on purpose.
+        as_commanded = instrument.commanded and fault.kind in {"held", "clipped"}
+        if not on_purpose and not as_commanded:
+            found.append(fault)
+    return tuple(found)
 
 
 def _quantity(
@@ -129,6 +155,7 @@ def _quantity(
     *,
     static: bool,
 ) -> QuantityReport:
+    """Range, noise at rest and in motion, and spectrum of one quantity."""
     flat = values.reshape(len(values), -1)
     nothing = np.zeros(0)
     low, high = _extremes(flat)
@@ -136,12 +163,12 @@ def _quantity(
         return QuantityReport(name, unit, low, high, None, None, stated, nothing, nothing)
     # Nine elements of a rotation matrix scatter by sqrt(6 / 9) of the rotation vector.
     scale = float(np.sqrt(1.5)) if values.ndim == 3 else 1.0
-    few = flat[:_MOST]
+    few = flat[: SETTINGS.most]
     at_rest, moving = (
         None if level is None else scale * level
-        for level in (_scatter(few, rest[:_MOST]), _scatter(few, ~rest[:_MOST]))
+        for level in (_scatter(few, rest[: SETTINGS.most]), _scatter(few, ~rest[: SETTINGS.most]))
     )
-    frequency, density = _spectrum(time[:_MOST], few)
+    frequency, density = _spectrum(time[: SETTINGS.most], few)
     return QuantityReport(name, unit, low, high, at_rest, moving, stated, frequency, density)
 
 
@@ -159,9 +186,9 @@ def _scatter(flat: Array, rows: NDArray[np.bool_]) -> float | None:
     use = rows[3:] & rows[:-3]
     chosen = third[use]
     chosen = chosen[np.isfinite(chosen).all(axis=1)]
-    if len(chosen) < 20:
+    if len(chosen) < SETTINGS.fewest:
         return None
-    sigma = np.median(np.abs(chosen), axis=0) / 0.6745 / _THIRD
+    sigma = np.median(np.abs(chosen), axis=0) / _NORMAL / _THIRD
     return float(np.sqrt(np.mean(sigma**2)))
 
 
@@ -174,10 +201,10 @@ def _spectrum(time: Array, flat: Array) -> tuple[Array, Array]:
     step = float(np.median(np.diff(time)))
     if step <= 0:
         return np.zeros(0), np.zeros(0)
-    grid = time[0] + step * np.arange(min(len(time), _MOST))
+    grid = time[0] + step * np.arange(min(len(time), SETTINGS.most))
     even = np.column_stack([np.interp(grid, time, column) for column in flat.T])
     frequency, power = welch(
-        even, 1 / step, nperseg=min(_SEGMENT, len(grid)), axis=0, detrend="linear"
+        even, 1 / step, nperseg=min(SETTINGS.segment, len(grid)), axis=0, detrend="linear"
     )
     return frequency, np.sqrt(power.mean(axis=1))
 
@@ -192,8 +219,8 @@ def resting(experiment: Experiment, run: Run) -> dict[str, NDArray[np.bool_]]:
     """
     times = {name: experiment.common_time(run, name) for name in run.streams}
     start, end = max(float(t[0]) for t in times.values()), min(float(t[-1]) for t in times.values())
-    edges = np.arange(start, end, _BIN)
-    if len(edges) < 2 * _FEWEST_STILL:
+    edges = np.arange(start, end, SETTINGS.bin)
+    if len(edges) < 2 * SETTINGS.fewest_still:
         return {name: np.zeros(len(t), dtype=bool) for name, t in times.items()}
     still = np.ones(len(edges), dtype=bool)
     for name, stream in run.streams.items():
@@ -202,7 +229,7 @@ def resting(experiment: Experiment, run: Run) -> dict[str, NDArray[np.bool_]]:
         for values in stream.values.values():
             still &= _still(times[name], values.reshape(len(values), -1), edges)
     for first, last in stretches(still):
-        if last - first < _FEWEST_STILL:
+        if last - first < SETTINGS.fewest_still:
             still[first:last] = False
     found = {}
     for name, t in times.items():
@@ -222,15 +249,15 @@ def _still(time: Array, flat: Array, edges: Array) -> NDArray[np.bool_]:
     third = np.diff(flat[good], 3, axis=0)
     if not len(third):
         return np.ones(len(edges), dtype=bool)
-    sigma = np.median(np.abs(third), axis=0) / 0.6745 / _THIRD
+    sigma = np.median(np.abs(third), axis=0) / _NORMAL / _THIRD
     still = np.ones(len(edges), dtype=bool)
     for i, column in enumerate(flat.T):
         mean = np.bincount(bins[use], column[use], minlength=len(edges)) / count
         step = np.abs(np.diff(mean))
         spread = float(np.std(mean))
         allowed = (
-            _STILL * sigma[i] * np.sqrt(2 / count[1:])
-            + 2e-3 * spread
+            SETTINGS.still * sigma[i] * np.sqrt(2 / count[1:])
+            + SETTINGS.still_share * spread
             + 1e-9 * float(np.abs(mean).max())
         )
         moving = step > allowed

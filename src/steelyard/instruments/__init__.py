@@ -11,6 +11,7 @@ from steelyard.instruments.base import Instrument as Instrument
 from steelyard.instruments.base import Quantity as Quantity
 from steelyard.instruments.base import Term as Term
 from steelyard.instruments.command import Command as Command
+from steelyard.instruments.distance import Distance as Distance
 from steelyard.instruments.imu import Imu as Imu
 from steelyard.instruments.length import Length as Length
 from steelyard.instruments.pose import Pose as Pose
@@ -19,7 +20,7 @@ from steelyard.instruments.tension import Tension as Tension
 from steelyard.instruments.wrench import Wrench as Wrench
 
 AnyInstrument = Annotated[
-    Tension | Wrench | Imu | Attitude | Position | Pose | Length | Command,
+    Tension | Wrench | Imu | Attitude | Position | Pose | Length | Distance | Command,
     Field(discriminator="kind"),
 ]
 """Every kind, told apart by its key ``kind``."""

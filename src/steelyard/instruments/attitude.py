@@ -11,6 +11,7 @@ from steelyard.instruments.base import (
     ORIENTATION_FORMS,
     Calibration,
     Instrument,
+    Mounting,
     Prior,
     Quantity,
     Sigma,
@@ -42,9 +43,23 @@ class Attitude(Instrument):
     """1-sigma per sample and axis [rad]."""
     calibration: AttitudeCalibration = AttitudeCalibration()
 
+    @property
+    def mounting(self) -> Mounting:
+        """See :class:`Instrument`."""
+        return Mounting(self.rpy_deg)
+
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
-        return (Quantity("orientation", ORIENTATION_FORMS, "rad", self.noise, rotation=True),)
+        return (
+            Quantity(
+                "orientation",
+                ORIENTATION_FORMS,
+                "rad",
+                self.noise,
+                rotation=True,
+                determines=("rotation",),
+            ),
+        )
 
     def terms(self, m: int) -> tuple[Term, ...]:
         """See :class:`Instrument`."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -24,6 +24,8 @@ from steelyard.robot.model import Robot
 from steelyard.yaml_file import FileModel
 
 Vector = tuple[float, float, float]
+Part = Literal["position", "rotation"]
+"""Of a pose."""
 Sigma = Annotated[float, Field(ge=0)]
 ORIENTATION_FORMS = (
     ("qw", "qx", "qy", "qz"),
@@ -123,11 +125,62 @@ class Quantity:
     rotation: bool = False
     """Whether it is a rotation, shape (3, 3); else a vector."""
     required: bool = True
+    determines: tuple[Part, ...] = ()
+    """Parts of the pose, or of its derivatives, that follow from its readings alone."""
 
     @property
     def size(self) -> int:
         """Numbers in a vector; 3 for a rotation."""
         return 3 if self.rotation else len(self.forms[0])
+
+
+class FrameForm(FileModel):
+    """The tracker frame in the world frame."""
+
+    position: Vector = (0.0, 0.0, 0.0)
+    """[m]"""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """[deg]"""
+
+
+class TargetLimits(FileModel):
+    """What the target may reach before the instrument loses it."""
+
+    speed: Annotated[float, Field(gt=0)] | None = None
+    """[m/s]"""
+    acceleration: Annotated[float, Field(gt=0)] | None = None
+    """[m/s^2]"""
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """Where an instrument sits and which frame its readings stand in, by its keys in the
+    experiment file; None: its kind has no such key.
+    """
+
+    rpy_deg: Vector | None = None
+    """Instrument frame to platform frame [deg]; key ``rpy_deg``."""
+    point: Vector | None = None
+    """Origin of the instrument, or point that it tracks, in the platform frame [m]."""
+    point_key: str = "position"
+    """Key of that point."""
+    frame: FrameForm | None = None
+    """Frame that its readings stand in; key ``frame``; None: the world."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A key with two values that is easily stated the wrong way round."""
+
+    key: str
+    other: str
+    """The value that the instrument does not have."""
+    quantities: tuple[str, ...]
+    """Readings that it is about."""
+    kind: str
+    """What sort of mistake that is, in two or three words."""
+    what: str
+    """The mistake in words: what the readings would be instead."""
 
 
 class Calibration(FileModel):
@@ -140,6 +193,13 @@ class Calibration(FileModel):
 class Instrument(FileModel, ABC):
     """An instrument as an experiment file describes it."""
 
+    commanded: ClassVar[bool] = False
+    """Whether it says what was asked for rather than what was."""
+    measured_force: ClassVar[Literal["tension", "wrench"] | None] = None
+    """Field of :class:`steelyard.motion.state.State` that a force instrument reads."""
+    per_cable: ClassVar[bool] = False
+    """Whether it has a reading for every cable."""
+
     kind: str
     clock: str | None = None
     """Instruments of one clock share its error."""
@@ -148,9 +208,48 @@ class Instrument(FileModel, ABC):
     calibration: Calibration = Calibration()
     """1-sigma of its systematic errors."""
 
+    @property
+    def is_force(self) -> bool:
+        """Whether it reads the forces on the platform."""
+        return self.measured_force is not None
+
+    @property
+    def is_measurement(self) -> bool:
+        """Whether it says how far its readings may be from the truth."""
+        return not self.commanded
+
+    @property
+    def is_motion(self) -> bool:
+        """Whether it measures how the platform moves, by itself and not by its cables."""
+        return self.is_measurement and not self.is_force and not self.per_cable
+
+    @property
+    def is_cable_motion(self) -> bool:
+        """Whether it measures how the platform moves by its cables."""
+        return self.per_cable and not self.is_force
+
+    @property
+    def target_limits(self) -> TargetLimits | None:
+        """What the point that it tracks may reach; None: it does not lose it."""
+        return None
+
+    @property
+    def mounting(self) -> Mounting:
+        """Where it sits; nothing to say unless a kind has keys for it."""
+        return Mounting()
+
     @abstractmethod
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """What it reads, on a robot of m cables."""
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """Keys with two values that are easily stated the wrong way round."""
+        return ()
+
+    def quantity(self, name: str, m: int) -> Quantity:
+        """One of :meth:`quantities`."""
+        return next(each for each in self.quantities(m) if each.name == name)
 
     @abstractmethod
     def terms(self, m: int) -> tuple[Term, ...]:

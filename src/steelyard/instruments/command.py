@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import ClassVar, Literal
 
 from steelyard.batch import Symbol
 from steelyard.instruments.base import Instrument, Quantity, Term
@@ -15,19 +15,24 @@ from steelyard.robot.model import Robot
 class Command(Instrument):
     """Commanded platform pose in the world; a measurement only if it states a noise."""
 
+    commanded: ClassVar[bool] = True
+
     kind: Literal["command"]
     noise: PoseNoise = PoseNoise()
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
         return (
-            Quantity("position", (("x", "y", "z"),), "m", self.noise.position),
+            Quantity(
+                "position", (("x", "y", "z"),), "m", self.noise.position, determines=("position",)
+            ),
             Quantity(
                 "orientation",
                 (("roll", "pitch", "yaw"),),
                 "rad",
                 self.noise.rotation,
                 rotation=True,
+                determines=("rotation",),
             ),
         )
 

@@ -25,6 +25,12 @@ def means(instrument: Instrument, m: int) -> dict[str, Array]:
     return {term.key: term.mean for term in instrument.terms(m)}
 
 
+@lru_cache(maxsize=128)
+def _stated_errors(instrument: Instrument, m: int) -> Mapping[str, Array]:
+    """:func:`means` under the names of inputs; not to be changed."""
+    return {f"term_{key}": value for key, value in means(instrument, m).items()}
+
+
 def terms_behind(instrument: Instrument, quantity: str, robot: Robot) -> list[Term]:
     """Systematic errors that the reading of one quantity depends on."""
     values = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
@@ -47,18 +53,60 @@ def predict(
     Returns:
         One array over n samples for each quantity that can be had from the known part of the state.
     """
-    symbolic = symbols(robot.m)
-    readings = instrument.predict(symbolic, {k: ca.DM(v) for k, v in calibration.items()}, robot)
     known = {
         f.name: getattr(state, f.name) for f in fields(State) if getattr(state, f.name) is not None
     }
+    errors = tuple((key, tuple(np.ravel(value).tolist())) for key, value in calibration.items())
+    return _prediction(instrument, robot, tuple(known), errors)(**known)
+
+
+@lru_cache(maxsize=64)
+def _prediction(
+    instrument: Instrument,
+    robot: Robot,
+    known: tuple[str, ...],
+    errors: tuple[tuple[str, tuple[float, ...]], ...],
+) -> Batched:
+    """Those readings that follow from the known part of the state, for given systematic errors."""
+    symbolic = symbols(robot.m)
+    readings = instrument.predict(symbolic, {key: ca.DM(value) for key, value in errors}, robot)
     unknown = [getattr(symbolic, f.name) for f in fields(State) if f.name not in known]
     possible = {
         name: ca.SX(value)
         for name, value in readings.items()
         if not any(u.numel() and ca.depends_on(ca.SX(value), ca.vec(u)) for u in unknown)
     }
-    return Batched("predict", {k: getattr(symbolic, k) for k in known}, possible)(**known)
+    return Batched("predict", {key: getattr(symbolic, key) for key in known}, possible)
+
+
+@lru_cache(maxsize=64)
+def _term_columns_of(instrument: Instrument, quantity: str, robot: Robot) -> _Expression:
+    state = symbols(robot.m)
+    predicted, terms = _predicted(instrument, robot, (quantity,), state)
+    return _expression(ca.jacobian(predicted, ca.vertcat(*terms.values())), state, terms)
+
+
+def term_columns(
+    instrument: Instrument, quantity: str, robot: Robot, state: State
+) -> dict[str, Array]:
+    """How the reading of one quantity follows the systematic errors, about their values known
+    beforehand.
+
+    Args:
+        instrument: Any kind with systematic errors.
+        quantity: One of its quantities, a vector of k numbers.
+        robot: Its cables.
+        state: Arrays over n samples; None where the reading does not depend on it.
+
+    Returns:
+        One derivative for each of :meth:`Instrument.terms`, shape (n, k, size).
+    """
+    part = _term_columns_of(instrument, quantity, robot)
+    values = part.evaluate({**_stated_errors(instrument, robot.m), **vars(state)})
+    sizes = {term.key: term.size for term in instrument.terms(robot.m)}
+    columns = np.broadcast_to(values, (len(state.rotation), *values.shape[1:]))
+    parts = np.split(columns, np.cumsum(list(sizes.values()))[:-1], axis=2)
+    return dict(zip(sizes, parts, strict=True))
 
 
 def solve_for(
@@ -87,7 +135,7 @@ def solve_for(
     Raises:
         InputError: The equation needs a part of the state that is not given.
     """
-    form = _form(unknown, instrument, robot, tuple(readings))
+    form = _inversion(unknown, instrument, robot, tuple(readings))
     missing = [name for name in form.given if name not in given]
     if missing:
         raise InputError(
@@ -95,8 +143,10 @@ def solve_for(
             f" {' and '.join(missing)} beside its {' and '.join(readings).replace('_', ' ')}, found"
             " none; add a stream that tells it"
         )
-    known = means(instrument, robot.m) if calibration is None else calibration
-    values = {**{f"term_{key}": value for key, value in known.items()}, **given}
+    known = _stated_errors(instrument, robot.m)
+    if calibration is not None:
+        known = {f"term_{key}": value for key, value in calibration.items()}
+    values = {**known, **given}
     measured = np.hstack(
         [_columns(np.asarray(value, dtype=np.float64)) for value in readings.values()]
     )
@@ -128,7 +178,7 @@ _CLOSE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _Expression:
     """An expression of some of the systematic errors and of the state."""
 
     batched: Batched
@@ -138,25 +188,25 @@ class _Part:
         return self.batched(**{name: values[name] for name in self.inputs})["value"]
 
 
-def _part(expression: Symbol, state: State, terms: Mapping[str, Symbol]) -> _Part:
+def _expression(expression: Symbol, state: State, terms: Mapping[str, Symbol]) -> _Expression:
     dense = ca.densify(expression)
     behind = {
         **{f"term_{key}": symbol for key, symbol in terms.items()},
         **{f.name: getattr(state, f.name) for f in fields(State)},
     }
     inputs = {key: s for key, s in behind.items() if s.numel() and ca.depends_on(dense, ca.vec(s))}
-    return _Part(Batched("part", inputs, {"value": dense}), tuple(inputs))
+    return _Expression(Batched("part", inputs, {"value": dense}), tuple(inputs))
 
 
 @dataclass(frozen=True, eq=False)
-class _Form:
+class _Inversion:
     """Readings as a function of the unknown: about zero where they are linear in it, else about
     present values of it.
     """
 
-    inverse: _Part
+    inverse: _Expression
     """Of the derivative by the unknown."""
-    value: _Part
+    value: _Expression
     unknown: str
 
     @property
@@ -200,14 +250,19 @@ def _predicted(
 
 
 @lru_cache(maxsize=128)
-def _form(unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]) -> _Form:
+def _inversion(
+    unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
+) -> _Inversion:
+    """The equation of some quantities and its derivative by the unknown, inverted."""
     state = symbols(robot.m)
     predicted, terms = _predicted(instrument, robot, quantities, state)
     column = ca.vec(getattr(state, unknown))
     slope = ca.jacobian(predicted, column)
     linear = not ca.depends_on(slope, column)
     value = ca.substitute(predicted, column, ca.DM.zeros(column.numel())) if linear else predicted
-    return _Form(_part(ca.inv(slope), state, terms), _part(value, state, terms), unknown)
+    return _Inversion(
+        _expression(ca.inv(slope), state, terms), _expression(value, state, terms), unknown
+    )
 
 
 def needed_for(
@@ -216,11 +271,24 @@ def needed_for(
     """Other parts of the state that :func:`solve_for` takes to find one from the readings of some
     quantities.
     """
-    return _form(unknown, instrument, robot, quantities).given
+    return _inversion(unknown, instrument, robot, quantities).given
 
 
 def _symbol_like(name: str, expression: Symbol) -> Symbol:
     return ca.SX.sym(name, *expression.shape)
+
+
+@lru_cache(maxsize=128)
+def order_of(instrument: Instrument, quantity: str, robot: Robot) -> int:
+    """Highest time derivative of the pose that a quantity depends on: 0, 1 or 2."""
+    pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
+    state = state_of_pose(pose, rate, acceleration, ca.SX.sym("gravity", 3))
+    state = replace(state, tension=ca.SX.sym("tension", robot.m))
+    errors = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
+    predicted = ca.SX(instrument.predict(state, errors, robot)[quantity])
+    if ca.depends_on(predicted, acceleration):
+        return 2
+    return 1 if ca.depends_on(predicted, rate) else 0
 
 
 @lru_cache(maxsize=128)
@@ -426,13 +494,14 @@ def sensitivity(
 @lru_cache(maxsize=64)
 def _sensitivity_to(
     given: str, unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
-) -> _Part | None:
+) -> _Expression | None:
+    """Derivative of what is found by another part of the state; None where it is zero."""
     state = symbols(robot.m)
     predicted, terms = _predicted(instrument, robot, quantities, state)
     by_given = ca.jacobian(predicted, getattr(state, given))
     if not by_given.nnz():
         return None
-    return _part(
+    return _expression(
         -ca.inv(ca.jacobian(predicted, ca.vec(getattr(state, unknown)))) @ by_given, state, terms
     )
 

@@ -13,7 +13,9 @@ from steelyard.dynamics import point_specific_force
 from steelyard.instruments.base import (
     ORIENTATION_FORMS,
     Calibration,
+    Choice,
     Instrument,
+    Mounting,
     Prior,
     Quantity,
     Sigma,
@@ -68,6 +70,21 @@ class Imu(Instrument):
     gravity: Literal["included", "removed"] = "included"
     """``removed`` where the device took gravity out of its reading."""
 
+    @property
+    def mounting(self) -> Mounting:
+        """See :class:`Instrument`."""
+        return Mounting(self.rpy_deg, self.position)
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """See :class:`Instrument`."""
+        other, what = "removed", "has gravity taken out"
+        if self.gravity == "removed":
+            other, what = "included", "still contains gravity"
+        return (
+            Choice("gravity", other, ("specific_force",), "gravity in the accelerometer", what),
+        )
+
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
         n = self.noise
@@ -78,9 +95,15 @@ class Imu(Instrument):
                 "rad/s",
                 n.angular_velocity,
                 required=False,
+                determines=("rotation",),
             ),
             Quantity(
-                "specific_force", (("ax", "ay", "az"),), "m/s^2", n.specific_force, required=False
+                "specific_force",
+                (("ax", "ay", "az"),),
+                "m/s^2",
+                n.specific_force,
+                required=False,
+                determines=("position",),
             ),
             Quantity(
                 "orientation",
@@ -89,6 +112,7 @@ class Imu(Instrument):
                 n.orientation,
                 rotation=True,
                 required=False,
+                determines=("rotation",),
             ),
         )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 
@@ -26,6 +26,8 @@ class Length(Instrument):
     constant.
     """
 
+    per_cable: ClassVar[bool] = True
+
     kind: Literal["length"]
     noise: Sigma | None = None
     """1-sigma per sample [m]."""
@@ -33,7 +35,10 @@ class Length(Instrument):
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
-        return (Quantity("length", (tuple(f"l{i + 1}" for i in range(m)),), "m", self.noise),)
+        columns = tuple(f"l{i + 1}" for i in range(m))
+        return (
+            Quantity("length", (columns,), "m", self.noise, determines=("position", "rotation")),
+        )
 
     def terms(self, m: int) -> tuple[Term, ...]:
         """See :class:`Instrument`."""

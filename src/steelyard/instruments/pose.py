@@ -11,7 +11,9 @@ from steelyard.batch import Symbol
 from steelyard.instruments.base import (
     ORIENTATION_FORMS,
     Calibration,
+    FrameForm,
     Instrument,
+    Mounting,
     Prior,
     Quantity,
     Sigma,
@@ -20,7 +22,7 @@ from steelyard.instruments.base import (
     mounting_rotation,
     sigma,
 )
-from steelyard.instruments.position import FrameCalibration, FrameForm, frame_terms, tracker_frame
+from steelyard.instruments.position import FrameCalibration, frame_terms, tracker_frame
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 from steelyard.yaml_file import FileModel
@@ -57,11 +59,25 @@ class Pose(Instrument):
     noise: PoseNoise = PoseNoise()
     calibration: PoseCalibration = PoseCalibration()
 
+    @property
+    def mounting(self) -> Mounting:
+        """See :class:`Instrument`."""
+        return Mounting(self.rpy_deg, self.position, frame=self.frame)
+
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
         return (
-            Quantity("position", (("x", "y", "z"),), "m", self.noise.position),
-            Quantity("orientation", ORIENTATION_FORMS, "rad", self.noise.rotation, rotation=True),
+            Quantity(
+                "position", (("x", "y", "z"),), "m", self.noise.position, determines=("position",)
+            ),
+            Quantity(
+                "orientation",
+                ORIENTATION_FORMS,
+                "rad",
+                self.noise.rotation,
+                rotation=True,
+                determines=("rotation",),
+            ),
         )
 
     def terms(self, m: int) -> tuple[Term, ...]:

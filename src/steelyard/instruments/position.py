@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from typing import Literal
 
 import casadi as ca
 import numpy as np
-from pydantic import Field
 
 from steelyard import rotations
 from steelyard.batch import Symbol
 from steelyard.instruments.base import (
     Calibration,
+    FrameForm,
     Instrument,
+    Mounting,
     Prior,
     Quantity,
     Sigma,
+    TargetLimits,
     Term,
     Vector,
     sigma,
@@ -24,15 +26,6 @@ from steelyard.instruments.base import (
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 from steelyard.yaml_file import FileModel
-
-
-class FrameForm(FileModel):
-    """The tracker frame in the world frame."""
-
-    position: Vector = (0.0, 0.0, 0.0)
-    """[m]"""
-    rpy_deg: Vector = (0.0, 0.0, 0.0)
-    """[deg]"""
 
 
 class FrameCalibration(FileModel):
@@ -52,15 +45,6 @@ class PositionCalibration(Calibration):
     frame: FrameCalibration = FrameCalibration()
 
 
-class TargetLimits(FileModel):
-    """What the target may reach before the instrument loses it."""
-
-    speed: Annotated[float, Field(gt=0)] | None = None
-    """[m/s]"""
-    acceleration: Annotated[float, Field(gt=0)] | None = None
-    """[m/s^2]"""
-
-
 class Position(Instrument):
     """Position of a target on the platform in the tracker frame."""
 
@@ -73,9 +57,21 @@ class Position(Instrument):
     calibration: PositionCalibration = PositionCalibration()
     limits: TargetLimits = TargetLimits()
 
+    @property
+    def target_limits(self) -> TargetLimits:
+        """See :class:`Instrument`."""
+        return self.limits
+
+    @property
+    def mounting(self) -> Mounting:
+        """See :class:`Instrument`."""
+        return Mounting(point=self.target, point_key="target", frame=self.frame)
+
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
-        return (Quantity("position", (("x", "y", "z"),), "m", self.noise),)
+        return (
+            Quantity("position", (("x", "y", "z"),), "m", self.noise, determines=("position",)),
+        )
 
     def terms(self, m: int) -> tuple[Term, ...]:
         """See :class:`Instrument`."""

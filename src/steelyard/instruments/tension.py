@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -41,6 +41,9 @@ class TensionCalibration(Calibration):
 
 class Tension(Instrument):
     """One force sensor per cable, in the order of the robot file, positive pulling."""
+
+    measured_force: ClassVar[Literal["tension"]] = "tension"
+    per_cable: ClassVar[bool] = True
 
     kind: Literal["tension"]
     noise: Sigma | None = None

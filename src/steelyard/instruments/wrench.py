@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 
 from steelyard.batch import Symbol
 from steelyard.instruments.base import (
     Calibration,
+    Choice,
     Instrument,
+    Mounting,
     Prior,
     Quantity,
     Sigma,
@@ -58,6 +60,8 @@ class WrenchCalibration(Calibration):
 class Wrench(Instrument):
     """Force and torque on the body, in the sensor's own frame about its own origin."""
 
+    measured_force: ClassVar[Literal["wrench"]] = "wrench"
+
     kind: Literal["wrench"]
     position: Vector = (0.0, 0.0, 0.0)
     """Origin of the sensor in the platform frame [m]."""
@@ -67,6 +71,18 @@ class Wrench(Instrument):
     calibration: WrenchCalibration = WrenchCalibration()
     acts_on: Literal["body", "sensor"] = "body"
     """Whose load the reading is: ``sensor`` turns the sign."""
+
+    @property
+    def mounting(self) -> Mounting:
+        """See :class:`Instrument`."""
+        return Mounting(self.rpy_deg, self.position)
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """See :class:`Instrument`."""
+        other = "body" if self.acts_on == "sensor" else "sensor"
+        what = f"is the load on the {other}"
+        return (Choice("acts_on", other, ("force", "torque"), "sign of the wrench", what),)
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""

@@ -9,7 +9,6 @@ from itertools import groupby
 import numpy as np
 
 from steelyard.digits import LABELS
-from steelyard.inspection.agreement import BAD
 from steelyard.inspection.contact import Contact
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
@@ -107,7 +106,7 @@ def _agreements(found: Inspection) -> Grid:
     rows = []
     for run, each in found.agreements:
         i = int(np.argmax(each.ratio))
-        verdict = "contradict each other" if each.worst > BAD else "agree"
+        verdict = "agree" if each.agrees else "contradict each other"
         rows.append((run, each.name, each.channels[i], f"{each.worst:.2g}", verdict))
     return Grid("Agreement of the instruments, as described", head, tuple(rows), frozenset({3}))
 
@@ -166,7 +165,7 @@ def statements(found: Inspection) -> Iterator[Statement]:
     for each in found.streams:
         for text in fault_words(each):
             yield Statement(text, "note")
-    if not found.mistakes and not any(a.worst > BAD for _, a in found.agreements):
+    if not found.mistakes and all(a.agrees for _, a in found.agreements):
         yield Statement(
             "no mistake of sign, unit, axis or order was found: all instruments agree as described",
             "good",

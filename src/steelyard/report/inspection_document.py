@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Run
-from steelyard.inspection.agreement import BAD, Agreement
+from steelyard.inspection.agreement import InstrumentAgreement
 from steelyard.inspection.contact import Residual
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
@@ -48,7 +48,7 @@ def _lead(found: Inspection) -> Statement:
         count = len(found.mistakes)
         which = "a mistake" if count == 1 else f"{count} mistakes"
         return Statement(f"The description has {which}; see below what to change.", "bad")
-    if any(each.worst > BAD for _, each in found.agreements):
+    if not all(each.agrees for _, each in found.agreements):
         return Statement(
             "The instruments contradict each other, and no simple mistake explains it.", "bad"
         )
@@ -146,7 +146,7 @@ def _balance(found: Inspection, residual: Residual, place: int) -> Figure:
     )
 
 
-def _agreement(run: str, agreement: Agreement, place: int) -> Figure:
+def _agreement(run: str, agreement: InstrumentAgreement, place: int) -> Figure:
     """What one instrument measured over what the others predict."""
     width = agreement.measured.shape[1]
     names = list(agreement.channels[:width])
@@ -199,7 +199,7 @@ def _spectra(streams: list[StreamReport]) -> Figure:
     """Amplitude densities of all quantities."""
     lines = []
     for report in streams:
-        if report.kind == "command":
+        if report.commanded:
             continue
         for q in report.quantities:
             if len(q.frequency):

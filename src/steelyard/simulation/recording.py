@@ -107,7 +107,7 @@ def record(
                 f"instrument '{name}': expected a rate of at least two samples in"
                 f" {response.duration:g} s, found {rate:g} Hz; raise it"
             )
-        source = command if instrument.kind == "command" else response
+        source = command if instrument.commanded else response
         readings = predict(instrument, robot, source.at(times), errors[name].calibration)
         noise = {q.name: q.noise or 0.0 for q in instrument.quantities(robot.m)}
         values = {key: _noisy(value, noise[key], rng) for key, value in readings.items()}

@@ -156,7 +156,7 @@ def _sensors(document: YamlDocument, robot: Robot) -> Sensors:
     """The sensors of a document, with every systematic error stated."""
     data, own_sync = _without_own_sync(document)
     form = validate(SensorsForm, document, data)
-    if not any(i.kind in {"tension", "wrench"} for i in form.instruments.values()):
+    if not any(i.is_force for i in form.instruments.values()):
         raise document.error(
             ("instruments",),
             "expected an instrument of kind 'tension' or 'wrench', found none; add one",
@@ -205,7 +205,7 @@ def _stated(form: SensorsForm, own_sync: Mapping[str, float], m: int) -> dict[st
     defines the time has no error, the others have that of the synchronisation.
     """
     instruments: Mapping[str, Instrument] = form.instruments
-    reference = next(i for i in instruments.values() if i.kind in {"tension", "wrench"})
+    reference = next(i for i in instruments.values() if i.is_force)
     stated = {}
     for name, instrument in instruments.items():
         delay = instrument.calibration.delay

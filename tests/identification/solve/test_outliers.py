@@ -8,6 +8,7 @@ from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 from simulated import BODY, CENTER, EXACT, REACH, ROBOT
 
+from steelyard.arrays import joined_stretches
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.model.calibration_parameters import Calibration, gather
 from steelyard.identification.model.force_residuals import Forces, balance_of
@@ -323,3 +324,20 @@ def test_inputs_stay_as_they_are():
     forces = CABLES.with_more(spike((len(TIMES), 8), (100, 1, 400.0)), CABLES.noisy(15))
     CABLES.look(forces)
     assert not forces.left_out.any()
+
+
+@pytest.mark.parametrize(
+    ("mask", "expected"),
+    [
+        ("000000", []),
+        ("111111", [(0, 6)]),
+        ("010010", [(1, 2), (4, 5)]),
+        ("101011", [(0, 6)]),
+        ("100100", [(0, 1), (3, 4)]),
+        ("000001", [(5, 6)]),
+    ],
+)
+def test_stretches_with_short_pauses_are_one(mask, expected):
+    time = np.array([0.0, 0.1, 0.2, 0.35, 0.4, 0.5])
+    found = joined_stretches(time, np.array([c == "1" for c in mask]), 0.25)
+    assert found == expected

@@ -15,7 +15,7 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.instruments import Command, Instrument, Length, Tension
+from steelyard.instruments import Instrument
 from steelyard.instruments.equations import means, predict
 from steelyard.motion.state import State
 from steelyard.motion.trajectory import Trajectory
@@ -95,7 +95,7 @@ def _noise_free_stream(
             f" s, found a rate of {instrument.rate:g} Hz; choose a longer motion"
         )
     state = ExactMotion(robot, robot.platform, trajectory).at(times)
-    if isinstance(instrument, Tension | Length):
+    if instrument.per_cable:
         state = replace(state, tension=tensions_near_level(robot, state, level, settings))
     readings = predict(instrument, robot, state, means(instrument, robot.m))
     recorded = _recorded_quantities(name, instrument, experiment)
@@ -113,7 +113,7 @@ def _with_rate(
     rate = instrument.rate
     if rate is None:
         rate = _recorded_rate(name, experiment)
-    if rate is None and isinstance(instrument, Command):
+    if rate is None and instrument.commanded:
         rate = settings.command_rate
     if rate is None:
         raise InputError(
@@ -121,9 +121,8 @@ def _with_rate(
             " take it from; add the samples per second"
         )
     recorded = _recorded_quantities(name, instrument, experiment)
-    exact = isinstance(instrument, Command) and not instrument.is_measurement
     for quantity in instrument.quantities(experiment.robot.m):
-        if quantity.name in recorded and not quantity.noise and not exact:
+        if quantity.name in recorded and not quantity.noise and instrument.is_measurement:
             raise InputError(
                 f"instrument '{name}': expected the noise of its {quantity.name.replace('_', ' ')},"
                 f" found none; add 'noise', the 1-sigma of a sample in {quantity.unit}: what can be"

@@ -26,7 +26,7 @@ from steelyard.excitation.command.commanded_state import (
 )
 from steelyard.excitation.command.motion_spline import COORDINATES
 from steelyard.excitation.limits.cable_vibration import dunkerley_sum
-from steelyard.instruments import Instrument, Position
+from steelyard.instruments import Instrument
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 
@@ -187,15 +187,15 @@ class _ConstraintExpressions:
         yield from self._below("angular speed", state.omega, limits.angular_speed)
         yield from self._below("angular acceleration", state.alpha, limits.angular_acceleration)
         for name, instrument in self.instruments.items():
-            if isinstance(instrument, Position):
+            own, place = instrument.target_limits, instrument.mounting.point
+            if own is not None and place is not None:
                 target = f"the target of '{name}'"
-                point = ca.DM(instrument.target)
+                point = ca.DM(place)
                 velocity = point_velocity(state.rotation, speed, state.omega, point)
                 specific_force = point_specific_force(
                     state.specific_force, state.omega, state.alpha, point
                 )
                 accelerated = state.rotation @ specific_force + ca.DM(self.robot.gravity)
-                own = instrument.limits
                 yield from self._below(f"speed of {target}", velocity, own.speed)
                 yield from self._below(f"acceleration of {target}", accelerated, own.acceleration)
 

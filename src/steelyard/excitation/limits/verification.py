@@ -18,7 +18,7 @@ from steelyard.excitation.information.noise_free_recording import tensions_near_
 from steelyard.excitation.limits.motion_constraints import Margin
 from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.inertia import Inertia
-from steelyard.instruments import Instrument, Position
+from steelyard.instruments import Instrument
 from steelyard.motion.limits import Use, below, commanded_tensions, extremes_of
 from steelyard.motion.state import State
 from steelyard.motion.trajectory import Trajectory
@@ -209,10 +209,10 @@ def _uses(
     extremes = extremes_of(robot.limits, pose, velocity, acceleration, state.omega, state.alpha)
     yield from extremes.uses
     for name, instrument in instruments.items():
-        if isinstance(instrument, Position):
-            point = state.position + state.rotation @ np.array(instrument.target)
+        limits, place = instrument.target_limits, instrument.mounting.point
+        if limits is not None and place is not None:
+            point = state.position + state.rotation @ np.array(place)
             target = f"the target of '{name}'"
-            limits = instrument.limits
             rate = np.gradient(point, times, axis=0, edge_order=2)
             yield below(f"speed of {target}", "m/s", rate, limits.speed)
             second = np.gradient(rate, times, axis=0, edge_order=2)

@@ -36,7 +36,7 @@ from steelyard.identification.solve.joint_fit import State, fit
 from steelyard.identification.solve.normal_equations import Solution, inverse_of, solve
 from steelyard.identification.solve.posterior import Posterior, Progress, plausible
 from steelyard.inertia import TEN
-from steelyard.instruments import Attitude, Command, Imu, Pose, Position
+from steelyard.instruments import Pose
 from steelyard.instruments.pose import PoseNoise
 
 _BIASED = 1e-3
@@ -134,24 +134,25 @@ def independent_sources(experiment: Experiment, run: Run) -> Sources | None:
     """
     own = choose_sources(experiment, run, None)
 
-    def first(quantity: str, *kinds: type) -> tuple[str, str] | None:
+    def first(quantity: str, *, commanded: bool) -> tuple[str, str] | None:
         return next(
             (
                 (name, quantity)
                 for name, instrument in experiment.instruments.items()
                 if name in run.streams
-                and isinstance(instrument, kinds)
+                and instrument.commanded == commanded
                 and quantity in run.streams[name].values
             ),
             None,
         )
 
     used = {name for name, _ in own.used()}
-    position, rotation = first("position", Command), first("orientation", Command)
+    position = first("position", commanded=True)
+    rotation = first("orientation", commanded=True)
     if position and rotation and position[0] not in used:
         return Sources(own.force, rotation, rotation, None, position)
-    position = first("position", Position, Pose)
-    rotation = first("orientation", Pose, Attitude, Imu)
+    position = first("position", commanded=False)
+    rotation = first("orientation", commanded=False)
     if (
         position is None
         or rotation is None
@@ -193,7 +194,7 @@ def _independent_motion(experiment: Experiment) -> dict[str, list[Segment]]:
             continue
         names = {sources.force, *(name for name, _ in sources.used())}
         for name in names:
-            if isinstance(instruments[name], Command):
+            if instruments[name].commanded:
                 instruments[name] = _COMMAND
         streams = {}
         for name in names:

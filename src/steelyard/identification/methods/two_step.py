@@ -127,7 +127,7 @@ def _not_in_sigma(experiment: Experiment, acceleration: Acceleration | None) -> 
         forces = [(sources.force, quantity) for quantity in run.streams[sources.force].values]
         # These two are dealt with: the first is in the 1-sigma, the second is one of the unknowns.
         place = sources.specific_force or (sources.position if sources.omega else None)
-        on_wrench = experiment.instruments[sources.force].kind == "wrench"
+        on_wrench = experiment.instruments[sources.force].measured_force == "wrench"
         for name, quantity in [*forces, *sources.used()]:
             for term in terms_behind(experiment.instruments[name], quantity, robot):
                 dealt_with = ((name, quantity) == place and term.key in {"position", "target"}) or (

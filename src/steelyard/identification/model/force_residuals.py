@@ -314,7 +314,8 @@ def balance_of(
     )
     moving = found.pop("wrench")
     errors = calibration.of(force_samples.name, instrument, segment.run)
-    unknown = "tension" if instrument.kind == "tension" else "wrench"
+    unknown = instrument.measured_force
+    assert unknown is not None  # it is the force instrument of a run
     carried = solve_for(unknown, instrument, robot, force_samples.readings, found, errors)
     structure = None
     if unknown == "tension":
@@ -527,7 +528,7 @@ def sample_weight(residual: Array) -> Array:
     than the body pulls, shape (n,).
     """
     size = np.sqrt(np.sum(residual**2, axis=1))
-    return np.asarray(np.minimum(1.0, limit(6) / np.maximum(size, 1e-300)))
+    return robust_weight(size, 6)
 
 
 def tally_forces(

@@ -437,7 +437,8 @@ def reference_clocks(
     rotating, moving = dict[str, None](), dict[str, str]()
     for name, quantity in (reading.source for reading in segment.readings):
         clock = clock_of(experiment, name)
-        if quantity in {"position", "specific_force"}:
+        instrument = experiment.instruments[name]
+        if instrument.quantity(quantity, experiment.robot.m).determines == ("position",):
             moving[name] = clock
         else:
             rotating[clock] = None

@@ -282,7 +282,7 @@ def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
     _check_motion(task.where, joined, alpha_noise)
     notes = _gyro_notes(run.name, joined["omega"], joined.pop("omega_of_attitude"))
     for what, source in (("position", sources.position), ("orientation", sources.rotation)):
-        if source and task.experiment.instruments[source[0]].kind == "command":
+        if source and task.experiment.instruments[source[0]].commanded:
             notes.append(
                 f"run '{run.name}': the {what} is the commanded one, for want of a measured one"
             )

@@ -108,7 +108,7 @@ class RunReader:
         name = self.sources.force
         instrument = self.experiment.instruments[name]
         quantities = tuple(q.name for q in instrument.quantities(self.robot.m))
-        return instrument.kind == "tension" and "velocity" in needed_for(
+        return instrument.measured_force == "tension" and "velocity" in needed_for(
             "tension", instrument, self.robot, quantities
         )
 
@@ -123,8 +123,10 @@ class RunReader:
         """
         name = self.sources.force
         instrument = self.experiment.instruments[name]
-        unknown = "wrench" if instrument.kind == "wrench" else "tension"
-        return solve_for(unknown, instrument, self.robot, readings, motion, self._errors(name))
+        assert instrument.measured_force is not None  # choose_sources() has made sure
+        return solve_for(
+            instrument.measured_force, instrument, self.robot, readings, motion, self._errors(name)
+        )
 
     def carried(
         self, force_samples: Array, position: Array | None, rotation: Array | None
@@ -140,7 +142,7 @@ class RunReader:
             ``wrench`` on the platform, shape (n, 6); on cables also their ``tension`` [N], shape
             (n, m), and ``structure``, shape (n, 6, m).
         """
-        if self.experiment.instruments[self.sources.force].kind == "wrench":
+        if self.experiment.instruments[self.sources.force].measured_force == "wrench":
             return {"wrench": force_samples}
         assert position is not None  # choose_sources() has made sure
         assert rotation is not None
@@ -155,7 +157,7 @@ class RunReader:
     def free_offset(self) -> bool:
         """Whether the wrench has a constant offset that is not known."""
         instrument = self.experiment.instruments[self.sources.force]
-        return instrument.kind == "wrench" and any(
+        return instrument.measured_force == "wrench" and any(
             term.key.startswith("offset") and (term.deviation is None or bool(term.deviation.any()))
             for term in instrument.terms(self.robot.m)
         )

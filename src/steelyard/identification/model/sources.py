@@ -7,7 +7,6 @@ from typing import Literal
 
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
-from steelyard.instruments import Command, Imu, Length, Pose, Position
 
 Source = tuple[str, str]
 """Instrument and quantity."""
@@ -52,14 +51,14 @@ def choose_sources(
         InputError: Something is missing; the message names it.
     """
 
-    def first(quantity: str, *kinds: type) -> Source | None:
+    def first(quantity: str, *, commanded: bool = False) -> Source | None:
         return next(
             (
                 (name, quantity)
                 for name, instrument in experiment.instruments.items()
                 if name in run.streams
                 and quantity in run.streams[name].values
-                and (isinstance(instrument, kinds) if kinds else instrument.kind != "command")
+                and instrument.commanded == commanded
             ),
             None,
         )
@@ -78,24 +77,24 @@ def choose_sources(
             f"{experiment.name}: run '{run.name}': expected forces, found none; add a stream of"
             " kind 'tension' or 'wrench'"
         )
-    cables = experiment.instruments[force].kind == "tension"
+    cables = experiment.instruments[force].measured_force == "tension"
     rotation = first("orientation")
     position = first("position")
     if cables:
         # Where nothing measures its place the platform is taken to be where it was told to go.
         rotation = needed(
-            rotation or (first("orientation", Command) if commanded else None),
+            rotation or (first("orientation", commanded=True) if commanded else None),
             "an orientation (imu, attitude or pose) to know where the cables pull",
         )
         position = (
             position
-            or first("position", Command)
+            or first("position", commanded=True)
             or needed(
-                first("length", Length),
+                first("length"),
                 "a position (position, pose, length or command) to know where the cables pull",
             )
         )
-    specific_force = first("specific_force", Imu)
+    specific_force = first("specific_force")
     if run.static:
         # At rest the attitude says where gravity pulls; an accelerometer is asked only where there
         # is none.
@@ -118,7 +117,7 @@ def choose_sources(
         if acceleration
         else "an accelerometer or a tracker"
     )
-    tracked = needed(first("position", Position, Pose), what)
+    tracked = needed(first("position"), what)
     return Sources(
         force,
         needed(rotation, "an orientation beside the tracker's acceleration"),

@@ -35,7 +35,6 @@ from steelyard.identification.solve.lost_readings import STUCK_FAR, without_lost
 from steelyard.identification.solve.posterior import known_body, plausible
 from steelyard.identification.solve.segmentation import Recorded, recorded
 from steelyard.inertia import TEN
-from steelyard.instruments import Command
 
 Tell = Callable[[str, float], None]
 _FAR_OFF = 10.0
@@ -264,7 +263,7 @@ def _stated(experiment: Experiment) -> frozenset[Source]:
         for rest in ("", AT_REST)
         for name, instrument in experiment.instruments.items()
         for quantity in instrument.quantities(experiment.robot.m)
-        if quantity.noise or isinstance(instrument, Command)
+        if quantity.noise or instrument.commanded
     )
 
 

@@ -21,7 +21,6 @@ from steelyard.identification.model.motion_residuals import (
     looked_at,
     reference_clocks,
 )
-from steelyard.instruments import Imu
 
 _LAG = 0.05
 """Largest lag between the two [s]."""
@@ -58,12 +57,9 @@ def coherence(
     force_samples = at.left_over[:, :3] / mass
     for reading in segment.readings:
         instrument = experiment.instruments[reading.source[0]]
-        if (
-            reading.source[1] == "specific_force"
-            and isinstance(instrument, Imu)
-            and len(reading.time) > 1
-        ):
-            turn = Rotation.from_euler("ZYX", np.radians(instrument.rpy_deg)[::-1])
+        if reading.source[1] == "specific_force" and len(reading.time) > 1:
+            rpy_deg = instrument.mounting.rpy_deg or (0.0, 0.0, 0.0)
+            turn = Rotation.from_euler("ZYX", np.radians(rpy_deg)[::-1])
             own = _largest(experiment, segment, reading, turn, at.time, force_samples, calibration)
             found = max(found, own, key=lambda each: each.correlation)
     return found

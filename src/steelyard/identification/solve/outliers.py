@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.arrays import Array, stretches
+from steelyard.arrays import Array, joined_stretches, stretches
 from steelyard.identification.model.force_residuals import Balance, Forces
 from steelyard.identification.model.motion_residuals import limit
 
@@ -89,10 +89,8 @@ def _in_a_row(spikes: NDArray[np.bool_], worst: NDArray[np.intp]) -> NDArray[np.
 
 def _contacts(time: Array, large: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
     """Stretches with several large residuals close to each other [s]."""
-    at = time[large]
-    if len(at) < _FEWEST:
-        return ()
-    groups = np.split(at, np.flatnonzero(np.diff(at) > _TOUCH) + 1)
     return tuple(
-        (float(g[0]) - _AROUND, float(g[-1]) + _AROUND) for g in groups if len(g) >= _FEWEST
+        (float(time[first]) - _AROUND, float(time[last - 1]) + _AROUND)
+        for first, last in joined_stretches(time, large, _TOUCH)
+        if np.count_nonzero(large[first:last]) >= _FEWEST
     )

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run, is_motion
+from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.stuck import FEWEST_REPEATS, stuck_alone
 from steelyard.identification.model.calibration_parameters import Calibration, clock_of
 from steelyard.identification.model.force_noise import force_sigma, least_sigma
@@ -21,7 +21,8 @@ from steelyard.identification.model.motion_residuals import PARTS, Reading, Segm
 from steelyard.identification.model.preparation import Samples
 from steelyard.identification.model.segment import motion_at
 from steelyard.identification.model.smoothness import LOOSER
-from steelyard.instruments import Command, Length
+from steelyard.instruments.base import Part
+from steelyard.instruments.equations import order_of
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, Samples1D, fit, knots
 
@@ -53,10 +54,6 @@ from their readings, and the forces, which would tell it instead, could then say
 body."""
 _PER_VIBRATION = 3.0
 """The same of the accelerometer where it is to follow a vibration."""
-_ROTATION = frozenset({"angular_velocity", "orientation", "length"})
-_TRANSLATION = frozenset({"position", "specific_force", "length"})
-ORDER = {"position": 0, "orientation": 0, "length": 0, "angular_velocity": 1, "specific_force": 2}
-"""Derivative of the motion that a quantity reads."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +101,7 @@ def readings_between(
     """Complete samples of the motion instruments of a run over an interval of common time [s]."""
     for name, stream in run.streams.items():
         instrument = experiment.instruments[name]
-        if not is_motion(instrument):
+        if not instrument.is_motion:
             continue
         time = experiment.common_time(run, name, 0.0)
         common = time - calibration.delay(clock_of(experiment, name), run.name)
@@ -214,12 +211,12 @@ def _poses(experiment: Experiment, run: Run, samples: Samples) -> Recorded:
     readings = []
     for name, stream in run.streams.items():
         instrument = experiment.instruments[name]
-        if not is_motion(instrument):
+        if not instrument.is_motion:
             continue
         for quantity in instrument.quantities(experiment.robot.m):
             values = stream.values.get(quantity.name)
             # Many poses that differ by more than noise do not tell it.
-            sigma = quantity.noise or (_AT_REST.get(quantity.name) if values is not None else None)
+            sigma = quantity.noise or (_AT_REST[quantity.unit] if values is not None else None)
             if values is None or sigma is None:
                 continue
             use = np.isfinite(values.reshape(len(values), -1)).all(axis=1) & np.isin(
@@ -235,7 +232,14 @@ def _poses(experiment: Experiment, run: Run, samples: Samples) -> Recorded:
         readings={k: v[keep] for k, v in force_samples.readings.items()},
         left_out=force_samples.left_out[keep],
     )
-    least = {reading.source: _AT_REST[reading.source[1]] / _BEST_AT_REST for reading in readings}
+
+    def unit_of(source: tuple[str, str]) -> str:
+        instrument = experiment.instruments[source[0]]
+        return instrument.quantity(source[1], experiment.robot.m).unit
+
+    least = {
+        reading.source: _AT_REST[unit_of(reading.source)] / _BEST_AT_REST for reading in readings
+    }
     names = zip(run.streams[force_samples.name].values, _least_forces(experiment, run), strict=True)
     return Recorded(
         (segment,),
@@ -245,14 +249,8 @@ def _poses(experiment: Experiment, run: Run, samples: Samples) -> Recorded:
     )
 
 
-_AT_REST = {
-    "position": 1e-3,
-    "orientation": 3e-3,
-    "specific_force": 0.03,
-    "angular_velocity": 3e-3,
-    "length": 1e-3,
-}
-"""First guess of a noise that is not stated, of poses at rest [m], [rad], [m/s^2], [rad/s]."""
+_AT_REST = {"m": 1e-3, "rad": 3e-3, "m/s^2": 0.03, "rad/s": 3e-3}
+"""Unit of a quantity -> first guess of its noise where none is stated, of poses at rest."""
 _BEST_AT_REST = 10.0
 """By how much it may be better than that: two instruments at rest cannot tell which of them is the
 better one."""
@@ -372,6 +370,10 @@ class _Stream:
     """Common time [s]."""
     values: Array
     sigma: float | None
+    order: int
+    """Highest derivative of the motion that it reads."""
+    determines: tuple[Part, ...]
+    """Parts of the motion that follow from it."""
     needs_tension: bool = False
 
 
@@ -382,8 +384,7 @@ def _streams(
     told = {
         quantity
         for name, stream in run.streams.items()
-        if is_motion(experiment.instruments[name])
-        or isinstance(experiment.instruments[name], Length)
+        if experiment.instruments[name].is_motion or experiment.instruments[name].is_cable_motion
         for quantity in stream.values
     }
     missing = {"position"} if not told & {"position", "length"} else set[str]()
@@ -391,13 +392,13 @@ def _streams(
     for name, stream in run.streams.items():
         instrument = experiment.instruments[name]
         stands_in = (
-            isinstance(instrument, Command)
+            instrument.commanded
             and not instrument.is_measurement
             and bool(missing)
             and experiment.robot.m > 0
         )
-        looks_at_cables = isinstance(instrument, Length) and samples.tension is not None
-        if not (is_motion(instrument) or stands_in or looks_at_cables):
+        looks_at_cables = instrument.is_cable_motion and samples.tension is not None
+        if not (instrument.is_motion or stands_in or looks_at_cables):
             continue
         time = experiment.common_time(run, name, 0.0)
         common = time - calibration.delay(clock_of(experiment, name), run.name)
@@ -419,7 +420,14 @@ def _streams(
                     * max(1.0, 1 / (_COMMANDED_RATE * max(step, 1e-6))) ** 0.5
                 )
             yield _Stream(
-                (name, quantity.name), time[use], common[use], values[use], sigma, looks_at_cables
+                (name, quantity.name),
+                time[use],
+                common[use],
+                values[use],
+                sigma,
+                order_of(instrument, quantity.name, experiment.robot),
+                quantity.determines,
+                looks_at_cables,
             )
 
 
@@ -434,8 +442,8 @@ def _stretches(
         start, end = max(start, run.window[0]), min(end, run.window[1])
     notes = []
     groups = [
-        [s for s in streams if s.source[1] in _ROTATION],
-        [s for s in streams if s.source[1] in _TRANSLATION],
+        [s for s in streams if "rotation" in s.determines],
+        [s for s in streams if "position" in s.determines],
     ]
     parts = [(start, end)]
     for group in groups:
@@ -490,7 +498,7 @@ def _spacing(
             sigma = sigma / 2 if sigma else None
         complete = np.isfinite(values).all(axis=1)
         channelled.append(
-            Channelled(stream.common[complete], values[complete], ORDER[stream.source[1]], sigma)
+            Channelled(stream.common[complete], values[complete], stream.order, sigma)
         )
     limit = _FINEST if experiment.robot.m else _FINEST_ON_SENSOR
     finest = max(limit, _PER_KNOT * max(_steps(streams).values()))
@@ -514,11 +522,11 @@ def _spacing(
 def _steps(streams: Sequence[_Stream]) -> dict[str, float]:
     """Part of the pose -> time between samples of the fastest instrument that tells it [s]."""
     steps = {}
-    for part, quantities in (("rotation", _ROTATION), ("position", _TRANSLATION)):
+    for part in ("rotation", "position"):
         own = [
             float(np.median(np.diff(s.common)))
             for s in streams
-            if s.source[1] in quantities and len(s.common) > 1
+            if part in s.determines and len(s.common) > 1
         ]
         steps[part] = min(own, default=0.0)
     return steps

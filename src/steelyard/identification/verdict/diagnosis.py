@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import platform_regressor
 from steelyard.identification.model.preparation import Samples, prepare
+from steelyard.identification.model.unknown_body import BODY, unknown_body
 from steelyard.identification.solve.posterior import Posterior
 
 _MOST_SAMPLES = 400
@@ -20,6 +21,8 @@ _OFFSET = 0.01
 _MUCH_BETTER = 0.25
 """Part of the residual that a swap must leave at most to be named."""
 _NEAR = 0.15
+_RIDGE = 1e-10
+"""Of the fit of a body whose ten the motion may not tell."""
 
 
 def diagnose(posterior: Posterior) -> Iterator[str]:
@@ -106,16 +109,12 @@ def _misfit(samples: Samples, order: NDArray[np.intp]) -> float:
     tension = samples.tension[:, order]
     W = samples.structure
     Y = platform_regressor(samples.specific_force, samples.omega, samples.alpha)
-    scale = 1 / np.sqrt(np.mean(np.sum(W**2, axis=2), axis=0))
-    A = np.concatenate([Y, W], axis=2) * scale[:, None]
-    b = np.einsum("nkm,nm->nk", W, tension) * scale
-    k = A.shape[2]
-    held = np.zeros((W.shape[2], k))
-    held[:, 10:] = np.eye(W.shape[2]) / (_OFFSET * max(float(np.median(np.abs(tension))), 1e-9))
-    rows, target = (
-        np.vstack([A.reshape(-1, k), held]),
-        np.concatenate([b.ravel(), np.zeros(len(held))]),
-    )
-    norms = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-    value, *_ = np.linalg.lstsq(rows / norms, target, rcond=1e-10)
-    return float(np.mean((target - rows / norms @ value) ** 2))
+    scale = np.sqrt(np.mean(np.sum(W**2, axis=2), axis=0))
+    columns = np.concatenate([Y, W], axis=2) / scale[:, None]
+    target = np.einsum("nkm,nm->nk", W, tension) / scale
+    precision = np.zeros(columns.shape[2])
+    precision[BODY.stop :] = (_OFFSET * max(float(np.median(np.abs(tension))), 1e-9)) ** -2
+    fitted = unknown_body(columns, target, precision, ridge=_RIDGE)
+    count = target.size + W.shape[2]
+    lost = float(np.sum(fitted.residual**2)) + fitted.penalty
+    return float(lost / count)

@@ -77,7 +77,7 @@ class _Connection:
 
 
 @dataclass(frozen=True)
-class _Chunk:
+class _BagChunk:
     interval: Interval
     """When its messages were received."""
     place: int
@@ -97,7 +97,7 @@ class _Bag:
         self.path, self.file = path, file
         self.size = os.fstat(file.fileno()).st_size
         self.connections: dict[int, _Connection] = {}
-        self.chunks: list[_Chunk] = []
+        self.chunks: list[_BagChunk] = []
         self.last = LastBlock()
 
     def look_through(self) -> None:
@@ -156,7 +156,7 @@ class _Bag:
             types_of(self.path, each.type, "msg", each.definition, ros1=True), each.type
         )
 
-    def _messages(self, chunk: _Chunk, wanted: set[int]) -> list[Message]:
+    def _messages(self, chunk: _BagChunk, wanted: set[int]) -> list[Message]:
         """Messages of some connections in a chunk."""
         found = []
         try:
@@ -178,7 +178,7 @@ class _Bag:
             raise _damaged(self.path, error) from None
         return found
 
-    def _unpacked(self, chunk: _Chunk) -> bytes:
+    def _unpacked(self, chunk: _BagChunk) -> bytes:
         self.file.seek(chunk.place)
         return unpacked(self.file.read(chunk.length), chunk.compression, chunk.size)
 
@@ -218,7 +218,7 @@ class _Bag:
         held = frozenset(number for number, _ in struct.iter_unpack("<II", pairs))
         return place, (Interval(start, end), held)
 
-    def _chunk(self, place: int, interval: Interval, held: frozenset[int]) -> _Chunk:
+    def _chunk(self, place: int, interval: Interval, held: frozenset[int]) -> _BagChunk:
         """The chunk at a place, by its header."""
         self.file.seek(place)
         fields = self._fields(_CHUNK)
@@ -227,7 +227,7 @@ class _Bag:
         if size > LARGEST_BLOCK or length > self.size:
             raise ValueError(f"a chunk of {size} bytes, packed into {length}")
         compression = fields[b"compression"].decode()
-        return _Chunk(interval, self.file.tell(), length, compression, size, held)
+        return _BagChunk(interval, self.file.tell(), length, compression, size, held)
 
     def _cut_off(self) -> InputError:
         return InputError(

@@ -1,8 +1,8 @@
 """A part of one run as all instruments saw it: every quantity smooth, on one time base, as its log
 has it.
 
-This is what descriptions are held against: it is quick to change a sign or an axis in it and look
-again.
+This is what descriptions are compared with: it is quick to change a sign or an axis in it and
+look again.
 """
 
 from __future__ import annotations
@@ -20,22 +20,34 @@ from steelyard.instruments import Instrument
 from steelyard.robot.model import Robot
 from steelyard.smoothing import Samples1D, fit, segments
 
-LONGEST = 30.0
-"""Of a run that is looked at [s]."""
-_SHORTEST = 0.5
-_MARGIN = 10.0
-"""Of a stream beside that part, so that clocks may be moved [s]."""
-_FINEST = 0.1
-"""Spacing of the knots [s]: what platforms do on purpose is slower."""
-_SAMPLES_PER_KNOT = 3.0
-_MOST = 160
-"""Instants that are looked at."""
-_BIN = 0.25
-"""Of which means are taken to see where most happens [s]."""
+
+@dataclass(frozen=True)
+class ExcerptSettings:
+    """Which part of a run is looked at, and how smooth."""
+
+    longest: float = 30.0
+    """Of a run that is looked at [s]: enough for every sign and axis, and quick."""
+    shortest: float = 0.5
+    """Of a run that is looked at [s]."""
+    margin: float = 10.0
+    """Of a stream beside that part, so that clocks may be moved [s]."""
+    finest: float = 0.1
+    """Spacing of the knots [s]: what platforms do on purpose is slower."""
+    samples_per_knot: float = 3.0
+    """Of the slowest stream, so that its samples determine every spline."""
+    fewest_knots: float = 6.0
+    """Knots in the part."""
+    most: int = 160
+    """Instants that are looked at: all agreements of a description take milliseconds."""
+    bin: float = 0.25
+    """Length of which means are taken to see where most happens [s]."""
+
+
+SETTINGS = ExcerptSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Observation:
     """One quantity at n instants, in the axes and units that the log is said to have."""
 
     value: Array
@@ -51,7 +63,7 @@ class Seen:
     span: tuple[float, float] = (-np.inf, np.inf)
     """Of the spline, on common time [s]."""
 
-    def mapped(self, matrix: Array) -> Seen:
+    def mapped(self, matrix: Array) -> Observation:
         """Vectors in other axes or units: ``matrix`` times them."""
         # One channel in another unit says nothing of the noise of the others.
         size = float(np.median(np.sqrt(np.sum(matrix**2, axis=1))))
@@ -63,11 +75,11 @@ class Seen:
             noise=(size * self.noise[0], size * self.noise[1], size * self.noise[2]),
         )
 
-    def plus(self, value: Array) -> Seen:
+    def plus(self, value: Array) -> Observation:
         """Vectors with something added to them, whose derivatives are not looked at."""
         return replace(self, value=self.value + value)
 
-    def between(self, left: Array, right: Array) -> Seen:
+    def between(self, left: Array, right: Array) -> Observation:
         """Rotations: ``left`` times them times ``right``."""
         return replace(
             self,
@@ -76,12 +88,12 @@ class Seen:
             bend=left @ self.bend @ right,
         )
 
-    def transposed(self) -> Seen:
+    def transposed(self) -> Observation:
         """Rotations the other way round."""
         value, rate, bend = (each.swapaxes(1, 2) for each in (self.value, self.rate, self.bend))
         return replace(self, value=value, rate=rate, bend=bend)
 
-    def later(self, times: Array, delay: float) -> Seen:
+    def later(self, times: Array, delay: float) -> Observation:
         """At instants of common time, of a stream that is late; beyond its ends it stays as it was
         there.
         """
@@ -98,7 +110,7 @@ class Seen:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class Excerpt:
     """A part of one run, as it is described."""
 
     experiment: Experiment
@@ -107,7 +119,7 @@ class Picture:
     """Common time [s], shape (n,); of poses at rest their numbers."""
     robot: Robot
     instruments: Mapping[str, Instrument]
-    seen: Mapping[Source, Seen]
+    observations: Mapping[Source, Observation]
     spacing: float
     """Of the knots [s]; 0 of poses at rest."""
     unread: frozenset[int] = frozenset()
@@ -118,24 +130,20 @@ class Picture:
         """Whether these are poses at rest."""
         return self.run.static
 
-    def with_seen(self, changed: Mapping[Source, Seen]) -> Picture:
+    def with_observations(self, changed: Mapping[Source, Observation]) -> Excerpt:
         """With other readings."""
-        return replace(self, seen={**self.seen, **changed})
+        return replace(self, observations={**self.observations, **changed})
 
-    def with_instrument(self, name: str, **keys: object) -> Picture:
+    def with_instrument(self, name: str, **keys: object) -> Excerpt:
         """With another description of one instrument."""
         changed = self.instruments[name].model_copy(update=keys)
         return replace(self, instruments={**self.instruments, name: changed})
 
-    def quantity(self, quantity: str, *kinds: str) -> list[Source]:
-        """Who reads it, of some kinds of instruments."""
-        return [
-            s
-            for s in self.seen
-            if s[1] == quantity and (not kinds or self.instruments[s[0]].kind in kinds)
-        ]
+    def quantity(self, quantity: str) -> list[Source]:
+        """All readings of one quantity."""
+        return [source for source in self.observations if source[1] == quantity]
 
-    def refitted(self, source: Source, values: Array) -> Seen:
+    def refitted(self, source: Source, values: Array) -> Observation:
         """Other samples of a quantity, smoothed like those that are there.
 
         Args:
@@ -146,12 +154,12 @@ class Picture:
             return _at_rest(values)
         common = self.experiment.common_time(self.run, source[0])
         found = _smoothed(common, values, self.time, self.spacing)
-        return self.seen[source] if found is None else found
+        return self.observations[source] if found is None else found
 
 
-def picture(
-    experiment: Experiment, run: Run, finest: float = _FINEST, most: int = _MOST
-) -> Picture | None:
+def excerpt_of(
+    experiment: Experiment, run: Run, finest: float = SETTINGS.finest, most: int = SETTINGS.most
+) -> Excerpt | None:
     """Look at the liveliest part of a run; None where its streams have too little in common.
 
     Args:
@@ -176,7 +184,7 @@ def picture(
             found = _smoothed(times[name], values, inside, spacing)
             if found is not None:
                 seen[name, quantity] = found
-    return Picture(experiment, run, inside, experiment.robot, experiment.instruments, seen, spacing)
+    return Excerpt(experiment, run, inside, experiment.robot, experiment.instruments, seen, spacing)
 
 
 def _part(run: Run, times: Mapping[str, Array], finest: float) -> tuple[float, float, float] | None:
@@ -186,23 +194,27 @@ def _part(run: Run, times: Mapping[str, Array], finest: float) -> tuple[float, f
         max(start, *(float(t[0]) for t in times.values())),
         min(end, *(float(t[-1]) for t in times.values())),
     )
-    if end - start < _SHORTEST:
+    if end - start < SETTINGS.shortest:
         return None
     steps = [float(np.median(np.diff(t))) for t in times.values() if len(t) > 2]
-    spacing = max(finest, _SAMPLES_PER_KNOT * max(steps))
+    spacing = max(finest, SETTINGS.samples_per_knot * max(steps))
     parts = segments(list(times.values()), start, end, spacing)
     if not parts:
         return None
     start, end = max(parts, key=lambda part: part[1] - part[0])
-    if end - start > LONGEST:
+    if end - start > SETTINGS.longest:
         start = _liveliest(run, times, start, end)
-        end = start + LONGEST
-    return (start, end, spacing) if end - start > max(_SHORTEST, 6 * spacing) else None
+        end = start + SETTINGS.longest
+    return (
+        (start, end, spacing)
+        if end - start > max(SETTINGS.shortest, SETTINGS.fewest_knots * spacing)
+        else None
+    )
 
 
 def _liveliest(run: Run, times: Mapping[str, Array], start: float, end: float) -> float:
     """Where most happens within a long interval [s]."""
-    edges = np.arange(start, end, _BIN)
+    edges = np.arange(start, end, SETTINGS.bin)
     happens = np.zeros(len(edges))
     for name, stream in run.streams.items():
         for values in stream.values.values():
@@ -214,7 +226,7 @@ def _liveliest(run: Run, times: Mapping[str, Array], start: float, end: float) -
             for column in flat[use].T:
                 mean = np.bincount(bins[use], column / scale, minlength=len(edges)) / count
                 happens[1:] += np.diff(mean) ** 2
-    width = int(LONGEST / _BIN)
+    width = int(SETTINGS.longest / SETTINGS.bin)
     total = np.concatenate([[0.0], np.cumsum(np.minimum(happens, 25 * np.median(happens) + 1e-12))])
     return (
         float(edges[int(np.argmax(total[width:] - total[:-width]))])
@@ -223,14 +235,14 @@ def _liveliest(run: Run, times: Mapping[str, Array], start: float, end: float) -
     )
 
 
-def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Seen | None:
+def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Observation | None:
     """One quantity at instants; None where its samples do not tell it."""
     flat = values.reshape(len(values), -1)
     complete = np.isfinite(flat).all(axis=1)
     if complete.sum() < 4:
         return None
     time, flat = time[complete], flat[complete]
-    for margin in (_MARGIN, spacing):
+    for margin in (SETTINGS.margin, spacing):
         start, end = max(time[0], inside[0] - margin), min(time[-1], inside[-1] + margin)
         found = (
             fit(Samples1D(time, flat), start, end, spacing, robust=True) if end > start else None
@@ -243,10 +255,11 @@ def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Seen
     at = np.clip(inside, start, end)
     value, rate, bend = (found.at(at, order).reshape(shape) for order in range(3))
     noise = found.noise(at, 0), found.noise(at, 1), found.noise(at, 2)
-    return Seen(value, rate, bend, noise, found.spline, (start, end))
+    return Observation(value, rate, bend, noise, found.spline, (start, end))
 
 
-def _poses(experiment: Experiment, run: Run) -> Picture | None:
+def _poses(experiment: Experiment, run: Run) -> Excerpt | None:
+    """Poses at rest that all instruments have read; None of too few."""
     everything = [
         v.reshape(len(v), -1) for stream in run.streams.values() for v in stream.values.values()
     ]
@@ -259,15 +272,15 @@ def _poses(experiment: Experiment, run: Run) -> Picture | None:
         for quantity, values in stream.values.items()
     }
     numbers = np.flatnonzero(rows).astype(np.float64)
-    return Picture(experiment, run, numbers, experiment.robot, experiment.instruments, seen, 0.0)
+    return Excerpt(experiment, run, numbers, experiment.robot, experiment.instruments, seen, 0.0)
 
 
-def _at_rest(values: Array) -> Seen:
+def _at_rest(values: Array) -> Observation:
     nothing = np.zeros_like(values)
-    return Seen(values, nothing, nothing, (0.0, 0.0, 0.0))
+    return Observation(values, nothing, nothing, (0.0, 0.0, 0.0))
 
 
-def pictures(experiment: Experiment, most: int) -> Sequence[Picture]:
+def excerpts(experiment: Experiment, most: int) -> Sequence[Excerpt]:
     """Of a few runs: those in motion first, spread over the experiment."""
     moving = [run for run in experiment.runs if not run.static]
     chosen = [
@@ -275,5 +288,5 @@ def pictures(experiment: Experiment, most: int) -> Sequence[Picture]:
         for i in sorted({round(k) for k in np.linspace(0, len(moving) - 1, min(most, len(moving)))})
     ]
     chosen += [run for run in experiment.runs if run.static][:1]
-    found = (picture(experiment, run) for run in chosen)
+    found = (excerpt_of(experiment, run) for run in chosen)
     return [each for each in found if each is not None]

@@ -1,0 +1,126 @@
+"""The table of simple mistakes: what may be wrong, and which readings and instruments may have
+it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from steelyard.identification.model.sources import Source
+from steelyard.inspection.amendment import Amendment
+from steelyard.inspection.clock_mistakes import of_clocks
+from steelyard.inspection.column_mistakes import of_cables, of_vector, of_wrench
+from steelyard.inspection.excerpt import Excerpt
+from steelyard.inspection.judgement import Judged
+from steelyard.inspection.mounting_mistakes import (
+    of_accelerometer,
+    of_choices,
+    of_frame,
+    of_gravity,
+    of_gyro,
+    of_mounting,
+    of_point,
+)
+from steelyard.inspection.orientation_mistakes import of_orientation
+from steelyard.instruments import Instrument, Quantity
+
+
+@dataclass(frozen=True)
+class OfReading:
+    """Mistakes of a reading."""
+
+    name: str
+    may_have: Callable[[Instrument, Quantity], bool]
+    amendments: Callable[[Excerpt, Source], Iterator[Amendment]]
+
+
+@dataclass(frozen=True)
+class OfInstrument:
+    """Mistakes of a whole instrument, whatever of its readings contradicts others."""
+
+    name: str
+    may_have: Callable[[Instrument, tuple[Quantity, ...]], bool]
+    """Of the instrument and of what it has recorded."""
+    amendments: Callable[[Excerpt, str], Iterator[Amendment]]
+
+
+def _is_vector(instrument: Instrument, quantity: Quantity) -> bool:
+    return not quantity.rotation and not instrument.per_cable and not instrument.is_force
+
+
+def _shows_mounting(instrument: Instrument, recorded: tuple[Quantity, ...]) -> bool:
+    """Whether a wrong mounting shows otherwise than as wrong axes of one reading."""
+    if instrument.mounting.rpy_deg is None or instrument.is_force:
+        return False
+    (first, *others) = recorded
+    return bool(others) or first.required or first.determines == ("position",)
+
+
+OF_READINGS = (
+    OfReading("order, signs and units of cables", lambda i, q: i.per_cable, of_cables),
+    OfReading(
+        "axes, signs and units of a wrench",
+        lambda i, q: i.measured_force == "wrench" and q.name == "force",
+        of_wrench,
+    ),
+    OfReading("how an orientation is written", lambda i, q: q.rotation, of_orientation),
+    OfReading("axes, signs and units of a vector", _is_vector, of_vector),
+    OfReading(
+        "tracker frame",
+        lambda i, q: i.mounting.frame is not None and q.name == "position",
+        of_frame,
+    ),
+    OfReading(
+        "place on the platform",
+        lambda i, q: q.name in {"position", "specific_force"},
+        of_point,
+    ),
+)
+OF_INSTRUMENTS = (
+    OfInstrument(
+        "keys of two values",
+        lambda i, recorded: bool(i.choices) and not i.is_force,
+        of_choices,
+    ),
+    OfInstrument(
+        "gravity upside down",
+        lambda i, recorded: any(q.name == "specific_force" for q in recorded),
+        lambda excerpt, name: of_accelerometer(excerpt, (name, "specific_force")),
+    ),
+    OfInstrument(
+        "rates in world axes",
+        lambda i, recorded: any(q.name == "angular_velocity" for q in recorded),
+        lambda excerpt, name: of_gyro(excerpt, (name, "angular_velocity")),
+    ),
+    OfInstrument("mounting", _shows_mounting, of_mounting),
+)
+
+
+def amendments(now: Judged, suspected: float) -> Iterator[Amendment]:
+    """What could be wrong with instruments that contradict others.
+
+    Args:
+        now: What contradicts what.
+        suspected: See :meth:`Judged.suspects`.
+    """
+    excerpt, m = now.excerpt, now.excerpt.robot.m
+    suspects = now.suspects(suspected)
+    names = list(dict.fromkeys(name for name, _ in suspects))
+    if not excerpt.static:
+        yield from of_clocks(now, set(names))
+    if any(agreement.robot for agreement in now.bad):
+        yield from of_gravity(excerpt)
+    for source in suspects:
+        instrument = excerpt.instruments[source[0]]
+        quantity = instrument.quantity(source[1], m)
+        for each in OF_READINGS:
+            if each.may_have(instrument, quantity):
+                yield from each.amendments(excerpt, source)
+    for name in names:
+        instrument = excerpt.instruments[name]
+        own = (quantity for owner, quantity in excerpt.observations if owner == name)
+        recorded = tuple(instrument.quantity(quantity, m) for quantity in own)
+        for whole in OF_INSTRUMENTS:
+            if whole.may_have(instrument, recorded):
+                yield from whole.amendments(excerpt, name)

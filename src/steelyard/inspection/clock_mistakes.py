@@ -1,0 +1,132 @@
+"""Clocks that are late, and events under ``sync`` that are exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.identification.model.calibration_parameters import clock_of
+from steelyard.inspection.amendment import SIMPLE, USUAL, Amendment, shifted
+from steelyard.inspection.excerpt import Excerpt
+from steelyard.inspection.judgement import Judged, evaluated
+from steelyard.inspection.motion_agreements import is_of_motion
+
+
+@dataclass(frozen=True)
+class ClockSettings:
+    """Which delays are tried."""
+
+    coarse: float = 0.2
+    """First step [s]: a fifth of the slowest motion that tells a clock."""
+    fine: float = 0.04
+    """Second step [s]: the delay itself is named to .01 s and found exactly by `identify`."""
+    largest: float = 10.0
+    """[s]; more is a wrong event, which shows in times that do not overlap."""
+    least: float = 0.15
+    """Of a clock that is named [s]: three 1-sigmas of the contract's default."""
+    relations: int = 2
+    """Agreements by which a delay is sought."""
+
+
+SETTINGS = ClockSettings()
+
+
+def of_clocks(now: Judged, suspects: set[str]) -> Iterator[Amendment]:
+    """Clocks of suspected instruments.
+
+    Args:
+        now: What contradicts what.
+        suspects: Instruments.
+    """
+    excerpt = now.excerpt
+    experiment, run = excerpt.experiment, excerpt.run
+    shared: dict[str, list[str]] = {}
+    for name in run.streams:
+        shared.setdefault(clock_of(experiment, name), []).append(name)
+    # Instruments that are said to share a clock may not.
+    groups = dict.fromkeys([*map(tuple, shared.values()), *((name,) for name in run.streams)])
+    force = experiment.force_instrument(run)
+    for names in groups:
+        if force in names or not suspects & set(names):
+            continue
+        delay = _best_delay(now, names)
+        if delay is not None:
+            yield _late(excerpt, names, delay)
+    if run.sync:
+        yield from _exchanged(excerpt, list(groups))
+
+
+def _late(excerpt: Excerpt, names: tuple[str, ...], delay: float) -> Amendment:
+    """A clock that is late by a delay [s]."""
+    key = f"calibration: {{delay: {{value: {delay:.3f}, sigma: 0.02}}}}"
+    if excerpt.run.sync:
+        times = (f"{name}: {excerpt.run.sync[name] + delay:.3f}" for name in names)
+        key = "sync: {" + ", ".join(times) + "}"
+    late = "late" if delay > 0 else "early"
+    return Amendment(
+        "clock",
+        names[0],
+        "t",
+        f"the clock of {' and '.join(names)} is {late} by {abs(delay):.2f} s",
+        key,
+        shifted(dict.fromkeys(names, delay)),
+        USUAL,
+        frozenset(names),
+    )
+
+
+def _best_delay(now: Judged, names: tuple[str, ...]) -> float | None:
+    """By how much a clock would have to be late, roughly, if at all [s]."""
+    relations = []
+    for relation in now.relations:
+        own = [name in names for name, _ in relation[1]]
+        if any(own) and not all(own):
+            relations.append(relation)
+    # Against other motion instruments where there are some: it is quicker, and no body needs to be
+    # known.
+    relations.sort(key=lambda r: (not is_of_motion(r), -now.agreements[r].worst))
+    relations = relations[: SETTINGS.relations]
+    if not relations:
+        return None
+
+    def cost(delay: float) -> float:
+        amended = shifted(dict.fromkeys(names, delay))(now.excerpt)
+        total = 0.0
+        for relation in relations:
+            agreement = evaluated(amended, relation)
+            if agreement is None:
+                return np.inf
+            total += agreement.cost
+        return total
+
+    length = float(now.excerpt.time[-1] - now.excerpt.time[0])
+    most, coarse, fine = min(SETTINGS.largest, length / 2), SETTINGS.coarse, SETTINGS.fine
+    grid = np.arange(-most, most + coarse / 2, coarse)
+    best = float(grid[int(np.argmin([cost(float(d)) for d in grid]))])
+    around = best + np.arange(-coarse, coarse + fine / 2, fine)
+    best = float(around[int(np.argmin([cost(float(d)) for d in around]))])
+    return best if abs(best) > SETTINGS.least else None
+
+
+def _exchanged(excerpt: Excerpt, groups: Sequence[Sequence[str]]) -> Iterator[Amendment]:
+    """Events of two clocks that were written for each other."""
+    sync = excerpt.run.sync
+    for i, first in enumerate(groups):
+        for second in groups[i + 1 :]:
+            apart = sync[first[0]] - sync[second[0]]
+            if abs(apart) < SETTINGS.least or set(first) & set(second):
+                continue
+            delays = {**dict.fromkeys(first, -apart), **dict.fromkeys(second, apart)}
+            times = (f"{name}: {sync[name] + delay:.6g}" for name, delay in delays.items())
+            yield Amendment(
+                "clock",
+                first[0],
+                "sync",
+                f"the events of {first[0]} and {second[0]} under 'sync' are exchanged",
+                "sync: {" + ", ".join(times) + "}",
+                shifted(delays),
+                SIMPLE,
+                frozenset(delays),
+            )

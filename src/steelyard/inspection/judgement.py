@@ -1,0 +1,68 @@
+"""An excerpt with all agreements between its instruments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.identification.model.sources import Source
+from steelyard.inspection.agreement import InstrumentAgreement
+from steelyard.inspection.excerpt import Excerpt
+from steelyard.inspection.motion_agreements import (
+    Relation,
+    is_of_motion,
+    motion_agreement,
+    motion_relations,
+)
+from steelyard.inspection.wrench_balance import force_agreement, force_relations
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """An excerpt and all its agreements."""
+
+    excerpt: Excerpt
+    relations: tuple[Relation, ...]
+    agreements: Mapping[Relation, InstrumentAgreement]
+
+    @property
+    def bad(self) -> list[InstrumentAgreement]:
+        """Of instruments that contradict each other."""
+        return [a for a in self.agreements.values() if not a.agrees]
+
+    def suspects(self, least: float) -> list[Source]:
+        """Readings that contradict most of those they are compared with, the worst first: what is
+        wrong agrees with nothing.
+
+        Args:
+            least: Share of contradictions, as a part of the largest share.
+        """
+        bad: dict[Source, int] = {}
+        count: dict[Source, int] = {}
+        for relation, agreement in self.agreements.items():
+            for source in relation[1]:
+                count[source] = count.get(source, 0) + 1
+                bad[source] = bad.get(source, 0) + (not agreement.agrees)
+        share = {source: bad[source] / each for source, each in count.items()}
+        most = max(share.values())
+        found = [s for s in share if bad[s] and share[s] >= least * most]
+        return sorted(found, key=lambda s: -share[s])
+
+
+def judged(excerpt: Excerpt) -> Judged:
+    """Evaluate everything that can be compared."""
+    relations = (*motion_relations(excerpt), *force_relations(excerpt))
+    found = {r: a for r in relations if (a := evaluated(excerpt, r)) is not None}
+    return Judged(excerpt, tuple(found), found)
+
+
+def evaluated(excerpt: Excerpt, relation: Relation) -> InstrumentAgreement | None:
+    """One agreement; None where it cannot be had."""
+    evaluate = motion_agreement if is_of_motion(relation) else force_agreement
+    try:
+        found = evaluate(excerpt, relation)
+    except np.linalg.LinAlgError:
+        return None
+    return found if found is not None and np.isfinite(found.ratio).all() else None

@@ -1,0 +1,187 @@
+"""What force instruments measure, as a wrench on the platform, beside one account of its motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import InfeasibleError
+from steelyard.identification.model.sources import Source
+from steelyard.inspection.excerpt import Excerpt
+from steelyard.inspection.frames import (
+    AttitudeMotion,
+    OriginMotion,
+    angular_velocity,
+    attitude_motion,
+    origin_motion,
+    point_of,
+    specific_force_of_origin,
+)
+from steelyard.inspection.motion_agreements import specific_force
+from steelyard.instruments.equations import solve_for
+from steelyard.robot.kinematics import cables_at
+from steelyard.robot.model import Robot
+
+_ACCELEROMETER = 0.1
+"""1-sigma of an accelerometer beside the motion: bias, misalignment [m/s^2]."""
+_OFFSET = 0.02
+"""1-sigma of the offset of a force sensor that is not stated, as a part of the median tension."""
+_LEAST_OFFSET = 0.25
+"""Part of that, that a stated offset is allowed at least: imperfect models look like offsets."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredWrench:
+    """A wrench of the cables, or of a sensor, beside a motion."""
+
+    wrench: Array
+    """On the platform about its origin, shape (n, 6)."""
+    columns: Array
+    """Its derivative by the constants of the sensors, shape (n, 6, c)."""
+    sigma: Array
+    """1-sigma of these, shape (c,)."""
+    noise: tuple[float, float]
+    """1-sigma left in force [N] and torque [N m]."""
+    structure: Array | None
+    """Structure matrix, shape (n, 6, m)."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlatformMotion:
+    """One account of how the platform moves."""
+
+    turned: AttitudeMotion | None
+    where: OriginMotion | None
+    force: Array
+    """Specific force of the platform origin [m/s^2], shape (n, 3)."""
+    omega: Array
+    alpha: Array
+    noise: tuple[float, float]
+    """1-sigma left in specific force [m/s^2] and angular acceleration [rad/s^2]."""
+
+
+def platform_motion(excerpt: Excerpt, sources: tuple[Source, ...]) -> PlatformMotion | None:
+    """What some sources say of the motion; None where they do not say enough."""
+    first = {quantity: (name, quantity) for name, quantity in reversed(sources)}
+    turned = attitude_motion(excerpt, first["orientation"]) if "orientation" in first else None
+    where = None
+    if turned is not None and "position" in first:
+        where = origin_motion(excerpt, first["position"], turned)
+    turning = _turning(excerpt, first.get("angular_velocity"), turned)
+    if turning is None:
+        return None
+    omega, alpha, jitter = turning
+    of_force = first.get("specific_force")
+    if of_force is not None:
+        force, noise = _by_accelerometer(excerpt, of_force, turned, omega, alpha, jitter)
+    elif turned is not None:
+        force = specific_force(excerpt, turned, where)
+        noise = float(np.hypot(9.81 * turned.noise[0], 0.0 if where is None else where.noise[2]))
+    else:
+        return None
+    return PlatformMotion(turned, where, force, omega, alpha, (noise, jitter))
+
+
+def _turning(
+    excerpt: Excerpt, of_gyro: Source | None, turned: AttitudeMotion | None
+) -> tuple[Array, Array, float] | None:
+    """Angular velocity and acceleration, shape (n, 3), and the noise of the latter: by a gyro where
+    there is one.
+    """
+    if of_gyro is not None:
+        read = angular_velocity(excerpt, of_gyro)
+        return read.value, read.rate, read.noise[1]
+    if turned is not None:
+        return turned.omega, turned.alpha, turned.noise[2]
+    if excerpt.static:
+        still = np.zeros((len(excerpt.time), 3))
+        return still, still, 0.0
+    return None
+
+
+def _by_accelerometer(
+    excerpt: Excerpt,
+    of_force: Source,
+    turned: AttitudeMotion | None,
+    omega: Array,
+    alpha: Array,
+    jitter: float,
+) -> tuple[Array, float]:
+    """Specific force of the origin [m/s^2], shape (n, 3), and its noise."""
+    rotation = np.broadcast_to(np.eye(3), (len(omega), 3, 3)) if turned is None else turned.rotation
+    force = specific_force_of_origin(excerpt, of_force, rotation, omega, alpha)
+    lever = float(np.linalg.norm(point_of(excerpt, of_force[0])))
+    # Bias and small misalignment are its own, and are allowed for elsewhere.
+    own = excerpt.observations[of_force].noise[0]
+    noise = float(np.sqrt(own**2 + (lever * jitter) ** 2 + _ACCELEROMETER**2))
+    return force, noise
+
+
+def of_cables(excerpt: Excerpt, source: Source, motion: PlatformMotion) -> MeasuredWrench | None:
+    """The wrench of all cables; None where they cannot be straight."""
+    turned, where = motion.turned, motion.where
+    if turned is None or where is None:
+        return None
+    robot = excerpt.robot.with_straight_cables()
+    read, instrument = excerpt.observations[source], excerpt.instruments[source[0]]
+    try:
+        W = _structures(robot, where, turned)
+    except InfeasibleError:
+        return None
+    tension = solve_for(
+        "tension",
+        instrument,
+        excerpt.experiment.robot.with_straight_cables(),
+        {source[1]: read.value},
+        {
+            "position": where.position,
+            "rotation": turned.rotation,
+            "velocity": where.velocity,
+            "omega": turned.omega,
+        },
+    )
+    (stated,) = (term.deviation for term in instrument.terms(robot.m) if term.key == "offset")
+    usual = _OFFSET * float(np.median(np.abs(read.value)))
+    sigma = np.full(robot.m, usual)
+    if stated is not None:
+        sigma = np.maximum(stated, _LEAST_OFFSET * usual)
+    spread = np.sqrt(np.sum(W**2, axis=2).reshape(len(W), 2, 3).mean(axis=(0, 2)))
+    noise = (read.noise[0] * float(spread[0]), read.noise[0] * float(spread[1]))
+    return MeasuredWrench(np.einsum("nkm,nm->nk", W, tension), W, sigma, noise, W)
+
+
+@lru_cache(maxsize=32)
+def _structures(robot: Robot, where: OriginMotion, turned: AttitudeMotion) -> Array:
+    # Of straight cables: what sag does to the directions is less than what is allowed for.
+    return cables_at(robot, where.position, turned.rotation, np.full(robot.m, 100.0)).structure
+
+
+def of_sensor(excerpt: Excerpt, of_force: Source, of_torque: Source) -> MeasuredWrench:
+    """The wrench of a six-axis sensor."""
+    name, robot = of_force[0], excerpt.experiment.robot
+    instrument = excerpt.instruments[name]
+    force, torque = excerpt.observations[of_force], excerpt.observations[of_torque]
+
+    def wrench_of(forces: Array, torques: Array) -> Array:
+        readings = {of_force[1]: forces, of_torque[1]: torques}
+        return solve_for("wrench", instrument, robot, readings, {})
+
+    wrench = wrench_of(force.value, torque.value)
+    alone = wrench_of(np.zeros_like(force.value), torque.value)
+    terms = {term.key: term for term in instrument.terms(robot.m)}
+    sigma = []
+    for key, axes in (("offset.force", wrench[:, :3]), ("offset.torque", alone[:, 3:])):
+        stated = terms[key].deviation
+        sigma.append(np.full(3, float(np.abs(axes).max())) if stated is None else stated)
+    lever = float(np.linalg.norm(point_of(excerpt, name)))
+    return MeasuredWrench(
+        wrench,
+        # Offsets of the sensor's axes are as many constants in those of the platform.
+        np.broadcast_to(np.eye(6), (len(wrench), 6, 6)),
+        np.maximum(np.concatenate(sigma), 1e-9),
+        (force.noise[0], float(np.hypot(torque.noise[0], lever * force.noise[0]))),
+        None,
+    )

@@ -1,0 +1,264 @@
+"""Mistakes of how an instrument is mounted and what its readings are stated to be: rotation, place,
+frame, gravity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.dynamics import specific_force_at
+from steelyard.identification.model.sources import Source
+from steelyard.inspection.amendment import (
+    AXES,
+    RARE,
+    ROBOT,
+    SIMPLE,
+    USUAL,
+    Amendment,
+    Change,
+    Subject,
+    with_gravity,
+    with_keys,
+)
+from steelyard.inspection.axes import axis_changes, rotations_by_right_angles
+from steelyard.inspection.excerpt import Excerpt
+from steelyard.inspection.frames import (
+    attitude_motion,
+    attitude_source,
+    mounting,
+    origin_motion,
+    point_of,
+    rpy_deg_of,
+    specific_force_of_origin,
+    specific_force_there,
+    tracker_frame,
+)
+from steelyard.inspection.motion_agreements import positions, specific_force
+from steelyard.instruments.equations import needed_for
+
+_FARTHEST = 4.0
+"""Radii of the platform beyond which nothing sits on it."""
+_LEAST_RADIUS = 0.5
+"""Of a platform, for that [m]."""
+_LEAST_POINT = 0.05
+"""By which a place on the platform must be wrong to be named [m]."""
+_CLOSER = 0.4
+"""Part of the distance to where it should be that a place with other signs may leave."""
+_FREE = 1e-3
+"""Weight of what is not known about a constant that is solved for."""
+
+
+def of_choices(excerpt: Excerpt, name: str) -> Iterator[Amendment]:
+    """Keys of two values that say the opposite of what is."""
+    for choice in excerpt.instruments[name].choices:
+        if all((name, quantity) in excerpt.observations for quantity in choice.quantities):
+            change = with_keys(name, **{choice.key: choice.other})
+            yield Subject(name, ", ".join(choice.quantities)).amendment(
+                choice.kind, choice.what, f"{choice.key}: {choice.other}", change, SIMPLE
+            )
+
+
+def of_accelerometer(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
+    """Gravity that is added with the wrong sign."""
+    instrument, robot = excerpt.instruments[source[0]], excerpt.experiment.robot
+    orientation = attitude_source(excerpt)
+    takes_gravity_out = "gravity" in needed_for("specific_force", instrument, robot, (source[1],))
+    if orientation is not None and not takes_gravity_out:
+        yield Subject(*source).amendment(
+            "gravity in the accelerometer",
+            "feels gravity upside down (a + g instead of a - g)",
+            "turn the sign of the gravity in the log, or state gravity: removed once it is"
+            " taken out",
+            _gravity_turned(source, orientation),
+            USUAL,
+            beside=(orientation[0],),
+        )
+
+
+def of_gyro(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
+    """Angular velocity in other axes than those of its instrument."""
+    orientation = attitude_source(excerpt)
+    if orientation is not None:
+        yield Subject(*source).amendment(
+            "frame",
+            "reads angular velocity in world axes",
+            "turn it into the axes of the IMU in the log",
+            _from_world_axes(source, orientation),
+            RARE,
+            beside=(orientation[0],),
+        )
+
+
+def _instrument_rotation(excerpt: Excerpt, name: str, orientation: Source) -> Array:
+    """R_world_instrument by an orientation, shape (n, 3, 3)."""
+    return attitude_motion(excerpt, orientation).rotation @ mounting(excerpt, name)
+
+
+def _gravity_turned(source: Source, orientation: Source) -> Change:
+    def change(excerpt: Excerpt) -> Excerpt:
+        R = _instrument_rotation(excerpt, source[0], orientation)
+        gravity = R.swapaxes(1, 2) @ excerpt.robot.gravity
+        return excerpt.with_observations({source: excerpt.observations[source].plus(-2 * gravity)})
+
+    return change
+
+
+def _from_world_axes(source: Source, orientation: Source) -> Change:
+    def change(excerpt: Excerpt) -> Excerpt:
+        R = _instrument_rotation(excerpt, source[0], orientation)
+        read = excerpt.observations[source]
+        value = np.einsum("nji,nj->ni", R, read.value)
+        rate = np.einsum("nji,nj->ni", R, read.rate)
+        return excerpt.with_observations({source: replace(read, value=value, rate=rate)})
+
+    return change
+
+
+def of_mounting(excerpt: Excerpt, name: str) -> Iterator[Amendment]:
+    """Instruments turned by right angles, or stated the wrong way round."""
+    subject = Subject(name, "")
+    R = mounting(excerpt, name)
+    for turn in rotations_by_right_angles():
+        rpy = rpy_deg_of(R @ turn.matrix)
+        yield subject.amendment(
+            "mounting",
+            f"is mounted otherwise than stated, turned by {turn.angle} degrees",
+            f"rpy_deg: {rpy}",
+            with_keys(name, rpy_deg=tuple(rpy)),
+            SIMPLE + 0.2,
+        )
+    if not np.allclose(R, R.T):
+        rpy = rpy_deg_of(R.T)
+        yield subject.amendment(
+            "mounting",
+            "has its mounting stated the wrong way round (platform to instrument)",
+            f"rpy_deg: {rpy}",
+            with_keys(name, rpy_deg=tuple(rpy)),
+            SIMPLE,
+        )
+
+
+def of_frame(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
+    """Where a tracker stands."""
+    name = source[0]
+    frame = excerpt.instruments[name].mounting.frame
+    origin, R = tracker_frame(excerpt, name)
+    if frame is None or (np.allclose(R, np.eye(3)) and not origin.any()):
+        return
+    place, rpy = -R.T @ origin, rpy_deg_of(R.T)
+    turned = {"position": tuple(map(float, place)), "rpy_deg": tuple(rpy)}
+    shown = [round(float(v), 6) for v in place]
+    yield Subject(*source).amendment(
+        "tracker frame",
+        "has its frame stated the wrong way round (world in the tracker)",
+        f"frame: {{position: {shown}, rpy_deg: {rpy}}}",
+        with_keys(name, frame=frame.model_copy(update=turned)),
+        SIMPLE,
+    )
+
+
+def of_point(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
+    """Another place on the platform."""
+    name = source[0]
+    for wanted in _wanted_points(excerpt, source):
+        yield from _of_wanted_point(excerpt, name, wanted)
+
+
+def _of_wanted_point(excerpt: Excerpt, name: str, wanted: Array) -> Iterator[Amendment]:
+    """The place where it seems to be, platform frame [m], and that which is stated, with another
+    sign.
+    """
+    key = excerpt.instruments[name].mounting.point_key
+    subject = Subject(name, key)
+    point = point_of(excerpt, name)
+    off = float(np.linalg.norm(wanted - point))
+    if not _LEAST_POINT < off < _FARTHEST * max(excerpt.robot.size, _LEAST_RADIUS):
+        return
+    place = tuple(round(float(v), 3) for v in wanted)
+    yield subject.amendment(
+        "place on the platform",
+        f"sits elsewhere on the platform than stated, by {off:.2g} m",
+        f"{key}: {list(place)}",
+        with_keys(name, **{key: place}),
+        RARE,
+    )
+    for turn in axis_changes():
+        other = turn.matrix @ point
+        if turn.keeps_order and np.linalg.norm(other - wanted) < _CLOSER * off:
+            place = tuple(float(v) + 0.0 for v in other)
+            yield subject.amendment(
+                "place on the platform",
+                f"has {key} stated with a wrong sign",
+                f"{key}: {list(place)}",
+                with_keys(name, **{key: place}),
+                SIMPLE,
+            )
+
+
+def _wanted_points(excerpt: Excerpt, source: Source) -> Iterator[Array]:
+    """Where on the platform an instrument would have to sit [m], by every other one that tells."""
+    orientation = attitude_source(excerpt)
+    if orientation is None or excerpt.static or excerpt.instruments[source[0]].commanded:
+        return
+    turned = attitude_motion(excerpt, orientation)
+    n = len(turned.omega)
+    free = np.broadcast_to(np.eye(3), (n, 3, 3))
+    _, by_point = specific_force_at(np.zeros((n, 3)), turned.omega, turned.alpha, np.zeros(3))
+    accelerated = np.concatenate([by_point, free], axis=2)
+    placed = np.concatenate([turned.rotation, free], axis=2)
+    if source[1] == "position":
+        origin, R = tracker_frame(excerpt, source[0])
+        read = excerpt.observations[source].mapped(R)
+        for other in positions(excerpt):
+            if other != source:
+                difference = read.value + origin - origin_motion(excerpt, other, turned).position
+                yield _solved(placed, difference)
+        tracked = np.einsum("nji,nj->ni", turned.rotation, read.bend - excerpt.robot.gravity)
+        for of_force in excerpt.quantity("specific_force"):
+            own = specific_force_of_origin(
+                excerpt, of_force, turned.rotation, turned.omega, turned.alpha
+            )
+            yield _solved(accelerated, tracked - own)
+    else:
+        there = specific_force_there(excerpt, source, turned)
+        for other in positions(excerpt):
+            force = specific_force(excerpt, turned, origin_motion(excerpt, other, turned))
+            yield _solved(accelerated, there.value - force)
+
+
+def _solved(columns: Array, target: Array) -> Array:
+    """The point, shape (3,), of which columns, shape (n, 3, 6), with a constant beside make a
+    target.
+    """
+    A = columns.reshape(-1, columns.shape[2])
+    scale = np.linalg.norm(A, axis=0).max()
+    held = _FREE * scale * np.eye(A.shape[1])
+    value, *_ = np.linalg.lstsq(
+        np.vstack([A, held]), np.concatenate([target.ravel(), np.zeros(len(held))]), rcond=None
+    )
+    return np.asarray(value[:3])
+
+
+def of_gravity(excerpt: Excerpt) -> Iterator[Amendment]:
+    """Gravity in the robot file."""
+    g = excerpt.robot.gravity
+    size = float(np.linalg.norm(g))
+    for axis in (2, 1, 0):
+        for sign in (-1, 1):
+            other = np.zeros(3)
+            other[axis] = sign * size
+            if np.allclose(other, g, atol=0.2 * size):
+                continue
+            along = f"{'+' if sign > 0 else '-'}{AXES[axis]}"
+            down = ": the world of the robot file has z down" if axis == 2 and sign > 0 else ""
+            yield Subject(ROBOT, "gravity").amendment(
+                "gravity in the robot file",
+                f"gravity points along {along} in the robot's world{down}",
+                f"gravity: {[float(v) for v in other]} in the robot file",
+                with_gravity(other),
+                SIMPLE + (0.0 if axis == 2 else 0.4),
+            )

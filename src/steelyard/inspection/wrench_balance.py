@@ -1,0 +1,323 @@
+"""Measured forces against weight and motion of a body that nobody knows: its ten parameters are
+chosen as they fit best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.dynamics import platform_regressor
+from steelyard.identification.model.sources import Source
+from steelyard.identification.model.unknown_body import BODY, unknown_body
+from steelyard.inspection.agreement import InstrumentAgreement
+from steelyard.inspection.excerpt import Excerpt
+from steelyard.inspection.measured_wrench import (
+    MeasuredWrench,
+    of_cables,
+    of_sensor,
+    platform_motion,
+)
+from steelyard.inspection.motion_agreements import (
+    Relation,
+    attitudes,
+    is_command,
+    positions,
+    title,
+)
+
+
+@dataclass(frozen=True)
+class BalanceSettings:
+    """What a body may leave of measured forces, and how far it may be from the nominal one."""
+
+    measured: float = 0.05
+    """What may be left of the changes of a wrench, as a part of them: smoothing, elasticity."""
+    commanded: float = 0.1
+    """The same where the motion is a commanded one."""
+    cross: float = 0.5
+    """Part of these two, of the other axes."""
+    weight: float = 0.01
+    """What may be left as a part of the force itself: geometry, sag, gains."""
+    mass: float = 0.45
+    """How far a platform may be from its nominal mass, as a logarithm."""
+    center: float = 0.35
+    """How far its centre of gravity may be from the nominal one, in radii of the platform; without
+    cables in metres."""
+    center_unknown: float = 1.5
+    """The same from the origin, where no nominal body is stated."""
+    moments: float = 1.5
+    """1-sigmas that moments of inertia may be below what the first moment alone asks for."""
+    offsets: float = 3.0
+    """1-sigmas that offsets of sensors in the cables may be off."""
+    negative: float = 7.0
+    """Logarithm that stands for a mass below zero: a factor of a thousand."""
+    range: float = 1.0
+    """Logarithm by which tensions may lie beyond the limits of the robot file."""
+    slack: float = 0.02
+    """How far below zero a tension may read, as a part of the median: noise and offsets."""
+    off_center: float = 0.5
+    """Lever at which noise in the specific force becomes torque, in radii of the platform."""
+    effective: float = 30.0
+    """Samples that count as independent when a body is fitted."""
+
+
+SETTINGS = BalanceSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class BodyBalance:
+    """A body chosen to fit, and what it leaves."""
+
+    left: Array
+    """Shape (n, 6)."""
+    explained: Array
+    """Wrench of the body and of the constants of the sensors, shape (n, 6)."""
+    allowed: Array
+    """Shape (6,)."""
+    parameters: Array
+    """The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`."""
+    sigma: Array
+    """Of them."""
+    constants: Array
+    """Of the sensors, in 1-sigmas."""
+    measured: MeasuredWrench
+    white: Array
+    """What was solved: columns over all that was chosen, in their 1-sigmas, shape (n, 6, 10 +
+    c)."""
+    target: Array
+    """Of these, shape (n, 6)."""
+    scale: Array
+    """1-sigmas of what was chosen, shape (10 + c,)."""
+
+
+def force_relations(excerpt: Excerpt) -> Iterator[Relation]:
+    """Which motions the forces can be compared with: each account of them by itself."""
+    turned, placed = attitudes(excerpt), positions(excerpt)
+    # An accelerometer goes with the gyro beside it, which tells angular acceleration best.
+    force_samples = [(f, *_beside(excerpt, f)) for f in excerpt.quantity("specific_force")]
+    for force in excerpt.quantity("tension"):
+        yield ("tensions", (force,))
+        measured = [s for s in turned if not is_command(excerpt, s[0])]
+        at = [s for s in placed if not is_command(excerpt, s[0])]
+        for a in measured or turned[:1]:
+            for p in at or placed[:1]:
+                yield ("cables", (force, a, p))
+                yield from (
+                    ("cables", (force, a, p, *f)) for f in force_samples if not excerpt.static
+                )
+        if (
+            turned
+            and placed
+            and (measured or at)
+            and is_command(excerpt, turned[-1][0])
+            and is_command(excerpt, placed[-1][0])
+        ):
+            # What was commanded is an account of its own.
+            yield ("cables", (force, turned[-1], placed[-1]))
+    for force in excerpt.quantity("force"):
+        torque = (force[0], "torque")
+        at = [s for s in placed if not is_command(excerpt, s[0])] or placed[:1]
+        for a in turned:
+            yield from (("wrench", (force, torque, a, p)) for p in at)
+            yield from (("wrench", (force, torque, a, *f)) for f in force_samples)
+            if not at and (excerpt.static or not force_samples):
+                yield ("wrench", (force, torque, a))
+        if not turned:
+            yield from (("wrench", (force, torque, *f)) for f in force_samples)
+
+
+def _beside(excerpt: Excerpt, force_samples: Source) -> tuple[Source, ...]:
+    """The gyro that goes with an accelerometer: its own, or any."""
+    gyros = excerpt.quantity("angular_velocity")
+    return (
+        tuple(sorted(gyros, key=lambda s: s[0] != force_samples[0])[:1])
+        if not excerpt.static
+        else ()
+    )
+
+
+def force_agreement(excerpt: Excerpt, relation: Relation) -> InstrumentAgreement | None:
+    """Evaluate one of :func:`force_relations`; None where it cannot be had."""
+    kind, sources = relation
+    if kind == "tensions":
+        return tensions_alone(excerpt, sources[0])
+    found = body_balance(excerpt, relation)
+    return None if found is None else _agreement(excerpt, relation, found)
+
+
+def tensions_alone(excerpt: Excerpt, source: Source) -> InstrumentAgreement:
+    """Cables pull; and about as hard as the robot file allows."""
+    read = excerpt.observations[source].value
+    size = float(np.median(np.abs(read))) or 1.0
+    below = np.sqrt(np.mean(np.minimum(read, 0.0) ** 2, axis=0))
+    low, high = excerpt.robot.tension_limits
+    beyond = max(0.0, float(np.log(size / high)) if np.isfinite(high) else 0.0)
+    if low > 0:
+        beyond = max(beyond, float(np.log(low / size)))
+    return InstrumentAgreement(
+        f"{title(source)} alone",
+        (source,),
+        (*(f"f{i + 1} above zero" for i in range(read.shape[1])), "range"),
+        np.concatenate([below, [beyond]]),
+        np.concatenate([np.full(read.shape[1], SETTINGS.slack * size), [SETTINGS.range]]),
+        "N",
+        read,
+        np.maximum(read, 0.0),
+        True,
+    )
+
+
+def body_balance(excerpt: Excerpt, relation: Relation) -> BodyBalance | None:
+    """The body that fits forces and one account of the motion best."""
+    kind, sources = relation
+    motion = platform_motion(excerpt, sources)
+    if motion is None:
+        return None
+    if kind == "cables":
+        measured = of_cables(excerpt, sources[0], motion)
+    else:
+        measured = of_sensor(excerpt, sources[0], sources[1])
+    if measured is None:
+        return None
+    commanded = any(is_command(excerpt, name) for name, _ in sources)
+    part = SETTINGS.commanded if commanded else SETTINGS.measured
+    size = _sizes(excerpt, measured)
+    Y = platform_regressor(motion.force, motion.omega, motion.alpha)
+    return _fitted(excerpt, measured, Y, _allowed(measured, size, motion.noise, part), size)
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """Of what the forces move: force [N], radius of the platform [m], mass [kg]."""
+
+    force: float
+    radius: float
+    mass: float
+
+
+def _sizes(excerpt: Excerpt, measured: MeasuredWrench) -> _Sizes:
+    """Plausible sizes, by the robot and the size of the forces."""
+    w, robot = measured.wrench, excerpt.robot
+    if measured.structure is not None:
+        force = float(np.sqrt(np.mean(np.sum(w[:, :3] ** 2, axis=1))))
+        return _Sizes(force, robot.size, force / 9.81)
+    # Offsets are free: the force itself is not known, and its changes are those of half of gravity.
+    spread = w.std(axis=0)
+    force = float(np.sqrt(np.sum(spread[:3] ** 2)))
+    lever = float(np.linalg.norm(spread[3:])) / max(float(np.linalg.norm(spread[:3])), 1e-12)
+    return _Sizes(force, robot.size if robot.m else max(lever, 1e-3), max(force / 5.0, 1e-6))
+
+
+def _allowed(
+    measured: MeasuredWrench, size: _Sizes, noise: tuple[float, float], part: float
+) -> Array:
+    """What noise and imperfect models would leave of a wrench, shape (6,)."""
+    spread = measured.wrench.std(axis=0)
+    common = np.repeat([float(np.mean(spread[:3] ** 2)), float(np.mean(spread[3:] ** 2))], 3)
+    whole = np.repeat([SETTINGS.weight * size.force, SETTINGS.weight * size.force * size.radius], 3)
+    by_lever = np.hypot(SETTINGS.off_center * size.radius * noise[0], size.radius**2 * noise[1])
+    by_motion = (size.mass * noise[0], size.mass * float(by_lever))
+    noisy = np.repeat(np.hypot(measured.noise, by_motion), 3)
+    crossed = (SETTINGS.cross * part) ** 2 * common
+    return np.asarray(np.sqrt(noisy**2 + (part * spread) ** 2 + crossed + whole**2 + 1e-24))
+
+
+def _fitted(
+    excerpt: Excerpt, measured: MeasuredWrench, Y: Array, allowed: Array, size: _Sizes
+) -> BodyBalance:
+    """The body within a wide prior, and what it leaves of the wrench."""
+    w = measured.wrench
+    n = len(w)
+    reach = excerpt.robot.size if excerpt.robot.m else max(size.radius, 0.3)
+    body = size.mass * np.concatenate([[10.0], np.full(3, 2 * reach), np.full(6, 2 * reach**2)])
+    columns = np.concatenate([Y, -measured.columns], axis=2)
+    sigma = np.concatenate([body, measured.sigma])
+    white, target = columns / allowed[:, None] * sigma, w / allowed
+    if excerpt.unread and measured.structure is not None:
+        # What such a cable pulls is whatever it must.
+        out = _across(measured.structure[:, :, sorted(excerpt.unread)] / allowed[:, None])
+        white, target = out @ white, np.einsum("nij,nj->ni", out, target)
+    prior = np.ones(len(sigma))
+    fitted = unknown_body(white, target, prior, weight=SETTINGS.effective / n)
+    return BodyBalance(
+        left=fitted.residual * allowed,
+        explained=(columns @ (fitted.value * sigma)).reshape(n, 6),
+        allowed=allowed,
+        parameters=(fitted.value * sigma)[BODY],
+        sigma=(fitted.standard_deviation * sigma)[BODY],
+        constants=fitted.value[BODY.stop :],
+        measured=measured,
+        white=white,
+        target=target,
+        scale=sigma,
+    )
+
+
+def _across(directions: Array) -> Array:
+    """Projections that take some directions out, shape (n, 6, 6)."""
+    Q, _ = np.linalg.qr(directions)
+    return np.asarray(np.eye(6) - Q @ Q.swapaxes(1, 2))
+
+
+def _agreement(excerpt: Excerpt, relation: Relation, found: BodyBalance) -> InstrumentAgreement:
+    """What is left of the wrench, and how plausible the body is that was chosen."""
+    left = np.sqrt(np.mean(found.left**2, axis=0))
+    axes = ("fx", "fy", "fz", "tx", "ty", "tz")
+    rows = list(zip(axes, left.tolist(), found.allowed.tolist(), strict=True))
+    rows += _plausibility(excerpt, found)
+    if found.measured.structure is not None:
+        offsets = float(np.sqrt(np.mean(found.constants**2)))
+        rows.append(("offsets", offsets, SETTINGS.offsets))
+    return InstrumentAgreement(
+        title(*relation[1]),
+        relation[1],
+        tuple(name for name, _, _ in rows),
+        np.array([off for _, off, _ in rows]),
+        np.array([allowed for _, _, allowed in rows]),
+        "N",
+        found.measured.wrench,
+        found.explained,
+        True,
+    )
+
+
+def _plausibility(excerpt: Excerpt, found: BodyBalance) -> list[tuple[str, float, float]]:
+    """Mass, centre of gravity and moments of a body: by how much each is off, and what is allowed;
+    nothing where the mass is not known.
+    """
+    robot, p = excerpt.robot, found.parameters
+    mass, sigma = float(p[0]), float(found.sigma[0])
+    if abs(mass) <= 3 * sigma:
+        return []
+    if mass <= 0:
+        return [("mass", SETTINGS.negative, SETTINGS.mass)]
+    known = excerpt.experiment.known.get("mass")
+    expected, nominal, free = np.zeros(3), None, SETTINGS.center_unknown
+    if robot.platform is not None:
+        expected, nominal = robot.platform.center_of_gravity, robot.platform.mass
+        free = SETTINGS.center
+    if known is not None:
+        nominal = known[0]
+    off = abs(float(np.log(mass / nominal))) if nominal else 0.0
+    reach = robot.size if robot.m else 1.0
+    beyond = np.abs(p[1:4] / mass - expected) - 2 * found.sigma[1:4] / mass
+    return [
+        ("mass", off, SETTINGS.mass),
+        ("centre of gravity", float(np.linalg.norm(np.maximum(beyond, 0.0))), free * reach),
+        ("moments", _impossible(p, found.sigma), SETTINGS.moments),
+    ]
+
+
+def _impossible(p: Array, sigma: Array) -> float:
+    """By how many 1-sigmas the moments about the origin are below what the first moment alone asks
+    for.
+    """
+    m, h = p[0], p[1:4]
+    square = float(h @ h) / m
+    least = square - h**2 / m
+    short = (least - p[4:7]) / (sigma[4:7] + 1e-12)
+    return float(max(0.0, short.max()))

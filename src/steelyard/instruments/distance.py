@@ -1,0 +1,94 @@
+"""Laser and ultrasonic sensors: the distance of a point of the platform from a plane."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from pydantic import field_validator
+
+from steelyard.batch import Symbol
+from steelyard.instruments.base import (
+    Calibration,
+    Instrument,
+    Mounting,
+    Prior,
+    Quantity,
+    Sigma,
+    Term,
+    Vector,
+    sigma,
+)
+from steelyard.motion.state import State
+from steelyard.robot.model import Robot
+from steelyard.yaml_file import FileModel
+
+
+class PlaneForm(FileModel):
+    """A plane of the world: all points x with normal . x = offset, for a normal of length one."""
+
+    normal: Vector
+    """Points to the side on which distances are positive, world frame; its length does not
+    matter."""
+    offset: float
+    """Distance of the plane from the origin of the world, along the normal [m]."""
+
+    @field_validator("normal")
+    @classmethod
+    def _has_a_direction(cls, normal: Vector) -> Vector:
+        if not any(normal):
+            raise ValueError("expected a direction, found [0, 0, 0]; give the normal of the plane")
+        return normal
+
+    @property
+    def direction(self) -> Vector:
+        """Unit normal, shape (3,)."""
+        length = float(np.linalg.norm(self.normal))
+        return self.normal[0] / length, self.normal[1] / length, self.normal[2] / length
+
+
+class DistanceCalibration(Calibration):
+    """Systematic errors, 1-sigma."""
+
+    offset: Prior = sigma(0.005)
+    """Added to the reading [m]."""
+    target: Prior = sigma(0.005)
+    """Place of the point in the platform [m]."""
+
+
+class Distance(Instrument):
+    """Perpendicular distance of a point of the platform from a plane of the world, positive on the
+    side to which the normal points.
+    """
+
+    kind: Literal["distance"]
+    point: Vector = (0.0, 0.0, 0.0)
+    """Point whose distance is read, platform frame [m]."""
+    plane: PlaneForm
+    noise: Sigma | None = None
+    """1-sigma per sample [m]."""
+    calibration: DistanceCalibration = DistanceCalibration()
+
+    @property
+    def mounting(self) -> Mounting:
+        """See :class:`Instrument`."""
+        return Mounting(point=self.point, point_key="point")
+
+    def quantities(self, m: int) -> tuple[Quantity, ...]:
+        """See :class:`Instrument`."""
+        return (Quantity("distance", (("d",),), "m", self.noise),)
+
+    def terms(self, m: int) -> tuple[Term, ...]:
+        """See :class:`Instrument`."""
+        c = self.calibration
+        return Term("offset", 1, "m", c.offset), Term("target", 3, "m", c.target)
+
+    def predict(
+        self, state: State, calibration: Mapping[str, Symbol], robot: Robot
+    ) -> dict[str, Symbol]:
+        """The point's coordinate along the normal, counted from the plane."""
+        point = state.position + state.rotation @ (ca.DM(self.point) + calibration["target"])
+        height = ca.dot(ca.DM(self.plane.direction), point) - self.plane.offset
+        return {"distance": height + calibration["offset"]}
