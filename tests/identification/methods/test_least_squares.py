@@ -392,7 +392,8 @@ def test_a_long_recording_window_by_window_is_nearly_as_good_as_at_once(monkeypa
 
 
 def test_an_attitude_is_needed_to_know_where_the_cables_pull():
-    experiment = without(sound(0), "imu", "orientation")
+    # A command would stand in for it.
+    experiment = without(without(sound(0), "imu", "orientation"), "command")
     with pytest.raises(InputError, match="expected an orientation"):
         METHOD(experiment)
 

@@ -199,10 +199,6 @@ WRONG = {
     "two cables swapped": (lambda e: swapped(e, 1, 6), r"columns of cables 2 and 7 exchanged.*check the order of the force sensors"),
     "neighbours swapped": (lambda e: swapped(e, 4, 5), r"columns of cables 5 and 6 exchanged"),
     "an attachment wrong by 5 cm": (lambda e: moved(e, "attachments", 3, 0, 0.05), r"attachment \d [xyz] seems to be off.*measure this attachment"),
-    "forces clipped": (
-        lambda e: with_stream(e, "cables", lambda v: {"tension": np.minimum(v["tension"], np.quantile(v["tension"], 0.8, axis=0))}),
-        r"check (the order and the unit of the force sensors|whether anything touched)",
-    ),
     "forces in daN": (lambda e: scaled(e, 0.1), r"check the unit of the forces"),
     "one force in kgf": (
         lambda e: with_stream(e, "cables", lambda v: {"tension": v["tension"] * np.where(np.arange(8) == 2, 1 / 9.80665, 1)}),

@@ -121,13 +121,20 @@ def read(
     return Readings(experiment, calibration, tuple(runs), tuple(samples), records)
 
 
-def begin(readings: Readings, tell: Tell, *, thorough: bool) -> Beginning:
+def begin(
+    readings: Readings,
+    tell: Tell,
+    *,
+    thorough: bool,
+    held_out: frozenset[str] = frozenset(),
+) -> Beginning:
     """Fit the motion to its instruments alone, and a first body to the forces over it.
 
     Args:
         readings: Of the experiment.
         tell: Is called with what is being done and the fraction that is done.
         thorough: Whether the motion will be held; else it is only a beginning.
+        held_out: Runs whose forces are not looked at.
 
     Raises:
         NoBalanceError: No run has a segment.
@@ -139,7 +146,7 @@ def begin(readings: Readings, tell: Tell, *, thorough: bool) -> Beginning:
     task = motion_task(readings)
     state = State(segments, readings.calibration, None)
     motion, state, lost = _motion(task, state, tell, beginning=not thorough)
-    return with_body(readings, Beginning(task, motion, state, lost))
+    return with_body(readings, Beginning(task, motion, state, lost), held_out)
 
 
 def motion_task(readings: Readings) -> Task:
@@ -163,7 +170,9 @@ def motion_task(readings: Readings) -> Task:
     )
 
 
-def with_body(readings: Readings, begun: Beginning) -> Beginning:
+def with_body(
+    readings: Readings, begun: Beginning, held_out: frozenset[str] = frozenset()
+) -> Beginning:
     """A beginning of motion and forces, from a motion.
 
     Raises:
@@ -172,7 +181,11 @@ def with_body(readings: Readings, begun: Beginning) -> Beginning:
     experiment, state = readings.experiment, begun.state
     parameters = state.parameters
     if parameters is None:
-        parameters = _first_body(experiment, state, readings.force_samples)
+        looked_at = [
+            None if segment.run in held_out else forces
+            for segment, forces in zip(state.segments, readings.force_samples, strict=True)
+        ]
+        parameters = _first_body(experiment, state, looked_at)
     if not parameters[0] or not np.isfinite(parameters).all():
         raise np.linalg.LinAlgError
     size = plausible_radius(experiment.robot)
@@ -267,7 +280,9 @@ def _stated(experiment: Experiment) -> frozenset[Source]:
     )
 
 
-def _first_body(experiment: Experiment, state: State, force_samples: Sequence[Forces]) -> Array:
+def _first_body(
+    experiment: Experiment, state: State, force_samples: Sequence[Forces | None]
+) -> Array:
     """The ten linear parameters that balance forces and a given motion, samples that stand far
     counting less.
     """
@@ -275,6 +290,8 @@ def _first_body(experiment: Experiment, state: State, force_samples: Sequence[Fo
     for _ in range(_BODY_ITERATIONS):
         normal, right = np.zeros((TEN, TEN)), np.zeros(TEN)
         for segment, forces in zip(state.segments, force_samples, strict=True):
+            if forces is None:
+                continue
             at = balance_of(
                 experiment, segment, forces, state.calibration, parameters, state.factors
             )

@@ -69,10 +69,14 @@ from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.inertia import TEN
 
 _ITERATIONS = 12
+_BEGINNING = 2
+"""After so many the body is near enough for what noise of the motion does to it."""
 _FEW_ITERATIONS = 4
-"""After so many the noise of the readings, and what noise of the motion does, are as they will be."""
-_ARRIVED = 0.1
-"""Length of a step of the ten, a chi-square, at which they have arrived."""
+"""After so many the noise of the readings is as it will be."""
+_ARRIVED = 0.05
+"""Largest step of one of the ten, in its 1-sigma, at which they have arrived."""
+_IDENTIFIABLE = 0.3
+"""Largest 1-sigma of one of the ten that has to arrive, as a part of its plausible size."""
 _LEAST_SHARE = 0.25
 _MOTION_ITERATIONS = 4
 _MOTION_ARRIVED = 5.0
@@ -117,10 +121,11 @@ def _posterior(experiment: Experiment, tell: Tell, held_out: frozenset[str]) -> 
 def _fitted(experiment: Experiment, tell: Tell, held_out: frozenset[str]) -> FittedStretch:
     """The fit of an experiment that is not too long."""
     readings = read(experiment, None, tell)
-    begun = begin(readings, tell, thorough=True)
+    begun = begin(readings, tell, thorough=True, held_out=held_out)
     task = replace(begun.task, force_samples=_looked_at(readings, begun.state, held_out))
     tell("balancing forces and motion", 0.5)
-    body = fit_held(replace(task, active=np.zeros_like(task.active)), begun.state)
+    alone = replace(task, active=np.zeros_like(task.active))
+    body = fit_held(alone, begun.state, beginning=True)
     found = fit_held(
         task, body.state, lambda part: tell("balancing forces and motion", 0.5 + 0.3 * part)
     )
@@ -184,7 +189,11 @@ def _motion_about(task: Task, state: State) -> State:
 
 
 def fit_held(
-    task: Task, state: State, tell: Callable[[float], None] = lambda fraction: None
+    task: Task,
+    state: State,
+    tell: Callable[[float], None] = lambda fraction: None,
+    *,
+    beginning: bool = False,
 ) -> Fit:
     """Fit body and calibration parameters to forces over a motion that is held.
 
@@ -192,6 +201,7 @@ def fit_held(
         task: What to fit.
         state: With the motion as its instruments alone give it.
         tell: Is called with the fraction that is done, roughly.
+        beginning: Whether it is only a beginning for another fit, so that less will do.
 
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
@@ -202,12 +212,12 @@ def fit_held(
     motions = _covariances(state, parts)
     bias = np.zeros((len(state.segments), TEN))
     share, last = 1.0, np.inf
-    for turn in range(_ITERATIONS):
+    for turn in range(_BEGINNING if beginning else _ITERATIONS):
         parts, tally = linearise(task, state, column_of, border, motions)
         by_motion = smooth(state, [each.motion for each in parts])
         equations = smooth(state, [each.all for each in parts])
         motions = tuple(each.inverse for each in by_motion)
-        if turn < _FEW_ITERATIONS:
+        if turn < _BEGINNING and not beginning:
             bias = regressor_bias(task, state, motions, by_motion, equations)
         step = step_of(task, state, equations, follow=by_motion, further=bias.sum(axis=0))
         if not np.isfinite(step.border).all():
@@ -223,12 +233,12 @@ def fit_held(
             )
             factors = _of_forces(task, state, wanted)
         settled = not changed(state.factors, factors)
-        converged = settled and _distance(step) < _ARRIVED
+        converged = settled and _distance(task, step) < _ARRIVED
         if converged:
             break
         # Where what is left out of the curvature throws it to and fro, half of a step arrives.
-        share = max(share / 2, _LEAST_SHARE) if _distance(step) > last and settled else share
-        last = _distance(step)
+        share = max(share / 2, _LEAST_SHARE) if _distance(task, step) > last and settled else share
+        last = _distance(task, step)
         state = replace(step.along(task, state, share), factors=factors)
         tell(min(0.95, turn / 5))
     return Fit(
@@ -246,10 +256,11 @@ def fit_held(
     )
 
 
-def _distance(step: Step) -> float:
-    """Square of the length of a step of the ten in their 1-sigma, a chi-square."""
-    own, covariance = step.border[:TEN], step.covariance[:TEN, :TEN]
-    return float(own @ np.linalg.pinv(covariance, rcond=1e-12, hermitian=True) @ own)
+def _distance(task: Task, step: Step) -> float:
+    """Largest step of one of the ten, in its 1-sigma; of those that are not identifiable none."""
+    deviation = np.sqrt(np.maximum(np.diag(step.covariance)[:TEN], 0.0))
+    known = (deviation > 0) & (deviation < _IDENTIFIABLE * task.sizes)
+    return float(np.max(np.abs(step.border[:TEN][known]) / deviation[known], initial=0.0))
 
 
 def _columns(task: Task) -> tuple[int, NDArray[np.intp]]:
