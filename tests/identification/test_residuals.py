@@ -11,7 +11,7 @@ from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.residuals import PLATFORM, explained
+from steelyard.identification.residuals import PLATFORM, residuals
 from steelyard.robot.kinematics import cables_at
 
 pytestmark = pytest.mark.integration
@@ -26,7 +26,9 @@ def experiment(tmp_path_factory):
 def found(request, experiment):
     identification = identify(experiment, [request.param()])
     estimate = identification.estimates[identification.result]
-    readings = explained(identification.recorded, identification.fitted, estimate.body.parameters)
+    readings = residuals(
+        identification.recorded, identification.posterior, estimate.body.parameters
+    )
     return identification, {(each.instrument, each.quantity): each for each in readings}
 
 
@@ -93,7 +95,7 @@ def test_predicted_wrench_is_that_of_the_body_on_the_fitted_motion(experiment):
     motion, body = identification.motion[0], identification.estimates["maximum-likelihood"].body
     readings = {
         (e.instrument, e.quantity): e
-        for e in explained(identification.recorded, identification.fitted, body.parameters)
+        for e in residuals(identification.recorded, identification.posterior, body.parameters)
     }
     force, torque = readings[PLATFORM, "force"], readings[PLATFORM, "torque"]
     inside = (force.time > motion.time[0]) & (force.time < motion.time[-1])
@@ -122,10 +124,10 @@ def test_predicted_wrench_is_that_of_the_body_on_the_fitted_motion(experiment):
 
 def test_measured_wrench_is_that_of_the_cables(experiment):
     identification = identify(experiment, [MaximumLikelihood()])
-    joint, robot = identification.fitted, experiment.robot
+    joint, robot = identification.posterior, experiment.robot
     readings = {
         (e.instrument, e.quantity): e
-        for e in explained(identification.recorded, joint, np.full(10, np.nan))
+        for e in residuals(identification.recorded, joint, np.full(10, np.nan))
     }
     samples = joint.samples[0]
     offset = np.array(

@@ -192,7 +192,7 @@ def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
         solution=solution,
         blocks=blocks,
         bound=_bound(solution),
-        weights=_weights(parts),
+        weights=_weights(parts, fitted.held_out),
         motion=(),
         contacts={name: tuple(each) for name, each in fitted.contacts.items() if each},
         spikes={name: count for name, count in fitted.spikes.items() if count},
@@ -342,12 +342,14 @@ def _bound(solution: Solution) -> Bound:
     return Bound(np.asarray(J @ covariance[:TEN, :TEN] @ J.T), covariance[TEN:, TEN:])
 
 
-def _weights(parts: Sequence[SegmentEquations]) -> dict[str, Array]:
+def _weights(parts: Sequence[SegmentEquations], held_out: frozenset[str]) -> dict[str, Array]:
     """Run -> weight of every sample; those that have been left out and named are none that stand
     out.
     """
     found: dict[str, list[Array]] = {}
     for part in parts:
+        if part.segment.run in held_out:
+            continue
         inside = np.concatenate([part.segment.holds(each.time) for each in part.balances])
         named = part.force_samples.left_out.any(axis=1) | ~inside
         found.setdefault(part.segment.run, []).append(np.where(named, 1.0, part.weight))
