@@ -62,20 +62,16 @@ PROBLEMS = {
 }
 LINEAR = frozenset({"mass", "cx", "cy", "cz"})
 YAW = frozenset({"Jzz", "Jyz", "Jxz"})
-NOTHING = frozenset()
 IDENTIFIABLE = {
     "sound": dict.fromkeys(METHODS, frozenset(BODY_PARAMETERS)),
-    # On its way along straight lines, gravity is all that two steps have for the centre of gravity;
-    # where the command is followed exactly, there are no independent instrumental variables.
+    # On its way along straight lines, gravity is all that two steps have for the centre of gravity.
     "translation": {
         **dict.fromkeys(METHODS, LINEAR),
         "two-step": {"mass"},
-        "instrumental-variables": NOTHING,
     },
     "turning about z": {
         **dict.fromkeys(METHODS, LINEAR | YAW),
         "two-step": {"mass", "cx", "cy", "Jzz"},
-        "instrumental-variables": NOTHING,
     },
 }
 WRONG = ("cables exchanged", "accelerometer in g")

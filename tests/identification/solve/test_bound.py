@@ -28,7 +28,7 @@ from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.model.calibration_parameters import Calibration, gather
 from steelyard.identification.model.force_residuals import Forces
 from steelyard.identification.model.motion_residuals import Reading, Segment
-from steelyard.identification.solve.bound import attainable, cramer_rao
+from steelyard.identification.solve.bound import cramer_rao
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian
 from steelyard.instruments import Imu, Position, Tension
@@ -382,7 +382,7 @@ def test_more_and_better_readings_tell_more():
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_no_estimate_is_surer_than_the_bound(seed):
     found = studied(seed)
-    own, bound = LeastSquares().of(found), attainable(found)
+    own, bound = LeastSquares().of(found), found.bound
     ratio = own.standard_deviation / bound.standard_deviation
     # The bound stands at the estimate, whose noise moves it; the filter and the weights cost the
     # rest.
@@ -392,7 +392,7 @@ def test_no_estimate_is_surer_than_the_bound(seed):
 
 def test_ideal_sensors_leave_next_to_no_uncertainty():
     suite = {name: changed(each, rate=50.0) for name, each in IDEAL.items()}
-    bound = attainable(fit_with_held_motion(RECORDER(0, instruments=suite)))
+    bound = fit_with_held_motion(RECORDER(0, instruments=suite)).bound
     assert bound is None or np.all(bound.standard_deviation < 1e-2)
 
 
@@ -401,8 +401,8 @@ def test_poses_at_rest_add_to_it():
     experiment = RECORDER(1)
     both = replace(experiment, runs=(*experiment.runs, at_rest(poses, RECORDER.drawn["run"])))
     alone, added = (
-        attainable(fit_with_held_motion(experiment)),
-        attainable(fit_with_held_motion(both)),
+        fit_with_held_motion(experiment).bound,
+        fit_with_held_motion(both).bound,
     )
     ratio = added.standard_deviation / alone.standard_deviation
     assert np.all(ratio < 1.02)
@@ -418,7 +418,7 @@ def runs():
         pair_studied(),
         fit_with_held_motion(pair(), held_out=frozenset({"b"})),
     )
-    return [attainable(found).standard_deviation for found in studies]
+    return [found.bound.standard_deviation for found in studies]
 
 
 def test_several_runs_tell_more_than_one(runs):
