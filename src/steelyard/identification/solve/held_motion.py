@@ -226,12 +226,11 @@ def fit_held(
         if turn < _FEW_ITERATIONS:
             followed = step_of(task, state, equations)
             ratios = ratios_of(equations, _followed(task, state, followed, tally), task.stated)
-            wanted = (
-                {**larger(task, state, ratios), **unstated(state, ratios)}
-                if turn
-                else unstated(state, ratios)
-            )
-            factors = _of_forces(task, state, wanted)
+            factors = _of_forces(task, state, unstated(state, ratios))
+            if turn:
+                # Only about a body that is nearly right can a noise not be as stated.
+                stated = larger(task, state, ratios)
+                factors |= {source: stated[source] for source in task.stated & stated.keys()}
         settled = not changed(state.factors, factors)
         converged = settled and _distance(task, step) < _ARRIVED
         if converged:
