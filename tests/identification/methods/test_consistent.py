@@ -95,9 +95,9 @@ def test_constraints_bring_the_estimate_nearer_to_the_truth(flat):
 def test_what_the_constraints_cost_too_much_is_a_reason_against_it():
     # The sign of a product of inertia that no body has: forces of another motion.
     found = studied(0)
-    impossible = replace(
-        found, parameters=found.parameters + np.array([0, 0, 0, 0, 0, 0, 400.0, 0, 0, 0])
-    )
+    value = found.solution.value.copy()
+    value[6] += 400.0
+    impossible = replace(found, solution=replace(found.solution, value=value))
     estimate = Consistent().of(impossible)
     assert estimate.physical
     assert not estimate.verdict.accepted

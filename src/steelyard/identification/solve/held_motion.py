@@ -75,7 +75,7 @@ _FEW_ITERATIONS = 4
 """After so many the noise of the readings is as it will be."""
 _ARRIVED = 0.05
 """Largest step of one of the ten, in its 1-sigma, at which they have arrived."""
-_IDENTIFIABLE = 0.3
+_IDENTIFIABLE = 0.15
 """Largest 1-sigma of one of the ten that has to arrive, as a part of its plausible size."""
 _LEAST_SHARE = 0.25
 _MOTION_ITERATIONS = 4
