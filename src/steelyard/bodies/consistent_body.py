@@ -116,6 +116,9 @@ def solve(problem: BodyProblem) -> ConsistentBody:
     if found is None:
         raise _no_solution(problem)
     parameters = readonly(problem.from_whitened @ found.z, (10,), "parameters")
+    nothing = problem.misfit(np.zeros(10))
+    if problem.regions and problem.misfit(parameters) > problem.settings.far_away * nothing:
+        raise _no_solution(problem)
     binding = _binding(problem, whitened, found)
     return ConsistentBody(
         parameters=parameters,

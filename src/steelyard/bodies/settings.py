@@ -20,6 +20,10 @@ class BodySettings:
     """By how much a solution may violate a constraint, in parts of its norm: what the semidefinite
     programme leaves at its tightest tolerances."""
 
+    far_away: float = 0.9
+    """Misfit, in parts of that of no body at all, beyond which the regions are nowhere near the
+    body: what fits in them explains next to nothing of what the data show."""
+
     # Where the data are silent
 
     information_rounding: float = 1e-13

@@ -29,8 +29,6 @@ from steelyard.inertia import TEN, Inertia, body_jacobian
 _FOLDS = 5
 _WEIGHTS = np.concatenate([[0.0], np.geomspace(0.01, 1000.0, 16)])
 """Candidate weights of the pull towards the nominal body, in the unit of the objective."""
-_NOTHING = 0.01
-"""A chi-square that is not worth a word."""
 _TOO_MUCH = 1e-3
 """Probability below which what the constraints cost is no chance."""
 
@@ -144,7 +142,7 @@ def _finished(
     }
     notes = [body.remark] if body.remark else []
     further: list[str] = []
-    if body.binding and body.misfit > _NOTHING:
+    if body.binding:
         freedom = max(1, len(body.binding))
         chance = float(chi2.sf(body.misfit, freedom))
         words = (

@@ -219,7 +219,14 @@ def fit_held(
         motions = tuple(each.inverse for each in by_motion)
         if turn < _BEGINNING and not beginning:
             bias = regressor_bias(task, state, motions, by_motion, equations)
-        step = step_of(task, state, equations, follow=by_motion, further=bias.sum(axis=0))
+        step = step_of(
+            task,
+            state,
+            equations,
+            follow=by_motion,
+            further=bias.sum(axis=0),
+            least=1 / _IDENTIFIABLE**2,
+        )
         if not np.isfinite(step.border).all():
             raise np.linalg.LinAlgError
         factors = state.factors

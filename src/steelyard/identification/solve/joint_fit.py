@@ -29,6 +29,7 @@ from steelyard.identification.model.motion_residuals import (
 from steelyard.identification.model.segment import POSE, Label, NormalEquations, accumulate
 from steelyard.identification.model.smoothness import smoothness
 from steelyard.identification.model.sources import Source
+from steelyard.identification.solve.normal_equations import weak_directions
 from steelyard.inertia import TEN
 
 _TURNS, _TURNS_BEGINNING = 30, 12
@@ -448,6 +449,7 @@ def step_of(
     *,
     follow: Sequence[NormalEquations] | None = None,
     further: Array | float = 0.0,
+    least: float | None = None,
 ) -> Step:
     """Step of Gauss and Newton.
 
@@ -457,12 +459,17 @@ def step_of(
         equations: Of all segments.
         follow: Equations by which the motion moves, where it does not follow all readings.
         further: What is added to the gradient by the ten, shape (10,).
+        least: Information in units of plausible sizes below which directions of the ten stay where
+            they are; None: all move that the data tell anything of.
     """
     reduced = [each.reduced() for each in equations]
     gradient = np.sum([g for _, g in reduced], axis=0)
     ten = TEN if state.parameters is not None else 0
     gradient[:ten] += further
     matrix, right = border_system(task, state, (np.sum([m for m, _ in reduced], axis=0), gradient))
+    if least is not None:
+        held, _ = weak_directions(matrix, np.zeros((TEN, TEN)), np.ones(TEN), least)
+        matrix[:TEN, :TEN] += held
     scale = np.concatenate([task.sizes[:ten], task.calibration_parameters.deviation[task.active]])
     told, axes = np.linalg.eigh((matrix + matrix.T) / 2)
     keep = told > _HELD

@@ -133,7 +133,7 @@ def solve(
     k = len(estimated)
     use = np.flatnonzero(estimated)
     normal = equations.normal[np.ix_(use, use)] + prior.precision[np.ix_(use, use)]
-    held, wide = _unidentifiable(normal, equations.noise, scale)
+    held, wide = weak_directions(normal, equations.noise, scale)
     # Directions that are not identifiable are held; their uncertainty is that of what is plausible.
     normal[:TEN, :TEN] += held
     taken_off = np.zeros(k)
@@ -170,7 +170,9 @@ def inverse_of(matrix: Array, scale: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix * np.outer(sizes, sizes)) * np.outer(sizes, sizes))
 
 
-def _unidentifiable(normal: Array, noise: Array, scale: Array) -> tuple[Array, Array]:
+def weak_directions(
+    normal: Array, noise: Array, scale: Array, least: float = _LEAST_INFORMATION
+) -> tuple[Array, Array]:
     """What holds the directions of the ten that the data do not tell, shape (10, 10), and these
     directions in plausible length, columns of shape (10, u).
 
@@ -178,6 +180,7 @@ def _unidentifiable(normal: Array, noise: Array, scale: Array) -> tuple[Array, A
         normal: Of the estimated columns with their priors.
         noise: Of the ten, which must be exceeded.
         scale: Plausible size of the ten.
+        least: Information in units of plausible sizes below which a direction is weak.
     """
     others = normal[TEN:, TEN:]
     information = normal[:TEN, :TEN]
@@ -188,7 +191,7 @@ def _unidentifiable(normal: Array, noise: Array, scale: Array) -> tuple[Array, A
     scaled = information * np.outer(scale, scale)
     values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
     by_noise = np.einsum("ij,ik,kj->j", vectors, noise * np.outer(scale, scale), vectors)
-    weak = (values < by_noise) | (values < 1e-12 * values[-1]) | (values < _LEAST_INFORMATION)
+    weak = (values < by_noise) | (values < 1e-12 * values[-1]) | (values < least)
     directions = vectors[:, weak]
     strength = max(1.0, float(values[-1])) * _HOLD
     held = (directions * strength) @ directions.T / np.outer(scale, scale)
