@@ -98,7 +98,7 @@ def test_values_are_plain_and_consistent(prediction):
         assert values["rmse_over_spread"][axis] == pytest.approx(
             values["rmse"][axis] / values["spread_of_measured"][axis]
         )
-    assert "run 'b', held out: rmse of the predicted wrench force x" in str(prediction)
+    assert "run 'b', held out: rmse of the predicted wrench (means over" in str(prediction)
 
 
 def test_unknown_runs_are_named(experiment):

@@ -9,7 +9,7 @@ that the data tell [Wahba1978]_, so that a spline of many knots is no freer than
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,11 +82,13 @@ class Segment:
     """Of the pose, shape (f, 7)."""
     smoothness: Mapping[str, float] | None = None
     """Part of the pose (see :data:`PARTS`) -> intensity of the white noise in its third derivative
-    [m^2/s^5], [1/s^5]; None: no prior."""
+    [m^2/s^5], [1/s^5], of the parts that are held smooth; None: no prior."""
     looser: Mapping[str, float] = field(default_factory=dict)
     """Part of the pose -> by how much that intensity exceeds the likeliest; 1 where nothing is
     said, see :mod:`.smoothness`."""
     static: bool = False
+    placed: bool = True
+    """Whether an instrument tells the place; else accelerations alone tell the translation."""
     reference: str | None = None
     """Clock in whose time the motion is told; None: one of those that recorded it, see
     :func:`reference_clocks`."""
@@ -118,8 +120,20 @@ class Segment:
         """Normal equations of the readings with what is known of the motion's smoothness."""
         if self.smoothness is None or self.static:
             return equations
-        bands = [matrix / self.smoothness[part] for part, matrix in self.jerks.items()]
+        bands = [self.jerks[part] / intensity for part, intensity in self.smoothness.items()]
         return equations.stiffened(bands, self.coefficients)
+
+    @property
+    def wandering(self) -> Segment:
+        """The same with a translation that is not held smooth where nothing tells the place.
+
+        Accelerations alone do not tell a translation from a rotation about a point far away: what a
+        smooth translation says about a lever arm is a guess that no reading confirms.
+        """
+        if self.placed or self.smoothness is None:
+            return self
+        held = {part: each for part, each in self.smoothness.items() if part != "position"}
+        return replace(self, smoothness=held)
 
     @property
     def roughness(self) -> Mapping[str, float]:
@@ -247,7 +261,7 @@ def motion_residuals(
     tally.cost += float(np.sum(held.residual**2))
     if segment.smoothness is not None and not segment.static:
         tally.cost += sum(
-            value / segment.smoothness[part] for part, value in segment.roughness.items()
+            segment.roughness[part] / intensity for part, intensity in segment.smoothness.items()
         )
     yield held
 

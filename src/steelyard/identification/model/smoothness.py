@@ -97,13 +97,13 @@ def _search(
                 return _Found(level, -np.inf)
             functions = len(segment.coefficients)
             evidence += 0.5 * (float(whole.motion_gradient @ whole.settled) - whole.log_determinant)
-            evidence -= 0.5 * sum(value / level[part] for part, value in bent.roughness.items())
+            evidence -= 0.5 * sum(bent.roughness[part] / each for part, each in level.items())
             rested = replace(
                 bent, coefficients=segment.coefficients + whole.settled.reshape(-1, POSE)
             )
-            for part, value in rested.roughness.items():
+            for part in level:
                 rank = (PARTS[part].stop - PARTS[part].start) * (functions - 3)
-                rough[part] += value
+                rough[part] += rested.roughness[part]
                 used[part] += rank - banded_trace(segment.jerks[part], inverse) / level[part]
                 evidence -= 0.5 * rank * float(np.log(level[part]))
         off = {

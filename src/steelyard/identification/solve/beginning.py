@@ -218,6 +218,8 @@ def _motion(
     beforehand.
     """
     tell("fitting the motion", 0.25)
+    if not beginning:
+        state = replace(state, segments=tuple(each.wandering for each in state.segments))
     motion = fit(
         task,
         state,

@@ -174,7 +174,8 @@ def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
     prior = prior_of(experiment, found.state.calibration, found.state.parameters, radius)
     estimated = np.concatenate([np.ones(TEN, dtype=bool), task.active])
     biases = [chunk.fitted.fit.bias.sum(axis=0) for chunk in chunks if len(chunk.fitted.fit.bias)]
-    bias = np.sum(biases, axis=0) if biases else None
+    bias = np.zeros(len(estimated))
+    bias[estimated] = np.sum(biases, axis=0) if biases else 0.0
     solution = solve(total, prior, estimated, size, bias)
     sources = _force_sources(fitted)
     blocks = together([part.blocks for part in parts])

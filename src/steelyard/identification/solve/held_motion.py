@@ -21,15 +21,13 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.force_residuals import (
     Forces,
     balance_of,
-    regressor_at,
+    force_residuals,
     tally_forces,
-    whitened_balance,
 )
-from steelyard.identification.model.motion_residuals import Segment, Tally, robust_weight
+from steelyard.identification.model.motion_residuals import Tally, robust_weight
 from steelyard.identification.model.segment import (
     POSE,
     NormalEquations,
-    Rows,
     accumulate,
 )
 from steelyard.identification.model.sources import Source
@@ -168,9 +166,7 @@ def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch
     parts, _ = linearise(_without_forces(task), state, column_of, border)
     motions = _covariances(state, parts)
     parts, _ = linearise(task, state, column_of, border, motions)
-    by_motion = smooth(state, [each.motion for each in parts])
-    equations = smooth(state, [each.all for each in parts])
-    bias = regressor_bias(task, state, motions, by_motion, equations)
+    bias = gradient_bias(task, state, motions, parts)
     fit = replace(part.fit, state=state, motions=motions, bias=bias)
     fitted = replace(part, task=task, fit=fit, force_samples=readings.force_samples, lost=())
     return [without_knots(stretch_of(readings, fitted))]
@@ -210,7 +206,7 @@ def fit_held(
     unstated = Unstated(task, state)
     parts, _ = linearise(_without_forces(task), state, column_of, border, None)
     motions = _covariances(state, parts)
-    bias = np.zeros((len(state.segments), TEN))
+    bias = np.zeros((len(state.segments), border))
     share, last = 1.0, np.inf
     for turn in range(_BEGINNING if beginning else _ITERATIONS):
         parts, tally = linearise(task, state, column_of, border, motions)
@@ -218,7 +214,7 @@ def fit_held(
         equations = smooth(state, [each.all for each in parts])
         motions = tuple(each.inverse for each in by_motion)
         if turn < _BEGINNING and not beginning:
-            bias = regressor_bias(task, state, motions, by_motion, equations)
+            bias = gradient_bias(task, state, motions, parts)
         step = step_of(
             task,
             state,
@@ -315,31 +311,63 @@ def _followed(task: Task, state: State, step: Step, tally: Tally) -> Tally:
     )
 
 
-def regressor_bias(
-    task: Task,
-    state: State,
-    motions: Sequence[Array],
-    by_motion: Sequence[NormalEquations],
-    equations: Sequence[NormalEquations],
+def gradient_bias(
+    task: Task, state: State, motions: Sequence[Array], parts: Sequence[Linearised]
 ) -> Array:
-    """What noise of the motion in the regressor does to the gradient by the ten in the mean, with
-    the opposite sign, segment by segment, shape (s, 10).
+    """What noise of the held motion does to the gradient by the border in the mean, with the
+    opposite sign, segment by segment, shape (s, b).
 
-    The regressor's noise meets the noise that the motion brings into the residual.
+    A held motion stands with its noise in the regressor, in the derivatives by the calibration
+    parameters and in the residual; where these meet, the gradient has a mean. It is the even part of
+    the gradient about the motion under draws of that noise.
+
+    Args:
+        task: With forces.
+        state: With the held motion.
+        motions: Its covariance, segment by segment.
+        parts: Equations about it.
     """
+    border, column_of = _columns(task)
     rng = np.random.default_rng(0)
-    found = np.zeros((len(state.segments), TEN))
-    for i, (segment, samples, motion, own, every) in enumerate(
-        zip(state.segments, task.force_samples, motions, by_motion, equations, strict=True)
+    found = np.zeros((len(state.segments), border))
+    for i, (segment, samples, motion, part) in enumerate(
+        zip(state.segments, task.force_samples, motions, parts, strict=True)
     ):
-        if samples is None:
+        if samples is None or part.forces is None:
             continue
+        assert state.parameters is not None
+        held = segment.smooth(part.motion)
+        # The motion instruments are content with the motion that they have given.
+        still = replace(
+            held,
+            motion_gradient=np.zeros_like(held.motion_gradient),
+            border_gradient=np.zeros_like(held.border_gradient),
+        )
+        here = _reduced_gradient(still + part.forces)
         for _ in range(_DRAWS):
-            noise = _drawn(own, rng).reshape(-1, 7)
-            rows = [_noisy(task, state, segment, part, motion, noise) for part in samples.parts()]
-            drawn = accumulate(len(segment.coefficients), TEN, rows, width=segment.width)
-            found[i] -= drawn.border_gradient - drawn.side.T @ every.solve(drawn.motion_gradient)
+            noise = _drawn(held, rng).reshape(-1, POSE)
+            for sign in (1, -1):
+                moved = replace(segment, coefficients=segment.coefficients + sign * noise)
+                rows = force_residuals(
+                    task.experiment,
+                    moved,
+                    samples,
+                    state.calibration,
+                    column_of,
+                    state.parameters,
+                    state.factors,
+                    Tally(),
+                    motion,
+                )
+                size = len(segment.coefficients), border
+                there = still + accumulate(*size, rows, width=segment.width)
+                found[i] -= (_reduced_gradient(there) - here) / 2
     return found / _DRAWS
+
+
+def _reduced_gradient(equations: NormalEquations) -> Array:
+    """Gradient by the border once the motion has followed, shape (b,)."""
+    return np.asarray(equations.border_gradient - equations.side.T @ equations.settled)
 
 
 def _drawn(equations: NormalEquations, rng: np.random.Generator) -> Array:
@@ -347,38 +375,3 @@ def _drawn(equations: NormalEquations, rng: np.random.Generator) -> Array:
     white = rng.standard_normal(equations.factor.shape[1])
     solved, _ = dtbtrs(equations.factor, white, uplo="L", trans="T")
     return np.asarray(solved)
-
-
-def _noisy(
-    task: Task, state: State, segment: Segment, samples: Forces, motion: Array | None, noise: Array
-) -> Rows:
-    """Noise of the regressor beside the noise that the same motion brings into the residual."""
-    assert state.parameters is not None
-    balance = whitened_balance(
-        task.experiment,
-        segment,
-        samples,
-        state.calibration,
-        np.full(len(task.calibration_parameters), -1, dtype=np.intp),
-        state.parameters,
-        state.factors,
-        Tally(),
-        motion,
-    )
-    rows, white = balance.rows, balance.at.whitener * balance.root[:, None, None]
-    there, back = (
-        regressor_at(
-            task.experiment,
-            replace(segment, coefficients=segment.coefficients + sign * noise),
-            balance.at.time,
-            state.calibration,
-        )
-        for sign in (1, -1)
-    )
-    moved = noise.ravel()[(rows.first * POSE)[:, None] + np.arange(rows.by_motion.shape[2])]
-    return replace(
-        rows,
-        residual=np.einsum("nkp,np->nk", rows.by_motion, moved),
-        by_errors=white @ (back - there) / 2,
-        columns=np.arange(TEN, dtype=np.intp),
-    )

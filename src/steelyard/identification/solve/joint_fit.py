@@ -43,6 +43,8 @@ _BEGUN = 5.0
 _SLOW = 0.4
 """Part of a step that the next one is, above which they are a slow series."""
 _PACES = 0.3, 2.5
+_FASTER, _FASTEST = 1.5, 10.0
+"""By how much the steps of a noise level that creeps grow from turn to turn, and at most."""
 _NEARLY = 2e-3
 """Part of the cost that a step may still promise where a noise is looked at."""
 _SAME = 1e-6
@@ -130,8 +132,8 @@ class Fit:
     motions: tuple[Array | None, ...] = ()
     """Covariance of the motion of each segment where it was held, see :func:`.force_residuals`."""
     bias: Array = field(default_factory=lambda: np.zeros((0, TEN)))
-    """What noise of the held motion does to the gradient by the ten in the mean, with the opposite
-    sign, segment by segment, shape (s, 10)."""
+    """What noise of the held motion does to the gradient by the border in the mean, with the
+    opposite sign, segment by segment, shape (s, b)."""
 
 
 def linearise(
@@ -327,8 +329,8 @@ def ratios_of(
 
 
 class Unstated:
-    """Levels of noise that is not stated, followed turn by turn; two that pull at each other are
-    followed more slowly.
+    """Levels of noise that is not stated, followed turn by turn: more slowly where two pull at each
+    other, faster where one creeps.
     """
 
     def __init__(self, task: Task, state: State) -> None:
@@ -343,8 +345,11 @@ class Unstated:
             if source in self._task.stated:
                 continue
             change = float(np.clip(np.log(ratio) / 2, -_MOST_CHANGE, _MOST_CHANGE))
-            if change * self._last.get(source, 0.0) < 0:
-                self._pace[source] = self._pace.get(source, 1.0) / 2
+            last, pace = self._last.get(source, 0.0), self._pace.get(source, 1.0)
+            if change * last < 0:
+                self._pace[source] = pace / 2
+            elif abs(change) > _SLOW * abs(last) > 0:
+                self._pace[source] = min(pace * _FASTER, _FASTEST)
             self._last[source] = change
             level = factors.get(source, 1.0) * float(np.exp(change * self._pace.get(source, 1.0)))
             factors[source] = max(
@@ -458,18 +463,19 @@ def step_of(
         state: Where the equations have been linearised.
         equations: Of all segments.
         follow: Equations by which the motion moves, where it does not follow all readings.
-        further: What is added to the gradient by the ten, shape (10,).
-        least: Information in units of plausible sizes below which directions of the ten stay where
-            they are; None: all move that the data tell anything of.
+        further: What is added to the gradient by the border, shape (b,).
+        least: Information in units of plausible sizes below which directions of the ten are held at
+            zero; None: all move that the data tell anything of.
     """
     reduced = [each.reduced() for each in equations]
     gradient = np.sum([g for _, g in reduced], axis=0)
     ten = TEN if state.parameters is not None else 0
-    gradient[:ten] += further
+    gradient += further
     matrix, right = border_system(task, state, (np.sum([m for m, _ in reduced], axis=0), gradient))
-    if least is not None:
+    if least is not None and state.parameters is not None:
         held, _ = weak_directions(matrix, np.zeros((TEN, TEN)), np.ones(TEN), least)
         matrix[:TEN, :TEN] += held
+        right[:TEN] -= held @ (state.parameters / task.sizes)
     scale = np.concatenate([task.sizes[:ten], task.calibration_parameters.deviation[task.active]])
     told, axes = np.linalg.eigh((matrix + matrix.T) / 2)
     keep = told > _HELD

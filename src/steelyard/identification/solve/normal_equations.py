@@ -127,8 +127,8 @@ def solve(
         prior: Of all columns.
         estimated: Which to estimate, shape (k,); the ten are.
         scale: Plausible size of the ten, shape (10,).
-        bias: What noise in the regressor does to the right-hand side of the ten in the mean, with
-            the opposite sign, shape (10,); None: nothing.
+        bias: What noise in the regressor does to the right-hand side in the mean, with the opposite
+            sign, shape (k,); None: nothing.
     """
     k = len(estimated)
     use = np.flatnonzero(estimated)
@@ -136,9 +136,7 @@ def solve(
     held, wide = weak_directions(normal, equations.noise, scale)
     # Directions that are not identifiable are held; their uncertainty is that of what is plausible.
     normal[:TEN, :TEN] += held
-    taken_off = np.zeros(k)
-    if bias is not None:
-        taken_off[:TEN] = bias
+    taken_off = np.zeros(k) if bias is None else bias
     gain = np.zeros((k, k))
     gain[np.ix_(use, use)] = inverse_of(normal, scale)
     right = equations.right + taken_off

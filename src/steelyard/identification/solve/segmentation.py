@@ -321,7 +321,14 @@ def _moving(
         if coefficients is None or not readings or not len(own.time):
             continue
         segments.append(
-            Segment(run.name, grid, tuple(readings), coefficients, jerks=jerk_matrices(grid))
+            Segment(
+                run.name,
+                grid,
+                tuple(readings),
+                coefficients,
+                placed=any("position" in s.determines and not s.order for s in streams),
+                jerks=jerk_matrices(grid),
+            )
         )
         force_samples.append(own)
     if not segments:

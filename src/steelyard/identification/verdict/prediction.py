@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,10 +11,12 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import plain
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.force_residuals import balance_of
+from steelyard.identification.model.force_residuals import Forces, balance_of
+from steelyard.identification.model.motion_residuals import Segment
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.held_motion import fit_with_held_motion
-from steelyard.identification.solve.posterior import Progress
+from steelyard.identification.solve.posterior import Posterior, Progress
+from steelyard.smoothing import DEGREE
 
 AXES = ("force x", "force y", "force z", "torque x", "torque y", "torque z")
 
@@ -30,10 +32,14 @@ class Prediction:
     """What the noise of the force sensors alone would leave of it [N], [N m], shape (6,)."""
     spread: Array
     """Standard deviation of the measured wrench [N], [N m], shape (6,)."""
+    interval: float = 0.0
+    """All are of means over so long, the spacing of the knots [s]: what changes faster is not in the
+    fitted motion; 0: of single samples."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
         return {
+            "means_over_s": self.interval,
             "rmse": dict(zip(AXES, plain(self.error), strict=True)),
             "noise": dict(zip(AXES, plain(self.noise), strict=True)),
             "spread_of_measured": dict(zip(AXES, plain(self.spread), strict=True)),
@@ -51,7 +57,8 @@ class Prediction:
                 zip(AXES, self.error, self.noise, self.spread, strict=True)
             )
         ]
-        return f"run '{self.run}', held out: rmse of the predicted wrench " + ", ".join(parts)
+        what = f" (means over {1e3 * self.interval:.0f} ms)" if self.interval else ""
+        return f"run '{self.run}', held out: rmse of the predicted wrench{what}: {', '.join(parts)}"
 
 
 def predict_held_out(
@@ -80,37 +87,67 @@ def predict_held_out(
         found = fit_with_held_motion(experiment, progress, held_out=names)
     except NoBalanceError as error:
         raise InputError(f"--holdout: {error}") from error
-    state = found.fit.state
     predictions = []
     for run in experiment.runs:
         if run.name not in names:
             continue
         parts = [
             (segment, forces)
-            for segment, forces in zip(state.segments, found.force_samples, strict=True)
+            for segment, forces in zip(found.fit.state.segments, found.force_samples, strict=True)
             if segment.run == run.name
         ]
-        balances = [
-            balance_of(
-                experiment, segment, forces, state.calibration, found.parameters, state.factors
-            )
-            for segment, forces in parts
-        ]
-        noise = [
-            at.by_reading * forces.sigmas(segment, state.factors)[:, None, :]
-            for at, (segment, forces) in zip(balances, parts, strict=True)
-        ]
+        compared = [_compared(experiment, found, *part) for part in parts]
         predictions.append(
             Prediction(
                 run=run.name,
-                error=_rms([at.left_over for at in balances]),
-                noise=_rms([np.sqrt(np.sum(each**2, axis=2)) for each in noise]),
-                spread=np.std(np.concatenate([at.wrench for at in balances]), axis=0),
+                error=_rms([each.error for each in compared]),
+                noise=_rms([each.noise for each in compared]),
+                spread=np.std(np.concatenate([each.wrench for each in compared]), axis=0),
+                interval=max(each.interval for each in compared),
             )
         )
     return tuple(predictions)
 
 
+class _Compared(NamedTuple):
+    """Measured and predicted wrench of a segment."""
+
+    wrench: Array
+    """Measured [N], [N m], shape (n, 6)."""
+    error: Array
+    """Measured minus predicted [N], [N m], shape (n, 6)."""
+    noise: Array
+    """1-sigma by the noise of the force sensors [N], [N m], shape (n, 6)."""
+    interval: float
+    """Over which they are means [s]."""
+
+
+def _compared(
+    experiment: Experiment, found: Posterior, segment: Segment, forces: Forces
+) -> _Compared:
+    """Means between neighbouring knots: what changes faster is not in the fitted motion."""
+    state = found.fit.state
+    at = balance_of(experiment, segment, forces, state.calibration, found.parameters, state.factors)
+    by_reading = at.by_reading * forces.sigmas(segment, state.factors)[:, None, :]
+    variance = np.sum(by_reading**2, axis=2)
+    if segment.static:
+        return _Compared(at.wrench, at.left_over, np.sqrt(variance), 0.0)
+    knots = np.searchsorted(segment.knots, at.time)
+    _, number, count = np.unique(knots, return_inverse=True, return_counts=True)
+
+    def mean(values: Array) -> Array:
+        total = np.zeros((len(count), values.shape[1]))
+        np.add.at(total, number, values)
+        return total / count[:, None]
+
+    return _Compared(
+        mean(at.wrench),
+        mean(at.left_over),
+        np.sqrt(mean(variance) / count[:, None]),
+        float(segment.knots[DEGREE + 1] - segment.knots[DEGREE]),
+    )
+
+
 def _rms(parts: list[Array]) -> Array:
-    """Root mean square over all samples, shape (6,)."""
+    """Root mean square over all segments, shape (6,)."""
     return np.asarray(np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0)))
