@@ -236,12 +236,9 @@ def covariance_of(inverse: Array, rows: Array, first: NDArray[np.intp]) -> Array
 
 def banded_window(band: Array, start: int, width: int) -> Array:
     """A square on the diagonal of a symmetric matrix in lower banded form, shape (width, width)."""
-    square = np.zeros((width, width))
-    for d in range(width):
-        diagonal = band[d, start : start + width - d]
-        square[np.arange(d, width), np.arange(width - d)] = diagonal
-        square[np.arange(width - d), np.arange(d, width)] = diagonal
-    return square
+    place = np.arange(width)
+    offset = np.abs(place[:, None] - place)
+    return np.asarray(band[offset, start + np.minimum(place[:, None], place)])
 
 
 def banded_product(band: Array, vector: Array) -> Array:
