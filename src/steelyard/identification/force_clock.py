@@ -186,7 +186,7 @@ def carrying(
     spacing = choose_spacing(
         list(raw.values()), [float(s) for s in spacings], start, end, robust=True
     )
-    part = SmoothPart(reader, raw, start, end, spacing, robust=True, compare=False)
+    part = SmoothPart(reader, raw, start, end, spacing, robust=True)
     grid = np.arange(start + spacing, end - spacing, _GRID)
     if len(grid) < 10:
         return None

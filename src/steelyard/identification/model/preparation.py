@@ -20,7 +20,7 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import Calibration
 from steelyard.identification.model.reading import RunReader, SmoothPart
-from steelyard.identification.model.sources import Acceleration, Source, Sources, choose_sources
+from steelyard.identification.model.sources import Acceleration, Source, choose_sources
 from steelyard.motion.state import specific_force_of
 from steelyard.robot.cable_inertia import cable_inertia_wrench
 from steelyard.rotations import quaternions_of
@@ -81,14 +81,8 @@ class Samples:
     """Of the cables at the platform [N], shape (n, m); None without cables."""
     structure: Array | None = None
     """Structure matrix, shape (n, 6, m); None without cables."""
-    share: float = 1.0
-    """Force samples of the recording that each sample stands for."""
-    plan: Plan | None = None
-    """How the run was cut and filtered; None: not at all."""
     noise: Mapping[str, float] = field(default_factory=dict)
-    """1-sigma of the noise left in ``omega`` [rad/s], ``alpha`` [rad/s^2], ``specific_force``
-    [m/s^2], ``position`` [m] and ``rotation`` [rad], and of single readings of the force instrument
-    about their spline."""
+    """1-sigma of single readings of the force instrument about their spline."""
     notes: tuple[str, ...] = ()
     """What a reader should know about how they were made."""
 
@@ -108,16 +102,14 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """How a run is cut into parts and filtered; the same for all that is to be compared sample by
-    sample.
-    """
+    """How a run is cut into parts and filtered."""
 
     spacing: float
     """Of the knots of the filter [s]."""
     parts: tuple[tuple[float, float, Array], ...]
     """Start and end of what is fitted [s], and the times at which it is evaluated [s], shape
     (n,)."""
-    gaps: int = 0
+    gaps: int
 
 
 def prepare(
@@ -127,8 +119,6 @@ def prepare(
     acceleration: Acceleration | None = None,
     straight: bool = False,
     calibration: Calibration | None = None,
-    sources: Sources | None = None,
-    plan: Plan | None = None,
     thin: bool = False,
     commanded: bool = False,
 ) -> Samples:
@@ -140,8 +130,6 @@ def prepare(
         acceleration: Where to take the acceleration from; None: the IMU where there is one.
         straight: Whether to take the cables as massless and straight, as the paper does.
         calibration: Values of the systematic errors; None: as known beforehand.
-        sources: What to read from where; None: as :func:`choose_sources` decides.
-        plan: That of other samples of the same run, to be compared with; None: from the data.
         thin: Whether few samples between two knots of the filter will do, and samples far from all
             others be left out.
         commanded: Whether the commanded orientation will do where none is measured.
@@ -151,9 +139,9 @@ def prepare(
             moves.
     """
     robot = experiment.robot.with_straight_cables() if straight else experiment.robot
-    sources = sources or choose_sources(experiment, run, acceleration, commanded=commanded)
+    sources = choose_sources(experiment, run, acceleration, commanded=commanded)
     task = RunReader(experiment, robot, run, sources, calibration)
-    return _static(task) if run.static else _moving(task, plan, thin=thin)
+    return _static(task) if run.static else _moving(task, thin=thin)
 
 
 def _static(task: RunReader) -> Samples:
@@ -210,46 +198,22 @@ def _static(task: RunReader) -> Samples:
         alpha_noise=0.0,
         spacing=0.0,
         position_sigma=0.0,
-        noise=_stated_noise(task),
     )
 
 
-def _stated_noise(task: RunReader) -> dict[str, float]:
-    """1-sigma of the motion of single poses at rest as their instruments state it; poses that
-    differ by noise alone tell nothing.
-    """
-
-    def stated(source: Source | None) -> float:
-        if source is None:
-            return 0.0
-        quantities = task.experiment.instruments[source[0]].quantities(task.robot.m)
-        return next(q.noise or 0.0 for q in quantities if q.name == source[1])
-
-    sources = task.sources
-    rotation = stated(sources.rotation)
-    # A small turn moves gravity across itself, which are two axes of three.
-    turned = float(np.linalg.norm(task.gravity)) * rotation * float(np.sqrt(2 / 3))
-    return {
-        "specific_force": turned if sources.rotation else stated(sources.specific_force),
-        "position": stated(sources.position),
-        "rotation": rotation,
-    }
-
-
-def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
+def _moving(task: RunReader, *, thin: bool) -> Samples:
     run, sources = task.run, task.sources
     everything = [
         *sources.used(),
         *((sources.force, quantity) for quantity in run.streams[sources.force].values),
     ]
     raw = {source: samples_of(task, source) for source in everything}
-    first = plan is None
-    plan = _planned(task, raw, thin=thin) if plan is None else plan
+    plan = _planned(task, raw, thin=thin)
     spacing = plan.spacing
 
     def state(part: tuple[float, float, Array]) -> tuple[dict[str, Array], dict[str, float]] | None:
         start, end, times = part
-        return SmoothPart(task, raw, start, end, spacing, robust=thin, compare=first).state(times)
+        return SmoothPart(task, raw, start, end, spacing, robust=thin).state(times)
 
     if len(plan.parts) > 1:
         # What is done on long arrays leaves other threads alone.
@@ -257,10 +221,6 @@ def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
             states = list(pool.map(state, plan.parts))
     else:
         states = [state(part) for part in plan.parts]
-    plan = replace(
-        plan,
-        parts=tuple(p for p, state in zip(plan.parts, states, strict=True) if state is not None),
-    )
     parts = [state for state, _ in filter(None, states)]
     found = sum(len(p["time"]) for p in parts)
     if found < _FEWEST_SAMPLES:
@@ -278,7 +238,7 @@ def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
         key: float(np.sqrt(np.average([n[key] ** 2 for n in noises], weights=counts)))
         for key in noises[0]
     }
-    alpha_noise = noise["alpha"]
+    alpha_noise = noise.pop("alpha")
     _check_motion(task.where, joined, alpha_noise)
     notes = _gyro_notes(run.name, joined["omega"], joined.pop("omega_of_attitude"))
     for what, source in (("position", sources.position), ("orientation", sources.rotation)):
@@ -298,9 +258,7 @@ def _moving(task: RunReader, plan: Plan | None, *, thin: bool) -> Samples:
         alpha_noise=alpha_noise,
         noise=noise,
         spacing=plan.spacing,
-        plan=plan,
         position_sigma=task.position_sigma,
-        share=_share(task, plan),
         notes=tuple(notes),
         **joined,
     )
@@ -343,16 +301,6 @@ def _planned(task: RunReader, raw: Mapping[Source, Samples1D], *, thin: bool) ->
             if len(inside):
                 parts.append((a, b, inside))
     return Plan(spacing, tuple(parts), gaps)
-
-
-def _share(task: RunReader, plan: Plan) -> float:
-    """Force samples of the recording that each evaluated sample stands for."""
-    times = task.time(task.sources.force)
-    used = sum(len(inside) for *_, inside in plan.parts)
-    stood_for = sum(
-        int(np.sum((times >= inside[0]) & (times <= inside[-1]))) for *_, inside in plan.parts
-    )
-    return max(1.0, stood_for / used)
 
 
 def _gyro_notes(run: str, omega: Array, omega_of_attitude: Array) -> list[str]:

@@ -178,8 +178,6 @@ class RunReader:
 
 
 _HANGING_STEPS = 12
-_SMALL_TURN = 1e-4
-"""By which the lever of a tracked point is found [rad]."""
 _SMALL_STEP = 1e-4
 """In time, over which the velocity of a lever is found [s]."""
 _EDGE = 1e-4
@@ -200,8 +198,6 @@ class SmoothPart:
     spacing: float
     robust: bool = False
     """Whether to leave out numbers that stand far from the others of their channel."""
-    compare: bool = True
-    """Whether the attitude is held against the gyro."""
 
     def within(self, source: Source) -> Samples1D:
         """Samples in the interval."""
@@ -251,17 +247,17 @@ class SmoothPart:
         """Angular velocity as the attitude has it, to hold against the gyro; NaN where there are
         not both.
         """
-        if not self.compare or self.attitude is None or self.gyro is None:
+        if self.attitude is None or self.gyro is None:
             return np.full((len(t), 3), np.nan)
         return motion_of_quaternions(*(self.attitude.at(t, order) for order in range(3)))["omega"]
 
-    def turning_noise(self, t: Array) -> tuple[float, float]:
-        """1-sigma of the noise left in angular velocity [rad/s] and acceleration [rad/s^2]."""
+    def alpha_noise(self, t: Array) -> float:
+        """1-sigma of the noise left in the angular acceleration [rad/s^2]."""
         if self.gyro is not None:
-            return self.gyro.noise(t, 0), self.gyro.noise(t, 1)
+            return self.gyro.noise(t, 1)
         assert self.attitude is not None
         # A quaternion turns half as fast as the rotation vector.
-        return 2 * self.attitude.noise(t, 1), 2 * self.attitude.noise(t, 2)
+        return 2 * self.attitude.noise(t, 2)
 
     @cached_property
     def position(self) -> Smoothed | None:
@@ -310,51 +306,6 @@ class SmoothPart:
         return specific_force_of(
             self.rotation(t)["rotation"], self.position.at(t, 2), self.reader.gravity
         )
-
-    def specific_force_noise(self, t: Array) -> float:
-        """1-sigma of the noise left in it [m/s^2]."""
-        if self.force_samples is not None:
-            return self.force_samples.noise(t, 0)
-        return self.position_noise(t, 2)
-
-    @cached_property
-    def lever(self) -> float:
-        """How far the place of the platform origin follows the attitude, root mean square over the
-        axes [m/rad].
-        """
-        source = self.reader.sources.position
-        if source is None or self.attitude is None:
-            return 0.0
-        if source[1] == "length":
-            return self.reader.robot.size
-        tracked = self.within(source)
-        turned = Rotation.from_quat(
-            self.attitude.at(tracked.time[:1]), scalar_first=True
-        ) * Rotation.from_rotvec(_SMALL_TURN * np.vstack([np.zeros(3), np.eye(3)]))
-        origin = self.reader.solve(
-            "position",
-            source,
-            np.repeat(tracked.values[:1], 4, axis=0),
-            rotation=turned.as_matrix(),
-        )
-        return float(np.sqrt(np.sum((origin[1:] - origin[0]) ** 2) / 3)) / _SMALL_TURN
-
-    def position_noise(self, t: Array, order: int) -> float:
-        """1-sigma of the noise left in a derivative of the platform origin's place: the tracker's,
-        and the attitude's at its lever.
-        """
-        assert self.position is not None
-        turning = 0.0 if self.attitude is None else 2 * self.attitude.noise(t, order)
-        return float(np.hypot(self.position.noise(t, order), self.lever * turning))
-
-    def velocity_noise(self, t: Array, omega: float) -> float:
-        """1-sigma of the noise left in :meth:`velocity` [m/s], with that of the angular velocity
-        [rad/s].
-        """
-        assert self.reader.sources.position is not None
-        if self.reader.sources.position[1] == "length":
-            return self.position_noise(t, 1)
-        return float(np.hypot(self.tracked.noise(t, 1), self.lever * omega))
 
     @cached_property
     def forces(self) -> dict[str, Smoothed]:
@@ -446,20 +397,11 @@ class SmoothPart:
         }
 
     def noise(self, t: Array) -> dict[str, float]:
-        """1-sigma of the noise left in the motion, and of single force readings about their
-        spline.
-        """
-        omega, alpha = self.turning_noise(t)
-        force_samples = {"tension": self.tension} if self.reader.behind_rollers else self.forces
+        """1-sigma of the noise left in ``alpha``, and of single force readings about their spline."""
+        forces = {"tension": self.tension} if self.reader.behind_rollers else self.forces
         return {
-            "omega": omega,
-            "alpha": alpha,
-            "specific_force": self.specific_force_noise(t),
-            **({"velocity": self.velocity_noise(t, omega)} if self.reader.behind_rollers else {}),
-            "position": 0.0 if self.position is None else self.position_noise(t, 0),
-            # A quaternion turns half as fast as the rotation vector.
-            "rotation": 0.0 if self.attitude is None else 2 * self.attitude.noise(t, 0),
-            **{quantity: smoothed.sigma for quantity, smoothed in force_samples.items()},
+            "alpha": self.alpha_noise(t),
+            **{quantity: smoothed.sigma for quantity, smoothed in forces.items()},
         }
 
     def state(self, t: Array) -> tuple[dict[str, Array], dict[str, float]] | None:

@@ -490,7 +490,6 @@ def _samples(run: Run, chunks: Sequence[FittedStretch]) -> Samples:
         tension=np.concatenate([at.carried for at in own]) if cables else None,
         structure=np.concatenate([_structure(at) for at in own]) if cables else None,
         spacing=0.0 if prepared.static else float(grid[DEGREE + 1] - grid[DEGREE]),
-        share=1.0,
         omega=motion["omega"],
         alpha=motion["alpha"],
         specific_force=motion["specific_force"],

@@ -90,35 +90,6 @@ def least_noise(values: Array) -> float:
     )
 
 
-def readings_between(
-    experiment: Experiment,
-    run: Run,
-    calibration: Calibration,
-    start: float,
-    end: float,
-    spacing: float,
-) -> Iterator[Reading]:
-    """Complete samples of the motion instruments of a run over an interval of common time [s]."""
-    for name, stream in run.streams.items():
-        instrument = experiment.instruments[name]
-        if not instrument.is_motion:
-            continue
-        time = experiment.common_time(run, name, 0.0)
-        common = time - calibration.delay(clock_of(experiment, name), run.name)
-        for quantity in instrument.quantities(experiment.robot.m):
-            if quantity.name not in stream.values:
-                continue
-            values = stream.values[quantity.name]
-            use = (
-                np.isfinite(values.reshape(len(values), -1)).all(axis=1)
-                & (common >= start)
-                & (common <= end)
-            )
-            sigma = quantity.noise or scatter(common[use], values[use], start, end, spacing)
-            if sigma is not None and use.any():
-                yield Reading((name, quantity.name), time[use], values[use], sigma)
-
-
 def started(
     time: Array, pose: Array, grid: Array, start: float, end: float, spacing: float
 ) -> Array | None:
