@@ -29,8 +29,9 @@ from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.model.force_noise import force_sigma, least_sigma
-from steelyard.identification.solve import held_motion, long_recording
 from steelyard.identification.solve.held_motion import fit_with_held_motion
+from steelyard.identification.solve.long_recording import lively_parts
+from steelyard.identification.solve.settings import FitSettings
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
 pytestmark = pytest.mark.integration
@@ -367,15 +368,13 @@ def test_a_tool_that_turns_about_one_axis_beside_its_poses(kuka):
 # Long recordings
 
 
-def test_a_long_recording_window_by_window_is_nearly_as_good_as_at_once(monkeypatch):
+def test_a_long_recording_window_by_window_is_nearly_as_good_as_at_once():
     recorder = moving([1] * 6, duration=36.0, harmonics=18)
     experiment = recorder(6)
     once = fit_with_held_motion(experiment)
-    part = fit_with_held_motion(long_recording.lively_parts(experiment, part=12.0))
-    monkeypatch.setattr(held_motion, "LONG", 20.0)
-    monkeypatch.setattr(long_recording, "_PART", 12.0)
-    monkeypatch.setattr(long_recording, "_WINDOW", 9.0)
-    long = fit_with_held_motion(experiment)
+    settings = FitSettings(long=20.0, part=12.0, window=9.0)
+    part = fit_with_held_motion(lively_parts(experiment, settings))
+    long = fit_with_held_motion(experiment, settings=settings)
     assert len(long.fit.state.segments) == 4
     lively, whole, single = METHOD.of(part), METHOD.of(long), METHOD.of(once)
     assert len(long.samples[0]) == len(long.weights["run"])

@@ -20,7 +20,8 @@ from steelyard.identification.model.motion_residuals import (
     motion_residuals,
 )
 from steelyard.identification.model.segment import POSE, accumulate
-from steelyard.identification.model.smoothness import LOOSER, smoothness
+from steelyard.identification.model.settings import MOTION
+from steelyard.identification.model.smoothness import smoothness
 from steelyard.instruments import Attitude, Position
 from steelyard.robot.model import Robot
 from steelyard.smoothing import DEGREE, knots
@@ -84,7 +85,7 @@ def arc_of(read, sigma, *, attitude=None, turning=1e-3, parts=("position",)):
     design = BSpline.design_matrix(TIMES, GRID, DEGREE).toarray()
     quaternion = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
     coefficients = np.linalg.lstsq(design, np.hstack([read, quaternion]), rcond=1e-6)[0]
-    looser = dict.fromkeys(parts, LOOSER)
+    looser = dict.fromkeys(parts, MOTION.looser)
     jerks = {part: jerk_matrices(GRID)[part] for part in parts}
     segment = Segment("run", GRID, readings, coefficients, looser=looser, jerks=jerks)
     return replace(
@@ -111,7 +112,7 @@ def found_for(*segments):
         level, settled = smoothness(segments, equations, anew=turn == 0)
         segments = tuple(replace(segment, smoothness=level) for segment in segments)
         if settled:
-            return {part: value / LOOSER for part, value in level.items()}
+            return {part: value / MOTION.looser for part, value in level.items()}
         steps = [
             segment.smooth(each).settled.reshape(-1, POSE)
             for segment, each in zip(segments, equations, strict=True)
@@ -188,7 +189,9 @@ def test_it_does_not_matter_where_the_search_begins(start, intensity, sigma, see
     # A motion that is far too stiff is one of the readings' own: rounding must not make it likely.
     values = recording(intensity, sigma, seed)
     expected, _ = likeliest(sigma, values)
-    begun = replace(arc_of(values, sigma), smoothness={"position": start * intensity * LOOSER})
+    begun = replace(
+        arc_of(values, sigma), smoothness={"position": start * intensity * MOTION.looser}
+    )
     assert np.log(found_for(begun)["position"]) == pytest.approx(expected, abs=SETTLED)
 
 
@@ -249,7 +252,7 @@ def test_it_says_whether_the_arcs_were_as_smooth_already():
     segment = arc_of(recording(0.1, sigma, 4), sigma)
     expected = likeliest(sigma, recording(0.1, sigma, 4))[0]
     for factor, had in ((1.0, True), (10.0, False), (0.1, False)):
-        level = {"position": factor * np.exp(expected) * LOOSER}
+        level = {"position": factor * np.exp(expected) * MOTION.looser}
         _, settled = smoothness([replace(segment, smoothness=level)], [read(segment)])
         assert settled == had
 

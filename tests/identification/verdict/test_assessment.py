@@ -26,12 +26,12 @@ from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.model.calibration_parameters import LAG
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.verdict.assessment import (
-    FAMILY,
     directed_tests,
     label_mask,
     priors_share,
     reasons,
 )
+from steelyard.identification.verdict.settings import VERDICT
 from steelyard.inertia import Inertia
 from steelyard.simulation.trajectories import feasible_multisine
 
@@ -70,7 +70,7 @@ def test_scores_of_sound_recordings_are_standard_normal(scores):
     # spread to a tenth.
     assert abs(scores.mean()) < 0.2
     assert 0.8 < scores.std() < 1.2
-    assert np.abs(scores).max() < norm.isf(FAMILY / scores.shape[1] / 2)
+    assert np.abs(scores).max() < norm.isf(VERDICT.family / scores.shape[1] / 2)
 
 
 def test_every_number_of_the_description_that_acts_is_asked_about():

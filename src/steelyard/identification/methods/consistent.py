@@ -19,11 +19,13 @@ from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, nothing_told
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.finished import finished
+from steelyard.identification.methods.method import HeldMotion
 from steelyard.identification.solve.beginning import NoBalanceError
-from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.normal_equations import BorderEquations
 from steelyard.identification.solve.normal_equations import solve as solve_linear
 from steelyard.identification.solve.posterior import Posterior, Progress, plausible
+from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import TEN, Inertia, body_jacobian
 
 _FOLDS = 5
@@ -43,13 +45,18 @@ class Consistent:
     """Whether to pull towards the nominal body, as far as that predicts the runs left out
     better."""
 
+    settings: FitSettings = FIT
+    """How to fit."""
+    verdict: VerdictSettings = VERDICT
+    """When to accept."""
+
     name: ClassVar[str] = "consistent"
     is_baseline: ClassVar[bool] = False
 
-    @staticmethod
-    def fit(experiment: Experiment, progress: Progress = None) -> Posterior:
-        """What the estimate is drawn from; see :func:`.fit_with_held_motion`."""
-        return fit_with_held_motion(experiment, progress)
+    @property
+    def fit(self) -> HeldMotion:
+        """What the estimate is drawn from."""
+        return HeldMotion(self.settings)
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
         """Estimate.
@@ -77,7 +84,7 @@ class Consistent:
                 " pull towards, found none; add 'platform' to the robot file"
             )
         if found.parameters[0] <= 0 or not np.isfinite(found.parameters).all():
-            return finished(found, name)
+            return finished(found, name, settings=self.verdict)
         weight = (
             _weight(found, self.regions, nominal)
             if self.towards_nominal and nominal is not None
@@ -87,7 +94,7 @@ class Consistent:
         problem = body_problem(
             found.parameters, spread, found.size, self.regions, nominal, weight or 0.0
         )
-        return _finished(found, problem, solve(problem), weight, name)
+        return _finished(found, problem, solve(problem), weight, name, self.verdict)
 
 
 def body_problem(
@@ -126,7 +133,12 @@ def body_problem(
 
 
 def _finished(
-    found: Posterior, problem: BodyProblem, body: ConsistentBody, weight: float | None, name: str
+    found: Posterior,
+    problem: BodyProblem,
+    body: ConsistentBody,
+    weight: float | None,
+    name: str,
+    verdict: VerdictSettings,
 ) -> Estimate:
     J = body_jacobian(body.parameters)
     spread = found.solution.covariance[:TEN, :TEN]
@@ -169,6 +181,7 @@ def _finished(
         further=further,
         details=details,
         notes=notes,
+        settings=verdict,
     )
 
 

@@ -17,6 +17,7 @@ from steelyard.identification.verdict.assessment import (
     priors_share,
     reasons,
 )
+from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
 
@@ -29,6 +30,7 @@ def finished(
     further: Sequence[str] = (),
     details: Mapping[str, Any] | None = None,
     notes: Sequence[str] = (),
+    settings: VerdictSettings = VERDICT,
 ) -> Estimate:
     """The estimate of a posterior: what the data do not tell struck out, the rest judged.
 
@@ -40,20 +42,21 @@ def finished(
         further: Reasons against it that the posterior does not know.
         details: How it was made, beyond what all share.
         notes: What a reader should know, beyond what all share.
+        settings: Levels of the verdict.
     """
     solution, calibration_parameters = found.solution, found.calibration.calibration_parameters
     value = Inertia.from_parameters(found.parameters).body_parameters if value is None else value
     covariance = found.body_covariance if covariance is None else covariance
     told = found.identifiable
     value = np.where(told, value, np.nan)
-    tests = directed_tests(found)
+    tests = directed_tests(found, settings)
     return Estimate(
         method=method,
         value=value,
         covariance=np.where(np.outer(told, told), covariance, np.nan),
         verdict=judge(
             value,
-            reasons=[*further, *reasons(found, tests)],
+            reasons=[*further, *reasons(found, tests, settings)],
             by_prior=[bool(p) for p in label_mask(found)],
         ),
         calibration=as_tree(

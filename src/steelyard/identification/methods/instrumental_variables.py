@@ -21,6 +21,7 @@ from steelyard.arrays import Array
 from steelyard.estimates.estimate import Estimate, nothing_told
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.methods.finished import finished
+from steelyard.identification.methods.method import HeldMotion
 from steelyard.identification.model.force_residuals import (
     Forces,
     WhitenedBalance,
@@ -31,10 +32,11 @@ from steelyard.identification.model.motion_residuals import Segment, Tally, moti
 from steelyard.identification.model.segment import Rows, accumulate
 from steelyard.identification.model.sources import Sources, choose_sources
 from steelyard.identification.solve.beginning import NoBalanceError, motion_task, read
-from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.joint_fit import State, fit
 from steelyard.identification.solve.normal_equations import Solution, inverse_of, solve
 from steelyard.identification.solve.posterior import Posterior, Progress, plausible
+from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import TEN
 from steelyard.instruments import Pose
 from steelyard.instruments.pose import PoseNoise
@@ -51,13 +53,18 @@ _COMMAND = Pose(kind="pose", noise=PoseNoise(position=1e-4, rotation=1e-4))
 class InstrumentalVariables:
     """Instrumental variables from independent kinematics."""
 
+    settings: FitSettings = FIT
+    """How to fit."""
+    verdict: VerdictSettings = VERDICT
+    """When to accept."""
+
     name: ClassVar[str] = "instrumental-variables"
     is_baseline: ClassVar[bool] = False
 
-    @staticmethod
-    def fit(experiment: Experiment, progress: Progress = None) -> Posterior:
-        """Least squares, on which the estimate stands; see :func:`.fit_with_held_motion`."""
-        return fit_with_held_motion(experiment, progress)
+    @property
+    def fit(self) -> HeldMotion:
+        """What the estimate is drawn from."""
+        return HeldMotion(self.settings)
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
         """Estimate; nothing is told where no run has independent kinematics.
@@ -112,6 +119,7 @@ class InstrumentalVariables:
                 },
             },
             notes=[note],
+            settings=self.verdict,
         )
 
 

@@ -10,9 +10,11 @@ from typing import ClassVar
 from steelyard.estimates.estimate import Estimate, nothing_told
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.finished import finished
+from steelyard.identification.methods.method import HeldMotion
 from steelyard.identification.solve.beginning import NoBalanceError
-from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.posterior import Posterior, Progress
+from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 
 
 @dataclass(frozen=True)
@@ -21,13 +23,18 @@ class LeastSquares:
     calibration parameter, corrected for noise in the regressor.
     """
 
+    settings: FitSettings = FIT
+    """How to fit."""
+    verdict: VerdictSettings = VERDICT
+    """When to accept."""
+
     name: ClassVar[str] = "least-squares"
     is_baseline: ClassVar[bool] = False
 
-    @staticmethod
-    def fit(experiment: Experiment, progress: Progress = None) -> Posterior:
-        """What the estimate is drawn from; see :func:`.fit_with_held_motion`."""
-        return fit_with_held_motion(experiment, progress)
+    @property
+    def fit(self) -> HeldMotion:
+        """What the estimate is drawn from."""
+        return HeldMotion(self.settings)
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
         """Estimate.
@@ -42,4 +49,4 @@ class LeastSquares:
 
     def of(self, posterior: Posterior) -> Estimate:
         """Estimate from a posterior of :meth:`fit`."""
-        return finished(posterior, self.name)
+        return finished(posterior, self.name, settings=self.verdict)

@@ -16,9 +16,11 @@ from steelyard.bodies.mass_region import Box, Ellipsoid
 from steelyard.estimates.estimate import Estimate, nothing_told
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.consistent import Consistent
+from steelyard.identification.methods.method import JointMotion
 from steelyard.identification.solve.beginning import NoBalanceError
-from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior, Progress
+from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 
 
 @dataclass(frozen=True)
@@ -31,13 +33,18 @@ class MaximumLikelihood:
     """Whether to pull towards the nominal body, as far as that predicts the runs left out
     better."""
 
+    settings: FitSettings = FIT
+    """How to fit."""
+    verdict: VerdictSettings = VERDICT
+    """When to accept."""
+
     name: ClassVar[str] = "maximum-likelihood"
     is_baseline: ClassVar[bool] = False
 
-    @staticmethod
-    def fit(experiment: Experiment, progress: Progress = None) -> Posterior:
-        """What the estimate is drawn from; see :func:`.fit_jointly`."""
-        return fit_jointly(experiment, progress)
+    @property
+    def fit(self) -> JointMotion:
+        """What the estimate is drawn from."""
+        return JointMotion(self.settings)
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
         """Estimate.
@@ -53,4 +60,5 @@ class MaximumLikelihood:
 
     def of(self, posterior: Posterior) -> Estimate:
         """Estimate from a posterior of :meth:`fit`; raises as a call does."""
-        return Consistent(self.regions, self.towards_nominal).of(posterior, self.name)
+        own = Consistent(self.regions, self.towards_nominal, self.settings, self.verdict)
+        return own.of(posterior, self.name)

@@ -3,14 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
 from steelyard.estimates.estimate import Estimate
 from steelyard.experiment.model import Experiment
+from steelyard.identification.solve.held_motion import fit_with_held_motion
+from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior, Progress
+from steelyard.identification.solve.settings import FIT, FitSettings
 
 Fit = Callable[[Experiment, Progress], Posterior]
-"""From an experiment to what estimates are drawn from."""
+"""From an experiment to what estimates are drawn from; equal ones give the same."""
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """Motion, body and calibration at once; see :func:`.fit_jointly`."""
+
+    settings: FitSettings = FIT
+
+    def __call__(self, experiment: Experiment, progress: Progress = None) -> Posterior:
+        """Fit."""
+        return fit_jointly(experiment, progress, settings=self.settings)
+
+
+@dataclass(frozen=True)
+class HeldMotion:
+    """Body and calibration over a motion that is held; see :func:`.fit_with_held_motion`."""
+
+    settings: FitSettings = FIT
+
+    def __call__(self, experiment: Experiment, progress: Progress = None) -> Posterior:
+        """Fit."""
+        return fit_with_held_motion(experiment, progress, settings=self.settings)
 
 
 class Method(Protocol):

@@ -16,11 +16,6 @@ import numpy as np
 from steelyard.identification.model.motion_residuals import PARTS, Segment
 from steelyard.identification.model.segment import POSE, NormalEquations, banded_trace
 
-LOOSER = 30.0
-"""By how much more a motion that its instruments resolve is let do than it does on average: where
-it rings, its roughness sits in narrow bands, far above the mean, and a prior that is too stiff
-there takes from the acceleration what the forces feel. It widens what passes by 30^(1/6), less than
-twofold."""
 _SETTLED = 0.3
 """Largest logarithm of the ratio at which the intensity has settled: what passes follows it with a
 sixth of that."""

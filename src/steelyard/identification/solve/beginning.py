@@ -31,14 +31,13 @@ from steelyard.identification.model.motion_residuals import (
 from steelyard.identification.model.preparation import Samples, prepare
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.joint_fit import Fit, State, Task, fit
-from steelyard.identification.solve.lost_readings import STUCK_FAR, without_lost
+from steelyard.identification.solve.lost_readings import without_lost
 from steelyard.identification.solve.posterior import known_body, plausible
 from steelyard.identification.solve.segmentation import Recorded, recorded
+from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.inertia import TEN
 
 Tell = Callable[[str, float], None]
-_FAR_OFF = 10.0
-"""Prior 1-sigma beyond which a calibration parameter is no beginning for another fit."""
 _BODY_ITERATIONS = 3
 
 
@@ -59,6 +58,7 @@ class Readings:
     """Of all runs."""
     records: tuple[Recorded, ...]
     """Of all runs."""
+    settings: FitSettings = FIT
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -95,6 +95,7 @@ def read(
     start: Calibration | None,
     tell: Tell,
     runs: Sequence[Run] | None = None,
+    settings: FitSettings = FIT,
 ) -> Readings:
     """Cut the runs of an experiment into segments.
 
@@ -103,6 +104,7 @@ def read(
         start: Values of the calibration parameters to begin with; None: as known beforehand.
         tell: Is called with what is being done and the fraction that is done.
         runs: Those to look at, or parts of them; None: all.
+        settings: How to fit.
 
     Raises:
         InputError: A run lacks what the fit needs.
@@ -115,10 +117,10 @@ def read(
         tell(f"reading {run.name}", 0.2 * i / len(runs))
         samples.append(prepare(experiment, run, thin=True, calibration=calibration, commanded=True))
     records = tuple(
-        recorded(experiment, run, each, calibration)
+        recorded(experiment, run, each, calibration, settings=settings.motion)
         for run, each in zip(runs, samples, strict=True)
     )
-    return Readings(experiment, calibration, tuple(runs), tuple(samples), records)
+    return Readings(experiment, calibration, tuple(runs), tuple(samples), records, settings)
 
 
 def begin(
@@ -167,6 +169,7 @@ def motion_task(readings: Readings) -> Task:
         _stated(experiment),
         plausible(np.ones(TEN), plausible_radius(experiment.robot)),
         least=least,
+        settings=readings.settings,
     )
 
 
@@ -217,6 +220,7 @@ def _motion(
     """Motion alone; where its instruments do not agree on one, the errors are begun with as known
     beforehand.
     """
+    settings = task.settings
     tell("fitting the motion", 0.25)
     if not beginning:
         state = replace(state, segments=tuple(each.wandering for each in state.segments))
@@ -227,13 +231,17 @@ def _motion(
         beginning=beginning,
     )
     found, lost = motion.state, list[str]()
-    if any(far >= STUCK_FAR for far in motion.tally.far.values()):
-        found, lost = without_lost(task.experiment, found, arrived=motion.converged)
+    if any(far >= settings.lost_samples for far in motion.tally.far.values()):
+        found, lost = without_lost(
+            task.experiment, found, arrived=motion.converged, settings=settings
+        )
     if lost:
         motion = fit(task, found, beginning=beginning)
         found = motion.state
     off = np.abs(found.calibration.values - task.calibration_parameters.mean)[task.active]
-    sound = bool(np.all(off < _FAR_OFF * task.calibration_parameters.deviation[task.active]))
+    sound = bool(
+        np.all(off < settings.far_off * task.calibration_parameters.deviation[task.active])
+    )
     if not sound and not (beginning and motion.converged):
         found = replace(
             state,

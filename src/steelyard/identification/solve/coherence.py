@@ -21,11 +21,7 @@ from steelyard.identification.model.motion_residuals import (
     looked_at,
     reference_clocks,
 )
-
-_LAG = 0.05
-"""Largest lag between the two [s]."""
-_BY_CHANCE = 6.0
-"""Correlation that chance reaches at any lag, times the root of the number of samples."""
+from steelyard.identification.solve.settings import FIT, FitSettings
 
 
 @dataclass(frozen=True)
@@ -40,7 +36,12 @@ class Coherence:
 
 
 def coherence(
-    experiment: Experiment, segment: Segment, at: Balance, calibration: Calibration, mass: float
+    experiment: Experiment,
+    segment: Segment,
+    at: Balance,
+    calibration: Calibration,
+    mass: float,
+    settings: FitSettings = FIT,
 ) -> Coherence:
     """The accelerometer that goes best with the forces.
 
@@ -50,6 +51,7 @@ def coherence(
         at: The balance of its forces.
         calibration: Values of the systematic errors.
         mass: Of the body [kg].
+        settings: With what is coherent.
     """
     if segment.static or mass <= 0 or len(at.time) < 2:
         return Coherence(0.0, 0.0, "")
@@ -60,7 +62,9 @@ def coherence(
         if reading.source[1] == "specific_force" and len(reading.time) > 1:
             rpy_deg = instrument.mounting.rpy_deg or (0.0, 0.0, 0.0)
             turn = Rotation.from_euler("ZYX", np.radians(rpy_deg)[::-1])
-            own = _largest(experiment, segment, reading, turn, at.time, force_samples, calibration)
+            own = _largest(
+                experiment, segment, reading, turn, at.time, force_samples, calibration, settings
+            )
             found = max(found, own, key=lambda each: each.correlation)
     return found
 
@@ -73,6 +77,7 @@ def _largest(
     time: Array,
     force_samples: Array,
     calibration: Calibration,
+    settings: FitSettings,
 ) -> Coherence:
     references = reference_clocks(experiment, calibration.calibration_parameters, segment)
     times, *_, linear = looked_at(
@@ -81,11 +86,11 @@ def _largest(
     left = turn.apply(np.nan_to_num(linear["residual"]))
     step = float(np.median(np.diff(times)))
     largest, best = 0.0, 0.0
-    for lag in np.arange(-_LAG, _LAG, max(step / 2, 1e-3)):
+    for lag in np.arange(-settings.coherence_lag, settings.coherence_lag, max(step / 2, 1e-3)):
         moved = np.column_stack([np.interp(time + lag, times, column) for column in left.T])
         norm = float(np.sqrt(np.sum(moved**2) * np.sum(force_samples**2)))
         correlation = float(np.sum(moved * force_samples)) / max(norm, 1e-300)
         if correlation > largest:
             largest, best = correlation, float(lag)
-    chance = _BY_CHANCE / np.sqrt(min(len(times), len(time)))
+    chance = settings.coherence_chance / np.sqrt(min(len(times), len(time)))
     return Coherence(largest if largest > chance else 0.0, best, reading.source[0])

@@ -38,13 +38,10 @@ from steelyard.identification.solve.normal_equations import (
     together,
 )
 from steelyard.identification.solve.posterior import Posterior, plausible, prior_of
+from steelyard.identification.solve.settings import FitSettings
 from steelyard.inertia import TEN, body_jacobian
 from steelyard.smoothing import DEGREE
 
-_BLOCK = 1.0
-"""Least length of the stretches that are held against each other [s]."""
-_BLOCK_SPACINGS = 5.0
-_MOST_BLOCKS = 60
 _LOOKED_AT = 500
 """Samples that show how much noise the fitted motion has in the regressor."""
 
@@ -176,7 +173,7 @@ def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
     biases = [chunk.fitted.fit.bias.sum(axis=0) for chunk in chunks if len(chunk.fitted.fit.bias)]
     bias = np.zeros(len(estimated))
     bias[estimated] = np.sum(biases, axis=0) if biases else 0.0
-    solution = solve(total, prior, estimated, size, bias)
+    solution = solve(total, prior, estimated, size, bias, task.settings)
     sources = _force_sources(fitted)
     blocks = together([part.blocks for part in parts])
     state = _whole(found.state, chunks, solution)
@@ -202,7 +199,7 @@ def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
     )
     solution = replace(solution, ratio=_force_ratio(found, sources, frozenset()))
     freedom = max(total.freedom, 1.0)
-    wide = enlarged(solution, blocks, result.identifiable, freedom)
+    wide = enlarged(solution, blocks, result.identifiable, freedom, task.settings)
     # What the verdict asks is how the forces compare with what was stated of them.
     wide = replace(wide, ratio=_force_ratio(found, sources, task.stated))
     covariance = np.where(np.outer(estimated, estimated), wide.covariance, 0.0)
@@ -288,7 +285,7 @@ def _part(
         noise = _regressor_noise(segment, balances, covariance, border, state.calibration.gravity)
     freedom = float(np.sum(~forces.left_out.all(axis=1))) * looked_at
     equations = BorderEquations(normal, gradient + normal @ at, noise, freedom)
-    blocks = _blocks(segment, rows, every, state.parameters, run)
+    blocks = _blocks(segment, rows, every, state.parameters, run, task.settings)
     return SegmentEquations(
         segment,
         forces,
@@ -416,7 +413,12 @@ def _regressor_noise(
 
 
 def _blocks(
-    segment: Segment, rows: Sequence[Rows], equations: NormalEquations, parameters: Array, run: int
+    segment: Segment,
+    rows: Sequence[Rows],
+    equations: NormalEquations,
+    parameters: Array,
+    run: int,
+    settings: FitSettings,
 ) -> Blocks:
     """Stretches of a segment, each with what it says about the border once the motion has followed."""
     instants = (
@@ -427,9 +429,10 @@ def _blocks(
     length = float(segment.knots[-1] - segment.knots[0])
     spacing = length / max(instants, 1)
     if segment.static:
-        count = min(instants, _MOST_BLOCKS)
+        count = min(instants, settings.most_blocks)
     else:
-        count = int(np.clip(length / max(_BLOCK, _BLOCK_SPACINGS * spacing), 1, _MOST_BLOCKS))
+        block = max(settings.block, settings.block_spacings * spacing)
+        count = int(np.clip(length / block, 1, settings.most_blocks))
     number = np.arange(instants) * count // instants
     border = equations.side.shape[1]
     normal, right = np.zeros((count, border, border)), np.zeros((count, border))

@@ -62,31 +62,17 @@ from steelyard.identification.solve.joint_fit import (
     smooth,
     step_of,
 )
-from steelyard.identification.solve.long_recording import LONG, lively_parts, moving_length, windows
+from steelyard.identification.solve.long_recording import lively_parts, moving_length, windows
 from steelyard.identification.solve.posterior import Posterior, Progress
+from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.inertia import TEN
-
-_ITERATIONS = 12
-_BEGINNING = 2
-"""After so many the body is near enough for what noise of the motion does to it."""
-_FEW_ITERATIONS = 4
-"""After so many the noise of the readings is as it will be."""
-_ARRIVED = 0.05
-"""Largest step of one of the ten, in its 1-sigma, at which they have arrived."""
-_IDENTIFIABLE = 0.15
-"""Largest 1-sigma of one of the ten that has to arrive, as a part of its plausible size."""
-_LEAST_SHARE = 0.25
-_MOTION_ITERATIONS = 4
-_MOTION_ARRIVED = 5.0
-"""The same where only the motion of a stretch is fitted."""
-_DRAWS = 2
-"""Draws of the noise of the motion by which its mean effect is found; each is of all instants."""
 
 
 def fit_with_held_motion(
     experiment: Experiment,
     progress: Progress = None,
     held_out: frozenset[str] = frozenset(),
+    settings: FitSettings = FIT,
 ) -> Posterior:
     """Fit body and calibration parameters over a motion that is held as its instruments give it.
 
@@ -94,21 +80,24 @@ def fit_with_held_motion(
         experiment: With at least one run.
         progress: Is called with what is being done and the fraction that is done.
         held_out: Runs whose forces are not looked at; their motion is.
+        settings: How to fit.
 
     Raises:
         InputError: A run lacks what the method needs.
         NoBalanceError: Forces and motion cannot be balanced.
     """
     tell = progress or (lambda what, fraction: None)
-    return sound(lambda: _posterior(experiment, tell, held_out))
+    return sound(lambda: _posterior(experiment, tell, held_out, settings))
 
 
-def _posterior(experiment: Experiment, tell: Tell, held_out: frozenset[str]) -> Posterior:
+def _posterior(
+    experiment: Experiment, tell: Tell, held_out: frozenset[str], settings: FitSettings
+) -> Posterior:
     """Of the whole at once, or of a long recording chunk by chunk."""
-    if moving_length(experiment) <= LONG:
-        return concluded([_fitted(experiment, tell, held_out)])
-    part = _fitted(lively_parts(experiment), tell, held_out)
-    runs = list(windows(experiment))
+    if moving_length(experiment) <= settings.long:
+        return concluded([_fitted(experiment, tell, held_out, settings)])
+    part = _fitted(lively_parts(experiment, settings), tell, held_out, settings)
+    runs = list(windows(experiment, settings))
     found = []
     for i, run in enumerate(runs):
         tell("balancing the whole recording", 0.6 + 0.35 * i / len(runs))
@@ -116,9 +105,11 @@ def _posterior(experiment: Experiment, tell: Tell, held_out: frozenset[str]) -> 
     return concluded(found)
 
 
-def _fitted(experiment: Experiment, tell: Tell, held_out: frozenset[str]) -> FittedStretch:
+def _fitted(
+    experiment: Experiment, tell: Tell, held_out: frozenset[str], settings: FitSettings
+) -> FittedStretch:
     """The fit of an experiment that is not too long."""
-    readings = read(experiment, None, tell)
+    readings = read(experiment, None, tell, settings=settings)
     begun = begin(readings, tell, thorough=True, held_out=held_out)
     task = replace(begun.task, force_samples=_looked_at(readings, begun.state, held_out))
     tell("balancing forces and motion", 0.5)
@@ -144,7 +135,9 @@ def _looked_at(
 def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch]:
     """A stretch of a long recording, about the calibration, noise and smoothness of a part."""
     known = part.fit.state
-    readings = read(experiment, known.calibration, lambda what, fraction: None, [run])
+    readings = read(
+        experiment, known.calibration, lambda what, fraction: None, [run], part.task.settings
+    )
     if not readings.segments:
         return []
     smoothness = next((s.smoothness for s in known.segments if not s.static), None)
@@ -175,11 +168,11 @@ def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch
 def _motion_about(task: Task, state: State) -> State:
     """The motion with the calibration held."""
     column_of = np.full(len(task.calibration_parameters), -1, dtype=np.intp)
-    for _ in range(_MOTION_ITERATIONS):
+    for _ in range(task.settings.stretch_iterations):
         parts, _tally = linearise(task, state, column_of, 0)
         step = step_of(task, state, smooth(state, [each.all for each in parts]))
         state = step.along(task, state, 1.0)
-        if step.decrement < _MOTION_ARRIVED:
+        if step.decrement < task.settings.beginning_arrived:
             break
     return state
 
@@ -202,18 +195,19 @@ def fit_held(
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
+    settings = task.settings
     border, column_of = _columns(task)
     unstated = Unstated(task, state)
     parts, _ = linearise(_without_forces(task), state, column_of, border, None)
     motions = _covariances(state, parts)
     bias = np.zeros((len(state.segments), border))
     share, last = 1.0, np.inf
-    for turn in range(_BEGINNING if beginning else _ITERATIONS):
+    for turn in range(settings.bias_iterations if beginning else settings.held_iterations):
         parts, tally = linearise(task, state, column_of, border, motions)
         by_motion = smooth(state, [each.motion for each in parts])
         equations = smooth(state, [each.all for each in parts])
         motions = tuple(each.inverse for each in by_motion)
-        if turn < _BEGINNING and not beginning:
+        if turn < settings.bias_iterations and not beginning:
             bias = gradient_bias(task, state, motions, parts)
         step = step_of(
             task,
@@ -221,25 +215,26 @@ def fit_held(
             equations,
             follow=by_motion,
             further=bias.sum(axis=0),
-            least=1 / _IDENTIFIABLE**2,
+            least=1 / settings.moving**2,
         )
         if not np.isfinite(step.border).all():
             raise np.linalg.LinAlgError
         factors = state.factors
-        if turn < _FEW_ITERATIONS:
+        if turn < settings.level_iterations:
             followed = step_of(task, state, equations)
-            ratios = ratios_of(equations, _followed(task, state, followed, tally), task.stated)
+            ratios = ratios_of(task, equations, _followed(task, state, followed, tally))
             factors = _of_forces(task, state, unstated(state, ratios))
             if turn:
                 # Only about a body that is nearly right can a noise not be as stated.
                 stated = larger(task, state, ratios)
                 factors |= {source: stated[source] for source in task.stated & stated.keys()}
-        settled = not changed(state.factors, factors)
-        converged = settled and _distance(task, step) < _ARRIVED
+        settled = not changed(task, state.factors, factors)
+        converged = settled and _distance(task, step) < settings.held_arrived
         if converged:
             break
         # Where what is left out of the curvature throws it to and fro, half of a step arrives.
-        share = max(share / 2, _LEAST_SHARE) if _distance(task, step) > last and settled else share
+        if settled and _distance(task, step) > last:
+            share = max(share / 2, settings.held_share)
         last = _distance(task, step)
         state = replace(step.along(task, state, share), factors=factors)
         tell(min(0.95, turn / 5))
@@ -261,7 +256,7 @@ def fit_held(
 def _distance(task: Task, step: Step) -> float:
     """Largest step of one of the ten, in its 1-sigma; of those that are not identifiable none."""
     deviation = np.sqrt(np.maximum(np.diag(step.covariance)[:TEN], 0.0))
-    known = (deviation > 0) & (deviation < _IDENTIFIABLE * task.sizes)
+    known = (deviation > 0) & (deviation < task.settings.moving * task.sizes)
     return float(np.max(np.abs(step.border[:TEN][known]) / deviation[known], initial=0.0))
 
 
@@ -344,7 +339,7 @@ def gradient_bias(
             border_gradient=np.zeros_like(held.border_gradient),
         )
         here = _reduced_gradient(still + part.forces)
-        for _ in range(_DRAWS):
+        for _ in range(task.settings.bias_draws):
             noise = _drawn(held, rng).reshape(-1, POSE)
             for sign in (1, -1):
                 moved = replace(segment, coefficients=segment.coefficients + sign * noise)
@@ -362,7 +357,7 @@ def gradient_bias(
                 size = len(segment.coefficients), border
                 there = still + accumulate(*size, rows, width=segment.width)
                 found[i] -= (_reduced_gradient(there) - here) / 2
-    return found / _DRAWS
+    return found / task.settings.bias_draws
 
 
 def _reduced_gradient(equations: NormalEquations) -> Array:

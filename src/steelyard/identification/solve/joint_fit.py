@@ -30,36 +30,8 @@ from steelyard.identification.model.segment import POSE, Label, NormalEquations,
 from steelyard.identification.model.smoothness import smoothness
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.normal_equations import weak_directions
+from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.inertia import TEN
-
-_TURNS, _TURNS_BEGINNING = 30, 12
-_SHORTER, _LEAST_SHARE = 0.3, 1e-3
-"""By how much a step that does not descend is cut, and the share of it at which there is no more to
-try."""
-BORDER, _ALL = 0.02, 0.5
-"""Promised decrease of the cost, a chi-square, at which constants and everything have arrived."""
-_BEGUN = 5.0
-"""The same of the motion where forces are not looked at: a beginning for the rest."""
-_SLOW = 0.4
-"""Part of a step that the next one is, above which they are a slow series."""
-_PACES = 0.3, 2.5
-_FASTER, _FASTEST = 1.5, 10.0
-"""By how much the steps of a noise level that creeps grow from turn to turn, and at most."""
-_NEARLY = 2e-3
-"""Part of the cost that a step may still promise where a noise is looked at."""
-_SAME = 1e-6
-"""Relative increase of the cost that is none."""
-_LEVEL = 0.04
-"""Largest relative change of a noise level at which it has settled."""
-_LARGER = 1.3
-"""Readings that scatter by so much more than their stated noise do not count as if they were as
-stated."""
-_HELD = 0.25
-"""Information on a direction in units of plausible sizes below which it is not told."""
-_LEAST_FREEDOM = 0.02
-"""Part of the readings that is left to tell their noise, at least."""
-_MOST_CHANGE = 2.0
-"""Of the logarithm of a noise level in one turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +63,7 @@ class Task:
     """Plausible sizes of the ten linear parameters, shape (10,)."""
     least: Mapping[Source, float] = field(default_factory=dict)
     """Quantity -> least 1-sigma that its noise may be estimated at."""
+    settings: FitSettings = FIT
     known: Callable[[Array], tuple[Array, Array]] | None = None
     """Parameters -> precision and pull of what is known about the body beforehand, shapes (10, 10)
     and (10,)."""
@@ -200,6 +173,7 @@ def fit(
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
+    settings = task.settings
     ten = TEN if state.parameters is not None else 0
     border = ten + int(task.active.sum())
     column_of = np.where(task.active, ten + np.cumsum(task.active) - 1, -1)
@@ -209,16 +183,16 @@ def fit(
     unstated = Unstated(task, state)
     many = sum(segment.coefficients.size for segment in state.segments)
     turn = 0
-    for turn in range(_TURNS_BEGINNING if beginning else _TURNS):
+    for turn in range(settings.iterations_beginning if beginning else settings.iterations):
         parts, tally = linearise(task, state, column_of, border)
         readings = [each.all for each in parts]
         cost = tally.cost + _prior_cost(task, state)
-        if accepted is not None and not cost < accepted[2] * (1 + _SAME):
-            if share < _LEAST_SHARE:
+        if accepted is not None and not cost < accepted[2] * (1 + settings.same_cost):
+            if share < settings.least_share:
                 state = accepted[0]
                 break
             # The direction descends, if not as far as it seemed.
-            share *= _SHORTER
+            share *= settings.shorter
             state = accepted[1].along(task, accepted[0], share)
             continue
         equations = smooth(state, readings)
@@ -226,7 +200,8 @@ def fit(
         near, settled, factors = step.decrement < many, True, state.factors
         if near:
             # Noise and smoothness, once the residual is no longer that of a wrong motion.
-            arrived = step.constant < BORDER and step.decrement < (_BEGUN if beginning else _ALL)
+            enough = settings.beginning_arrived if beginning else settings.arrived
+            arrived = step.constant < settings.border_arrived and step.decrement < enough
             if any(segment.smoothness for segment in state.segments) and (arrived or not searched):
                 level, settled = smoothness(state.segments, readings, anew=not searched)
                 searched = True
@@ -240,24 +215,26 @@ def fit(
                     )
                     equations = smooth(state, readings)
                     step = step_of(task, state, equations)
-            ratios = ratios_of(equations, tally, task.stated)
+            ratios = ratios_of(task, equations, tally)
             factors = unstated(state, ratios)
-            settled = settled and not changed(state.factors, factors)
-            if settled and (arrived or step.decrement < _NEARLY * cost):
+            settled = settled and not changed(task, state.factors, factors)
+            if settled and (arrived or step.decrement < settings.nearly_arrived * cost):
                 # Only a motion that is as free as it wants to be can say that a noise is not as
                 # stated.
                 factors = larger(task, state, ratios)
-                settled = not changed(state.factors, factors)
+                settled = not changed(task, state.factors, factors)
                 converged = settled and arrived
             if converged:
                 break
         # A cost in other units is no measure of the step.
-        pace = _pace(accepted[1], step, share) if settled and accepted is not None else 1.0
+        pace = (
+            _pace(accepted[1], step, share, settings) if settled and accepted is not None else 1.0
+        )
         accepted = (state, step, cost) if settled else None
         share = pace
         state = replace(step.along(task, state, share), factors=factors)
         tell(min(0.95, turn / 8))
-    ratios = ratios or ratios_of(equations, tally, task.stated)
+    ratios = ratios or ratios_of(task, equations, tally)
     return Fit(
         state,
         equations,
@@ -271,7 +248,7 @@ def fit(
     )
 
 
-def _pace(last: Step, step: Step, share: float) -> float:
+def _pace(last: Step, step: Step, share: float, settings: FitSettings) -> float:
     """Share of a step that arrives at once where a share of the last one, in the same direction,
     fell short or overshot.
 
@@ -282,9 +259,9 @@ def _pace(last: Step, step: Step, share: float) -> float:
     ratio = float((weight * last.border) @ step.border) / max(
         float((weight * last.border) @ last.border), 1e-300
     )
-    if abs(ratio) < _SLOW:
+    if abs(ratio) < settings.slow:
         return 1.0
-    return float(np.clip(share / max(1 - ratio, 1e-3), *_PACES))
+    return float(np.clip(share / max(1 - ratio, 1e-3), settings.least_pace, settings.largest_pace))
 
 
 def smooth(state: State, readings: Sequence[NormalEquations]) -> tuple[NormalEquations, ...]:
@@ -295,9 +272,7 @@ def smooth(state: State, readings: Sequence[NormalEquations]) -> tuple[NormalEqu
 
 
 def ratios_of(
-    equations: Sequence[NormalEquations],
-    tally: Tally,
-    stated: frozenset[Source],
+    task: Task, equations: Sequence[NormalEquations], tally: Tally
 ) -> dict[Source, float]:
     """Of every quantity, variance of the residual over what it counts as now.
 
@@ -316,7 +291,7 @@ def ratios_of(
     ratios: dict[Source, float] = {}
     for (name, quantity), square in tally.square.items():
         count = tally.count[name, quantity]
-        if (name, quantity) not in stated:
+        if (name, quantity) not in task.stated:
             square, count = tally.held[name, quantity]
         # Quantities of a force instrument share the freedom that its balance has lost.
         balance = spent.get(
@@ -324,7 +299,9 @@ def ratios_of(
         )
         whole = max(counts[name, quantity.endswith(AT_REST)], 1.0)
         taken = spent.get((name, quantity), balance * count / whole)
-        ratios[name, quantity] = square / max(count - taken, _LEAST_FREEDOM * count, 1.0)
+        ratios[name, quantity] = square / max(
+            count - taken, task.settings.least_freedom * count, 1.0
+        )
     return ratios
 
 
@@ -340,16 +317,17 @@ class Unstated:
 
     def __call__(self, state: State, ratios: Mapping[Source, float]) -> dict[Source, float]:
         """Factors that the ratios ask for."""
+        settings = self._task.settings
         factors = dict(state.factors)
         for source, ratio in ratios.items():
             if source in self._task.stated:
                 continue
-            change = float(np.clip(np.log(ratio) / 2, -_MOST_CHANGE, _MOST_CHANGE))
+            change = float(np.clip(np.log(ratio) / 2, -settings.most_change, settings.most_change))
             last, pace = self._last.get(source, 0.0), self._pace.get(source, 1.0)
             if change * last < 0:
                 self._pace[source] = pace / 2
-            elif abs(change) > _SLOW * abs(last) > 0:
-                self._pace[source] = min(pace * _FASTER, _FASTEST)
+            elif abs(change) > settings.slow * abs(last) > 0:
+                self._pace[source] = min(pace * settings.faster, settings.fastest)
             self._last[source] = change
             level = factors.get(source, 1.0) * float(np.exp(change * self._pace.get(source, 1.0)))
             factors[source] = max(
@@ -380,13 +358,16 @@ def larger(task: Task, state: State, ratios: Mapping[Source, float]) -> dict[Sou
     factors = dict(state.factors)
     for source in task.stated & ratios.keys():
         level = factors.get(source, 1.0) * float(np.sqrt(ratios[source]))
-        factors[source] = level if level > _LARGER else 1.0
+        factors[source] = level if level > task.settings.larger else 1.0
     return factors
 
 
-def changed(old: Mapping[Source, float], new: Mapping[Source, float]) -> bool:
+def changed(task: Task, old: Mapping[Source, float], new: Mapping[Source, float]) -> bool:
     """Whether a level of noise has not settled yet."""
-    return any(abs(np.log(level / old.get(source, 1.0))) > _LEVEL for source, level in new.items())
+    return any(
+        abs(np.log(level / old.get(source, 1.0))) > task.settings.level
+        for source, level in new.items()
+    )
 
 
 def _prior_cost(task: Task, state: State) -> float:
@@ -473,12 +454,12 @@ def step_of(
     gradient += further
     matrix, right = border_system(task, state, (np.sum([m for m, _ in reduced], axis=0), gradient))
     if least is not None and state.parameters is not None:
-        held, _ = weak_directions(matrix, np.zeros((TEN, TEN)), np.ones(TEN), least)
+        held, _ = weak_directions(matrix, np.zeros((TEN, TEN)), np.ones(TEN), task.settings, least)
         matrix[:TEN, :TEN] += held
         right[:TEN] -= held @ (state.parameters / task.sizes)
     scale = np.concatenate([task.sizes[:ten], task.calibration_parameters.deviation[task.active]])
     told, axes = np.linalg.eigh((matrix + matrix.T) / 2)
-    keep = told > _HELD
+    keep = told > task.settings.least_information
     inverse = (axes[:, keep] / told[keep]) @ axes[:, keep].T
     step, gained = scale * (inverse @ right), float(right @ inverse @ right)
     return Step(

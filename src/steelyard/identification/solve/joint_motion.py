@@ -30,14 +30,8 @@ from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.outliers import look
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.segmentation import recorded, resampled
+from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.smoothing import DEGREE
-
-_COHERENT = 0.3
-"""Correlation of what is left of forces and accelerometer that is a motion which the knots do not
-follow."""
-_MUCH_FINER = 0.7
-_ITERATIONS = 4
-"""Fits between which readings that stand out are left out."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +46,10 @@ class _Vibration:
 
 
 def fit_jointly(
-    experiment: Experiment, progress: Progress = None, start: Calibration | None = None
+    experiment: Experiment,
+    progress: Progress = None,
+    start: Calibration | None = None,
+    settings: FitSettings = FIT,
 ) -> Posterior:
     """Fit an experiment as a whole.
 
@@ -60,6 +57,7 @@ def fit_jointly(
         experiment: With at least one run.
         progress: Is called with what is being done and the fraction that is done.
         start: Values of the calibration parameters to begin with; None: as known beforehand.
+        settings: How to fit.
 
     Raises:
         InputError: A run lacks what the method needs.
@@ -70,11 +68,10 @@ def fit_jointly(
         if progress is not None:
             progress(f"maximum-likelihood: {what}", fraction)
 
-    return sound(lambda: _posterior(experiment, tell, start))
+    return sound(lambda: _posterior(read(experiment, start, tell, settings=settings), tell))
 
 
-def _posterior(experiment: Experiment, tell: Tell, start: Calibration | None) -> Posterior:
-    readings = read(experiment, start, tell)
+def _posterior(readings: Readings, tell: Tell) -> Posterior:
     found = _fitted(readings, begin(readings, tell, thorough=False), tell, {})
     if vibrations := _vibrations(readings, found):
         tell("following a vibration", 0.4)
@@ -89,7 +86,14 @@ def _finer(readings: Readings, vibrations: Mapping[str, _Vibration]) -> Readings
     """The readings on finer knots where something vibrates."""
     experiment = readings.experiment
     records = tuple(
-        recorded(experiment, run, each, readings.calibration, vibrations[run.name].spacing)
+        recorded(
+            experiment,
+            run,
+            each,
+            readings.calibration,
+            vibrations[run.name].spacing,
+            readings.settings.motion,
+        )
         if run.name in vibrations
         else record
         for run, each, record in zip(readings.runs, readings.samples, readings.records, strict=True)
@@ -99,6 +103,7 @@ def _finer(readings: Readings, vibrations: Mapping[str, _Vibration]) -> Readings
 
 def _vibrations(readings: Readings, fitted: Fitted) -> dict[str, _Vibration]:
     """Runs in which forces and accelerometer both feel what the knots do not follow."""
+    settings = readings.settings
     finest = {segment.run: each.finest for each in readings.records for segment in each.segments}
     state = fitted.fit.state
     assert state.parameters is not None
@@ -107,11 +112,11 @@ def _vibrations(readings: Readings, fitted: Fitted) -> dict[str, _Vibration]:
         if segment.static:
             continue
         spacing = float(segment.knots[DEGREE + 1] - segment.knots[DEGREE])
-        if finest[segment.run] >= _MUCH_FINER * spacing:
+        if finest[segment.run] >= settings.much_finer * spacing:
             continue
         mass = float(state.parameters[0])
-        own = coherence(readings.experiment, segment, at, state.calibration, mass)
-        if own.correlation > _COHERENT:
+        own = coherence(readings.experiment, segment, at, state.calibration, mass, settings)
+        if own.correlation > settings.coherent:
             clock = clock_of(readings.experiment, own.instrument)
             found[segment.run] = _Vibration(finest[segment.run], clock, own.lag)
     return found
@@ -121,6 +126,7 @@ def _fitted(
     readings: Readings, begun: Beginning, tell: Tell, vibrations: Mapping[str, _Vibration]
 ) -> Fitted:
     """Motion and forces, leaving out what stands alone."""
+    settings = readings.settings
     state, force_samples = begun.state, readings.force_samples
     tell("motion and forces", 0.5)
     task = replace(begun.task, force_samples=force_samples)
@@ -132,16 +138,16 @@ def _fitted(
         state = fit(replace(task, active=active), state).state
     contacts: dict[str, list[tuple[float, float]]] = {}
     spikes: dict[str, int] = {}
-    for turn in range(_ITERATIONS):
+    for turn in range(settings.cuts):
         task = replace(task, force_samples=force_samples)
         found = fit(task, state, lambda part: tell("motion and forces", 0.5 + 0.3 * part))
         state = found.state
         fitted = Fitted(task, found, begun.motion, force_samples, begun.lost, contacts, spikes)
-        if turn == _ITERATIONS - 1 or (not vibrations and _vibrations(readings, fitted)):
+        if turn == settings.cuts - 1 or (not vibrations and _vibrations(readings, fitted)):
             # What is to be followed more closely need not be looked at for what stands out of it.
             break
         looked = [
-            look(at, forces, forces.sigmas(segment, state.factors))
+            look(at, forces, forces.sigmas(segment, state.factors), settings)
             for segment, at, forces in zip(
                 state.segments, fitted.balances, force_samples, strict=True
             )

@@ -12,16 +12,7 @@ import numpy as np
 
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.sources import choose_sources
-
-LONG = 180.0
-"""Length of recording beyond which it is fitted window by window [s]: the memory that a fit takes
-grows by some MiB a second."""
-_PART = 40.0
-"""Length of recording that tells calibration, noise and smoothness first [s]."""
-_SHORTEST_PART = 3.0
-"""Least length of it from each run [s]."""
-_WINDOW = 60.0
-"""[s]"""
+from steelyard.identification.solve.settings import FIT, FitSettings
 
 
 def moving_length(experiment: Experiment) -> float:
@@ -30,27 +21,27 @@ def moving_length(experiment: Experiment) -> float:
     return sum(end - start for start, end in spans)
 
 
-def lively_parts(experiment: Experiment, part: float | None = None) -> Experiment:
+def lively_parts(experiment: Experiment, settings: FitSettings = FIT) -> Experiment:
     """The experiment with the stretch of every run where most happens.
 
     Args:
         experiment: With all of its runs.
-        part: Length of all stretches in motion together [s]; None: :data:`_PART`.
+        settings: With the length of all stretches in motion together.
     """
     moving = sum(not run.static for run in experiment.runs)
-    longest = max(_SHORTEST_PART, (part or _PART) / max(1, moving))
+    longest = max(settings.shortest_part, settings.part / max(1, moving))
     runs = [run if run.static else _stretch(experiment, run, longest) for run in experiment.runs]
     return replace(experiment, runs=tuple(runs))
 
 
-def windows(experiment: Experiment) -> Iterator[Run]:
+def windows(experiment: Experiment, settings: FitSettings = FIT) -> Iterator[Run]:
     """The runs, cut into windows of about a minute."""
     for run in experiment.runs:
         if run.static:
             yield run
             continue
         start, end = _span(experiment, run)
-        edges = np.linspace(start, end, max(1, round((end - start) / _WINDOW)) + 1)
+        edges = np.linspace(start, end, max(1, round((end - start) / settings.window)) + 1)
         for first, last in pairwise(edges):
             yield replace(run, window=(float(first), float(last)))
 

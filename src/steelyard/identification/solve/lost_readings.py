@@ -15,16 +15,12 @@ from steelyard.experiment.stuck import repeats
 from steelyard.identification.model.motion_residuals import Tally, motion_residuals
 from steelyard.identification.model.segment import Label
 from steelyard.identification.solve.joint_fit import State
-
-STUCK_FAR = 5
-"""Motion readings in a row that stand far from the motion: the instrument has lost it."""
-_LEFT_UNREAD = 2
-"""Readings beside these that go with them."""
-_FAR = 4.5
-"""Root of a whitened residual under Huber's weight that is far beyond what noise may reach."""
+from steelyard.identification.solve.settings import FIT, FitSettings
 
 
-def without_lost(experiment: Experiment, state: State, *, arrived: bool) -> tuple[State, list[str]]:
+def without_lost(
+    experiment: Experiment, state: State, *, arrived: bool, settings: FitSettings = FIT
+) -> tuple[State, list[str]]:
     """Without readings that stand far from the motion many times in a row: a tracker that holds its
     last value, a frozen channel.
     """
@@ -41,7 +37,7 @@ def without_lost(experiment: Experiment, state: State, *, arrived: bool) -> tupl
                     # Huber's weights have been taken into the residual: one that stands far has
                     # length above its limit.
                     masks.setdefault(rows.label, []).append(
-                        np.any(np.abs(rows.residual) > _FAR, axis=1)
+                        np.any(np.abs(rows.residual) > settings.lost, axis=1)
                     )
         kept = []
         for reading in segment.readings:
@@ -52,7 +48,7 @@ def without_lost(experiment: Experiment, state: State, *, arrived: bool) -> tupl
             # readings stand far too.
             lost = _frozen(reading.values, far)
             if arrived:
-                lost |= _runs_of(far)
+                lost |= _runs_of(far, settings)
             if not lost.any() or lost.mean() > 0.5:
                 kept.append(reading)
                 continue
@@ -82,10 +78,10 @@ def _frozen(values: Array, far: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return found
 
 
-def _runs_of(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _runs_of(far: NDArray[np.bool_], settings: FitSettings) -> NDArray[np.bool_]:
     """Where many in a row are far, and those beside them."""
     found = np.zeros(len(far), dtype=bool)
     for first, last in stretches(far):
-        if last - first >= STUCK_FAR:
-            found[max(0, first - _LEFT_UNREAD) : last + _LEFT_UNREAD] = True
+        if last - first >= settings.lost_samples:
+            found[max(0, first - settings.lost_margin) : last + settings.lost_margin] = True
     return found

@@ -19,13 +19,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, t
 
 from steelyard.arrays import Array
+from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.inertia import TEN
-
-_SIGNIFICANT = 0.95
-_LEAST_INFORMATION = 0.25
-"""A direction known no better than to twice its plausible size is not identifiable."""
-_HOLD = 1e3
-"""By how much a direction that is not identifiable is held more firmly than the best known one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +114,7 @@ def solve(
     estimated: NDArray[np.bool_],
     scale: Array,
     bias: Array | None = None,
+    settings: FitSettings = FIT,
 ) -> Solution:
     """Estimate body and calibration parameters.
 
@@ -129,11 +125,12 @@ def solve(
         scale: Plausible size of the ten, shape (10,).
         bias: What noise in the regressor does to the right-hand side in the mean, with the opposite
             sign, shape (k,); None: nothing.
+        settings: With what is identifiable.
     """
     k = len(estimated)
     use = np.flatnonzero(estimated)
     normal = equations.normal[np.ix_(use, use)] + prior.precision[np.ix_(use, use)]
-    held, wide = weak_directions(normal, equations.noise, scale)
+    held, wide = weak_directions(normal, equations.noise, scale, settings)
     # Directions that are not identifiable are held; their uncertainty is that of what is plausible.
     normal[:TEN, :TEN] += held
     taken_off = np.zeros(k) if bias is None else bias
@@ -169,7 +166,11 @@ def inverse_of(matrix: Array, scale: Array) -> Array:
 
 
 def weak_directions(
-    normal: Array, noise: Array, scale: Array, least: float = _LEAST_INFORMATION
+    normal: Array,
+    noise: Array,
+    scale: Array,
+    settings: FitSettings = FIT,
+    least: float | None = None,
 ) -> tuple[Array, Array]:
     """What holds the directions of the ten that the data do not tell, shape (10, 10), and these
     directions in plausible length, columns of shape (10, u).
@@ -178,7 +179,9 @@ def weak_directions(
         normal: Of the estimated columns with their priors.
         noise: Of the ten, which must be exceeded.
         scale: Plausible size of the ten.
-        least: Information in units of plausible sizes below which a direction is weak.
+        settings: With what is identifiable.
+        least: Information in units of plausible sizes below which a direction is weak; None: one
+            that is not identifiable.
     """
     others = normal[TEN:, TEN:]
     information = normal[:TEN, :TEN]
@@ -189,15 +192,23 @@ def weak_directions(
     scaled = information * np.outer(scale, scale)
     values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
     by_noise = np.einsum("ij,ik,kj->j", vectors, noise * np.outer(scale, scale), vectors)
-    weak = (values < by_noise) | (values < 1e-12 * values[-1]) | (values < least)
+    weak = (
+        (values < by_noise)
+        | (values < 1e-12 * values[-1])
+        | (values < (settings.least_information if least is None else least))
+    )
     directions = vectors[:, weak]
-    strength = max(1.0, float(values[-1])) * _HOLD
+    strength = max(1.0, float(values[-1])) * settings.held
     held = (directions * strength) @ directions.T / np.outer(scale, scale)
     return held, scale[:, None] * directions
 
 
 def enlarged(
-    solution: Solution, blocks: Blocks, identifiable: NDArray[np.bool_], freedom: float
+    solution: Solution,
+    blocks: Blocks,
+    identifiable: NDArray[np.bool_],
+    freedom: float,
+    settings: FitSettings = FIT,
 ) -> Solution:
     """Enlarge the covariance where residuals are larger, more coloured or more different between
     runs than noise is.
@@ -211,6 +222,7 @@ def enlarged(
         blocks: Of its residuals.
         identifiable: Which of the ten the data tell, shape (10,).
         freedom: Samples of six equations.
+        settings: With what is chance.
     """
     part = np.flatnonzero(identifiable)
     if not len(part):
@@ -221,21 +233,21 @@ def enlarged(
     whiten = np.linalg.inv(np.linalg.cholesky(scaled)) * scale
     moved = blocks.scores(solution.value) @ solution.gain[part].T @ whiten.T
     runs = np.unique(blocks.run)
-    found = {"blocks": _scatter(moved)}
+    found = {"blocks": _scatter(moved, settings)}
     if solution.ratio > 1:
-        found["noise"] = _beyond_chance(solution.ratio, 6 * freedom)
+        found["noise"] = _beyond_chance(solution.ratio, 6 * freedom, settings)
     if len(runs) > 1:
         by_run = np.array([moved[blocks.run == run].sum(axis=0) for run in runs])
         freedom_of_runs = (len(runs) - 1) * len(part)
         few = (t.ppf(0.975, freedom_of_runs) / t.ppf(0.975, 1e9)) ** 2
-        factor = _scatter(by_run)
+        factor = _scatter(by_run, settings)
         found["runs"] = factor * few if factor > 1 else 1.0
     name, factor = max(found.items(), key=lambda item: item[1])
     covariance = solution.covariance + max(0.0, factor - 1) * solution.noise_part
     return replace(solution, covariance=covariance, inflation={name: factor} if factor > 1 else {})
 
 
-def _scatter(moved: Array) -> float:
+def _scatter(moved: Array, settings: FitSettings) -> float:
     """Mean square of independent, whitened contributions over what it should be; 1 within
     chance.
     """
@@ -244,12 +256,12 @@ def _scatter(moved: Array) -> float:
         return 1.0
     centred = moved - moved.mean(axis=0)
     factor = float(np.sum(centred**2)) * count / (count - 1) / moved.shape[1]
-    return _beyond_chance(factor, (count - 1) * moved.shape[1])
+    return _beyond_chance(factor, (count - 1) * moved.shape[1], settings)
 
 
-def _beyond_chance(factor: float, freedom: float) -> float:
+def _beyond_chance(factor: float, freedom: float, settings: FitSettings) -> float:
     """A mean square over what it should be; 1 within chance."""
-    return factor if factor > chi2.ppf(_SIGNIFICANT, freedom) / freedom else 1.0
+    return factor if factor > chi2.ppf(settings.significant, freedom) / freedom else 1.0
 
 
 def together(parts: Sequence[Blocks]) -> Blocks:

@@ -12,17 +12,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array, joined_stretches, stretches
 from steelyard.identification.model.force_residuals import Balance, Forces
 from steelyard.identification.model.motion_residuals import limit
-
-_ALONE = 5.0
-"""Correction of one reading, in its own 1-sigma, beyond which it is held against all others."""
-_TOUCH = 0.3
-"""Longest pause between samples of one contact [s]."""
-_AROUND = 0.15
-"""What is left out before and after a contact [s]: it begins and ends softly."""
-_FEWEST = 3
-"""Samples that make a contact."""
-_MOST_CUT = 0.25
-"""Part of a run beyond which contacts are not cut: what is the rule is no exception."""
+from steelyard.identification.solve.settings import FIT, FitSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +28,7 @@ class Found:
     changed: bool
 
 
-def look(at: Balance, force_samples: Forces, sigmas: Array) -> Found:
+def look(at: Balance, force_samples: Forces, sigmas: Array, settings: FitSettings = FIT) -> Found:
     """Find readings that stand alone, then stretches in which none alone explains what is left
     over.
 
@@ -46,6 +36,7 @@ def look(at: Balance, force_samples: Forces, sigmas: Array) -> Found:
         at: The balance about a fit.
         force_samples: Its forces.
         sigmas: 1-sigma of every reading, shape (n, r).
+        settings: With what stands out.
     """
     white = at.whitener @ (at.by_reading * sigmas[:, None, :])
     size = np.sqrt(np.sum(at.residual**2, axis=1))
@@ -59,15 +50,17 @@ def look(at: Balance, force_samples: Forces, sigmas: Array) -> Found:
     rest = np.sqrt(np.maximum(size**2 - largest**2, 0.0))
     left_out = force_samples.left_out.copy()
     # Readings that explain all that is left over are their sensors' own; the others go on.
-    spikes = (largest > _ALONE) & (rest < limit(5))
-    spikes &= ~_in_a_row(spikes, worst)
+    spikes = (largest > settings.alone) & (rest < limit(5))
+    spikes &= ~_in_a_row(spikes, worst, 2 * settings.contact_samples)
     left_out[rows[spikes], worst[spikes]] = True
-    contacts = _contacts(at.time, (size > limit(6)) & ~spikes & ~force_samples.left_out.all(axis=1))
+    contacts = _contacts(
+        at.time, (size > limit(6)) & ~spikes & ~force_samples.left_out.all(axis=1), settings
+    )
     touched = np.zeros(len(size), dtype=bool)
     for start, end in contacts:
         touched |= (at.time >= start) & (at.time <= end)
     already = force_samples.left_out.all(axis=1)
-    if (touched | already).mean() > _MOST_CUT:
+    if (touched | already).mean() > settings.most_cut:
         contacts, touched = (), np.zeros_like(touched)
     left_out[touched] = True
     return Found(
@@ -78,19 +71,24 @@ def look(at: Balance, force_samples: Forces, sigmas: Array) -> Found:
     )
 
 
-def _in_a_row(spikes: NDArray[np.bool_], worst: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _in_a_row(spikes: NDArray[np.bool_], worst: NDArray[np.intp], many: int) -> NDArray[np.bool_]:
     """Spikes of which many follow each other in different sensors: that is no sensor's doing."""
     found = np.zeros_like(spikes)
     for first, last in stretches(spikes):
-        if last - first >= 2 * _FEWEST and len(set(worst[first:last])) > 1:
+        if last - first >= many and len(set(worst[first:last])) > 1:
             found[first:last] = True
     return found
 
 
-def _contacts(time: Array, large: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+def _contacts(
+    time: Array, large: NDArray[np.bool_], settings: FitSettings
+) -> tuple[tuple[float, float], ...]:
     """Stretches with several large residuals close to each other [s]."""
     return tuple(
-        (float(time[first]) - _AROUND, float(time[last - 1]) + _AROUND)
-        for first, last in joined_stretches(time, large, _TOUCH)
-        if np.count_nonzero(large[first:last]) >= _FEWEST
+        (
+            float(time[first]) - settings.contact_margin,
+            float(time[last - 1]) + settings.contact_margin,
+        )
+        for first, last in joined_stretches(time, large, settings.contact_pause)
+        if np.count_nonzero(large[first:last]) >= settings.contact_samples
     )

@@ -20,40 +20,11 @@ from steelyard.identification.model.knot_spacing import Channelled, best_spacing
 from steelyard.identification.model.motion_residuals import PARTS, Reading, Segment, jerk_matrices
 from steelyard.identification.model.preparation import Samples
 from steelyard.identification.model.segment import motion_at
-from steelyard.identification.model.smoothness import LOOSER
+from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.instruments.base import Part
 from steelyard.instruments.equations import order_of
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, Samples1D, fit, knots
-
-_LEAST_NOISE = 1e-4
-"""Of a quantity that scatters by nothing but rounding, as a part of how much it varies: no sensor
-resolves more."""
-_MARGIN = 0.1
-"""Of the knots beyond the first and the last reading [s]: clocks may still be moved."""
-_GAP = 0.5
-"""Longest stretch in which nothing tells the rotation, or nothing the translation, that a motion is
-carried over [s]."""
-_SHORTEST = 1.0
-"""Least length of a segment [s]."""
-_FINEST, _FINEST_ON_SENSOR, _WIDEST = 0.02, 0.005, 0.45
-"""Spacing of the knots [s]: platforms on cables move below 25 Hz."""
-_JUDGED = 20.0
-"""Length of the stretch on which the spacing is chosen [s]."""
-_LEAST_JERK = 1e-2
-"""Mean square of a third derivative to begin with, at least [m^2/s^6], [1/s^6]: where nothing tells
-the place, it begins as if at rest."""
-_COMMANDED = {"position": 0.02, "orientation": 0.02}
-"""1-sigma of how far a platform is from its command, where that stands in for a measurement [m],
-[rad]."""
-_COMMANDED_RATE = 0.1
-"""Readings of a command a second that count as independent [Hz]."""
-_PER_KNOT = 2.0
-"""Samples between two knots, at least: a motion that its instruments do not resolve cannot be told
-from their readings, and the forces, which would tell it instead, could then say nothing about the
-body."""
-_PER_VIBRATION = 3.0
-"""The same of the accelerometer where it is to follow a vibration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +42,14 @@ class Recorded:
     fine already."""
 
 
-def scatter(time: Array, values: Array, start: float, end: float, spacing: float) -> float | None:
+def scatter(
+    time: Array,
+    values: Array,
+    start: float,
+    end: float,
+    spacing: float,
+    settings: MotionSettings = MOTION,
+) -> float | None:
     """1-sigma of samples about their own spline; None where they do not determine one."""
     flat = values.reshape(len(values), -1)
     fitted = fit(Samples1D(time, flat), start, end, spacing, robust=True) if len(time) else None
@@ -79,14 +57,16 @@ def scatter(time: Array, values: Array, start: float, end: float, spacing: float
         return None
     # Nine elements of a rotation matrix scatter by sqrt(6 / 9) of the rotation vector.
     scale = np.sqrt(1.5) if values.ndim == 3 else 1.0
-    return max(fitted.sigma * scale, least_noise(values))
+    return max(fitted.sigma * scale, least_noise(values, settings))
 
 
-def least_noise(values: Array) -> float:
+def least_noise(values: Array, settings: MotionSettings = MOTION) -> float:
     """Least 1-sigma of a quantity, from how much it varies."""
     flat = values.reshape(len(values), -1)
     return float(
-        _LEAST_NOISE * np.nanstd(flat, axis=0).max() + 1e-9 * np.nanmax(np.abs(flat)) + 1e-12
+        settings.least_noise * np.nanstd(flat, axis=0).max()
+        + 1e-9 * np.nanmax(np.abs(flat))
+        + 1e-12
     )
 
 
@@ -160,6 +140,7 @@ def recorded(
     samples: Samples,
     calibration: Calibration,
     spacing: float | None = None,
+    settings: MotionSettings = MOTION,
 ) -> Recorded:
     """Arcs of one run.
 
@@ -169,15 +150,18 @@ def recorded(
         samples: Of it, to begin with.
         calibration: Values of the systematic errors, to begin with.
         spacing: Of the knots [s]; None: as the readings ask for.
+        settings: Of segments and knots.
     """
     return (
-        _poses(experiment, run, samples)
+        _poses(experiment, run, samples, settings)
         if run.static
-        else _moving(experiment, run, samples, calibration, spacing)
+        else _moving(experiment, run, samples, calibration, spacing, settings)
     )
 
 
-def _poses(experiment: Experiment, run: Run, samples: Samples) -> Recorded:
+def _poses(
+    experiment: Experiment, run: Run, samples: Samples, settings: MotionSettings
+) -> Recorded:
     numbers, pose = samples.time, poses_of(samples)
     readings = []
     for name, stream in run.streams.items():
@@ -187,7 +171,9 @@ def _poses(experiment: Experiment, run: Run, samples: Samples) -> Recorded:
         for quantity in instrument.quantities(experiment.robot.m):
             values = stream.values.get(quantity.name)
             # Many poses that differ by more than noise do not tell it.
-            sigma = quantity.noise or (_AT_REST[quantity.unit] if values is not None else None)
+            sigma = quantity.noise or (
+                settings.at_rest(quantity.unit) if values is not None else None
+            )
             if values is None or sigma is None:
                 continue
             use = np.isfinite(values.reshape(len(values), -1)).all(axis=1) & np.isin(
@@ -209,7 +195,8 @@ def _poses(experiment: Experiment, run: Run, samples: Samples) -> Recorded:
         return instrument.quantity(source[1], experiment.robot.m).unit
 
     least = {
-        reading.source: _AT_REST[unit_of(reading.source)] / _BEST_AT_REST for reading in readings
+        reading.source: settings.at_rest(unit_of(reading.source)) / settings.best_at_rest
+        for reading in readings
     }
     names = zip(run.streams[force_samples.name].values, _least_forces(experiment, run), strict=True)
     return Recorded(
@@ -220,24 +207,18 @@ def _poses(experiment: Experiment, run: Run, samples: Samples) -> Recorded:
     )
 
 
-_AT_REST = {"m": 1e-3, "rad": 3e-3, "m/s^2": 0.03, "rad/s": 3e-3}
-"""Unit of a quantity -> first guess of its noise where none is stated, of poses at rest."""
-_BEST_AT_REST = 10.0
-"""By how much it may be better than that: two instruments at rest cannot tell which of them is the
-better one."""
-
-
 def _moving(
     experiment: Experiment,
     run: Run,
     samples: Samples,
     calibration: Calibration,
     spacing: float | None,
+    settings: MotionSettings,
 ) -> Recorded:
     notes: list[str] = []
     run, stuck = _without_stuck(experiment, run)
     notes += stuck
-    streams = list(_streams(experiment, run, calibration, samples))
+    streams = list(_streams(experiment, run, calibration, samples, settings))
     if not streams:
         return Recorded((), (), {}, tuple(notes))
     force = experiment.force_instrument(run)
@@ -245,11 +226,11 @@ def _moving(
     forces = experiment.common_time(
         run, force, calibration.delay(clock_of(experiment, force), run.name)
     )
-    stretches, gaps = _stretches(run, streams, forces)
+    stretches, gaps = _stretches(run, streams, forces, settings)
     notes += gaps
     finest = np.inf
     if spacing is None:
-        spacing, finest = _spacing(experiment, streams, stretches)
+        spacing, finest = _spacing(experiment, streams, stretches, settings)
     pose = poses_of(samples)
     least = {
         (force, q): float(each)
@@ -257,27 +238,29 @@ def _moving(
     }
     segments, force_samples = [], []
     for start, end in stretches:
-        first, last = start - _MARGIN, end + _MARGIN
+        first, last = start - settings.margin, end + settings.margin
         grid = knots(first, last, spacing)
         coefficients = started(samples.time, pose, grid, first, last, spacing)
         readings = []
         for stream in streams:
-            use = (stream.common >= start - _MARGIN / 2) & (stream.common <= end + _MARGIN / 2)
+            use = (stream.common >= start - settings.margin / 2) & (
+                stream.common <= end + settings.margin / 2
+            )
             if not use.any():
                 continue
             width = max(
                 spacing,
                 (
-                    _PER_KNOT * float(np.median(np.diff(stream.common[use])))
+                    settings.per_knot * float(np.median(np.diff(stream.common[use])))
                     if use.sum() > 1
                     else spacing
                 ),
             )
             sigma = stream.sigma or scatter(
-                stream.common[use], stream.values[use], start, end, width
+                stream.common[use], stream.values[use], start, end, width, settings
             )
             least[stream.source] = min(
-                least.get(stream.source, np.inf), least_noise(stream.values[use])
+                least.get(stream.source, np.inf), least_noise(stream.values[use], settings)
             )
             tension = None
             if stream.needs_tension and samples.tension is not None:
@@ -305,7 +288,7 @@ def _moving(
     if not segments:
         notes.append(f"run '{run.name}': nothing that forces and motion tell together")
     return Recorded(
-        tuple(_smooth(segments, spacing, _steps(streams))),
+        tuple(_smooth(segments, spacing, _steps(streams), settings)),
         tuple(force_samples),
         least,
         tuple(notes),
@@ -314,7 +297,10 @@ def _moving(
 
 
 def _smooth(
-    segments: Sequence[Segment], spacing: float, steps: Mapping[str, float]
+    segments: Sequence[Segment],
+    spacing: float,
+    steps: Mapping[str, float],
+    settings: MotionSettings,
 ) -> Iterator[Segment]:
     """Arcs with a first guess of how smooth they are: as rough as they begin with, spread over all
     they could do.
@@ -327,12 +313,15 @@ def _smooth(
     length = sum(float(segment.knots[-1] - segment.knots[0]) for segment in segments)
     rough = {
         part: (
-            max(sum(segment.roughness[part] for segment in segments) / length, _LEAST_JERK)
+            max(sum(segment.roughness[part] for segment in segments) / length, settings.least_jerk)
             * spacing
         )
         for part in PARTS
     }
-    looser = {part: LOOSER if spacing >= _PER_KNOT * step else 1.0 for part, step in steps.items()}
+    looser = {
+        part: settings.looser if spacing >= settings.per_knot * step else 1.0
+        for part, step in steps.items()
+    }
     for segment in segments:
         yield replace(segment, smoothness=rough, looser=looser)
 
@@ -356,7 +345,11 @@ class _Stream:
 
 
 def _streams(
-    experiment: Experiment, run: Run, calibration: Calibration, samples: Samples
+    experiment: Experiment,
+    run: Run,
+    calibration: Calibration,
+    samples: Samples,
+    settings: MotionSettings,
 ) -> Iterator[_Stream]:
     """What is read of the motion; a command stands in for a place that nothing measures."""
     told = {
@@ -394,8 +387,8 @@ def _streams(
                 # readings tell.
                 step = float(np.median(np.diff(common))) if len(common) > 1 else 1.0
                 sigma = (
-                    _COMMANDED[quantity.name]
-                    * max(1.0, 1 / (_COMMANDED_RATE * max(step, 1e-6))) ** 0.5
+                    _commanded(quantity.name, settings)
+                    * max(1.0, 1 / (settings.commanded_rate * max(step, 1e-6))) ** 0.5
                 )
             yield _Stream(
                 (name, quantity.name),
@@ -409,8 +402,14 @@ def _streams(
             )
 
 
+def _commanded(quantity: str, settings: MotionSettings) -> float:
+    """1-sigma of a command that stands in for a measurement [m] or [rad]."""
+    place = quantity == "position"
+    return settings.commanded_position if place else settings.commanded_orientation
+
+
 def _stretches(
-    run: Run, streams: Sequence[_Stream], forces: Array
+    run: Run, streams: Sequence[_Stream], forces: Array, settings: MotionSettings
 ) -> tuple[list[tuple[float, float]], list[str]]:
     """Stretches of common time [s] in which rotation and translation are told all along, and notes
     of what is not.
@@ -429,15 +428,15 @@ def _stretches(
             continue
         times = np.unique(np.concatenate([s.common for s in group]))
         step = min(float(np.median(np.diff(s.common))) for s in group if len(s.common) > 1)
-        own = _unbroken(times, max(_GAP, 5 * step))
+        own = _unbroken(times, max(settings.gap, 5 * step))
         parts = [(max(a, c), min(b, d)) for a, b in parts for c, d in own if min(b, d) > max(a, c)]
     for stream in streams:
-        for a, b in _holes(stream.common, start, end):
+        for a, b in _holes(stream.common, start, end, settings.gap):
             notes.append(
                 f"run '{run.name}': {stream.source[0]} has no {stream.source[1].replace('_', ' ')}"
                 f" from {a:.2f} to {b:.2f} s"
             )
-    return [(a, b) for a, b in parts if b - a >= _SHORTEST], notes
+    return [(a, b) for a, b in parts if b - a >= settings.shortest], notes
 
 
 def _unbroken(times: Array, gap: float) -> list[tuple[float, float]]:
@@ -446,27 +445,30 @@ def _unbroken(times: Array, gap: float) -> list[tuple[float, float]]:
     return [(float(a), float(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _holes(times: Array, start: float, end: float) -> list[tuple[float, float]]:
+def _holes(times: Array, start: float, end: float, gap: float) -> list[tuple[float, float]]:
     inside = times[(times >= start) & (times <= end)]
     if len(inside) < 2:
         return []
     steps = np.diff(inside)
     return [
         (float(inside[i]), float(inside[i + 1]))
-        for i in np.flatnonzero(steps > max(_GAP, 5 * float(np.median(steps))))
+        for i in np.flatnonzero(steps > max(gap, 5 * float(np.median(steps))))
     ]
 
 
 def _spacing(
-    experiment: Experiment, streams: Sequence[_Stream], stretches: Sequence[tuple[float, float]]
+    experiment: Experiment,
+    streams: Sequence[_Stream],
+    stretches: Sequence[tuple[float, float]],
+    settings: MotionSettings,
 ) -> tuple[float, float]:
     """Spacing of the knots: as fine as the readings ask for, and somewhat finer; and what they
     could resolve, see :class:`Recorded`.
     """
     if not stretches:
-        return _WIDEST, np.inf
+        return settings.widest, np.inf
     start, end = max(stretches, key=lambda part: part[1] - part[0])
-    end = min(end, start + _JUDGED)
+    end = min(end, start + settings.judged)
     channelled = []
     for stream in streams:
         values, sigma = stream.values, stream.sigma
@@ -478,9 +480,9 @@ def _spacing(
         channelled.append(
             Channelled(stream.common[complete], values[complete], stream.order, sigma)
         )
-    limit = _FINEST if experiment.robot.m else _FINEST_ON_SENSOR
-    finest = max(limit, _PER_KNOT * max(_steps(streams).values()))
-    widest = max(finest, min(_WIDEST, (end - start) / 8))
+    limit = settings.finest if experiment.robot.m else settings.finest_on_sensor
+    finest = max(limit, settings.per_knot * max(_steps(streams).values()))
+    widest = max(finest, min(settings.widest, (end - start) / 8))
     candidates = np.geomspace(finest, widest, 1 + int(np.ceil(2 * np.log2(widest / finest))))
     best = best_spacing(channelled, [float(c) for c in candidates], start, end)
     force_samples = [
@@ -490,7 +492,7 @@ def _spacing(
     ]
     # Where the readings would have it finer than they resolve, it is no use to go on.
     resolved = (
-        max(limit, _PER_VIBRATION * min(force_samples))
+        max(limit, settings.per_vibration * min(force_samples))
         if force_samples and best > finest
         else np.inf
     )

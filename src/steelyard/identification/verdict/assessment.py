@@ -20,33 +20,8 @@ from steelyard.arrays import Array
 from steelyard.identification.model.calibration_parameters import DRAG, LAG, ROBOT
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.diagnosis import diagnose
+from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import TEN, body_jacobian
-
-FAMILY = 1e-3
-"""Probability that any of the directed tests rejects a sound recording."""
-_MATTERS = 1.0
-"""Least shift of the estimate that an error of the description is held against it for, in its
-1-sigma."""
-_TWICE = 4.0
-"""A variance beyond this factor of what is stated or explained is not just a noise stated
-roughly."""
-_MUCH_LESS = 0.1
-_BY_CHANCE = 1e-5
-"""Probability below which a residual is not what it is by chance."""
-_INFORMED = 0.98
-"""Part of its prior variance that an error must have lost to say anything about its prior."""
-_MOST_NAMED = 3
-_FEWEST_BLOCKS = 8
-_ITS_OWN = 1e-3
-"""Least part of a column that no estimated unknown could stand in for; less says nothing about this
-number alone."""
-_MOST_OUTLIERS = 0.05
-_BIASED = 2.0
-"""A bias of so many 1-sigma is no longer small, so that a correction of first order need not be
-enough."""
-_FACTOR_OF_MASS = 4.0
-"""A mass so many times more or less than the nominal one is a matter of units rather than of
-load."""
 
 
 @dataclass(frozen=True)
@@ -73,12 +48,15 @@ class Finding:
         )
 
 
-def directed_tests(posterior: Posterior) -> tuple[Finding, ...]:
+def directed_tests(
+    posterior: Posterior, settings: VerdictSettings = VERDICT
+) -> tuple[Finding, ...]:
     """A score test for every number of the description that acts on the balance, largest first."""
-    return tuple(sorted([*_of_fixed(posterior), *_of_priors(posterior)], key=lambda f: -abs(f.z)))
+    found = [*_of_fixed(posterior, settings), *_of_priors(posterior, settings)]
+    return tuple(sorted(found, key=lambda each: -abs(each.z)))
 
 
-def _of_fixed(posterior: Posterior) -> Iterator[Finding]:
+def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Finding]:
     """Numbers of the description that were taken as exact."""
     solution, calibration_parameters = (
         posterior.solution,
@@ -108,14 +86,15 @@ def _of_fixed(posterior: Posterior) -> Iterator[Finding]:
             tested,
             use,
             follow,
-            np.where(diagonal > _ITS_OWN * own, score / np.maximum(diagonal, 1e-300), 0.0),
+            np.where(diagonal > settings.its_own * own, score / np.maximum(diagonal, 1e-300), 0.0),
+            settings,
         ),
     )
     z = score / np.sqrt(np.maximum(noise, 1e-300))
     components = {TEN + place: unknown for place, unknown, _ in calibration_parameters.components()}
     moves = -solution.gain[:TEN][:, use] @ total.normal[np.ix_(use, tested)]
     for i, column in enumerate(tested):
-        if diagonal[i] < _ITS_OWN * own[i]:
+        if diagonal[i] < settings.its_own * own[i]:
             continue
         unknown, size = components[int(column)], score[i] / diagonal[i]
         yield Finding(
@@ -135,6 +114,7 @@ def _by_blocks(
     use: NDArray[np.intp],
     follow: Array,
     size: Array,
+    settings: VerdictSettings,
 ) -> Array:
     """Variance of the scores as stretches of the recording show it, shape (t,).
 
@@ -142,7 +122,7 @@ def _by_blocks(
     not be taken for one.
     """
     blocks = posterior.blocks
-    if len(blocks.right) < _FEWEST_BLOCKS:
+    if len(blocks.right) < settings.fewest_blocks:
         return np.zeros(len(tested))
     scores = blocks.scores(posterior.solution.value)
     scores = scores[:, tested] - scores[:, use] @ follow.T
@@ -159,7 +139,7 @@ def _by_blocks(
     return np.asarray(np.sum(rest**2, axis=0) * count / (count - 1))
 
 
-def _of_priors(posterior: Posterior) -> Iterator[Finding]:
+def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Finding]:
     """Calibration parameters that were estimated: whether they came out where their prior has them."""
     calibration_parameters, values = (
         posterior.calibration.calibration_parameters,
@@ -169,7 +149,10 @@ def _of_priors(posterior: Posterior) -> Iterator[Finding]:
     moves = posterior.solution.covariance[:TEN, TEN:]
     for place, unknown, component in calibration_parameters.components():
         prior = unknown.deviation[component] ** 2
-        if not posterior.solution.estimated[TEN + place] or variance[place] > _INFORMED * prior:
+        if (
+            not posterior.solution.estimated[TEN + place]
+            or variance[place] > settings.informed * prior
+        ):
             continue
         size = values[place] - unknown.mean[component]
         yield Finding(
@@ -224,26 +207,31 @@ def _proposal(owner: str, key: str) -> str:
     }.get(key, f"check how {owner} is described and mounted, or state a larger {where}")
 
 
-def reasons(posterior: Posterior, tests: Sequence[Finding] | None = None) -> list[str]:
+def reasons(
+    posterior: Posterior,
+    tests: Sequence[Finding] | None = None,
+    settings: VerdictSettings = VERDICT,
+) -> list[str]:
     """Why not to rely on an estimate, in words and numbers; none for a sound recording.
 
     Args:
         posterior: What the estimate stands on.
         tests: Its :func:`directed_tests`, where they have been made already.
+        settings: Levels.
     """
-    tests = directed_tests(posterior) if tests is None else tests
-    contradictions = [*_of_motion(posterior), *_of_forces(posterior)]
+    tests = directed_tests(posterior, settings) if tests is None else tests
+    contradictions = [*_of_motion(posterior, settings), *_of_forces(posterior, settings)]
     return [
         *contradictions,
-        *(diagnose(posterior) if contradictions else ()),
-        *_of_runs(posterior),
-        *_of_description(tests, 1 if contradictions else _MOST_NAMED),
-        *_of_nominal(posterior),
-        *_of_bias(posterior),
+        *(diagnose(posterior, settings) if contradictions else ()),
+        *_of_runs(posterior, settings),
+        *_of_description(tests, 1 if contradictions else settings.most_named, settings),
+        *_of_nominal(posterior, settings),
+        *_of_bias(posterior, settings),
     ]
 
 
-def _of_motion(posterior: Posterior) -> Iterator[str]:
+def _of_motion(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     if not posterior.motion_converged:
         yield (
             "the motion instruments contradict each other beyond repair; check their axes, signs,"
@@ -262,37 +250,38 @@ def _of_motion(posterior: Posterior) -> Iterator[str]:
             )
         )
         what = f"{quantity.replace('_', ' ')} of {name}"
-        if stated and ratio**2 > _TWICE:
+        if stated and ratio**2 > settings.twice:
             yield (
                 f"{what} departs from the motion that all instruments show by {ratio:.1f} times its"
                 " stated noise; check its axes, signs, units, 'sync' and 'noise'"
             )
-        elif stated and ratio**2 < _MUCH_LESS:
+        elif stated and ratio**2 < settings.much_less:
             yield (
                 f"{what} scatters by only {ratio:.2g} of its stated noise; check its unit and"
                 " 'noise'"
             )
 
 
-def _of_forces(posterior: Posterior) -> Iterator[str]:
+def _of_forces(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     total, solution = posterior.total, posterior.solution
     freedom = max(1.0, 6 * total.freedom - solution.spent)
     # Few equations scatter widely without anything being wrong.
     large, small = (
-        chance(solution.ratio * freedom, freedom) < _BY_CHANCE for chance in (chi2.sf, chi2.cdf)
+        chance(solution.ratio * freedom, freedom) < settings.by_chance
+        for chance in (chi2.sf, chi2.cdf)
     )
     if not posterior.stated and 6 * total.freedom < 2 * solution.spent:
         yield (
             f"too short: {6 * total.freedom:.0f} independent equations for {solution.spent:.0f}"
             " unknowns; record longer"
         )
-    if posterior.stated and solution.ratio > _TWICE and large:
+    if posterior.stated and solution.ratio > settings.twice and large:
         yield (
             f"forces and motion do not balance: the residual is {np.sqrt(solution.ratio):.1f} times"
             " what the stated noise explains; check the order and the unit of the force sensors,"
             " the geometry of the robot, and whether anything touched the platform"
         )
-    elif posterior.stated and solution.ratio < _MUCH_LESS and small:
+    elif posterior.stated and solution.ratio < settings.much_less and small:
         yield (
             "forces and motion balance better than the stated noise allows"
             f" ({np.sqrt(max(solution.ratio, 0.0)):.2g} of it); check the unit of the forces and"
@@ -300,11 +289,11 @@ def _of_forces(posterior: Posterior) -> Iterator[str]:
         )
     else:
         for name, factor in solution.inflation.items():
-            if factor > _TWICE:
+            if factor > settings.twice:
                 yield _INFLATED[name].format(factor=factor)
     for run, weights in posterior.weights.items():
         outliers = float(np.mean(weights < 1))
-        if outliers > _MOST_OUTLIERS:
+        if outliers > settings.most_outliers:
             yield (
                 f"run '{run}': {outliers:.0%} of the samples stand out ({_when(posterior, run)}); check"
                 " whether anything touched the platform"
@@ -334,7 +323,7 @@ def _when(posterior: Posterior, run: str) -> str:
     return f"between {out[0]:.2f} and {out[-1]:.2f} s"
 
 
-def _of_runs(posterior: Posterior) -> Iterator[str]:
+def _of_runs(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     """Runs whose own estimates do not agree."""
     sums = [each for name, each in posterior.equations.items() if name not in posterior.held_out]
     if len(sums) < 2 or posterior.solution.inflation:
@@ -357,16 +346,18 @@ def _of_runs(posterior: Posterior) -> Iterator[str]:
             scores[use] @ np.linalg.pinv(information, rcond=1e-10, hermitian=True) @ scores[use]
         )
     freedom = (len(sums) - 1) * len(use)
-    if chi2.sf(chi / posterior.noise_factor, freedom) < FAMILY / 10:
+    if chi2.sf(chi / posterior.noise_factor, freedom) < settings.family / 10:
         yield (
             f"the runs contradict each other (chi-square {chi:.0f} on {freedom}); check whether the"
             " load or a sensor changed between them"
         )
 
 
-def _of_description(tests: Sequence[Finding], most: int) -> Iterator[str]:
-    limit = float(norm.isf(FAMILY / max(1, len(tests)) / 2))
-    found = [test for test in tests if abs(test.z) > limit and test.shift > _MATTERS]
+def _of_description(
+    tests: Sequence[Finding], most: int, settings: VerdictSettings
+) -> Iterator[str]:
+    limit = float(norm.isf(settings.family / max(1, len(tests)) / 2))
+    found = [test for test in tests if abs(test.z) > limit and test.shift > settings.matters]
     for test in found[:most]:
         yield str(test)
     if len(found) > most:
@@ -376,12 +367,12 @@ def _of_description(tests: Sequence[Finding], most: int) -> Iterator[str]:
         )
 
 
-def _of_nominal(posterior: Posterior) -> Iterator[str]:
+def _of_nominal(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     nominal = posterior.experiment.robot.platform
     if nominal is None or posterior.parameters[0] <= 0:
         return
     factor = posterior.parameters[0] / nominal.mass
-    if not 1 / _FACTOR_OF_MASS < factor < _FACTOR_OF_MASS:
+    if not 1 / settings.factor_of_mass < factor < settings.factor_of_mass:
         yield (
             f"the mass is {factor:.3g} times the nominal one ({posterior.parameters[0]:.4g} and"
             f" {nominal.mass:.4g} kg); check the unit of the forces, or correct 'platform' in the"
@@ -389,7 +380,7 @@ def _of_nominal(posterior: Posterior) -> Iterator[str]:
         )
 
 
-def _of_bias(posterior: Posterior) -> Iterator[str]:
+def _of_bias(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     bias = body_jacobian(posterior.parameters) @ posterior.solution.bias[:TEN]
     told = posterior.identifiable
     rest = np.diag(posterior.body_covariance) - bias**2
@@ -398,7 +389,7 @@ def _of_bias(posterior: Posterior) -> Iterator[str]:
             np.abs(bias) / np.sqrt(np.maximum(rest, 1e-300)), where=told & (rest > 0), initial=0.0
         )
     )
-    if worst > _BIASED:
+    if worst > settings.biased:
         yield (
             f"noise in the motion biases least squares by {worst:.1f} sigma before correction; use"
             " better motion data or the method instrumental-variables"

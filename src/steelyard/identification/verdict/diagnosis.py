@@ -14,24 +14,19 @@ from steelyard.dynamics import platform_regressor
 from steelyard.identification.model.preparation import Samples, prepare
 from steelyard.identification.model.unknown_body import BODY, unknown_body
 from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 
-_MOST_SAMPLES = 400
-_OFFSET = 0.01
-"""1-sigma of the offsets of force sensors in the comparison, as a part of the median tension."""
-_MUCH_BETTER = 0.25
-"""Part of the residual that a swap must leave at most to be named."""
-_NEAR = 0.15
 _RIDGE = 1e-10
 """Of the fit of a body whose ten the motion may not tell."""
 
 
-def diagnose(posterior: Posterior) -> Iterator[str]:
+def diagnose(posterior: Posterior, settings: VerdictSettings = VERDICT) -> Iterator[str]:
     """Mistakes of description that would explain a recording that does not balance, in words."""
-    yield from _accelerometer(posterior)
-    yield from _swap(posterior)
+    yield from _accelerometer(posterior, settings)
+    yield from _swap(posterior, settings)
 
 
-def _accelerometer(posterior: Posterior) -> Iterator[str]:
+def _accelerometer(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     """What the accelerometers feel on average must be gravity: a platform goes nowhere in the long
     run.
     """
@@ -49,12 +44,12 @@ def _accelerometer(posterior: Posterior) -> Iterator[str]:
             np.einsum("nij,nj->ni", samples.rotation, samples.specific_force), axis=0
         )
         factor = float(force_samples @ -gravity / (gravity @ gravity))
-        if abs(factor + 1) < _NEAR:
+        if abs(factor + 1) < settings.near:
             yield (
                 f"run '{run.name}': the accelerometer feels gravity upside down; check the sign of"
                 " 'gravity' in the robot file and of the accelerometer's columns"
             )
-        elif abs(factor * 9.80665 - 1) < _NEAR:
+        elif abs(factor * 9.80665 - 1) < settings.near:
             yield (
                 f"run '{run.name}': the accelerometer seems to read in g; state 'units: {{ax: g,"
                 " ay: g, az: g}'"
@@ -67,7 +62,7 @@ def _accelerometer(posterior: Posterior) -> Iterator[str]:
         return
 
 
-def _swap(posterior: Posterior) -> Iterator[str]:
+def _swap(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     """Two force columns exchanged."""
     experiment = posterior.experiment
     run = next(
@@ -82,25 +77,25 @@ def _swap(posterior: Posterior) -> Iterator[str]:
         return
     # As the description has it: what was estimated has been bent to bear the mistake.
     samples = prepare(experiment, run, thin=True, commanded=True)
-    few = samples.part(slice(None, None, max(1, len(samples) // _MOST_SAMPLES)))
+    few = samples.part(slice(None, None, max(1, len(samples) // settings.swap_samples)))
     assert few.tension is not None
     m = few.tension.shape[1]
-    as_it_is = _misfit(few, np.arange(m))
+    as_it_is = _misfit(few, np.arange(m), settings.swap_offset)
     best, pair = as_it_is, (0, 0)
     for i, j in combinations(range(m), 2):
         order = np.arange(m)
         order[[i, j]] = j, i
-        misfit = _misfit(few, order)
+        misfit = _misfit(few, order, settings.swap_offset)
         if misfit < best:
             best, pair = misfit, (i, j)
-    if best < _MUCH_BETTER * as_it_is:
+    if best < settings.swap_better * as_it_is:
         yield (
             f"with the columns of cables {pair[0] + 1} and {pair[1] + 1} exchanged the residual"
             f" would fall to {best / as_it_is:.0%}; check the order of the force sensors"
         )
 
 
-def _misfit(samples: Samples, order: NDArray[np.intp]) -> float:
+def _misfit(samples: Samples, order: NDArray[np.intp], offset: float) -> float:
     """Mean square of the residual of a body with offsets, for tensions in another order; the
     geometry of the cables hardly changes.
     """
@@ -113,7 +108,7 @@ def _misfit(samples: Samples, order: NDArray[np.intp]) -> float:
     columns = np.concatenate([Y, W], axis=2) / scale[:, None]
     target = np.einsum("nkm,nm->nk", W, tension) / scale
     precision = np.zeros(columns.shape[2])
-    precision[BODY.stop :] = (_OFFSET * max(float(np.median(np.abs(tension))), 1e-9)) ** -2
+    precision[BODY.stop :] = (offset * max(float(np.median(np.abs(tension))), 1e-9)) ** -2
     fitted = unknown_body(columns, target, precision, ridge=_RIDGE)
     count = target.size + W.shape[2]
     lost = float(np.sum(fitted.residual**2)) + fitted.penalty

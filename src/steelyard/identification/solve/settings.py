@@ -1,0 +1,153 @@
+"""Numbers that decide how motion, body and calibration are fitted, with the reason of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from steelyard.identification.model.settings import MOTION, MotionSettings
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How :class:`steelyard.MaximumLikelihood` and the linear methods fit.
+
+    With these values the methods are within 3 % of the Cramer-Rao bound in ``benchmarks/coverage.py``
+    and on the recordings of ``benchmarks/accuracy.py``.
+    """
+
+    motion: MotionSettings = MOTION
+    """Of segments, knots and smoothness."""
+
+    # Steps of Gauss and Newton
+
+    iterations: int = 30
+    """At most: sound recordings need 5 to 12."""
+    iterations_beginning: int = 12
+    """The same where the fit is only a beginning for another one."""
+    shorter: float = 0.3
+    """Part of a step that is tried where the whole one does not descend."""
+    least_share: float = 1e-3
+    """Part of a step below which there is no more to try."""
+    border_arrived: float = 0.02
+    """Promised decrease of the cost by body and calibration, a chi-square, at which they have
+    arrived: .14 of a 1-sigma in the worst direction."""
+    arrived: float = 0.5
+    """The same by all coefficients of the motion."""
+    beginning_arrived: float = 5.0
+    """The same of a motion that is only a beginning."""
+    slow: float = 0.4
+    """Part of a step that the next one is, above which steps are a slow geometric series."""
+    least_pace: float = 0.3
+    """Of such a series, in parts of a step [Aitken1926]_."""
+    largest_pace: float = 2.5
+    """The same, at most."""
+    same_cost: float = 1e-6
+    """Relative increase of the cost that is none: rounding and Huber's weights."""
+
+    # Levels of noise
+
+    level: float = 0.04
+    """Largest relative change of a level at which it has settled: a 1-sigma of 4 %."""
+    faster: float = 1.5
+    """By how much the steps of a level that creeps grow from one iteration to the next."""
+    fastest: float = 10.0
+    """The same, at most in all."""
+    most_change: float = 2.0
+    """Of the logarithm of a level in one iteration."""
+    nearly_arrived: float = 2e-3
+    """Part of the cost that a step may still promise where a stated noise is looked at."""
+    larger: float = 1.3
+    """Readings that scatter by so much more than their stated noise do not count as if they were
+    as stated."""
+    least_freedom: float = 0.02
+    """Part of the readings that is left to tell their noise, at least."""
+
+    # What is identifiable
+
+    least_information: float = 0.25
+    """On a direction in units of plausible sizes and prior 1-sigma: one that is known no better
+    than to twice its plausible size is not identifiable."""
+    held: float = 1e3
+    """By how much such a direction is held more firmly than the best known one."""
+    significant: float = 0.95
+    """Quantile of the chi-square within which a scatter of stretches or runs is chance."""
+
+    # Held motion
+
+    held_iterations: int = 12
+    """At most: sound recordings need 3 to 5."""
+    bias_iterations: int = 2
+    """After so many the body is near enough for what noise of the motion does to it."""
+    level_iterations: int = 4
+    """After so many the noise of the readings is as it will be."""
+    held_arrived: float = 0.05
+    """Largest step of one of the ten, in its 1-sigma, at which they have arrived."""
+    moving: float = 0.15
+    """Largest 1-sigma of a direction of the ten that takes steps, as a part of its plausible size:
+    what is known worse is held at zero, for a wild value of it is paid for by calibration
+    parameters."""
+    held_share: float = 0.25
+    """Least part of a step where steps go to and fro."""
+    bias_draws: int = 2
+    """Of the noise of the motion; each is of all instants, so two tell its mean effect to some per
+    cent."""
+    stretch_iterations: int = 4
+    """Of the motion of a window of a long recording."""
+
+    # Readings that stand out
+
+    far_off: float = 10.0
+    """Prior 1-sigma beyond which a calibration parameter by the motion alone is no beginning."""
+    alone: float = 5.0
+    """Correction of one force reading, in its own 1-sigma, beyond which it is held against all
+    others."""
+    contact_pause: float = 0.3
+    """Longest pause between samples of one contact [s]."""
+    contact_margin: float = 0.15
+    """What is left out before and after a contact [s]: it begins and ends softly."""
+    contact_samples: int = 3
+    """That make a contact."""
+    most_cut: float = 0.25
+    """Part of a run beyond which contacts are not cut: what is the rule is no exception."""
+    cuts: int = 4
+    """Fits at most between which readings that stand out are left out."""
+    lost_samples: int = 5
+    """Motion readings in a row that stand far from the motion: the instrument has lost it."""
+    lost_margin: int = 2
+    """Readings beside these that go with them."""
+    lost: float = 4.5
+    """Root of a whitened residual under Huber's weight that is far beyond what noise may reach."""
+
+    # Vibrations that the knots do not follow
+
+    coherent: float = 0.3
+    """Correlation of the residuals of forces and accelerometer that is a motion."""
+    much_finer: float = 0.7
+    """Spacing that the instruments could resolve, in parts of the present one, that is worth a
+    second fit."""
+    coherence_lag: float = 0.05
+    """Largest lag between the two [s]."""
+    coherence_chance: float = 6.0
+    """Correlation that chance reaches at any lag, times the root of the number of samples."""
+
+    # Blocks of residuals and long recordings
+
+    block: float = 1.0
+    """Least length of the stretches that are held against each other [s]."""
+    block_spacings: float = 5.0
+    """The same in spacings of the knots: neighbours share their motion."""
+    most_blocks: int = 60
+    """Of a segment: more tell no more about their scatter."""
+    long: float = 180.0
+    """Length of recording beyond which the linear methods fit it window by window [s]: the memory
+    that a fit takes grows by some MiB a second."""
+    part: float = 40.0
+    """Length of a long recording that tells calibration, noise and smoothness first [s]."""
+    shortest_part: float = 3.0
+    """Least length of it from each run [s]."""
+    window: float = 60.0
+    """Of a long recording [s]."""
+
+
+FIT = FitSettings()
+"""What is used where nothing is given."""

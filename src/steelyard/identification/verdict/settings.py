@@ -1,0 +1,59 @@
+"""Numbers that decide whether an estimate is accepted, with the reason of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class VerdictSettings:
+    """Levels of the verdict.
+
+    With these values none of a hundred sound recordings is rejected, and all wrong descriptions of
+    ``benchmarks/verdicts.py`` are.
+    """
+
+    family: float = 1e-3
+    """Probability that any of the directed tests rejects a sound recording [Dunn1961]_."""
+    matters: float = 1.0
+    """Least shift of the estimate, in its 1-sigma, that an error of the description is held against
+    it for."""
+    twice: float = 4.0
+    """A variance beyond this factor of what is stated or explained is not just a noise stated
+    roughly: twice the 1-sigma."""
+    much_less: float = 0.1
+    """A variance below this part of what is stated is a wrong unit rather than a good sensor."""
+    by_chance: float = 1e-5
+    """Probability below which a residual is not what it is by chance."""
+    informed: float = 0.98
+    """Part of its prior variance that an error must have lost to say anything about its prior."""
+    most_named: int = 3
+    """Numbers of the description that are named: what is named first may explain the rest."""
+    fewest_blocks: int = 8
+    """Stretches that tell a variance of scores."""
+    its_own: float = 1e-3
+    """Least part of a column that no estimated unknown could stand in for; less says nothing about
+    this number alone."""
+    most_outliers: float = 0.05
+    """Part of the samples of a run that may stand out: sound ones have .01 at most."""
+    biased: float = 2.0
+    """A bias by noise in the regressor of so many 1-sigma is no longer small, so that a correction
+    of first order need not be enough."""
+    factor_of_mass: float = 4.0
+    """A mass so many times more or less than the nominal one is a matter of units rather than of
+    load."""
+
+    # Mistakes that are named where nothing balances
+
+    swap_samples: int = 400
+    """At which exchanged columns are tried."""
+    swap_offset: float = 0.01
+    """1-sigma of the offsets of force sensors there, as a part of the median tension."""
+    swap_better: float = 0.25
+    """Part of the residual that an exchange must leave at most to be named."""
+    near: float = 0.15
+    """How near a ratio of gravity must be to that of a mistake."""
+
+
+VERDICT = VerdictSettings()
+"""What is used where nothing is given."""
