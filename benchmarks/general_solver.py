@@ -28,7 +28,7 @@ from steelyard.identification.model.motion_residuals import (
 )
 from steelyard.identification.model.segment import POSE, Rows, basis
 from steelyard.identification.solve import joint_study as study_module
-from steelyard.identification.solve.joint_fit import Fit, State, Task, fit
+from steelyard.identification.solve.joint_fit import Fit, FitState, Task, fit
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.inertia import LINEAR_PARAMETERS, TEN
 from steelyard.smoothing import DEGREE
@@ -56,7 +56,7 @@ class Residuals:
     """
 
     task: Task
-    state: State
+    state: FitState
     began: float = field(default_factory=time.perf_counter)
     trace: list[tuple[float, float, Array]] = field(default_factory=list)
     """Time [s], chi-square and point of every evaluation."""
@@ -69,14 +69,14 @@ class Residuals:
         self.columns = np.where(self.task.active, TEN + np.cumsum(self.task.active) - 1, -1)
         self.size = self.motion + TEN + int(self.task.active.sum())
 
-    def point(self, state: State) -> Array:
+    def point(self, state: FitState) -> Array:
         """Where a state stands, shape (N,)."""
         motion = [segment.coefficients.ravel() for segment in state.segments]
         return np.concatenate(
             [*motion, state.parameters, state.calibration.values[self.task.active]]
         )
 
-    def at(self, point: Array) -> State:
+    def at(self, point: Array) -> FitState:
         """The state at a point."""
         values = self.state.calibration.values.copy()
         values[self.task.active] = point[self.motion + TEN :]
@@ -116,7 +116,7 @@ class Residuals:
             )
         return self._last
 
-    def _parts(self, state: State) -> Iterator[tuple[Array, sp.csr_matrix]]:
+    def _parts(self, state: FitState) -> Iterator[tuple[Array, sp.csr_matrix]]:
         task = self.task
         for segment, force_samples, origin in zip(
             state.segments, task.force_samples, self.origins[:-1], strict=True
@@ -206,11 +206,11 @@ class Residuals:
         return sp.csr_matrix((values.ravel(), columns.ravel(), starts), shape=shape)
 
 
-def noticed(experiment: Experiment) -> list[tuple[Task, State, Fit]]:
+def noticed(experiment: Experiment) -> list[tuple[Task, FitState, Fit]]:
     """Every fit that a study makes: what, from where, and where it ended."""
-    fits: list[tuple[Task, State, Fit]] = []
+    fits: list[tuple[Task, FitState, Fit]] = []
 
-    def noticing(task: Task, state: State, *tell: Callable[[float], None]) -> Fit:
+    def noticing(task: Task, state: FitState, *tell: Callable[[float], None]) -> Fit:
         found = fit(task, state, *tell)
         fits.append((task, state, found))
         return found
@@ -313,7 +313,7 @@ def _median(call: Callable[[], Fit]) -> tuple[float, Fit]:
 def _general(
     what: str,
     problem: Residuals,
-    beginning: State,
+    beginning: FitState,
     words: str,
     reference: float,
     best: Array,
@@ -366,7 +366,7 @@ def _line(
     counts: tuple[int, int | None],
     trace: list[tuple[float, float, Array]] | None,
     problem: Residuals,
-    end: State,
+    end: FitState,
     best: Array,
     sigma: Array,
     note: str = "",

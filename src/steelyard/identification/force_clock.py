@@ -137,7 +137,7 @@ _OFFSET_NOISE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class _Balance:
+class _ForceShift:
     """Readings that are inside at all shifts near a guess, as a
     :class:`steelyard.clocks.shift.ShiftTerm`.
     """
@@ -252,7 +252,7 @@ def likeliest(task: Carrying, shifts: Array) -> tuple[Shift | None, Shift | None
 def near(task: Carrying, guess: float, reach: float = SHIFT.reach) -> Shift | None:
     """The best shift near a guess."""
     rows = np.intersect1d(task.inside(guess - reach - 1e-3), task.inside(guess + reach + 1e-3))
-    return least([_Balance(task, rows)], guess, reach) if len(rows) >= 10 else None
+    return least([_ForceShift(task, rows)], guess, reach) if len(rows) >= 10 else None
 
 
 def scanned(task: Carrying) -> Array:

@@ -28,7 +28,7 @@ from steelyard.identification.model.motion_residuals import (
 )
 from steelyard.identification.model.preparation import Samples
 from steelyard.identification.model.sources import Source
-from steelyard.identification.solve.joint_fit import State
+from steelyard.identification.solve.joint_fit import FitState
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.instruments import Instrument
 
@@ -112,7 +112,7 @@ def of_samples(
 
 
 def _forces(
-    experiment: Experiment, run: Run, own: list[tuple[Segment, Forces]], state: State
+    experiment: Experiment, run: Run, own: list[tuple[Segment, Forces]], state: FitState
 ) -> Iterator[Residuals]:
     """Wrench, then the readings of the force instrument against those nearest to them that balance
     the motion.

@@ -11,7 +11,7 @@ from scipy.stats import chi2, norm
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.model.calibration_parameters import LAG, ROBOT, Calibration, gather
 from steelyard.identification.solve.beginning import motion_task, read
-from steelyard.identification.solve.joint_fit import State
+from steelyard.identification.solve.joint_fit import FitState
 from steelyard.identification.solve.joint_fit import fit as fit_motion
 from steelyard.identification.solve.segmentation import recorded
 from steelyard.instruments import Attitude, Pose
@@ -110,7 +110,7 @@ def fitted(experiment, knots_of=None):
         readings = replace(readings, records=(record,))
     task = motion_task(readings)
     parameters = task.calibration_parameters
-    found = fit_motion(task, State(readings.segments, readings.calibration, None))
+    found = fit_motion(task, FitState(readings.segments, readings.calibration, None))
     covariance = np.diag(parameters.deviation**2)
     covariance[np.ix_(task.active, task.active)] = found.covariance
     ratios = {

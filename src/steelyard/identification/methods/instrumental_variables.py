@@ -32,7 +32,7 @@ from steelyard.identification.model.motion_residuals import Segment, Tally, moti
 from steelyard.identification.model.segment import Rows, accumulate
 from steelyard.identification.model.sources import Sources, choose_sources
 from steelyard.identification.solve.beginning import NoBalanceError, motion_task, read
-from steelyard.identification.solve.joint_fit import State, fit
+from steelyard.identification.solve.joint_fit import FitState, fit
 from steelyard.identification.solve.normal_equations import Solution, inverse_of, solve
 from steelyard.identification.solve.posterior import Posterior, Progress, plausible
 from steelyard.identification.solve.settings import FIT, FitSettings
@@ -216,7 +216,7 @@ def _independent_motion(experiment: Experiment) -> dict[str, list[Segment]]:
     task = motion_task(readings)
     # Errors of its calibration do no harm: it need only be like the motion, and independent.
     task = replace(task, active=np.zeros_like(task.active))
-    state = fit(task, State(readings.segments, readings.calibration, None), beginning=True).state
+    state = fit(task, FitState(readings.segments, readings.calibration, None), beginning=True).state
     found: dict[str, list[Segment]] = {}
     for segment in state.segments:
         found.setdefault(segment.run, []).append(segment)

@@ -233,7 +233,7 @@ class _Unknown(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Step:
+class _LinearStep:
     """A linear step, its solution placed among the 16."""
 
     fit: LinearFit
@@ -263,7 +263,7 @@ class _Step:
         return moved
 
 
-def _step(target: Array, *groups: _Unknown) -> _Step:
+def _step(target: Array, *groups: _Unknown) -> _LinearStep:
     columns = [g.columns for g in groups]
     regressor = columns[0] if len(columns) == 1 else np.concatenate(columns, axis=2)
     place = np.concatenate([g.place for g in groups])
@@ -273,7 +273,7 @@ def _step(target: Array, *groups: _Unknown) -> _Step:
     value[place], unknown[place] = fit.value, scale[:, None] * fit.unknown
     if _INVERSE_MASS[0] in place and value[0] == 0:
         value[0] = scale[place == 0][0]  # not told at all: any mass but an infinite one
-    return _Step(fit, place, regressor, value, unknown, np.arange(0))
+    return _LinearStep(fit, place, regressor, value, unknown, np.arange(0))
 
 
 def _free(place: NDArray[np.intp], n: int, scale: float) -> _Unknown:
@@ -373,7 +373,7 @@ def _poses(runs: Sequence[Samples], size: float) -> BodyFit:
     return _joined(one, replace(two, unknown=np.hstack([two.unknown, nothing])), passed_on, 1)
 
 
-def _joined(one: _Step, two: _Step, passed_on: Array, block: int) -> BodyFit:
+def _joined(one: _LinearStep, two: _LinearStep, passed_on: Array, block: int) -> BodyFit:
     """Both steps as one system of estimating equations: the second passes on the errors of the
     first.
     """
@@ -392,7 +392,9 @@ def _joined(one: _Step, two: _Step, passed_on: Array, block: int) -> BodyFit:
     )
 
 
-def _with_better_cog(one: _Step, runs: Sequence[Samples], at_rest: BodyFit | None) -> _Step:
+def _with_better_cog(
+    one: _LinearStep, runs: Sequence[Samples], at_rest: BodyFit | None
+) -> _LinearStep:
     """Result of Eq. (6) with what else is uncertain in it, and with the centre of gravity of poses
     at rest where that is better.
 

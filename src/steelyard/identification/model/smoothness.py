@@ -34,7 +34,7 @@ else ask for none at all."""
 
 
 @dataclass(frozen=True)
-class _Found:
+class _Intensities:
     level: Mapping[str, float]
     evidence: float
     """Log marginal likelihood but for a constant."""
@@ -74,7 +74,7 @@ def smoothness(
 
 def _search(
     moving: Sequence[tuple[Segment, NormalEquations]], start: Mapping[str, float]
-) -> _Found:
+) -> _Intensities:
     """Fixed point of intensity = roughness over the freedom that the readings have used of it, by
     secants.
     """
@@ -89,7 +89,7 @@ def _search(
                 whole = bent.smooth(each)
                 inverse = whole.inverse
             except np.linalg.LinAlgError:
-                return _Found(level, -np.inf)
+                return _Intensities(level, -np.inf)
             functions = len(segment.coefficients)
             evidence += 0.5 * (float(whole.motion_gradient @ whole.settled) - whole.log_determinant)
             evidence -= 0.5 * sum(bent.roughness[part] / each for part, each in level.items())
@@ -116,4 +116,4 @@ def _search(
                 float(np.exp(at + np.clip(-ratio / slope, -_LONGEST_STEP, _LONGEST_STEP))),
                 _LEAST[part],
             )
-    return _Found(level, evidence)
+    return _Intensities(level, evidence)

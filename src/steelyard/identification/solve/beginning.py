@@ -30,7 +30,7 @@ from steelyard.identification.model.motion_residuals import (
 )
 from steelyard.identification.model.preparation import Samples, prepare
 from steelyard.identification.model.sources import Source
-from steelyard.identification.solve.joint_fit import Fit, State, Task, fit
+from steelyard.identification.solve.joint_fit import Fit, FitState, Task, fit
 from steelyard.identification.solve.lost_readings import without_lost
 from steelyard.identification.solve.posterior import known_body, plausible
 from steelyard.identification.solve.segmentation import Recorded, recorded
@@ -84,7 +84,7 @@ class Beginning:
     """With all uncertain calibration parameters active, and no forces."""
     motion: Fit
     """Of the motion instruments alone."""
-    state: State
+    state: FitState
     """With a first body, told in the time of the forces."""
     lost: Sequence[str]
     """Notes of instruments that have lost the motion."""
@@ -146,7 +146,7 @@ def begin(
     if not segments:
         raise NoBalanceError("; ".join(readings.notes))
     task = motion_task(readings)
-    state = State(segments, readings.calibration, None)
+    state = FitState(segments, readings.calibration, None)
     motion, state, lost = _motion(task, state, tell, beginning=not thorough)
     return with_body(readings, Beginning(task, motion, state, lost), held_out)
 
@@ -202,7 +202,7 @@ def with_body(
     return replace(begun, task=task, state=state)
 
 
-def on_force_clock(experiment: Experiment, state: State) -> State:
+def on_force_clock(experiment: Experiment, state: FitState) -> FitState:
     """The same motion, told in the time of the forces."""
     segments = tuple(
         _by_force_clock(experiment, segment, state.calibration) for segment in state.segments
@@ -212,11 +212,11 @@ def on_force_clock(experiment: Experiment, state: State) -> State:
 
 def _motion(
     task: Task,
-    state: State,
+    state: FitState,
     tell: Tell,
     *,
     beginning: bool,
-) -> tuple[Fit, State, Sequence[str]]:
+) -> tuple[Fit, FitState, Sequence[str]]:
     """Motion alone; where its instruments do not agree on one, the errors are begun with as known
     beforehand.
     """
@@ -291,7 +291,7 @@ def _stated(experiment: Experiment) -> frozenset[Source]:
 
 
 def _first_body(
-    experiment: Experiment, state: State, force_samples: Sequence[Forces | None]
+    experiment: Experiment, state: FitState, force_samples: Sequence[Forces | None]
 ) -> Array:
     """The ten linear parameters that balance forces and a given motion, samples that stand far
     counting less.

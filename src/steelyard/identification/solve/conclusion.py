@@ -27,7 +27,7 @@ from steelyard.identification.model.segment import POSE, NormalEquations, Rows, 
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.beginning import NoBalanceError, Readings
 from steelyard.identification.solve.bound import Bound
-from steelyard.identification.solve.joint_fit import Fit, State, Task
+from steelyard.identification.solve.joint_fit import Fit, FitState, Task
 from steelyard.identification.solve.normal_equations import (
     Blocks,
     BorderEquations,
@@ -207,7 +207,7 @@ def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
     return replace(result, solution=wide, motion=motion)
 
 
-def _whole(state: State, chunks: Sequence[FittedStretch], solution: Solution) -> State:
+def _whole(state: FitState, chunks: Sequence[FittedStretch], solution: Solution) -> FitState:
     """The state of all chunks together."""
     if len(chunks) == 1:
         return state
@@ -354,7 +354,7 @@ def _weights(parts: Sequence[SegmentEquations], held_out: frozenset[str]) -> dic
     return {run: np.concatenate(each) for run, each in found.items()}
 
 
-def _motion_of(part: SegmentEquations, state: State, border: Array) -> FittedMotion:
+def _motion_of(part: SegmentEquations, state: FitState, border: Array) -> FittedMotion:
     """The motion of a segment in common time: the clock that tells it may have a delay of its own.
 
     Args:

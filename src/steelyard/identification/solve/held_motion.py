@@ -49,9 +49,9 @@ from steelyard.identification.solve.conclusion import (
 )
 from steelyard.identification.solve.joint_fit import (
     Fit,
+    FitState,
     Linearised,
-    State,
-    Step,
+    NewtonStep,
     Task,
     Unstated,
     changed,
@@ -123,7 +123,7 @@ def _fitted(
 
 
 def _looked_at(
-    readings: Readings, state: State, held_out: frozenset[str]
+    readings: Readings, state: FitState, held_out: frozenset[str]
 ) -> tuple[Forces | None, ...]:
     """Forces of each segment; None of runs that are held out."""
     return tuple(
@@ -148,7 +148,7 @@ def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch
     task = replace(
         motion_task(readings), experiment=experiment, active=np.zeros_like(part.task.active)
     )
-    state = _motion_about(task, State(segments, known.calibration, None, known.factors))
+    state = _motion_about(task, FitState(segments, known.calibration, None, known.factors))
     state = replace(on_force_clock(experiment, state), parameters=known.parameters)
     task = replace(
         part.task,
@@ -165,7 +165,7 @@ def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch
     return [without_knots(stretch_of(readings, fitted))]
 
 
-def _motion_about(task: Task, state: State) -> State:
+def _motion_about(task: Task, state: FitState) -> FitState:
     """The motion with the calibration held."""
     column_of = np.full(len(task.calibration_parameters), -1, dtype=np.intp)
     for _ in range(task.settings.stretch_iterations):
@@ -179,7 +179,7 @@ def _motion_about(task: Task, state: State) -> State:
 
 def fit_held(
     task: Task,
-    state: State,
+    state: FitState,
     tell: Callable[[float], None] = lambda fraction: None,
     *,
     beginning: bool = False,
@@ -253,7 +253,7 @@ def fit_held(
     )
 
 
-def _distance(task: Task, step: Step) -> float:
+def _distance(task: Task, step: NewtonStep) -> float:
     """Largest step of one of the ten, in its 1-sigma; of those that are not identifiable none."""
     deviation = np.sqrt(np.maximum(np.diag(step.covariance)[:TEN], 0.0))
     known = (deviation > 0) & (deviation < task.settings.moving * task.sizes)
@@ -270,18 +270,18 @@ def _without_forces(task: Task) -> Task:
     return replace(task, force_samples=(None,) * len(task.force_samples))
 
 
-def _covariances(state: State, parts: Sequence[Linearised]) -> tuple[Array, ...]:
+def _covariances(state: FitState, parts: Sequence[Linearised]) -> tuple[Array, ...]:
     """Covariance of the motion of every segment as its instruments alone leave it."""
     return tuple(each.inverse for each in smooth(state, [part.motion for part in parts]))
 
 
-def _of_forces(task: Task, state: State, factors: Mapping[Source, float]) -> dict[Source, float]:
+def _of_forces(task: Task, state: FitState, factors: Mapping[Source, float]) -> dict[Source, float]:
     """Noise levels with those of the motion instruments as they are: forces tell nothing of them."""
     names = {each.name for each in task.force_samples if each is not None}
     return {k: v if k[0] in names else state.factors.get(k, 1.0) for k, v in factors.items()}
 
 
-def _followed(task: Task, state: State, step: Step, tally: Tally) -> Tally:
+def _followed(task: Task, state: FitState, step: NewtonStep, tally: Tally) -> Tally:
     """The tally with what is left of the forces once the motion follows them: that, not the noise
     of the held motion, tells the noise of the force readings.
     """
@@ -307,7 +307,7 @@ def _followed(task: Task, state: State, step: Step, tally: Tally) -> Tally:
 
 
 def gradient_bias(
-    task: Task, state: State, motions: Sequence[Array], parts: Sequence[Linearised]
+    task: Task, state: FitState, motions: Sequence[Array], parts: Sequence[Linearised]
 ) -> Array:
     """What noise of the held motion does to the gradient by the border in the mean, with the
     opposite sign, segment by segment, shape (s, b).

@@ -35,7 +35,7 @@ from steelyard.inertia import TEN
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class FitState:
     """Present values of everything."""
 
     segments: tuple[Segment, ...]
@@ -88,7 +88,7 @@ class Linearised:
 class Fit:
     """Where it ended."""
 
-    state: State
+    state: FitState
     equations: tuple[NormalEquations, ...]
     """Of each segment, about the state."""
     tally: Tally
@@ -111,7 +111,7 @@ class Fit:
 
 def linearise(
     task: Task,
-    state: State,
+    state: FitState,
     column_of: NDArray[np.intp],
     border: int,
     motions: Sequence[Array] | None = None,
@@ -157,7 +157,7 @@ def linearise(
 
 def fit(
     task: Task,
-    state: State,
+    state: FitState,
     tell: Callable[[float], None] = lambda fraction: None,
     *,
     beginning: bool = False,
@@ -177,7 +177,7 @@ def fit(
     ten = TEN if state.parameters is not None else 0
     border = ten + int(task.active.sum())
     column_of = np.where(task.active, ten + np.cumsum(task.active) - 1, -1)
-    accepted: tuple[State, Step, float] | None = None
+    accepted: tuple[FitState, NewtonStep, float] | None = None
     share, converged, searched = 1.0, False, False
     ratios: dict[Source, float] = {}
     unstated = Unstated(task, state)
@@ -248,7 +248,7 @@ def fit(
     )
 
 
-def _pace(last: Step, step: Step, share: float, settings: FitSettings) -> float:
+def _pace(last: NewtonStep, step: NewtonStep, share: float, settings: FitSettings) -> float:
     """Share of a step that arrives at once where a share of the last one, in the same direction,
     fell short or overshot.
 
@@ -264,7 +264,7 @@ def _pace(last: Step, step: Step, share: float, settings: FitSettings) -> float:
     return float(np.clip(share / max(1 - ratio, 1e-3), settings.least_pace, settings.largest_pace))
 
 
-def smooth(state: State, readings: Sequence[NormalEquations]) -> tuple[NormalEquations, ...]:
+def smooth(state: FitState, readings: Sequence[NormalEquations]) -> tuple[NormalEquations, ...]:
     """Normal equations of every segment with what is known of its smoothness."""
     return tuple(
         segment.smooth(each) for segment, each in zip(state.segments, readings, strict=True)
@@ -310,12 +310,12 @@ class Unstated:
     other, faster where one creeps.
     """
 
-    def __init__(self, task: Task, state: State) -> None:
+    def __init__(self, task: Task, state: FitState) -> None:
         self._task, self._first = task, first_sigmas(task, state)
         self._last: dict[Source, float] = {}
         self._pace: dict[Source, float] = {}
 
-    def __call__(self, state: State, ratios: Mapping[Source, float]) -> dict[Source, float]:
+    def __call__(self, state: FitState, ratios: Mapping[Source, float]) -> dict[Source, float]:
         """Factors that the ratios ask for."""
         settings = self._task.settings
         factors = dict(state.factors)
@@ -336,7 +336,7 @@ class Unstated:
         return factors
 
 
-def first_sigmas(task: Task, state: State) -> dict[Source, float]:
+def first_sigmas(task: Task, state: FitState) -> dict[Source, float]:
     """1-sigma that factors multiply."""
     found = {
         segment.label(*reading.source): reading.sigma
@@ -353,7 +353,7 @@ def first_sigmas(task: Task, state: State) -> dict[Source, float]:
     return found
 
 
-def larger(task: Task, state: State, ratios: Mapping[Source, float]) -> dict[Source, float]:
+def larger(task: Task, state: FitState, ratios: Mapping[Source, float]) -> dict[Source, float]:
     """Levels of stated noise that is visibly larger than stated."""
     factors = dict(state.factors)
     for source in task.stated & ratios.keys():
@@ -370,14 +370,14 @@ def changed(task: Task, old: Mapping[Source, float], new: Mapping[Source, float]
     )
 
 
-def _prior_cost(task: Task, state: State) -> float:
+def _prior_cost(task: Task, state: FitState) -> float:
     off = (state.calibration.values - task.calibration_parameters.mean)[
         task.active
     ] / task.calibration_parameters.deviation[task.active]
     return float(off @ off)
 
 
-def border_system(task: Task, state: State, reduced: tuple[Array, Array]) -> tuple[Array, Array]:
+def border_system(task: Task, state: FitState, reduced: tuple[Array, Array]) -> tuple[Array, Array]:
     """Matrix and right-hand side of the border with the priors, in units of plausible sizes and
     prior 1-sigma.
     """
@@ -399,7 +399,7 @@ def border_system(task: Task, state: State, reduced: tuple[Array, Array]) -> tup
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class NewtonStep:
     """A step of Gauss and Newton."""
 
     border: Array
@@ -413,7 +413,7 @@ class Step:
     covariance: Array
     """Of the border."""
 
-    def along(self, task: Task, state: State, share: float) -> State:
+    def along(self, task: Task, state: FitState, share: float) -> FitState:
         """A state so much of the step further."""
         ten = TEN if state.parameters is not None else 0
         values = state.calibration.values.copy()
@@ -425,18 +425,20 @@ class Step:
         parameters = (
             None if state.parameters is None else state.parameters + share * self.border[:ten]
         )
-        return State(segments, replace(state.calibration, values=values), parameters, state.factors)
+        return FitState(
+            segments, replace(state.calibration, values=values), parameters, state.factors
+        )
 
 
 def step_of(
     task: Task,
-    state: State,
+    state: FitState,
     equations: Sequence[NormalEquations],
     *,
     follow: Sequence[NormalEquations] | None = None,
     further: Array | float = 0.0,
     least: float | None = None,
-) -> Step:
+) -> NewtonStep:
     """Step of Gauss and Newton.
 
     Args:
@@ -462,7 +464,7 @@ def step_of(
     keep = told > task.settings.least_information
     inverse = (axes[:, keep] / told[keep]) @ axes[:, keep].T
     step, gained = scale * (inverse @ right), float(right @ inverse @ right)
-    return Step(
+    return NewtonStep(
         border=step,
         motion=tuple(each.motion_step(step) for each in follow or equations),
         decrement=gained + sum(float(each.motion_gradient @ each.settled) for each in equations),

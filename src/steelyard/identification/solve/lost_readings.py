@@ -14,13 +14,13 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.stuck import repeats
 from steelyard.identification.model.motion_residuals import Tally, motion_residuals
 from steelyard.identification.model.segment import Label
-from steelyard.identification.solve.joint_fit import State
+from steelyard.identification.solve.joint_fit import FitState
 from steelyard.identification.solve.settings import FIT, FitSettings
 
 
 def without_lost(
-    experiment: Experiment, state: State, *, arrived: bool, settings: FitSettings = FIT
-) -> tuple[State, list[str]]:
+    experiment: Experiment, state: FitState, *, arrived: bool, settings: FitSettings = FIT
+) -> tuple[FitState, list[str]]:
     """Without readings that stand far from the motion many times in a row: a tracker that holds its
     last value, a frozen channel.
     """

@@ -16,7 +16,7 @@ from steelyard.identification.solve.settings import FIT, FitSettings
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class StandingOut:
     """What was found in the forces of one segment."""
 
     force_samples: Forces
@@ -28,7 +28,9 @@ class Found:
     changed: bool
 
 
-def look(at: Balance, force_samples: Forces, sigmas: Array, settings: FitSettings = FIT) -> Found:
+def look(
+    at: Balance, force_samples: Forces, sigmas: Array, settings: FitSettings = FIT
+) -> StandingOut:
     """Find readings that stand alone, then stretches in which none alone explains what is left
     over.
 
@@ -63,7 +65,7 @@ def look(at: Balance, force_samples: Forces, sigmas: Array, settings: FitSetting
     if (touched | already).mean() > settings.most_cut:
         contacts, touched = (), np.zeros_like(touched)
     left_out[touched] = True
-    return Found(
+    return StandingOut(
         force_samples=replace(force_samples, left_out=left_out),
         contacts=contacts,
         spikes=tuple((float(at.time[i]), int(worst[i])) for i in np.flatnonzero(spikes & ~touched)),

@@ -327,7 +327,7 @@ def _smooth(
 
 
 @dataclass(frozen=True, eq=False)
-class _Stream:
+class _MotionStream:
     """One quantity of one instrument over a run."""
 
     source: tuple[str, str]
@@ -350,7 +350,7 @@ def _streams(
     calibration: Calibration,
     samples: Samples,
     settings: MotionSettings,
-) -> Iterator[_Stream]:
+) -> Iterator[_MotionStream]:
     """What is read of the motion; a command stands in for a place that nothing measures."""
     told = {
         quantity
@@ -390,7 +390,7 @@ def _streams(
                     _commanded(quantity.name, settings)
                     * max(1.0, 1 / (settings.commanded_rate * max(step, 1e-6))) ** 0.5
                 )
-            yield _Stream(
+            yield _MotionStream(
                 (name, quantity.name),
                 time[use],
                 common[use],
@@ -409,7 +409,7 @@ def _commanded(quantity: str, settings: MotionSettings) -> float:
 
 
 def _stretches(
-    run: Run, streams: Sequence[_Stream], forces: Array, settings: MotionSettings
+    run: Run, streams: Sequence[_MotionStream], forces: Array, settings: MotionSettings
 ) -> tuple[list[tuple[float, float]], list[str]]:
     """Stretches of common time [s] in which rotation and translation are told all along, and notes
     of what is not.
@@ -458,7 +458,7 @@ def _holes(times: Array, start: float, end: float, gap: float) -> list[tuple[flo
 
 def _spacing(
     experiment: Experiment,
-    streams: Sequence[_Stream],
+    streams: Sequence[_MotionStream],
     stretches: Sequence[tuple[float, float]],
     settings: MotionSettings,
 ) -> tuple[float, float]:
@@ -499,7 +499,7 @@ def _spacing(
     return float(max(finest, best / np.sqrt(2))), resolved
 
 
-def _steps(streams: Sequence[_Stream]) -> dict[str, float]:
+def _steps(streams: Sequence[_MotionStream]) -> dict[str, float]:
     """Part of the pose -> time between samples of the fastest instrument that tells it [s]."""
     steps = {}
     for part in ("rotation", "position"):
