@@ -125,6 +125,7 @@ class Identification(Tabular):
         return self._display().html()
 
     def _display(self) -> Display:
+        """A table of the ten by all methods, with their verdicts."""
         columns = [
             ten_numbers(each.value, each.standard_deviation) for each in self.estimates.values()
         ]

@@ -179,6 +179,7 @@ def _wrench(
     *,
     static: bool,
 ) -> Iterator[Residuals]:
+    """Force and torque of the wrench on the platform, measured and predicted."""
     for quantity, (place, unit) in _WRENCH.items():
         yield Residuals(
             run,

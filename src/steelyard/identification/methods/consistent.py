@@ -140,6 +140,7 @@ def _finished(
     name: str,
     verdict: VerdictSettings,
 ) -> Estimate:
+    """The estimate of a consistent body, with what the constraints cost."""
     J = body_jacobian(body.parameters)
     spread = found.solution.covariance[:TEN, :TEN]
     if problem.prior_weight:

@@ -98,6 +98,7 @@ def _residuals(found: Posterior) -> dict[str, Any]:
 
 
 def _notes(found: Posterior) -> list[str]:
+    """What is not identifiable, and why the 1-sigma was enlarged, in words."""
     notes = []
     untold = [
         name for name, told in zip(BODY_PARAMETERS, found.identifiable, strict=True) if not told
@@ -112,6 +113,7 @@ def _notes(found: Posterior) -> list[str]:
 
 
 def _motion(found: Posterior) -> str:
+    """How the platform moved, in words: what an inertia that is not identifiable lacks."""
     moving = [s for s in found.samples if not s.static]
     if not moving:
         return (

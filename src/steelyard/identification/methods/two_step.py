@@ -264,6 +264,7 @@ class _LinearStep:
 
 
 def _step(target: Array, *groups: _Unknown) -> _LinearStep:
+    """One linear step over groups of unknowns, solved in units of their plausible sizes."""
     columns = [g.columns for g in groups]
     regressor = columns[0] if len(columns) == 1 else np.concatenate(columns, axis=2)
     place = np.concatenate([g.place for g in groups])
@@ -299,6 +300,7 @@ class _Equations(NamedTuple):
 
 
 def _equations(runs: Sequence[Samples]) -> _Equations:
+    """Both halves of the equations over the samples of all runs."""
     parts: list[tuple[Array, Array, Array, Array]] = []
     for run in runs:
         for start in range(0, len(run), _ROWS):
@@ -419,6 +421,7 @@ def _with_better_cog(
 
 
 def _untold_notes(estimate: Estimate, moving: Sequence[Samples]) -> list[str]:
+    """Which of the ten are not identifiable, and why, in words."""
     untold = [name for name, v in zip(BODY_PARAMETERS, estimate.value, strict=True) if np.isnan(v)]
     if not untold:
         return []

@@ -83,6 +83,7 @@ class FittedMotion(Tabular):
 
 @cache
 def _state() -> Batched:
+    """Quantities of the motion with their derivatives by pose, rate and acceleration, as expressions."""
     pose, rate, acceleration = (ca.SX.sym(name, POSE) for name in ("pose", "rate", "acceleration"))
     at = ca.SX.sym("at", POSE)
     state = state_of_pose(pose, rate, acceleration, ca.DM.zeros(3))
@@ -131,6 +132,7 @@ def fitted_motion(
 def _part(
     segment: Segment, inverse: Array, followed: Array, root: Array, times: Array
 ) -> dict[str, Array]:
+    """The motion at some times, with its 1-sigma."""
     local = segment.basis(times)
     pose, rate, acceleration, _ = motion_at(local, segment.coefficients)
     found = _state()(pose=pose, rate=rate, acceleration=acceleration)

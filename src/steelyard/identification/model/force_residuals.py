@@ -148,6 +148,7 @@ def _moved(heavy: Robot) -> Batched:
 
 
 def _dragged(robot: Robot, state: State, gravity: Symbol) -> Symbol:
+    """Wrench of the inertia of the cables, as an expression of the state."""
     if not robot.m or not robot.cable.linear_density:
         return ca.SX.zeros(6)
     return cable_inertia_expression(

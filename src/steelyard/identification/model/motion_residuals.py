@@ -375,6 +375,7 @@ def _of_reading(
     factors: Mapping[Source, float],
     tally: Tally,
 ) -> Rows:
+    """Whitened rows of some samples of one quantity."""
     calibration_parameters = calibration.calibration_parameters
     name, _ = reading.source
     instrument = experiment.instruments[name]

@@ -145,6 +145,7 @@ def prepare(
 
 
 def _static(task: RunReader) -> Samples:
+    """Samples of a run of poses at rest."""
     sources, streams = task.sources, task.run.streams
     raw = {source: streams[source[0]].values[source[1]] for source in sources.used()}
     forces = streams[sources.force].values
@@ -202,6 +203,7 @@ def _static(task: RunReader) -> Samples:
 
 
 def _moving(task: RunReader, *, thin: bool) -> Samples:
+    """Samples of a run in motion, part by part between its gaps."""
     run, sources = task.run, task.sources
     everything = [
         *sources.used(),

@@ -118,6 +118,7 @@ def _all_rows(
     active: NDArray[np.bool_],
     parameters: Array,
 ) -> Iterator[Rows]:
+    """Rows of all instruments of one segment, motion first."""
     column_of = np.where(active, TEN + np.cumsum(active) - 1, -1)
     yield from motion_residuals(experiment, segment, calibration, column_of, {}, Tally())
     yield from force_residuals(

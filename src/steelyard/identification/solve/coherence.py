@@ -79,6 +79,7 @@ def _largest(
     calibration: Calibration,
     settings: FitSettings,
 ) -> Coherence:
+    """Largest correlation, at any lag, of the residuals of one accelerometer with those of the forces."""
     references = reference_clocks(experiment, calibration.calibration_parameters, segment)
     times, *_, linear = looked_at(
         experiment, segment, reading, slice(None), calibration, references

@@ -162,6 +162,7 @@ def recorded(
 def _poses(
     experiment: Experiment, run: Run, samples: Samples, settings: MotionSettings
 ) -> Recorded:
+    """The one segment of a run of poses at rest."""
     numbers, pose = samples.time, poses_of(samples)
     readings = []
     for name, stream in run.streams.items():
@@ -215,6 +216,7 @@ def _moving(
     spacing: float | None,
     settings: MotionSettings,
 ) -> Recorded:
+    """Segments of a run in motion, each with its readings and a motion to begin with."""
     notes: list[str] = []
     run, stuck = _without_stuck(experiment, run)
     notes += stuck

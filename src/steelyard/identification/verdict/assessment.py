@@ -180,6 +180,7 @@ def _shift(posterior: Posterior, change: Array) -> float:
 
 
 def _proposal(owner: str, key: str) -> str:
+    """What to do about a number of the description that seems to be off."""
     if owner == ROBOT:
         return {
             "anchor": "measure this anchor again, or state a larger 'uncertainty: {anchor: …}'",
@@ -232,6 +233,7 @@ def reasons(
 
 
 def _of_motion(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
+    """Motion instruments against each other and their stated noise."""
     if not posterior.motion_converged:
         yield (
             "the motion instruments contradict each other beyond repair; check their axes, signs,"
@@ -263,6 +265,7 @@ def _of_motion(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]
 
 
 def _of_forces(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
+    """Forces against the motion: size and drift of the residual, samples that stand out."""
     total, solution = posterior.total, posterior.solution
     freedom = max(1.0, 6 * total.freedom - solution.spent)
     # Few equations scatter widely without anything being wrong.
@@ -356,6 +359,7 @@ def _of_runs(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
 def _of_description(
     tests: Sequence[Finding], most: int, settings: VerdictSettings
 ) -> Iterator[str]:
+    """Numbers of the description that the residual points at."""
     limit = float(norm.isf(settings.family / max(1, len(tests)) / 2))
     found = [test for test in tests if abs(test.z) > limit and test.shift > settings.matters]
     for test in found[:most]:
@@ -368,6 +372,7 @@ def _of_description(
 
 
 def _of_nominal(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
+    """The mass against the nominal one: a matter of units."""
     nominal = posterior.experiment.robot.platform
     if nominal is None or posterior.parameters[0] <= 0:
         return
@@ -381,6 +386,7 @@ def _of_nominal(posterior: Posterior, settings: VerdictSettings) -> Iterator[str
 
 
 def _of_bias(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
+    """A bias by noise in the regressor that is no longer small."""
     bias = body_jacobian(posterior.parameters) @ posterior.solution.bias[:TEN]
     told = posterior.identifiable
     rest = np.diag(posterior.body_covariance) - bias**2
