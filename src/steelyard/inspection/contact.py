@@ -12,10 +12,14 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array, joined_stretches
 from steelyard.identification.model.unknown_body import BODY, unknown_body
-from steelyard.inspection.agreement import SETTINGS as AGREEMENT
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.motion_agreements import Relation
-from steelyard.inspection.wrench_balance import BodyBalance, body_balance, force_relations
+from steelyard.inspection.agreements.agreement import SETTINGS as AGREEMENT
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.motion import Relation
+from steelyard.inspection.agreements.wrench_balance import (
+    BodyBalance,
+    body_balance,
+    force_relations,
+)
 from steelyard.instruments.equations import predict
 from steelyard.motion.state import State
 

@@ -11,9 +11,9 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.solve.posterior import Posterior
-from steelyard.inspection.excerpt import Excerpt, excerpt_of
-from steelyard.inspection.motion_agreements import Relation, motion_agreement, motion_relations
-from steelyard.inspection.wrench_balance import body_balance, force_relations
+from steelyard.inspection.agreements.excerpt import Excerpt, excerpt_of
+from steelyard.inspection.agreements.motion import Relation, motion_agreement, motion_relations
+from steelyard.inspection.agreements.wrench_balance import body_balance, force_relations
 from steelyard.smoothing import Samples1D, fit
 
 

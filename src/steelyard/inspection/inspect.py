@@ -16,14 +16,14 @@ from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.synchronisation import synchronise
-from steelyard.inspection.agreement import InstrumentAgreement
+from steelyard.inspection.agreements.agreement import InstrumentAgreement
+from steelyard.inspection.agreements.excerpt import Excerpt, excerpts
+from steelyard.inspection.agreements.judgement import Judged
+from steelyard.inspection.agreements.judgement import judged as judge
 from steelyard.inspection.contact import Contact, ContactSettings, Residual, unexplained
 from steelyard.inspection.delays import Delay, of_excerpt, of_joint
-from steelyard.inspection.excerpt import Excerpt, excerpts
 from steelyard.inspection.excitation import Excitation, excitation
-from steelyard.inspection.judgement import Judged
-from steelyard.inspection.judgement import judged as judge
-from steelyard.inspection.mistakes import Mistake, MistakeSettings, mistakes
+from steelyard.inspection.mistakes.search import Mistake, MistakeSettings, mistakes
 from steelyard.inspection.part import part_of
 from steelyard.inspection.remarks import constant_channels, of_noise, of_times
 from steelyard.inspection.streams import StreamReport, as_dict, stream_reports

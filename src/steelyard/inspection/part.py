@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.inspection.excerpt import Excerpt
+from steelyard.inspection.agreements.excerpt import Excerpt
 from steelyard.instruments import Instrument
 
 _FASTEST, _FASTEST_ON_SENSOR = 130.0, 30.0

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.inspection.agreement import InstrumentAgreement
-from steelyard.inspection.amendment import ROBOT, Amendment
-from steelyard.inspection.catalogue import amendments
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.judgement import Judged, evaluated, judged
-from steelyard.inspection.motion_agreements import Relation, is_of_motion
+from steelyard.inspection.agreements.agreement import InstrumentAgreement
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.judgement import Judged, evaluated, judged
+from steelyard.inspection.agreements.motion import Relation, is_of_motion
+from steelyard.inspection.mistakes.amendment import ROBOT, Amendment
+from steelyard.inspection.mistakes.catalogue import amendments
 
 
 @dataclass(frozen=True)

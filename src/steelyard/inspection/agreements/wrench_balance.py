@@ -13,15 +13,15 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.identification.model.sources import Source
 from steelyard.identification.model.unknown_body import BODY, unknown_body
-from steelyard.inspection.agreement import InstrumentAgreement
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.measured_wrench import (
+from steelyard.inspection.agreements.agreement import InstrumentAgreement
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.measured_wrench import (
     MeasuredWrench,
     of_cables,
     of_sensor,
     platform_motion,
 )
-from steelyard.inspection.motion_agreements import (
+from steelyard.inspection.agreements.motion import (
     Relation,
     attitudes,
     is_command,

@@ -10,9 +10,14 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.dynamics import specific_force_at
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.agreement import SETTINGS, Freedom, InstrumentAgreement, compare
-from steelyard.inspection.excerpt import Excerpt, Observation
-from steelyard.inspection.frames import (
+from steelyard.inspection.agreements.agreement import (
+    SETTINGS,
+    Freedom,
+    InstrumentAgreement,
+    compare,
+)
+from steelyard.inspection.agreements.excerpt import Excerpt, Observation
+from steelyard.inspection.agreements.frames import (
     AttitudeMotion,
     OriginMotion,
     angular_velocity,

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.excerpt import Excerpt, Observation
+from steelyard.inspection.agreements.excerpt import Excerpt, Observation
 from steelyard.instruments import Instrument
 from steelyard.instruments.equations import solve_for
 from steelyard.robot.model import Robot

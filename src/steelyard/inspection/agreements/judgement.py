@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.agreement import InstrumentAgreement
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.motion_agreements import (
+from steelyard.inspection.agreements.agreement import InstrumentAgreement
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.motion import (
     Relation,
     is_of_motion,
     motion_agreement,
     motion_relations,
 )
-from steelyard.inspection.wrench_balance import force_agreement, force_relations
+from steelyard.inspection.agreements.wrench_balance import force_agreement, force_relations
 
 
 @dataclass(frozen=True, eq=False)

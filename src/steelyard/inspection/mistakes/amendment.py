@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.excerpt import Excerpt
+from steelyard.inspection.agreements.excerpt import Excerpt
 
 ROBOT = "robot"
 """Subject of mistakes in the robot file."""

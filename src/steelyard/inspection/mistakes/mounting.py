@@ -12,7 +12,20 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.dynamics import specific_force_at
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.amendment import (
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.frames import (
+    attitude_motion,
+    attitude_source,
+    mounting,
+    origin_motion,
+    point_of,
+    rpy_deg_of,
+    specific_force_of_origin,
+    specific_force_there,
+    tracker_frame,
+)
+from steelyard.inspection.agreements.motion import positions, specific_force
+from steelyard.inspection.mistakes.amendment import (
     AXES,
     RARE,
     ROBOT,
@@ -24,20 +37,7 @@ from steelyard.inspection.amendment import (
     with_gravity,
     with_keys,
 )
-from steelyard.inspection.axes import axis_changes, rotations_by_right_angles
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.frames import (
-    attitude_motion,
-    attitude_source,
-    mounting,
-    origin_motion,
-    point_of,
-    rpy_deg_of,
-    specific_force_of_origin,
-    specific_force_there,
-    tracker_frame,
-)
-from steelyard.inspection.motion_agreements import positions, specific_force
+from steelyard.inspection.mistakes.axes import axis_changes, rotations_by_right_angles
 from steelyard.instruments.equations import needed_for
 
 _FARTHEST = 4.0

@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.amendment import Amendment
-from steelyard.inspection.clock_mistakes import of_clocks
-from steelyard.inspection.column_mistakes import of_cables, of_vector, of_wrench
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.judgement import Judged
-from steelyard.inspection.mounting_mistakes import (
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.judgement import Judged
+from steelyard.inspection.mistakes.amendment import Amendment
+from steelyard.inspection.mistakes.clocks import of_clocks
+from steelyard.inspection.mistakes.columns import of_cables, of_vector, of_wrench
+from steelyard.inspection.mistakes.mounting import (
     of_accelerometer,
     of_choices,
     of_frame,
@@ -22,7 +22,7 @@ from steelyard.inspection.mounting_mistakes import (
     of_mounting,
     of_point,
 )
-from steelyard.inspection.orientation_mistakes import of_orientation
+from steelyard.inspection.mistakes.orientation import of_orientation
 from steelyard.instruments import Instrument, Quantity
 
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.identification.model.calibration_parameters import clock_of
-from steelyard.inspection.amendment import SIMPLE, USUAL, Amendment, shifted
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.judgement import Judged, evaluated
-from steelyard.inspection.motion_agreements import is_of_motion
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.judgement import Judged, evaluated
+from steelyard.inspection.agreements.motion import is_of_motion
+from steelyard.inspection.mistakes.amendment import SIMPLE, USUAL, Amendment, shifted
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.amendment import (
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.frames import mounting, rpy_deg_of
+from steelyard.inspection.mistakes.amendment import (
     AXES,
     RARE,
     SIMPLE,
@@ -22,9 +24,7 @@ from steelyard.inspection.amendment import (
     rotated,
     units_key,
 )
-from steelyard.inspection.axes import rotations_by_right_angles
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.frames import mounting, rpy_deg_of
+from steelyard.inspection.mistakes.axes import rotations_by_right_angles
 from steelyard.rotations import quaternions_of
 
 _HEADINGS = tuple(each for each in range(-170, 180, 10) if each % 90)

@@ -8,7 +8,8 @@ from itertools import combinations
 import numpy as np
 
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.amendment import (
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.mistakes.amendment import (
     SIMPLE,
     USUAL,
     Amendment,
@@ -21,9 +22,8 @@ from steelyard.inspection.amendment import (
     units_key,
     without_cable,
 )
-from steelyard.inspection.axes import AxisChange, axis_changes
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.mounting_mistakes import of_choices, of_mounting
+from steelyard.inspection.mistakes.axes import AxisChange, axis_changes
+from steelyard.inspection.mistakes.mounting import of_choices, of_mounting
 from steelyard.units import FACTORS
 
 _LIKELY = {
