@@ -90,7 +90,8 @@ def least(
         return None
 
     def cost(shift: float) -> float:
-        return float(np.mean([np.mean(_log_variance(term.residual(shift))) for term in terms]))
+        variances = (np.nanmean(term.residual(shift) ** 2, axis=0) for term in terms)
+        return float(np.mean([np.mean(np.log(each + 1e-300)) for each in variances]))
 
     shifts = guess + np.linspace(-reach, reach, settings.grid)
     costs = [cost(float(s)) for s in shifts]
@@ -100,10 +101,6 @@ def least(
         minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-6}).x
     )
     return Shift(best, _deviation(terms, best, settings), cost(best))
-
-
-def _log_variance(residual: Array) -> Array:
-    return np.asarray(np.log(np.nanmean(residual**2, axis=0) + 1e-300))
 
 
 class _Regression:
@@ -120,9 +117,8 @@ class _Regression:
         own = relation.own(time) if len(time) else np.zeros((0, 0))
         use = np.asarray(np.isfinite(values).all(axis=1) & np.isfinite(own).all(axis=1))
         # The same samples at every shift, or costs could not be compared.
-        lowest = guess - reach - settings.difference
-        highest = guess + reach + settings.difference
-        for shift in (lowest, guess, highest):
+        farthest = reach + settings.difference
+        for shift in (guess - farthest, guess, guess + farthest):
             if use.any():
                 use[use] = np.isfinite(relation.other(time[use] + sign * shift)).all(axis=1)
         duration = float(np.ptp(time[use])) if use.any() else 0.0

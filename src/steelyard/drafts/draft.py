@@ -97,11 +97,7 @@ def logs_in(places: Sequence[Path]) -> tuple[list[Path], list[Unused]]:
             continue
         for entry in _entries(place):
             inner = [entry] if not entry.is_dir() or _is_bag(entry) else _entries(entry)
-            paths += [
-                path
-                for path in inner
-                if _is_bag(path) or (path.is_file() and ending_of(path) is not None)
-            ]
+            paths += [path for path in inner if _is_bag(path) or _is_log(path)]
         if len(paths) > MOST_LOGS:
             raise InputError(
                 f"{place}: expected at most {MOST_LOGS} logs, found more; name fewer folders"
@@ -111,6 +107,10 @@ def logs_in(places: Sequence[Path]) -> tuple[list[Path], list[Unused]]:
 
 def _entries(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+
+
+def _is_log(path: Path) -> bool:
+    return path.is_file() and ending_of(path) is not None
 
 
 def _is_bag(path: Path) -> bool:
@@ -177,14 +177,11 @@ def _instruments(runs: Sequence[DraftRun]) -> dict[str, dict[str, Any]]:
     instruments: dict[str, dict[str, Any]] = {
         name: {"kind": found[name].kind, **found[name].settings} for name in order
     }
-    clocks: list[list[str]] = []
+    clocks: dict[str, list[str]] = {}
     for name in order:
-        home = next((clock for clock in clocks if _share(clock[0], name, runs)), None)
-        if home is None:
-            clocks.append([name])
-        else:
-            home.append(name)
-    for i, clock in enumerate(clock for clock in clocks if len(clock) > 1):
+        first = next((each for each in clocks if _share(each, name, runs)), name)
+        clocks.setdefault(first, []).append(name)
+    for i, clock in enumerate(clock for clock in clocks.values() if len(clock) > 1):
         for name in clock:
             instruments[name]["clock"] = "recorder" if i == 0 else f"recorder-{i + 1}"
     return instruments
@@ -192,15 +189,8 @@ def _instruments(runs: Sequence[DraftRun]) -> dict[str, dict[str, Any]]:
 
 def _share(one: str, other: str, runs: Sequence[DraftRun]) -> bool:
     """Whether two instruments stand in the same file wherever both are, with the same time."""
-    both = [
-        (r.streams[one].place, r.streams[other].place)
-        for r in runs
-        if {one, other} <= r.streams.keys() and not r.static
-    ]
-    return bool(both) and all(
-        (a.path, a.topic, a.columns.get("t")) == (b.path, b.topic, b.columns.get("t"))
-        for a, b in both
-    )
+    both = [run.streams for run in runs if {one, other} <= run.streams.keys() and not run.static]
+    return bool(both) and all(its[one].clock == its[other].clock for its in both)
 
 
 def _places(logs: Sequence[Path]) -> str:

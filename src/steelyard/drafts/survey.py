@@ -68,6 +68,16 @@ class DraftStream:
         return self.stream.time[there]
 
     @property
+    def span(self) -> tuple[float, float]:
+        """Beginning and end on the clock of the log [s]."""
+        return float(self.stream.time[0]), float(self.stream.time[-1])
+
+    @property
+    def clock(self) -> tuple[Path, str | None, str]:
+        """File, topic and column that its time stands in."""
+        return self.place.path, self.place.topic, self.place.columns.get("t", "t")
+
+    @property
     def rate(self) -> float | None:
         """Median rate [Hz]; None: of poses at rest."""
         steps = np.diff(self.times)
@@ -191,14 +201,12 @@ def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> DraftStre
         if not columns:
             raise InputError("expected rates of a gyro, found gravity; nothing needs it")
     timed, time = _time(log, claim, len(next(iter(table.values()))))
-    stated = {
-        column: unit for column, unit in log.units.items() if column in {*columns.values(), timed}
-    }
-    units = {column: unit for column, unit in claim.units.items() if column not in stated}
-    open_ones = {n: table[c] for n, c in columns.items() if c not in stated and c not in units}
+    own = {*columns.values(), timed}
+    stated = {column: unit for column, unit in log.units.items() if column in own}
+    named = {c: unit for c, unit in claim.units.items() if c in own and c not in stated}
+    open_ones = {n: table[c] for n, c in columns.items() if c not in stated and c not in named}
     scale = scale_of(claim.kind, open_ones, robot)
-    units = {column: unit for column, unit in units.items() if column in {*columns.values(), timed}}
-    units.update({columns[name]: unit for name, unit in scale.units.items()})
+    units = {**named, **{columns[name]: unit for name, unit in scale.units.items()}}
     why = list(scale.why)
     if timed is not None and time is not None and timed not in stated and timed not in units:
         unit, reason = time_unit(time)
@@ -208,13 +216,9 @@ def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> DraftStre
     columns, turned = _quaternion(columns, table)
     if timed is not None:
         columns = {"t": timed, **columns}
-    named = {
-        name: column
-        for name, column in columns.items()
-        if column_in(log.names, name, None) != column
-    }
+    other = {n: c for n, c in columns.items() if column_in(log.names, n, None) != c}
     return DraftStream(
-        place=StreamPlace(log.path, topic, named, units),
+        place=StreamPlace(log.path, topic, other, units),
         kind=claim.kind,
         label=claim.label,
         settings=scale.settings,

@@ -5,7 +5,7 @@ while one explains the rest.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from steelyard.inspection.agreements.wrench_balance import (
     BodyBalance,
     body_balance,
     force_relations,
+    has_body,
 )
 from steelyard.instruments.equations import predict
 from steelyard.motion.state import State
@@ -117,9 +118,9 @@ def _relation(excerpt: Excerpt) -> Relation | None:
     """The account of the motion to go by: an accelerometer reads what accelerates the platform, others
     only where it is.
     """
-    relations = [r for r in force_relations(excerpt) if r[0] in {"cables", "wrench"}]
-    force_samples = [r for r in relations if any(q == "specific_force" for _, q in r[1])]
-    return next(iter(force_samples or relations), None)
+    relations = [r for r in force_relations(excerpt) if has_body(r)]
+    by_accelerometer = [r for r in relations if any(q == "specific_force" for _, q in r[1])]
+    return next(iter(by_accelerometer or relations), None)
 
 
 def _residual(
@@ -161,23 +162,9 @@ def _shown(excerpt: Excerpt, name: str, wrench: Array) -> tuple[Array, tuple[str
         return wrench, tuple(f"{what} {axis} of the platform" for what in parts for axis in "xyz")
     robot = excerpt.experiment.robot
     errors = {term.key: np.full(term.size, term.nominal) for term in instrument.terms(robot.m)}
-    readings = predict(instrument, robot, _pulling(wrench), errors)
+    unknown = dict.fromkeys(field.name for field in fields(State))
+    readings = predict(instrument, robot, State(**{**unknown, "wrench": wrench}), errors)
     return np.hstack(list(readings.values())), ("fx", "fy", "fz", "tx", "ty", "tz")
-
-
-def _pulling(wrench: Array) -> State:
-    """A state of which nothing but the wrench is known."""
-    return State(
-        position=None,
-        rotation=None,
-        velocity=None,
-        omega=None,
-        specific_force=None,
-        alpha=None,
-        tension=None,
-        wrench=wrench,
-        gravity=None,
-    )
 
 
 def _contacts(
@@ -185,29 +172,50 @@ def _contacts(
 ) -> list[Contact]:
     """Stretches far from what a body explains, without pauses."""
     time = residual.time
-    found = joined_stretches(time, far, settings.pause)
     step = float(np.median(np.diff(time)))
-    return [
-        _contact(residual, first, last, settings.share)
-        for first, last in found
-        if time[last - 1] - time[first] + step >= settings.shortest
-    ]
+    found = []
+    for first, last in joined_stretches(time, far, settings.pause):
+        start, end = float(time[first]), float(time[last - 1])
+        if end - start + step >= settings.shortest:
+            found.append(_contact(residual, start, end, settings.share))
+    return found
 
 
-def _contact(residual: Residual, first: int, last: int, share: float) -> Contact:
-    """Which channels, in units of what they are elsewhere."""
-    inside = residual.left[first:last]
+def contacts_of_fit(
+    stretches: Mapping[str, Sequence[tuple[float, float]]],
+    residuals: Sequence[Residual],
+    known: Sequence[Contact],
+) -> list[Contact]:
+    """Contacts that only the fit of everything at once has found.
+
+    Args:
+        stretches: Run -> beginning and end of each, common time [s].
+        residuals: Of the runs.
+        known: Contacts that need not be found again.
+    """
+    of_run = {residual.run: residual for residual in residuals}
+    found = []
+    for run, own in stretches.items():
+        for start, end in own:
+            again = any(c.run == run and c.start < end and c.end > start for c in known)
+            if run in of_run and not again:
+                found.append(_contact(of_run[run], float(start), float(end), most=1))
+    return found
+
+
+def _contact(
+    residual: Residual, start: float, end: float, share: float = 0.0, most: int = 3
+) -> Contact:
+    """A stretch with the channels of force and torque in which it shows: those above a share of the
+    largest, so many at most.
+    """
+    inside = residual.left[(residual.time >= start) & (residual.time <= end)]
+    left = inside if len(inside) else np.zeros((1, 6))
     names: list[str] = []
+    largest = []
     for part in (slice(0, 3), slice(3, 6)):
-        size = np.sqrt(np.mean(inside[:, part] ** 2, axis=0))
-        order = np.argsort(-size)
-        names += [residual.names[part.start + i] for i in order if size[i] > share * size.max()]
-    return Contact(
-        residual.run,
-        float(residual.time[first]),
-        float(residual.time[last - 1]),
-        residual.instrument,
-        tuple(names),
-        float(np.linalg.norm(inside[:, :3], axis=1).max()),
-        float(np.linalg.norm(inside[:, 3:], axis=1).max()),
-    )
+        size = np.sqrt(np.mean(left[:, part] ** 2, axis=0))
+        order = np.argsort(-size, kind="stable")[:most]
+        names += [residual.names[part.start + i] for i in order if size[i] >= share * size.max()]
+        largest.append(float(np.linalg.norm(left[:, part], axis=1).max()))
+    return Contact(residual.run, start, end, residual.instrument, tuple(names), *largest)

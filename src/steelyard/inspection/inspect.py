@@ -10,7 +10,7 @@ import numpy as np
 
 from steelyard.display import printable
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
 from steelyard.identification.model.preparation import prepare
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
@@ -18,11 +18,16 @@ from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.synchronisation import synchronise
 from steelyard.inspection.agreements.agreement import InstrumentAgreement
 from steelyard.inspection.agreements.excerpt import Excerpt, excerpts
-from steelyard.inspection.agreements.judgement import Judged
-from steelyard.inspection.agreements.judgement import judged as judge
-from steelyard.inspection.contact import Contact, ContactSettings, Residual, unexplained
+from steelyard.inspection.agreements.judgement import Judged, judged
+from steelyard.inspection.contact import (
+    Contact,
+    ContactSettings,
+    Residual,
+    contacts_of_fit,
+    unexplained,
+)
 from steelyard.inspection.delays import Delay, of_excerpt, of_joint
-from steelyard.inspection.excitation import Excitation, excitation
+from steelyard.inspection.excitation import Excitation, Identifiability, excitation
 from steelyard.inspection.mistakes.search import Mistake, MistakeSettings, mistakes
 from steelyard.inspection.part import part_of
 from steelyard.inspection.remarks import constant_channels, of_noise, of_times
@@ -76,16 +81,9 @@ class Inspection:
         named = [
             f"mistake: {each.subject}: {each.what}. Change: {each.proposal}" for each in amendments
         ]
-        counts = (
-            f"{len(named) or 'no'} mistake{'' if len(named) == 1 else 's'},"
-            f" {len(self.contacts) or 'no'} contact{'' if len(self.contacts) == 1 else 's'}"
-        )
-        return "\n".join(
-            map(
-                printable,
-                [f"Inspection of '{self.experiment.name}': {counts}", *named, *self.remarks],
-            )
-        )
+        counts = f"{_counted(len(named), 'mistake')}, {_counted(len(self.contacts), 'contact')}"
+        first = f"Inspection of '{self.experiment.name}': {counts}"
+        return "\n".join(map(printable, [first, *named, *self.remarks]))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
@@ -103,6 +101,10 @@ class Inspection:
             "excitation": None if self.excitation is None else _excitation_dict(self.excitation),
             "remarks": list(self.remarks),
         }
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count or 'no'} {what}{'' if count == 1 else 's'}"
 
 
 def _agreement_dict(run: str, agreement: InstrumentAgreement) -> dict[str, Any]:
@@ -138,12 +140,13 @@ def _mistake_dict(mistake: Mistake, runs: Sequence[str]) -> dict[str, Any]:
 def _excitation_dict(found: Excitation) -> dict[str, Any]:
     """Plain values of what can be known; null for what cannot."""
 
-    def numbers(each: Any) -> dict[str, Any]:
-        values = {key: value for key, value in vars(each).items() if key != "name"}
-        return {
-            key: None if isinstance(v, float) and not np.isfinite(v) else v
-            for key, v in values.items()
+    def numbers(each: Identifiability) -> dict[str, Any]:
+        finite = {
+            key: None if isinstance(value, float) and not np.isfinite(value) else value
+            for key, value in vars(each).items()
         }
+        del finite["name"]
+        return finite
 
     return {
         "body": {each.name: numbers(each) for each in found.body},
@@ -181,30 +184,24 @@ def inspect(
         raise InputError("; ".join([str(error), *hints])) from error
     reports = tuple(each for run in experiment.runs for each in stream_reports(experiment, run))
     with np.errstate(all="ignore"):
-        judged, found = _judge(shown, tell, settings)
+        described, found = _judge(shown, tell, settings)
         named, runs_of = _merged(found)
-        worst = {
-            j.excerpt.run.name: max(
-                (a.worst for r, a in j.agreements.items() if r[0] in {"cables", "wrench"}),
-                default=0.0,
-            )
-            for j in judged
-        }
+        # Once mistakes are corrected, all forces count as sound.
+        worst = {} if named else {each.excerpt.run.name: each.worst_of_forces for each in described}
         amended = _corrected(shown, found)
-        residuals, contacts = unexplained(
-            amended, worst if not named else {}, settings=settings.contacts
-        )
+        residuals, contacts = unexplained(amended, worst, settings=settings.contacts)
         delays, joint, remarks = _fitted(experiment, shown, bool(named), contacts, tell, settings)
     remarks = [*hints, *constant_channels(experiment), *of_noise(experiment, reports), *remarks]
-    if not named and any(j.bad for j in judged) and not contacts:
-        remarks.append(_unexplained(judged))
-    contacts += _joint_contacts(joint, residuals, contacts)
+    if not named and any(j.bad for j in described) and not contacts:
+        remarks.append(_unexplained(described))
+    if joint is not None:
+        contacts += contacts_of_fit(joint.contacts, residuals, contacts)
     tell("done", 1.0)
     return Inspection(
         experiment=experiment,
         streams=reports,
         delays=tuple(delays),
-        agreements=tuple((j.excerpt.run.name, a) for j in judged for a in j.agreements.values()),
+        agreements=tuple((j.excerpt.run.name, a) for j in described for a in j.agreements.values()),
         mistakes=named,
         runs_of=runs_of,
         contacts=tuple(sorted(contacts, key=lambda c: (c.run, c.start))),
@@ -218,15 +215,7 @@ def _enter(experiment: Experiment, shown: Sequence[Excerpt]) -> None:
     """What every estimator begins with, on a part of long runs; raises what it would."""
     parts = {excerpt.run.name: excerpt for excerpt in shown if not excerpt.static}
     for run in experiment.runs:
-        excerpt = parts.get(run.name)
-        window = run.window
-        if excerpt is not None:
-            first, last = run.window or (-np.inf, np.inf)
-            start, end = (
-                float(excerpt.time[0]) - excerpt.spacing,
-                float(excerpt.time[-1]) + excerpt.spacing,
-            )
-            window = (max(start, first), min(end, last))
+        window = parts[run.name].window if run.name in parts else run.window
         prepare(experiment, replace(run, window=window), thin=True, commanded=True)
 
 
@@ -234,15 +223,12 @@ def _judge(
     shown: Sequence[Excerpt], tell: Tell, settings: InspectionSettings
 ) -> tuple[list[Judged], list[list[Mistake]]]:
     """Agreements of every run as described, and the mistakes that each gives away."""
-    judged, found = [], []
+    described, found = [], []
     for i, excerpt in enumerate(shown):
-        tell(
-            f"comparing the instruments of {excerpt.run.name}",
-            0.15 + 0.35 * i / len(shown),
-        )
-        judged.append(judge(excerpt))
+        tell(f"comparing the instruments of {excerpt.run.name}", 0.15 + 0.35 * i / len(shown))
+        described.append(judged(excerpt))
         found.append(mistakes(excerpt, settings=settings.mistakes)[0])
-    return judged, found
+    return described, found
 
 
 def _merged(
@@ -280,31 +266,25 @@ def _fitted(
     settings: InspectionSettings,
 ) -> tuple[list[Delay], Posterior | None, list[str]]:
     """Delays, a fit of everything, and what to say of it."""
+    if wrong:
+        wait = (
+            "delays and what the recording can tell are looked at once the mistakes are corrected"
+        )
+        return [], None, [wait]
     delays: list[Delay] = []
     moving = [run for run in experiment.runs if not run.static]
-    if wrong:
-        return (
-            delays,
-            None,
-            [
-                "delays and what the recording can tell are looked at once the mistakes are"
-                " corrected"
-            ],
-        )
     touched = {contact.run for contact in contacts}
     clean = [p for p in shown if p.run.name not in touched] or list(shown)
     few = [p for p in clean if not p.static][: settings.fitted] + [p for p in clean if p.static]
     tell("fitting everything at once", 0.55)
-    joint, remarks = _joint(
-        part_of(experiment, few), lambda what, part: tell(what, 0.55 + 0.35 * part)
-    )
+    part = part_of(experiment, few)
+    joint, remarks = _joint(part, lambda what, done: tell(what, 0.55 + 0.35 * done))
     trusted = joint is not None and joint.fit.converged and experiment.robot.m > 0
     fitted = {p.run.name for p in few} if trusted else set[str]()
     tell("delays", 0.92)
     for run in moving[: settings.runs]:
         if joint is not None and run.name in fitted:
-            own = of_joint(joint, _run(joint, run))
-            delays += [replace(each, run=run.name) for each in own]
+            delays += of_joint(joint, run.name)
         else:
             delays += of_excerpt(experiment, run)
     for each in delays:
@@ -319,58 +299,22 @@ def _fitted(
     return delays, joint, remarks
 
 
-def _run(joint: Posterior, run: Run) -> Run:
-    return next(each for each in joint.experiment.runs if each.name == run.name)
-
-
 def _joint(part: Experiment, tell: Tell) -> tuple[Posterior | None, list[str]]:
     """A fit of everything and remarks on it; None where there is none."""
     try:
         joint = fit_jointly(part, tell)
     except (NoBalanceError, InputError) as error:
         return None, [f"what the recording can tell was not looked at: {error}"]
-    converged = (
-        []
-        if joint.fit.converged
-        else ["the fit of everything at once did not settle: its figures are rough"]
-    )
-    return joint, [*joint.notes, *converged]
+    if joint.fit.converged:
+        return joint, list(joint.notes)
+    rough = "the fit of everything at once did not converge: its figures are rough"
+    return joint, [*joint.notes, rough]
 
 
-def _joint_contacts(
-    joint: Posterior | None, residuals: Sequence[Residual], known: Sequence[Contact]
-) -> list[Contact]:
-    """Contacts that only the fit of everything has seen."""
-    found = []
-    for run, stretches in (joint.contacts if joint else {}).items():
-        residual = next((r for r in residuals if r.run == run), None)
-        for start, end in stretches:
-            if (
-                any(c.run == run and c.start < end and c.end > start for c in known)
-                or residual is None
-            ):
-                continue
-            inside = (residual.time >= start) & (residual.time <= end)
-            left = residual.left[inside] if inside.any() else np.zeros((1, 6))
-            size = np.sqrt(np.mean(left**2, axis=0))
-            names = (
-                residual.names[int(np.argmax(size[:3]))],
-                residual.names[3 + int(np.argmax(size[3:]))],
-            )
-            force, torque = (
-                float(np.linalg.norm(left[:, part], axis=1).max())
-                for part in (slice(0, 3), slice(3, 6))
-            )
-            found.append(
-                Contact(run, float(start), float(end), residual.instrument, names, force, torque)
-            )
-    return found
-
-
-def _unexplained(judged: Sequence[Judged]) -> str:
+def _unexplained(described: Sequence[Judged]) -> str:
     """Where instruments contradict each other and no simple mistake explains it."""
     run, worst = max(
-        ((j.excerpt.run.name, a) for j in judged for a in j.bad), key=lambda pair: pair[1].worst
+        ((j.excerpt.run.name, a) for j in described for a in j.bad), key=lambda pair: pair[1].worst
     )
     i = int(np.argmax(worst.ratio))
     return (

@@ -55,13 +55,10 @@ def _rate(runs: list[Run], name: str) -> float:
 
 
 def _cut(experiment: Experiment, run: Run, excerpt: Excerpt, often: dict[str, int]) -> Run:
-    start, end = float(excerpt.time[0]) - excerpt.spacing, float(excerpt.time[-1]) + excerpt.spacing
-    first, last = run.window or (-np.inf, np.inf)
-    window = (max(start, first), min(end, last))
     streams = {name: _averaged(stream, often.get(name, 1)) for name, stream in run.streams.items()}
     # Averaging moves the first force sample, by which times without 'sync' are counted.
     sync = run.sync or dict.fromkeys(run.streams, float(_first(experiment, run)))
-    return replace(run, streams=streams, sync=sync, window=window)
+    return replace(run, streams=streams, sync=sync, window=excerpt.window)
 
 
 def _first(experiment: Experiment, run: Run) -> float:

@@ -16,7 +16,11 @@ from steelyard.inspection.agreements.motion import (
     motion_agreement,
     motion_relations,
 )
-from steelyard.inspection.agreements.wrench_balance import force_agreement, force_relations
+from steelyard.inspection.agreements.wrench_balance import (
+    force_agreement,
+    force_relations,
+    has_body,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +35,12 @@ class Judged:
     def bad(self) -> list[InstrumentAgreement]:
         """Of instruments that contradict each other."""
         return [a for a in self.agreements.values() if not a.agrees]
+
+    @property
+    def worst_of_forces(self) -> float:
+        """Largest ratio of the agreements of forces with a motion."""
+        ratios = (a.worst for relation, a in self.agreements.items() if has_body(relation))
+        return max(ratios, default=0.0)
 
     def suspects(self, least: float) -> list[Source]:
         """Readings that contradict most of those they are compared with, the worst first: what is

@@ -13,7 +13,7 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.identification.model.sources import Source
 from steelyard.identification.model.unknown_body import BODY, unknown_body
-from steelyard.inspection.agreements.agreement import InstrumentAgreement
+from steelyard.inspection.agreements.agreement import InstrumentAgreement, is_command, title
 from steelyard.inspection.agreements.excerpt import Excerpt
 from steelyard.inspection.agreements.measured_wrench import (
     MeasuredWrench,
@@ -21,13 +21,7 @@ from steelyard.inspection.agreements.measured_wrench import (
     of_sensor,
     platform_motion,
 )
-from steelyard.inspection.agreements.motion import (
-    Relation,
-    attitudes,
-    is_command,
-    positions,
-    title,
-)
+from steelyard.inspection.agreements.motion import Relation
 
 
 @dataclass(frozen=True)
@@ -96,13 +90,13 @@ class BodyBalance:
 
 def force_relations(excerpt: Excerpt) -> Iterator[Relation]:
     """Which motions the forces can be compared with: each account of them by itself."""
-    turned, placed = attitudes(excerpt), positions(excerpt)
+    turned, placed = excerpt.quantity("orientation"), excerpt.quantity("position")
     # An accelerometer goes with the gyro beside it, which tells angular acceleration best.
     force_samples = [(f, *_beside(excerpt, f)) for f in excerpt.quantity("specific_force")]
     for force in excerpt.quantity("tension"):
         yield ("tensions", (force,))
-        measured = [s for s in turned if not is_command(excerpt, s[0])]
-        at = [s for s in placed if not is_command(excerpt, s[0])]
+        measured = [s for s in turned if not is_command(excerpt, s)]
+        at = [s for s in placed if not is_command(excerpt, s)]
         for a in measured or turned[:1]:
             for p in at or placed[:1]:
                 yield ("cables", (force, a, p))
@@ -113,14 +107,14 @@ def force_relations(excerpt: Excerpt) -> Iterator[Relation]:
             turned
             and placed
             and (measured or at)
-            and is_command(excerpt, turned[-1][0])
-            and is_command(excerpt, placed[-1][0])
+            and is_command(excerpt, turned[-1])
+            and is_command(excerpt, placed[-1])
         ):
             # What was commanded is an account of its own.
             yield ("cables", (force, turned[-1], placed[-1]))
     for force in excerpt.quantity("force"):
         torque = (force[0], "torque")
-        at = [s for s in placed if not is_command(excerpt, s[0])] or placed[:1]
+        at = [s for s in placed if not is_command(excerpt, s)] or placed[:1]
         for a in turned:
             yield from (("wrench", (force, torque, a, p)) for p in at)
             yield from (("wrench", (force, torque, a, *f)) for f in force_samples)
@@ -130,13 +124,17 @@ def force_relations(excerpt: Excerpt) -> Iterator[Relation]:
             yield from (("wrench", (force, torque, *f)) for f in force_samples)
 
 
-def _beside(excerpt: Excerpt, force_samples: Source) -> tuple[Source, ...]:
-    """The gyro that goes with an accelerometer: its own, or any."""
-    gyros = excerpt.quantity("angular_velocity")
-    return (
-        tuple(sorted(gyros, key=lambda s: s[0] != force_samples[0])[:1])
-        if not excerpt.static
-        else ()
+def has_body(relation: Relation) -> bool:
+    """Whether forces are compared with a motion, so that there is a body to be fitted."""
+    return relation[0] in {"cables", "wrench"}
+
+
+def _beside(excerpt: Excerpt, of_force: Source) -> tuple[Source, ...]:
+    """The gyro that goes with an accelerometer in motion: its own, or any."""
+    if excerpt.static:
+        return ()
+    return tuple(
+        sorted(excerpt.quantity("angular_velocity"), key=lambda s: s[0] != of_force[0])[:1]
     )
 
 
@@ -144,12 +142,12 @@ def force_agreement(excerpt: Excerpt, relation: Relation) -> InstrumentAgreement
     """Evaluate one of :func:`force_relations`; None where it cannot be had."""
     kind, sources = relation
     if kind == "tensions":
-        return tensions_alone(excerpt, sources[0])
+        return _tensions_alone(excerpt, sources[0])
     found = body_balance(excerpt, relation)
     return None if found is None else _agreement(excerpt, relation, found)
 
 
-def tensions_alone(excerpt: Excerpt, source: Source) -> InstrumentAgreement:
+def _tensions_alone(excerpt: Excerpt, source: Source) -> InstrumentAgreement:
     """Cables pull; and about as hard as the robot file allows."""
     read = excerpt.observations[source].value
     size = float(np.median(np.abs(read))) or 1.0
@@ -183,7 +181,7 @@ def body_balance(excerpt: Excerpt, relation: Relation) -> BodyBalance | None:
         measured = of_sensor(excerpt, sources[0], sources[1])
     if measured is None:
         return None
-    commanded = any(is_command(excerpt, name) for name, _ in sources)
+    commanded = any(is_command(excerpt, source) for source in sources)
     part = SETTINGS.commanded if commanded else SETTINGS.measured
     size = _sizes(excerpt, measured)
     Y = platform_regressor(motion.force, motion.omega, motion.alpha)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from steelyard.identification.model.calibration_parameters import clock_of
-from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.excerpt import Excerpt, instruments_by_clock
 from steelyard.inspection.agreements.judgement import Judged, evaluated
 from steelyard.inspection.agreements.motion import is_of_motion
 from steelyard.inspection.mistakes.amendment import SIMPLE, USUAL, Amendment, shifted
@@ -42,11 +41,9 @@ def of_clocks(now: Judged, suspects: set[str]) -> Iterator[Amendment]:
     """
     excerpt = now.excerpt
     experiment, run = excerpt.experiment, excerpt.run
-    shared: dict[str, list[str]] = {}
-    for name in run.streams:
-        shared.setdefault(clock_of(experiment, name), []).append(name)
     # Instruments that are said to share a clock may not.
-    groups = dict.fromkeys([*map(tuple, shared.values()), *((name,) for name in run.streams)])
+    alone = [(name,) for name in run.streams]
+    groups = dict.fromkeys([*instruments_by_clock(experiment, run), *alone])
     force = experiment.force_instrument(run)
     for names in groups:
         if force in names or not suspects & set(names):

@@ -8,7 +8,7 @@ for, until nothing is bad or nothing helps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -97,18 +97,11 @@ class _Trial:
         return self.gain + self.amendment.cost
 
 
-def comparable(
-    after: InstrumentAgreement,
-    before: InstrumentAgreement,
-    settings: MistakeSettings = SETTINGS,
+def _comparable(
+    after: InstrumentAgreement, before: InstrumentAgreement, settings: MistakeSettings
 ) -> InstrumentAgreement:
-    """An agreement that may not be better for allowing more: noise that a change makes larger
-    explains nothing.
-
-    Args:
-        after: With an amended description.
-        before: As described.
-        settings: By how much more may be allowed.
+    """The agreement with an amended description, which may not be better for allowing more than the
+    one before: noise that a change makes larger explains nothing.
     """
     axes = after.measured.shape[1]
     if len(before.allowed) < axes:
@@ -134,23 +127,17 @@ def comparable(
 
 
 def mistakes(
-    excerpt: Excerpt,
-    tell: Callable[[str], None] | None = None,
-    *,
-    settings: MistakeSettings = SETTINGS,
+    excerpt: Excerpt, *, settings: MistakeSettings = SETTINGS
 ) -> tuple[list[Mistake], Judged]:
     """Find the mistakes of one run, and how everything agrees once they are taken back.
 
     Args:
         excerpt: Of the run.
-        tell: Is told what is being tried.
         settings: When a mistake is named.
     """
     found: list[Mistake] = []
     now = judged(excerpt)
     while now.bad and len(found) < settings.most:
-        if tell is not None:
-            tell(f"looking for mistakes in {excerpt.run.name}")
         # What agrees with nothing first; then all that contradicts anything.
         best = _best(now, settings.suspect, settings) or _best(now, 0.0, settings)
         if best is None:
@@ -201,7 +188,7 @@ def _tried(
         agreement_then = evaluated(amended, relation)
         if agreement_then is None:
             return None
-        after[relation] = comparable(agreement_then, now.agreements[relation], settings)
+        after[relation] = _comparable(agreement_then, now.agreements[relation], settings)
         gain -= after[relation].cost
         if gain < least:
             return None
