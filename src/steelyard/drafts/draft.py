@@ -205,15 +205,14 @@ def _nothing(paths: Sequence[Path], found: Sequence[DraftStream], unused: Sequen
             " folders with recordings"
         )
     kinds = sorted({each.kind for each in found})
-    refused = next((each for each in unused if "expected" in each.what), None)
-    first = f" ({refused.log}: {refused.what})" if refused else ""
+    shown = [each for each in unused if "expected" in each.what] or ([] if kinds else unused)
+    first = f" ({shown[0].log}: {shown[0].what})" if shown else ""
     if kinds:
         return (
             "expected logs of forces (tension, wrench) and of motion (imu, attitude, position,"
             f" pose) that belong together, found {', '.join(kinds)}{first}; add what is missing, or"
             " write the experiment file by hand"
         )
-    first = first or (f" ({unused[0].log}: {unused[0].what})" if unused else "")
     return (
         f"expected columns of an instrument, found none that is known{first}; rename columns as in"
         " the contract"

@@ -4,7 +4,7 @@ that is none.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -154,14 +154,17 @@ def streams_in(
 def _drafts(
     log: Log, topic: str | None, claims: Sequence[Claim], robot: Robot
 ) -> tuple[list[tuple[DraftStream, frozenset[str]]], list[Unused]]:
-    """What claims come to, each with the columns that others need, and those that come to
-    nothing.
+    """Streams as claims describe them, each with the columns that others need, and claims that the
+    values contradict.
     """
     drafts, unused = [], []
     for claim in claims:
-        claimed = _claimed(claims, claim, robot.m)
+        claimed: set[str] = set()
+        for other in claims:
+            if other is not claim:
+                claimed |= needed_columns(instrument_of(other.kind, {}), robot.m, other.columns)
         try:
-            drafts.append((_draft(log, topic, claim, robot), claimed))
+            drafts.append((_draft(log, topic, claim, robot), frozenset(claimed)))
         except InputError as error:
             unused.append(Unused(name_of(log.path, topic), f"{claim.kind}: {error}"))
     return drafts, unused
@@ -178,15 +181,6 @@ def read_again(
     found = replace(found, **changes)
     stream = read_stream(found.place, found.instrument, m, static=found.static, claimed=claimed)
     return replace(found, stream=stream)
-
-
-def _claimed(claims: Iterable[Claim], claim: Claim, m: int) -> frozenset[str]:
-    """Columns that the other instruments of a log need."""
-    needed: set[str] = set()
-    for other in claims:
-        if other is not claim:
-            needed |= needed_columns(instrument_of(other.kind, {}), m, other.columns)
-    return frozenset(needed)
 
 
 def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> DraftStream:
@@ -238,27 +232,30 @@ def _time(log: Log, claim: Claim, rows: int) -> tuple[str | None, Array | None]:
     problem: InputError | None = None
     for column in claim.times:
         try:
-            time = log.read([column])[column]
+            return column, _read_time(log, column, rows)
         except InputError as error:
             problem = error
-            continue
-        if len(time) != rows:
-            problem = InputError(
-                f"expected a time in every row, found column '{column}' with {len(time)} of {rows}"
-            )
-        elif np.isnan(time).any():
-            problem = InputError(f"expected a time in every row, found column '{column}' with gaps")
-        elif (np.diff(time) < 0).any():
-            row = int(np.flatnonzero(np.diff(time) < 0)[0]) + 1
-            problem = InputError(
-                f"{log.place(row)}: expected time that never decreases, found column '{column}'"
-                " going back"
-            )
-        else:
-            return column, time
     if problem is not None:
         raise problem
     return None, None
+
+
+def _read_time(log: Log, column: str, rows: int) -> Array:
+    """A column of times, shape (rows,); refused where it cannot be one."""
+    time = log.read([column])[column]
+    if len(time) != rows:
+        raise InputError(
+            f"expected a time in every row, found column '{column}' with {len(time)} of {rows}"
+        )
+    if np.isnan(time).any():
+        raise InputError(f"expected a time in every row, found column '{column}' with gaps")
+    back = np.flatnonzero(np.diff(time) < 0)
+    if len(back):
+        raise InputError(
+            f"{log.place(int(back[0]) + 1)}: expected time that never decreases, found column"
+            f" '{column}' going back"
+        )
+    return time
 
 
 def _is_gravity(table: Mapping[str, Array], columns: Mapping[str, str]) -> bool:

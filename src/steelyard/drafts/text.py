@@ -210,10 +210,8 @@ def _stream(name: str, found: DraftStream, files: Mapping[str, str]) -> Iterator
         yield f"      file: {file}"
         if place.topic is not None:
             yield f"      topic: {scalar(place.topic)}"
-        if place.columns:
-            yield from _mapping("columns", place.columns)
-        if place.units:
-            yield from _mapping("units", place.units)
+        yield from _mapping("columns", place.columns)
+        yield from _mapping("units", place.units)
     for why in found.why:
         yield f"      # {comment(why)}"
     if found.stated:
@@ -222,14 +220,14 @@ def _stream(name: str, found: DraftStream, files: Mapping[str, str]) -> Iterator
 
 
 def _mapping(key: str, values: Mapping[str, str]) -> Iterator[str]:
-    """A mapping in one line where it fits, else a line for each entry."""
+    """A mapping in one line where it fits, else a line for each entry; nothing where it is empty."""
     short = f"      {key}: {flow(values)}"
-    if len(short) <= _WIDTH:
+    if values and len(short) <= _WIDTH:
         yield short
-        return
-    yield f"      {key}:"
-    for name, value in values.items():
-        yield f"        {scalar(name)}: {scalar(value)}"
+    elif values:
+        yield f"      {key}:"
+        for name, value in values.items():
+            yield f"        {scalar(name)}: {scalar(value)}"
 
 
 def flow(value: Any) -> str:

@@ -28,7 +28,6 @@ class Judged:
     """An excerpt and all its agreements."""
 
     excerpt: Excerpt
-    relations: tuple[Relation, ...]
     agreements: Mapping[Relation, InstrumentAgreement]
 
     @property
@@ -49,15 +48,13 @@ class Judged:
         Args:
             least: Share of contradictions, as a part of the largest share.
         """
-        bad: dict[Source, int] = {}
-        count: dict[Source, int] = {}
+        contradicted: dict[Source, list[bool]] = {}
         for relation, agreement in self.agreements.items():
             for source in relation[1]:
-                count[source] = count.get(source, 0) + 1
-                bad[source] = bad.get(source, 0) + (not agreement.agrees)
-        share = {source: bad[source] / each for source, each in count.items()}
+                contradicted.setdefault(source, []).append(not agreement.agrees)
+        share = {source: sum(each) / len(each) for source, each in contradicted.items()}
         most = max(share.values())
-        found = [s for s in share if bad[s] and share[s] >= least * most]
+        found = [s for s in share if share[s] > 0 and share[s] >= least * most]
         return sorted(found, key=lambda s: -share[s])
 
 
@@ -65,7 +62,7 @@ def judged(excerpt: Excerpt) -> Judged:
     """Evaluate everything that can be compared."""
     relations = (*motion_relations(excerpt), *force_relations(excerpt))
     found = {r: a for r in relations if (a := evaluated(excerpt, r)) is not None}
-    return Judged(excerpt, tuple(found), found)
+    return Judged(excerpt, found)
 
 
 def evaluated(excerpt: Excerpt, relation: Relation) -> InstrumentAgreement | None:

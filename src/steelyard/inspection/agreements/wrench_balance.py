@@ -91,34 +91,26 @@ class BodyBalance:
 def force_relations(excerpt: Excerpt) -> Iterator[Relation]:
     """Which motions the forces can be compared with: each account of them by itself."""
     turned, placed = excerpt.quantity("orientation"), excerpt.quantity("position")
+    measured = [s for s in turned if not is_command(excerpt, s)]
+    at = [s for s in placed if not is_command(excerpt, s)]
     # An accelerometer goes with the gyro beside it, which tells angular acceleration best.
     force_samples = [(f, *_beside(excerpt, f)) for f in excerpt.quantity("specific_force")]
     for force in excerpt.quantity("tension"):
         yield ("tensions", (force,))
-        measured = [s for s in turned if not is_command(excerpt, s)]
-        at = [s for s in placed if not is_command(excerpt, s)]
         for a in measured or turned[:1]:
             for p in at or placed[:1]:
                 yield ("cables", (force, a, p))
-                yield from (
-                    ("cables", (force, a, p, *f)) for f in force_samples if not excerpt.static
-                )
-        if (
-            turned
-            and placed
-            and (measured or at)
-            and is_command(excerpt, turned[-1])
-            and is_command(excerpt, placed[-1])
-        ):
+                if not excerpt.static:
+                    yield from (("cables", (force, a, p, *f)) for f in force_samples)
+        if len(turned) > len(measured) and len(placed) > len(at) and (measured or at):
             # What was commanded is an account of its own.
             yield ("cables", (force, turned[-1], placed[-1]))
     for force in excerpt.quantity("force"):
         torque = (force[0], "torque")
-        at = [s for s in placed if not is_command(excerpt, s)] or placed[:1]
         for a in turned:
-            yield from (("wrench", (force, torque, a, p)) for p in at)
+            yield from (("wrench", (force, torque, a, p)) for p in at or placed[:1])
             yield from (("wrench", (force, torque, a, *f)) for f in force_samples)
-            if not at and (excerpt.static or not force_samples):
+            if not placed and (excerpt.static or not force_samples):
                 yield ("wrench", (force, torque, a))
         if not turned:
             yield from (("wrench", (force, torque, *f)) for f in force_samples)
@@ -140,9 +132,8 @@ def _beside(excerpt: Excerpt, of_force: Source) -> tuple[Source, ...]:
 
 def force_agreement(excerpt: Excerpt, relation: Relation) -> InstrumentAgreement | None:
     """Evaluate one of :func:`force_relations`; None where it cannot be had."""
-    kind, sources = relation
-    if kind == "tensions":
-        return _tensions_alone(excerpt, sources[0])
+    if not has_body(relation):
+        return _tensions_alone(excerpt, relation[1][0])
     found = body_balance(excerpt, relation)
     return None if found is None else _agreement(excerpt, relation, found)
 
@@ -215,7 +206,7 @@ def _allowed(
 ) -> Array:
     """What noise and imperfect models would leave of a wrench, shape (6,)."""
     spread = measured.wrench.std(axis=0)
-    common = np.repeat([float(np.mean(spread[:3] ** 2)), float(np.mean(spread[3:] ** 2))], 3)
+    common = np.repeat(np.mean(spread.reshape(2, 3) ** 2, axis=1), 3)
     whole = np.repeat([SETTINGS.weight * size.force, SETTINGS.weight * size.force * size.radius], 3)
     by_lever = np.hypot(SETTINGS.off_center * size.radius * noise[0], size.radius**2 * noise[1])
     by_motion = (size.mass * noise[0], size.mass * float(by_lever))
@@ -270,12 +261,13 @@ def _agreement(excerpt: Excerpt, relation: Relation, found: BodyBalance) -> Inst
     if found.measured.structure is not None:
         offsets = float(np.sqrt(np.mean(found.constants**2)))
         rows.append(("offsets", offsets, SETTINGS.offsets))
+    channels, off, allowed = zip(*rows, strict=True)
     return InstrumentAgreement(
         title(*relation[1]),
         relation[1],
-        tuple(name for name, _, _ in rows),
-        np.array([off for _, off, _ in rows]),
-        np.array([allowed for _, _, allowed in rows]),
+        channels,
+        np.array(off),
+        np.array(allowed),
         "N",
         found.measured.wrench,
         found.explained,

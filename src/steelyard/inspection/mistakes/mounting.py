@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -123,26 +124,19 @@ def _from_world_axes(source: Source, orientation: Source) -> Change:
 
 def of_mounting(excerpt: Excerpt, name: str) -> Iterator[Amendment]:
     """Instruments turned by right angles, or stated the wrong way round."""
-    subject = Subject(name, "")
     R = mounting(excerpt, name)
+
+    def turned(R: Array, what: str, cost: float) -> Amendment:
+        rpy = rpy_deg_of(R)
+        change = with_keys(name, rpy_deg=tuple(rpy))
+        return Subject(name, "").amendment("mounting", what, f"rpy_deg: {rpy}", change, cost)
+
     for turn in rotations_by_right_angles():
-        rpy = rpy_deg_of(R @ turn.matrix)
-        yield subject.amendment(
-            "mounting",
-            f"is mounted otherwise than stated, turned by {turn.angle} degrees",
-            f"rpy_deg: {rpy}",
-            with_keys(name, rpy_deg=tuple(rpy)),
-            SIMPLE + 0.2,
-        )
+        what = f"is mounted otherwise than stated, turned by {turn.angle} degrees"
+        yield turned(R @ turn.matrix, what, SIMPLE + 0.2)
     if not np.allclose(R, R.T):
-        rpy = rpy_deg_of(R.T)
-        yield subject.amendment(
-            "mounting",
-            "has its mounting stated the wrong way round (platform to instrument)",
-            f"rpy_deg: {rpy}",
-            with_keys(name, rpy_deg=tuple(rpy)),
-            SIMPLE,
-        )
+        what = "has its mounting stated the wrong way round (platform to instrument)"
+        yield turned(R.T, what, SIMPLE)
 
 
 def of_frame(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
@@ -237,18 +231,16 @@ def of_gravity(excerpt: Excerpt) -> Iterator[Amendment]:
     """Gravity in the robot file."""
     g = excerpt.robot.gravity
     size = float(np.linalg.norm(g))
-    for axis in (2, 1, 0):
-        for sign in (-1, 1):
-            other = np.zeros(3)
-            other[axis] = sign * size
-            if np.allclose(other, g, atol=0.2 * size):
-                continue
-            along = f"{'+' if sign > 0 else '-'}{AXES[axis]}"
-            down = ": the world of the robot file has z down" if axis == 2 and sign > 0 else ""
-            yield Subject(ROBOT, "gravity").amendment(
-                "gravity in the robot file",
-                f"gravity points along {along} in the robot's world{down}",
-                f"gravity: {[float(v) for v in other]} in the robot file",
-                with_gravity(other),
-                SIMPLE + (0.0 if axis == 2 else 0.4),
-            )
+    for axis, sign in product((2, 1, 0), (-1, 1)):
+        other = sign * size * np.eye(3)[axis]
+        if np.allclose(other, g, atol=0.2 * size):
+            continue
+        along = f"{'+' if sign > 0 else '-'}{AXES[axis]}"
+        down = ": the world of the robot file has z down" if axis == 2 and sign > 0 else ""
+        yield Subject(ROBOT, "gravity").amendment(
+            "gravity in the robot file",
+            f"gravity points along {along} in the robot's world{down}",
+            f"gravity: {(other + 0.0).tolist()} in the robot file",
+            with_gravity(other + 0.0),
+            SIMPLE + (0.0 if axis == 2 else 0.4),
+        )

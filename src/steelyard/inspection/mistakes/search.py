@@ -170,11 +170,12 @@ def _tried(
     now: Judged, amendment: Amendment, least: float, settings: MistakeSettings
 ) -> _Trial | None:
     """An amendment with what it gains; None where that is less than the least that is wanted."""
-    touched = []
-    for relation, agreement in now.agreements.items():
-        own = any(name in amendment.touches for name, _ in relation[1])
-        if own or (ROBOT in amendment.touches and agreement.robot):
-            touched.append(relation)
+    touched = [
+        relation
+        for relation, agreement in now.agreements.items()
+        if any(name in amendment.touches for name, _ in relation[1])
+        or (ROBOT in amendment.touches and agreement.robot)
+    ]
     # What could be gained at best: all that is wrong with these.
     gain = sum(now.agreements[relation].cost for relation in touched) - amendment.cost
     if gain < least:
@@ -209,11 +210,11 @@ def _named(
     now: Judged, trial: _Trial, tried: Sequence[_Trial], settings: MistakeSettings
 ) -> tuple[Mistake, Judged]:
     """The mistake that an amendment takes back, and how everything agrees without it."""
-    others: dict[str, None] = {}
-    for other in tried:
-        close = other.likelihood > trial.likelihood - settings.equal
-        if close and other is not trial:
-            others[f"{other.amendment.subject}: {other.amendment.what}"] = None
+    others = dict.fromkeys(
+        f"{other.amendment.subject}: {other.amendment.what}"
+        for other in tried
+        if other is not trial and other.likelihood > trial.likelihood - settings.equal
+    )
     mistake = Mistake(
         trial.amendment,
         now.excerpt.run.name,
@@ -228,4 +229,4 @@ def _named(
         agreement = evaluated(trial.excerpt, relation)
         if agreement is not None:
             agreements[relation] = agreement
-    return mistake, Judged(trial.excerpt, now.relations, agreements)
+    return mistake, Judged(trial.excerpt, agreements)
