@@ -121,19 +121,19 @@ class _Regression:
         for shift in (guess - farthest, guess, guess + farthest):
             if use.any():
                 use[use] = np.isfinite(relation.other(time[use] + sign * shift)).all(axis=1)
-        duration = float(np.ptp(time[use])) if use.any() else 0.0
+        self.time, self.coefficients, self.enough = time[use], 0, False
+        if not use.any():
+            return
+        duration = float(np.ptp(time[use]))
         if own.shape[1] * settings.correlation_time > duration / settings.per_coefficient:
             # Lever arms alone would fit the readings of so short a motion.
             own = own[:, :0]
-        self.time, self.own = time[use], own[use]
-        deviation = values[use].std(axis=0) if use.any() else np.zeros(values.shape[1])
-        largest = np.abs(values[use]).max(axis=0, initial=0.0)
-        moving = deviation > 1e-9 * (largest + 1e-300)
-        self.values = values[use][:, moving] / np.maximum(deviation[moving], 1e-300)
-        self.coefficients = 0
-        if use.any():
-            others = relation.other(self.time[:1] + sign * guess).shape[1]
-            self.coefficients = 1 + own.shape[1] + others
+        self.own, values = own[use], values[use]
+        deviation = values.std(axis=0)
+        moving = deviation > 1e-9 * (np.abs(values).max(axis=0) + 1e-300)
+        self.values = values[:, moving] / np.maximum(deviation[moving], 1e-300)
+        others = relation.other(self.time[:1] + sign * guess).shape[1]
+        self.coefficients = 1 + own.shape[1] + others
         self.enough = bool(moving.any()) and len(self.time) > 2 * self.coefficients
 
     def residual(self, shift: float) -> Array:

@@ -95,13 +95,10 @@ def unexplained(
     """
     fits = {}
     for excerpt in excerpts:
-        relation = _relation(excerpt)
-        if (
-            relation is not None
-            and not excerpt.static
-            and (found := body_balance(excerpt, relation)) is not None
-        ):
-            fits[excerpt.run.name] = (excerpt, relation, found)
+        relation = None if excerpt.static else _relation(excerpt)
+        balance = None if relation is None else body_balance(excerpt, relation)
+        if relation is not None and balance is not None:
+            fits[excerpt.run.name] = (excerpt, relation, balance)
     sound = [found for run, (_, _, found) in fits.items() if worst.get(run, 0.0) < AGREEMENT.bad]
     residuals, contacts = [], []
     for excerpt, relation, found in fits.values():

@@ -22,7 +22,7 @@ class DelaySettings:
     """How a delay is looked for, and when the data determine it."""
 
     finest: float = 0.03
-    """Spacing of the knots [s]: fine enough for vibrations, which tell a clock best."""
+    """Spacing of the knots [s]: fine enough for vibrations, which determine a clock best."""
     most: int = 800
     """Instants that are looked at: two a knot over thirty seconds with room to spare."""
     reach: float = 0.08
@@ -62,6 +62,7 @@ class Delay:
     prior: tuple[float, float]
     """Value and 1-sigma beforehand [s]."""
     told: bool
+    """Whether the data determine it."""
     how: str
     """By what it was found, or why it was not."""
 
@@ -73,6 +74,17 @@ class Delay:
             self.told
             and self.how in _TRUSTED
             and abs(self.value - value) > SETTINGS.clear * float(np.hypot(sigma, self.sigma))
+        )
+
+    @property
+    def remark(self) -> str:
+        """That it is off by so much, and what to change."""
+        late = "late" if self.value > 0 else "early"
+        return (
+            f"run '{self.run}': the clock of {' and '.join(self.instruments)} is {late} by"
+            f" {abs(self.value) * 1e3:.0f} ms, more than its prior of {self.prior[1] * 1e3:.0f}"
+            " ms allows; correct 'sync', or state calibration: {delay: {value:"
+            f" {self.value:.4f}, sigma: {max(self.sigma, 1e-3):.4f}}}}}"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -119,7 +131,7 @@ def of_joint(joint: Posterior, name: str) -> list[Delay]:
         prior = _prior(experiment, run, names)
         own = float(sigma[place][0])
         told = prior[1] > 0 and own < min(SETTINGS.largest_sigma, SETTINGS.prior_share * prior[1])
-        how = _JOINT if told else "stated" if not prior[1] else "the readings do not tell it"
+        how = _JOINT if told else "stated" if not prior[1] else "the readings do not determine it"
         found.append(
             Delay(run.name, names, float(calibration.values[place][0]), own, prior, told, how)
         )
@@ -178,7 +190,7 @@ def _least(
     """Delay of least residual, its 1-sigma, and by what."""
 
     def left(delay: float) -> float:
-        return _left(_moved(view, names, delay), relation)
+        return _left(view.delayed(dict.fromkeys(names, delay)), relation)
 
     grid = np.arange(-SETTINGS.reach, SETTINGS.reach + SETTINGS.step / 2, SETTINGS.step)
     cost = np.array([left(float(delay)) for delay in grid])
@@ -252,12 +264,6 @@ def _by_vibration(view: Excerpt, names: tuple[str, ...]) -> tuple[float, float, 
     value, bend = _lowest(float(grid[i]), float(grid[1] - grid[0]), cost[i - 1 : i + 2])
     # What is left is correlated over a knot.
     return value, float(np.sqrt(2 * cost[i] / (bend * 3 * len(at) / 2))), _SHAKEN_BY
-
-
-def _moved(view: Excerpt, names: tuple[str, ...], delay: float) -> Excerpt:
-    return view.with_observations(
-        {s: seen.later(view.time, delay) for s, seen in view.observations.items() if s[0] in names}
-    )
 
 
 def _left(view: Excerpt, relation: Relation) -> float:

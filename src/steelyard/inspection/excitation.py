@@ -1,4 +1,4 @@
-"""What the recording can tell, from the information of all of its readings: the ten of the body,
+"""What is identifiable from a recording, by the information of all of its readings: the ten of the body,
 and every systematic error.
 """
 

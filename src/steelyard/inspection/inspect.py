@@ -43,7 +43,7 @@ class InspectionSettings:
     runs: int = 8
     """Runs whose agreements are looked at: mistakes of a description show in each."""
     fitted: int = 3
-    """Runs in motion that are fitted as a whole: enough for what a recording tells."""
+    """Runs in motion that are fitted as a whole: enough to see what is identifiable."""
     mistakes: MistakeSettings = field(default_factory=MistakeSettings)
     """When a mistake is named."""
     contacts: ContactSettings = field(default_factory=ContactSettings)
@@ -52,7 +52,8 @@ class InspectionSettings:
 
 SETTINGS = InspectionSettings()
 
-Tell = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the fraction that is done."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +157,7 @@ def _excitation_dict(found: Excitation) -> dict[str, Any]:
 
 def inspect(
     experiment: Experiment,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
     *,
     settings: InspectionSettings = SETTINGS,
 ) -> Inspection:
@@ -164,18 +165,18 @@ def inspect(
 
     Args:
         experiment: With at least one run.
-        progress: Is told what is being done and the fraction that is done.
+        progress: Called with what is being done and the fraction that is done.
         settings: How much is looked at, and what is named.
 
     Raises:
         InputError: What an estimator would fail on.
     """
-    tell: Tell = progress or (lambda what, fraction: None)
-    tell("finding the clocks", 0.0)
+    progress = progress or (lambda what, fraction: None)
+    progress("finding the clocks", 0.0)
     hints = tuple(text for run in experiment.runs for text in of_times(experiment, run))
     try:
         experiment = synchronise(experiment, progress).experiment
-        tell("reading the streams", 0.1)
+        progress("reading the streams", 0.1)
         with np.errstate(all="ignore"):
             shown = list(excerpts(experiment, settings.runs))
         _enter(experiment, shown)
@@ -184,19 +185,20 @@ def inspect(
         raise InputError("; ".join([str(error), *hints])) from error
     reports = tuple(each for run in experiment.runs for each in stream_reports(experiment, run))
     with np.errstate(all="ignore"):
-        described, found = _judge(shown, tell, settings)
+        described, amended, found = _judge(shown, progress, settings)
         named, runs_of = _merged(found)
         # Once mistakes are corrected, all forces count as sound.
         worst = {} if named else {each.excerpt.run.name: each.worst_of_forces for each in described}
-        amended = _corrected(shown, found)
         residuals, contacts = unexplained(amended, worst, settings=settings.contacts)
-        delays, joint, remarks = _fitted(experiment, shown, bool(named), contacts, tell, settings)
+        delays, joint, remarks = _fitted(
+            experiment, shown, bool(named), contacts, progress, settings
+        )
     remarks = [*hints, *constant_channels(experiment), *of_noise(experiment, reports), *remarks]
     if not named and any(j.bad for j in described) and not contacts:
         remarks.append(_unexplained(described))
     if joint is not None:
         contacts += contacts_of_fit(joint.contacts, residuals, contacts)
-    tell("done", 1.0)
+    progress("done", 1.0)
     return Inspection(
         experiment=experiment,
         streams=reports,
@@ -220,41 +222,32 @@ def _enter(experiment: Experiment, shown: Sequence[Excerpt]) -> None:
 
 
 def _judge(
-    shown: Sequence[Excerpt], tell: Tell, settings: InspectionSettings
-) -> tuple[list[Judged], list[list[Mistake]]]:
-    """Agreements of every run as described, and the mistakes that each gives away."""
-    described, found = [], []
+    shown: Sequence[Excerpt], progress: Progress, settings: InspectionSettings
+) -> tuple[list[Judged], list[Excerpt], list[Mistake]]:
+    """Agreements of every run as described, the excerpts with their mistakes taken back, and all
+    mistakes.
+    """
+    described, amended, found = [], [], list[Mistake]()
     for i, excerpt in enumerate(shown):
-        tell(f"comparing the instruments of {excerpt.run.name}", 0.15 + 0.35 * i / len(shown))
+        progress(f"comparing the instruments of {excerpt.run.name}", 0.15 + 0.35 * i / len(shown))
         described.append(judged(excerpt))
-        found.append(mistakes(excerpt, settings=settings.mistakes)[0])
-    return described, found
+        own, then = mistakes(excerpt, settings=settings.mistakes)
+        amended.append(then.excerpt)
+        found += own
+    return described, amended, found
 
 
 def _merged(
-    found: Sequence[Sequence[Mistake]],
+    found: Sequence[Mistake],
 ) -> tuple[tuple[Mistake, ...], tuple[tuple[str, ...], ...]]:
     """Each mistake once, with all runs that show it; first those that explain most."""
     groups: dict[tuple[str, str, str], list[Mistake]] = {}
-    for own in found:
-        for mistake in own:
-            a = mistake.amendment
-            groups.setdefault((a.subject, a.kind, a.proposal), []).append(mistake)
-    best = [
-        (max(group, key=lambda m: m.gain), tuple(m.run for m in group)) for group in groups.values()
-    ]
-    best.sort(key=lambda pair: -pair[0].gain)
-    return tuple(m for m, _ in best), tuple(runs for _, runs in best)
-
-
-def _corrected(shown: Sequence[Excerpt], found: Sequence[Sequence[Mistake]]) -> list[Excerpt]:
-    """Pictures with their mistakes taken back."""
-    amended = []
-    for excerpt, own in zip(shown, found, strict=True):
-        for mistake in own:
-            excerpt = mistake.amendment.change(excerpt)
-        amended.append(excerpt)
-    return amended
+    for mistake in found:
+        a = mistake.amendment
+        groups.setdefault((a.subject, a.kind, a.proposal), []).append(mistake)
+    best = {max(group, key=lambda m: m.gain): group for group in groups.values()}
+    named = sorted(best, key=lambda m: -m.gain)
+    return tuple(named), tuple(tuple(m.run for m in best[mistake]) for mistake in named)
 
 
 def _fitted(
@@ -262,49 +255,38 @@ def _fitted(
     shown: Sequence[Excerpt],
     wrong: bool,
     contacts: Sequence[Contact],
-    tell: Tell,
+    progress: Progress,
     settings: InspectionSettings,
 ) -> tuple[list[Delay], Posterior | None, list[str]]:
     """Delays, a fit of everything, and what to say of it."""
     if wrong:
-        wait = (
-            "delays and what the recording can tell are looked at once the mistakes are corrected"
-        )
+        wait = "delays and identifiability are evaluated once the mistakes are corrected"
         return [], None, [wait]
     delays: list[Delay] = []
     moving = [run for run in experiment.runs if not run.static]
     touched = {contact.run for contact in contacts}
     clean = [p for p in shown if p.run.name not in touched] or list(shown)
     few = [p for p in clean if not p.static][: settings.fitted] + [p for p in clean if p.static]
-    tell("fitting everything at once", 0.55)
+    progress("fitting everything at once", 0.55)
     part = part_of(experiment, few)
-    joint, remarks = _joint(part, lambda what, done: tell(what, 0.55 + 0.35 * done))
+    joint, remarks = _joint(part, lambda what, done: progress(what, 0.55 + 0.35 * done))
     trusted = joint is not None and joint.fit.converged and experiment.robot.m > 0
     fitted = {p.run.name for p in few} if trusted else set[str]()
-    tell("delays", 0.92)
+    progress("delays", 0.92)
     for run in moving[: settings.runs]:
         if joint is not None and run.name in fitted:
             delays += of_joint(joint, run.name)
         else:
             delays += of_excerpt(experiment, run)
-    for each in delays:
-        if each.surprising:
-            late = "late" if each.value > 0 else "early"
-            remarks.append(
-                f"run '{each.run}': the clock of {' and '.join(each.instruments)} is {late} by"
-                f" {abs(each.value) * 1e3:.0f} ms, more than its prior of {each.prior[1] * 1e3:.0f}"
-                " ms allows; correct 'sync', or state calibration: {delay: {value:"
-                f" {each.value:.4f}, sigma: {max(each.sigma, 1e-3):.4f}}}}}"
-            )
-    return delays, joint, remarks
+    return delays, joint, remarks + [each.remark for each in delays if each.surprising]
 
 
-def _joint(part: Experiment, tell: Tell) -> tuple[Posterior | None, list[str]]:
+def _joint(part: Experiment, progress: Progress) -> tuple[Posterior | None, list[str]]:
     """A fit of everything and remarks on it; None where there is none."""
     try:
-        joint = fit_jointly(part, tell)
+        joint = fit_jointly(part, progress)
     except (NoBalanceError, InputError) as error:
-        return None, [f"what the recording can tell was not looked at: {error}"]
+        return None, [f"identifiability was not evaluated: {error}"]
     if joint.fit.converged:
         return joint, list(joint.notes)
     rough = "the fit of everything at once did not converge: its figures are rough"

@@ -92,24 +92,17 @@ def stream_reports(experiment: Experiment, run: Run) -> list[StreamReport]:
         run: One of its runs.
     """
     rest = {} if run.static else resting(experiment, run)
-    return [
-        _report(experiment.instruments[name], name, stream, run, rest.get(name), experiment.robot.m)
-        for name, stream in run.streams.items()
-    ]
+    return [_report(experiment, run, name, rest.get(name)) for name in run.streams]
 
 
 def _report(
-    instrument: Instrument,
-    name: str,
-    stream: Stream,
-    run: Run,
-    rest: NDArray[np.bool_] | None,
-    m: int,
+    experiment: Experiment, run: Run, name: str, rest: NDArray[np.bool_] | None
 ) -> StreamReport:
     """What one stream shows; ``rest``: samples at which the platform rests, shape (n,)."""
+    instrument, stream = experiment.instruments[name], run.streams[name]
     stuck = tuple(fault for fault in run.excluded if fault.instrument == name)
     faults = () if run.static else _faults(instrument, name, stream, stuck)
-    recorded = [q for q in instrument.quantities(m) if q.name in stream.values]
+    recorded = [q for q in instrument.quantities(experiment.robot.m) if q.name in stream.values]
     quantities = tuple(_quantity(q, stream, rest) for q in recorded)
     times = None if run.static or len(stream) < 2 else timing(stream.time)
     return StreamReport(

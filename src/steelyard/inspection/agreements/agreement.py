@@ -2,7 +2,7 @@
 
 Each agreement allows for what the description allows for (a bias, a small misalignment, a clock
 that is a little off), within its prior, and compares what is then left with what noise and
-imperfect models would leave. All that is judged is the ratio of the two: near one in a sound
+imperfect models would leave. What counts is the ratio of the two: near one in a sound
 recording, ten or a hundred where a sign, an axis or a unit is wrong.
 """
 
@@ -68,7 +68,7 @@ class AgreementSettings:
     """What the mean length of an accelerometer's reading may differ from gravity, as a
     logarithm."""
     unknown_motion: float = 0.5
-    """Part of the accelerometer's changes that may be left where nothing tells the place."""
+    """Part of the accelerometer's changes that may be left where no instrument gives the place."""
 
 
 SETTINGS = AgreementSettings()

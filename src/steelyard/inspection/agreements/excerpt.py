@@ -121,6 +121,16 @@ class Excerpt:
         changed = self.instruments[name].model_copy(update=keys)
         return replace(self, instruments={**self.instruments, name: changed})
 
+    def delayed(self, delays: Mapping[str, float]) -> Excerpt:
+        """With instruments at times that are later [s]."""
+        return self.with_observations(
+            {
+                source: each.later(self.time, delays[source[0]])
+                for source, each in self.observations.items()
+                if source[0] in delays
+            }
+        )
+
     @property
     def window(self) -> tuple[float, float]:
         """Part of a run in motion that is looked at, within the run's own [s]."""
@@ -217,7 +227,7 @@ def _liveliest(run: Run, times: Mapping[str, Array], start: float, end: float) -
 
 
 def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Observation | None:
-    """One quantity at instants; None where its samples do not tell it."""
+    """One quantity at instants; None where its samples do not determine it."""
     flat = values.reshape(len(values), -1)
     complete = np.isfinite(flat).all(axis=1)
     if complete.sum() < 4:

@@ -209,5 +209,5 @@ def specific_force_of_origin(
 
 
 def attitude_source(excerpt: Excerpt) -> Source | None:
-    """Who tells the attitude: a measured one where there is one."""
+    """The orientation to go by: a measured one where there is one."""
     return next(iter(excerpt.quantity("orientation")), None)

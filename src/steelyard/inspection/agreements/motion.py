@@ -169,7 +169,7 @@ def _accelerometer(
 
 
 def _gravity(excerpt: Excerpt, of_force: Source) -> InstrumentAgreement:
-    """Mean length of an accelerometer's reading against gravity, where nothing tells the
+    """Mean length of an accelerometer's reading against gravity, where there is no
     attitude.
     """
     read = excerpt.observations[of_force]

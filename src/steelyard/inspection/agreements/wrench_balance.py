@@ -93,7 +93,7 @@ def force_relations(excerpt: Excerpt) -> Iterator[Relation]:
     turned, placed = excerpt.quantity("orientation"), excerpt.quantity("position")
     measured = [s for s in turned if not is_command(excerpt, s)]
     at = [s for s in placed if not is_command(excerpt, s)]
-    # An accelerometer goes with the gyro beside it, which tells angular acceleration best.
+    # An accelerometer goes with the gyro beside it, which gives angular acceleration best.
     force_samples = [(f, *_beside(excerpt, f)) for f in excerpt.quantity("specific_force")]
     for force in excerpt.quantity("tension"):
         yield ("tensions", (force,))

@@ -99,17 +99,7 @@ def rotated(source: Source, left: Array, right: Array) -> Change:
 
 def shifted(delays: Mapping[str, float]) -> Change:
     """Instruments at times that are later [s]."""
-
-    def change(excerpt: Excerpt) -> Excerpt:
-        return excerpt.with_observations(
-            {
-                source: each.later(excerpt.time, delays[source[0]])
-                for source, each in excerpt.observations.items()
-                if source[0] in delays
-            }
-        )
-
-    return change
+    return lambda excerpt: excerpt.delayed(delays)
 
 
 def without_cable(i: int) -> Change:

@@ -19,7 +19,7 @@ class ClockSettings:
     """Which delays are tried."""
 
     coarse: float = 0.2
-    """First step [s]: a fifth of the slowest motion that tells a clock."""
+    """First step [s]: a fifth of the slowest motion that determines a clock."""
     fine: float = 0.04
     """Second step [s]: the delay itself is named to .01 s and found exactly by `identify`."""
     largest: float = 10.0

@@ -186,7 +186,9 @@ def of_point(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
 
 
 def _wanted_points(excerpt: Excerpt, source: Source) -> Iterator[Array]:
-    """Where on the platform an instrument would have to sit [m], by every other one that tells."""
+    """Where on the platform an instrument would have to sit [m], by every other one that it can be compared
+    with.
+    """
     orientation = attitude_source(excerpt)
     if orientation is None or excerpt.static or excerpt.instruments[source[0]].commanded:
         return
