@@ -12,7 +12,7 @@ from typing import Any
 from steelyard.drafts.arrange import DraftRun, RunGroup, groups_of, runs_of
 from steelyard.drafts.clocks import one_clock
 from steelyard.drafts.compare import compared
-from steelyard.drafts.survey import DraftStream, Unused, hints_of, name_of, streams_in
+from steelyard.drafts.survey import DraftStream, Unused, name_of, streams_in
 from steelyard.errors import InputError
 from steelyard.logs.formats import FORMATS, ending_of, topics
 from steelyard.robot.model import Robot
@@ -130,7 +130,7 @@ def _look(path: Path, robot: Robot) -> tuple[list[DraftStream], list[Unused]]:
     found: list[DraftStream] = []
     unused: list[Unused] = []
     for topic in choices:
-        streams, left = streams_in(path, topic, robot, hints_of(path, topic))
+        streams, left = streams_in(path, topic, robot)
         found += streams
         unused += left
     return found, unused
@@ -141,12 +141,11 @@ def _agreed(groups: Sequence[RunGroup]) -> list[RunGroup]:
     contradict each other.
     """
     shown: dict[tuple[str, tuple[str, ...]], dict[str, list[Any]]] = {}
-    for group in groups:
-        for found in group.streams:
-            own = shown.setdefault((found.kind, found.label), {})
-            for key, value in found.settings.items():
-                if key in _OF_THE_DEVICE:
-                    own.setdefault(key, []).append(value)
+    for found in (each for group in groups for each in group.streams):
+        own = shown.setdefault((found.kind, found.label), {})
+        for key, value in found.settings.items():
+            if key in _OF_THE_DEVICE:
+                own.setdefault(key, []).append(value)
     agreed = []
     for group in groups:
         streams = [_settled(each, shown[each.kind, each.label]) for each in group.streams]

@@ -113,7 +113,7 @@ def name_of(path: Path, topic: str | None) -> str:
 
 
 def streams_in(
-    path: Path, topic: str | None, robot: Robot, hints: Sequence[str]
+    path: Path, topic: str | None, robot: Robot
 ) -> tuple[list[DraftStream], list[Unused]]:
     """Look through one topic of one log.
 
@@ -121,12 +121,12 @@ def streams_in(
         path: Of the log.
         topic: Which of its topics; None: it has but one.
         robot: What the instruments are on.
-        hints: Words of its name.
     """
     log_name = name_of(path, topic)
     try:
         with open_log(path, topic) as log:
             names = log.names
+            hints = [*words_of(topic or ""), *words_of(path.name.split(".")[0])]
             claims = claims_of(names, robot.m, hints)
             if len(claims) > _MOST_INSTRUMENTS:
                 raise InputError(
@@ -284,8 +284,3 @@ def _quaternion(
 def _some(names: Sequence[str]) -> str:
     shown = ", ".join(name if len(name) <= 40 else name[:39] + "…" for name in names[:8])
     return shown + (f" and {len(names) - 8} more" if len(names) > 8 else "")
-
-
-def hints_of(path: Path, topic: str | None) -> list[str]:
-    """Words of the names of topic and file."""
-    return [*words_of(topic or ""), *words_of(path.name.split(".")[0])]
