@@ -10,9 +10,9 @@ from pathlib import Path
 from recordings import recordings
 
 from steelyard.experiment.read import read_experiment
-from steelyard.inspection.excerpt import excerpts
-from steelyard.inspection.mistakes import Mistake as Found
-from steelyard.inspection.mistakes import mistakes
+from steelyard.inspection.agreements.excerpt import excerpts
+from steelyard.inspection.mistakes.search import Mistake as Found
+from steelyard.inspection.mistakes.search import mistakes
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 

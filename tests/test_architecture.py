@@ -43,6 +43,12 @@ INNER = {
         {"methods"},
         {"force_clock", "identify", "residuals", "synchronisation"},
     ],
+    "inspection": [
+        {"agreements", "remarks", "streams"},
+        {"mistakes"},
+        {"contact", "delays", "excitation", "part"},
+        {"inspect"},
+    ],
 }
 """Within a room, from left to right; what is not named may be anywhere."""
 MOST_FILES = 30

@@ -3,7 +3,7 @@ from itertools import groupby
 import numpy as np
 import pytest
 
-from steelyard.arrays import readonly, stretches
+from steelyard.arrays import binned_means, readonly, stretches
 
 
 def test_a_copy_that_nobody_can_change():
@@ -45,3 +45,14 @@ def test_stretches_are_the_groups_of_itertools(seed):
 
 def test_no_stretch_in_nothing():
     assert stretches(np.zeros(0, dtype=bool)) == []
+
+
+def test_means_of_bins_are_those_of_their_samples(rng):
+    bins = rng.integers(0, 5, 40)
+    bins[bins == 3] = 2
+    values = rng.normal(0, 1, (40, 2))
+    means, samples = binned_means(bins, values, 7)
+    assert samples.tolist() == [int(np.sum(bins == i)) for i in range(7)]
+    for i in (0, 1, 2, 4):
+        np.testing.assert_allclose(means[i], values[bins == i].mean(axis=0), atol=1e-14)
+    assert not means[[3, 5, 6]].any()

@@ -1,4 +1,6 @@
-"""Arrays: read-only ones, which immutable values are made of, their stretches and derivatives."""
+"""Arrays: read-only ones, which immutable values are made of, their stretches, means and
+derivatives.
+"""
 
 from __future__ import annotations
 
@@ -50,6 +52,24 @@ def stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(first), int(last)) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def binned_means(
+    bins: NDArray[np.int64], values: Array, count: int = 0
+) -> tuple[Array, NDArray[np.int64]]:
+    """Means of the samples in every bin, and how many samples it has.
+
+    Args:
+        bins: Place of every sample, shape (n,).
+        values: Shape (n, k).
+        count: Least number of bins.
+
+    Returns:
+        Means, 0 where a bin is empty, shape (b, k), and numbers of samples, shape (b,).
+    """
+    samples = np.bincount(bins, minlength=count)
+    sums = np.column_stack([np.bincount(bins, column, minlength=count) for column in values.T])
+    return sums / np.maximum(samples, 1)[:, None], samples
 
 
 def complex_step_jacobian(function: Callable[[Any], Any], at: Array) -> Array:

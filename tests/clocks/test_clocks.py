@@ -18,7 +18,7 @@ from steelyard.clocks.clock_signals import (
     Signal,
     clocks_of,
 )
-from steelyard.clocks.offsets import drift_of, joined
+from steelyard.clocks.offsets import Offset, chained, drift_of, joined
 from steelyard.clocks.search import candidates
 from steelyard.clocks.shift import Shift, refined
 from steelyard.errors import InputError
@@ -299,3 +299,14 @@ def _frozen(values, rng):
             * Rotation.from_rotvec(rng.normal(0, 0.003, (len(values), 3)))
         ).as_matrix()
     return values[0] + rng.normal(0, 1e-3 * np.abs(values[0]).max(), values.shape)
+
+
+def test_offsets_along_two_steps_add_up():
+    old = Offset(("imu",), 2.0, 0.03, True, drift=1e-5, drift_sigma=3e-6)
+    step = Offset(("tracker",), 0.5, 0.04, False, "too slow", drift=2e-6, drift_sigma=4e-6)
+    there = chained(old, step, ("tracker",))
+    assert (there.value, there.known, there.reason) == (2.5, False, "too slow")
+    assert (there.sigma, there.drift_sigma) == pytest.approx((0.05, 5e-6))
+    back = chained(old, step, ("camera",), -1)
+    assert (back.value, back.instruments) == (1.5, ("camera",))
+    assert back.drift == pytest.approx(8e-6)

@@ -17,10 +17,10 @@ from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.schema import schema
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
-from steelyard.inspection.excerpt import excerpts
+from steelyard.inspection.agreements.excerpt import excerpts
+from steelyard.inspection.agreements.judgement import judged
 from steelyard.inspection.inspect import inspect
-from steelyard.inspection.judgement import judged
-from steelyard.inspection.mistakes import mistakes
+from steelyard.inspection.mistakes.search import mistakes
 from steelyard.instruments import Distance
 from steelyard.instruments.equations import linearised, predict, term_columns
 from steelyard.motion.state import State

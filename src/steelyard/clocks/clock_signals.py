@@ -67,9 +67,8 @@ class LogClock:
     @property
     def span(self) -> tuple[float, float]:
         """First and last sample that all signals have [s]."""
-        return max(s.time[0] for s in self.signals.values()), min(
-            s.time[-1] for s in self.signals.values()
-        )
+        signals = self.signals.values()
+        return max(each.time[0] for each in signals), min(each.time[-1] for each in signals)
 
 
 def clocks_of(experiment: Experiment, run: Run) -> tuple[LogClock, ...]:
@@ -92,20 +91,19 @@ def _clock(
     # A command is not where the platform is; what has been measured goes first.
     for name in sorted(names, key=lambda n: experiment.instruments[n].commanded):
         stream = run.streams[name]
+        turned = _mounting(experiment.instruments[name])
         for quantity, values in stream.values.items():
             flat = values.reshape(len(values), -1)
-            turned = _mounting(experiment.instruments[name])
-            use = np.isfinite(flat).all(axis=1) & np.concatenate([[True], np.diff(stream.time) > 0])
+            use = np.isfinite(flat).all(axis=1) & (np.diff(stream.time, prepend=-np.inf) > 0)
             if use.sum() < SMOOTHING.fewest:
                 continue
-            kind = _KINDS.get(quantity, POSE)
+            kind, readings = _KINDS.get(quantity, POSE), flat[use]
             if kind == ROTATION:
-                samples = Signal(stream.time[use], quaternions_of(values[use] @ turned.T))
-            else:
+                readings = quaternions_of(values[use] @ turned.T)
+            elif kind in (RATE, SPECIFIC_FORCE):
                 # Vectors of the platform's axes; places and tensions have axes of their own.
-                inside = kind in (RATE, SPECIFIC_FORCE)
-                samples = Signal(stream.time[use], flat[use] @ turned.T if inside else flat[use])
-            there = signals.get(kind)
+                readings = readings @ turned.T
+            samples, there = Signal(stream.time[use], readings), signals.get(kind)
             if there is not None and kind == FORCE and experiment.is_force(name):
                 if len(there.time) == len(samples.time):
                     signals[kind] = Signal(there.time, np.hstack([there.values, samples.values]))
@@ -186,15 +184,11 @@ class ClockSignals:
         """
         derivatives = [self.at(ROTATION, time, order) for order in range(3)]
         valid = np.isfinite(derivatives[0]).all(axis=1)
-        found = (
-            np.full((len(time), 3, 3), np.nan),
-            np.full((len(time), 3), np.nan),
-            np.full((len(time), 3), np.nan),
-        )
+        R = np.full((len(time), 3, 3), np.nan)
+        omega, alpha = np.full((2, len(time), 3), np.nan)
         if valid.any():
-            motion = motion_of_quaternions(*(each[valid] for each in derivatives))
-            found[0][valid] = Rotation.from_quat(
-                derivatives[0][valid], scalar_first=True
-            ).as_matrix()
-            found[1][valid], found[2][valid] = motion["omega"], motion["alpha"]
-        return found
+            known = [each[valid] for each in derivatives]
+            motion = motion_of_quaternions(*known)
+            R[valid] = Rotation.from_quat(known[0], scalar_first=True).as_matrix()
+            omega[valid], alpha[valid] = motion["omega"], motion["alpha"]
+        return R, omega, alpha

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, binned_means
 from steelyard.clocks.clock_signals import LogClock
 from steelyard.clocks.search import Candidate, candidates
 from steelyard.clocks.settings import OFFSET, OffsetSettings
@@ -71,28 +71,33 @@ def joined(clocks: Sequence[LogClock], settings: OffsetSettings = OFFSET) -> lis
     """
     if len(clocks) < 2:
         return [Offset(c.instruments, 0.0, 0.0, True) for c in clocks]
-    links = []
-    for i, j in combinations(range(len(clocks)), 2):
-        found = candidates(clocks[i], clocks[j], settings.tried)
-        links.append(Link(i, j, tuple(found)))
+    links = [
+        Link(i, j, tuple(candidates(clocks[i], clocks[j], settings.tried)))
+        for i, j in combinations(range(len(clocks)), 2)
+    ]
     links.sort(key=lambda link: -link.gain)
     known = {0: Offset(clocks[0].instruments, 0.0, 0.0, True)}
     while len(known) < len(clocks):
-        link = next(
-            (each for each in links if (each.first in known) != (each.second in known)), None
-        )
-        assert link is not None  # every pair has a link
+        # Every pair has a link.
+        link = next(each for each in links if (each.first in known) != (each.second in known))
         forward = link.first in known
         old, new = (link.first, link.second) if forward else (link.second, link.first)
         step = _measured(clocks, link, settings)
-        known[new] = _beyond(known[old], step, clocks[new], 1 if forward else -1)
+        known[new] = chained(known[old], step, clocks[new].instruments, 1 if forward else -1)
     return [known[i] for i in range(len(clocks))]
 
 
-def _beyond(old: Offset, step: Offset, clock: LogClock, sign: int) -> Offset:
-    """Offset of a clock by that of another one and the step from there."""
+def chained(old: Offset, step: Offset, instruments: tuple[str, ...], sign: int = 1) -> Offset:
+    """Offset of the clock of instruments by that of another clock and the step from there.
+
+    Args:
+        old: Of the other clock.
+        step: From that clock to this one; with a sign of -1 from this one to that one.
+        instruments: That share this clock.
+        sign: Of the step.
+    """
     return Offset(
-        clock.instruments,
+        instruments,
         old.value + sign * step.value,
         float(np.hypot(old.sigma, step.sigma)),
         old.known and step.known,
@@ -169,8 +174,7 @@ def liveliest(
     scaled = signal.values / np.maximum(signal.values.std(axis=0), 1e-300)
     # Means over half a second: changes of these are motion, not noise.
     bins = np.floor((signal.time - signal.time[0]) / 0.5).astype(np.int64)
-    count = np.maximum(np.bincount(bins), 1)
-    means = np.column_stack([np.bincount(bins, column) / count for column in scaled.T])
+    means, _ = binned_means(bins, scaled)
     changes = np.concatenate([[0.0], np.cumsum(np.sum(np.diff(means, axis=0) ** 2, axis=1))])
     width = round(settings.part / 0.5)
     gained = changes[width:] - changes[:-width]
@@ -211,16 +215,14 @@ def drift_of(
     count = min(settings.most_parts, int((end - start) / settings.part))
     middles = np.linspace(start + settings.part / 2, end - settings.part / 2, count)
     reach = max(0.05, settings.largest_drift * (end - start))
-    times, values, sigmas = [], [], []
+    points = []
     for middle in middles:
         shift = at(float(middle), reach)
         if shift is not None and shift.sigma < settings.largest_sigma:
-            times.append(middle)
-            values.append(shift.value)
-            sigmas.append(shift.sigma)
-    if len(times) < 3:
+            points.append((middle, shift.value, shift.sigma))
+    if len(points) < 3:
         return 0.0, 0.0
-    slope, sigma = _line(np.array(times), np.array(values), np.array(sigmas))
+    slope, sigma = _line(*np.array(points).T)
     is_clear = abs(slope) > max(settings.significant * sigma, settings.least_drift)
     return (slope, sigma) if is_clear else (0.0, sigma)
 
@@ -229,10 +231,8 @@ def _line(x: Array, y: Array, sigma: Array) -> tuple[float, float]:
     """Slope of a line through points, with its 1-sigma, enlarged where they scatter more than they
     should.
     """
-    weight = 1 / np.maximum(sigma, 1e-5) ** 2
-    center = np.average(x, weights=weight)
-    spread = float(np.sum(weight * (x - center) ** 2))
-    slope = float(np.sum(weight * (x - center) * y)) / spread
-    residual = y - np.average(y, weights=weight) - slope * (x - center)
-    excess = float(np.sum(weight * residual**2)) / max(len(x) - 2, 1)
-    return slope, float(np.sqrt(max(1.0, excess) / spread))
+    weight = 1 / np.maximum(sigma, 1e-5)
+    line, covariance = np.polyfit(x, y, 1, w=weight, cov="unscaled")
+    residual = weight * (y - np.polyval(line, x))
+    excess = float(np.sum(residual**2)) / max(len(x) - 2, 1)
+    return float(line[0]), float(np.sqrt(max(1.0, excess) * covariance[0, 0]))

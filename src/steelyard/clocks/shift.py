@@ -90,7 +90,8 @@ def least(
         return None
 
     def cost(shift: float) -> float:
-        return float(np.mean([np.mean(_log_variance(term.residual(shift))) for term in terms]))
+        variances = (np.nanmean(term.residual(shift) ** 2, axis=0) for term in terms)
+        return float(np.mean([np.mean(np.log(each + 1e-300)) for each in variances]))
 
     shifts = guess + np.linspace(-reach, reach, settings.grid)
     costs = [cost(float(s)) for s in shifts]
@@ -100,10 +101,6 @@ def least(
         minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-6}).x
     )
     return Shift(best, _deviation(terms, best, settings), cost(best))
-
-
-def _log_variance(residual: Array) -> Array:
-    return np.asarray(np.log(np.nanmean(residual**2, axis=0) + 1e-300))
 
 
 class _Regression:
@@ -120,24 +117,23 @@ class _Regression:
         own = relation.own(time) if len(time) else np.zeros((0, 0))
         use = np.asarray(np.isfinite(values).all(axis=1) & np.isfinite(own).all(axis=1))
         # The same samples at every shift, or costs could not be compared.
-        lowest = guess - reach - settings.difference
-        highest = guess + reach + settings.difference
-        for shift in (lowest, guess, highest):
+        farthest = reach + settings.difference
+        for shift in (guess - farthest, guess, guess + farthest):
             if use.any():
                 use[use] = np.isfinite(relation.other(time[use] + sign * shift)).all(axis=1)
-        duration = float(np.ptp(time[use])) if use.any() else 0.0
+        self.time, self.coefficients, self.enough = time[use], 0, False
+        if not use.any():
+            return
+        duration = float(np.ptp(time[use]))
         if own.shape[1] * settings.correlation_time > duration / settings.per_coefficient:
             # Lever arms alone would fit the readings of so short a motion.
             own = own[:, :0]
-        self.time, self.own = time[use], own[use]
-        deviation = values[use].std(axis=0) if use.any() else np.zeros(values.shape[1])
-        largest = np.abs(values[use]).max(axis=0, initial=0.0)
-        moving = deviation > 1e-9 * (largest + 1e-300)
-        self.values = values[use][:, moving] / np.maximum(deviation[moving], 1e-300)
-        self.coefficients = 0
-        if use.any():
-            others = relation.other(self.time[:1] + sign * guess).shape[1]
-            self.coefficients = 1 + own.shape[1] + others
+        self.own, values = own[use], values[use]
+        deviation = values.std(axis=0)
+        moving = deviation > 1e-9 * (np.abs(values).max(axis=0) + 1e-300)
+        self.values = values[:, moving] / np.maximum(deviation[moving], 1e-300)
+        others = relation.other(self.time[:1] + sign * guess).shape[1]
+        self.coefficients = 1 + own.shape[1] + others
         self.enough = bool(moving.any()) and len(self.time) > 2 * self.coefficients
 
     def residual(self, shift: float) -> Array:

@@ -8,8 +8,9 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -77,24 +78,17 @@ def groups_of(found: Sequence[DraftStream]) -> tuple[list[RunGroup], list[Unused
         Runs that have forces and motion, and what is left.
     """
     unused: list[Unused] = []
-    still: list[DraftStream] = []
-    moving: list[DraftStream] = []
+    still: dict[tuple[Path, str], list[DraftStream]] = {}
+    moving: dict[tuple[Path, str], list[DraftStream]] = {}
     for each in found:
-        if each.static:
-            still.append(each)
-        elif len(each.stream) >= ARRANGE.fewest:
-            moving.append(each)
+        if each.static or len(each.stream) >= ARRANGE.fewest:
+            (still if each.static else moving).setdefault(_key(each), []).append(each)
         else:
             unused.append(each.unused(f"{len(each.stream)} samples are too few"))
     groups: list[RunGroup] = []
-    for static, streams in ((True, still), (False, moving)):
-        by_name: dict[tuple[Path, str], list[DraftStream]] = {}
-        for each in streams:
-            by_name.setdefault(_key(each), []).append(each)
+    for static, by_name in ((True, still), (False, moving)):
         made = [RunGroup(_name(key), tuple(its), static) for key, its in by_name.items()]
-        made, dropped = _joined(made, static)
-        unused += dropped
-        for group in made:
+        for group in _joined(made, static):
             fitted, dropped = _fitted(group)
             unused += dropped
             if fitted.complete:
@@ -111,8 +105,7 @@ def _key(found: DraftStream) -> tuple[Path, str]:
     path = found.place.path
     folder = path.parent
     stem = path.name if path.is_dir() else path.name.split(".")[0]
-    parts = re.split(r"([_\-. ]+)", stem)
-    kept = "".join(part for part in parts if not _is_instrument(part))
+    kept = "".join(part for part in re.split(r"([_\-. ]+)", stem) if not _is_instrument(part))
     kept = re.sub(r"([_\-. ])[_\-. ]+", r"\1", kept)
     group = found.place.topic
     if group and ending_of(path) in _GROUPED and not INSTRUMENTS.issuperset(words_of(group)):
@@ -134,50 +127,51 @@ def _is_instrument(text: str) -> bool:
 
 def _name(key: tuple[Path, str]) -> str:
     folder, part = key
-    return part or os.fsencode(folder.resolve().name).decode(errors="replace") or "run"
+    return part or _text(folder.resolve()) or "run"
 
 
-def _joined(groups: Sequence[RunGroup], static: bool) -> tuple[list[RunGroup], list[Unused]]:
+def _text(folder: Path) -> str:
+    """Name of a folder, whatever bytes it has."""
+    return os.fsencode(folder.name).decode(errors="replace")
+
+
+def _joined(groups: Sequence[RunGroup], static: bool) -> list[RunGroup]:
     """Groups that lack forces or motion put together: those recorded at the same time, else all
     that has no double.
     """
     whole = [group for group in groups if group.complete]
-    rest = [found for group in groups if not group.complete for found in group.streams]
+    lacking = [group for group in groups if not group.complete]
+    rest = [found for group in lacking for found in group.streams]
     if not rest or static:
-        return [*whole, *(group for group in groups if not group.complete)], []
-    if all(float(found.stream.time[0]) > ARRANGE.since_1970 for found in rest):
+        return [*whole, *lacking]
+    if all(found.span[0] > ARRANGE.since_1970 for found in rest):
         for bunch in _overlapping(rest):
-            home = next(
-                (i for i, group in enumerate(whole) if _overlap(group.streams, bunch)), None
-            )
+            home = next((group for group in whole if _overlap(group.streams, bunch)), None)
             if home is None:
                 whole.append(RunGroup(_name(_key(bunch[0])), tuple(bunch), static))
             else:
-                whole[home] = replace(whole[home], streams=(*whole[home].streams, *bunch))
-        return whole, []
+                whole[whole.index(home)] = replace(home, streams=(*home.streams, *bunch))
+        return whole
     if not whole:
-        return [RunGroup(_name((rest[0].place.path.parent, "")), tuple(rest), static)], []
-    return [*whole, *(group for group in groups if not group.complete)], []
+        return [RunGroup(_name((rest[0].place.path.parent, "")), tuple(rest), static)]
+    return [*whole, *lacking]
 
 
-def _overlapping(streams: Sequence[DraftStream]) -> Iterable[list[DraftStream]]:
+def _overlapping(streams: Sequence[DraftStream]) -> Iterator[list[DraftStream]]:
     """Streams whose times overlap, bunch by bunch."""
     bunch: list[DraftStream] = []
-    end = -np.inf
-    for found in sorted(streams, key=lambda f: float(f.stream.time[0])):
-        if bunch and float(found.stream.time[0]) > end:
+    for found in sorted(streams, key=lambda each: each.span[0]):
+        if bunch and found.span[0] > max(each.span[1] for each in bunch):
             yield bunch
             bunch = []
-            end = -np.inf
         bunch.append(found)
-        end = max(end, float(found.stream.time[-1]))
     if bunch:
         yield bunch
 
 
 def _overlap(one: Sequence[DraftStream], other: Sequence[DraftStream]) -> bool:
-    start = max(min(float(f.stream.time[0]) for f in each) for each in (one, other))
-    end = min(max(float(f.stream.time[-1]) for f in each) for each in (one, other))
+    start = max(min(found.span[0] for found in each) for each in (one, other))
+    end = min(max(found.span[1] for found in each) for each in (one, other))
     return start < end
 
 
@@ -206,15 +200,20 @@ def _fitted(group: RunGroup) -> tuple[RunGroup, list[Unused]]:
 
 
 def _same(one: DraftStream, other: DraftStream) -> bool:
-    return (
-        one.kind == other.kind
-        and len(one.stream) == len(other.stream)
-        and one.stream.values.keys() == other.stream.values.keys()
-        and all(
-            np.allclose(values, other.stream.values[name], rtol=1e-6, atol=1e-9, equal_nan=True)
-            for name, values in one.stream.values.items()
-        )
+    """Whether two streams are the same readings, as two logs of one recording have them."""
+    first, second = one.stream.values, other.stream.values
+    if one.kind != other.kind or len(one.stream) != len(other.stream):
+        return False
+    return first.keys() == second.keys() and all(
+        np.allclose(first[name], second[name], rtol=1e-6, atol=1e-9, equal_nan=True)
+        for name in first
     )
+
+
+def _numbered(name: str) -> Iterator[str]:
+    """A name, then the same with a number behind it."""
+    yield name
+    yield from (f"{name}-{number}" for number in count(2))
 
 
 def _distinctly_named(groups: Sequence[RunGroup]) -> list[RunGroup]:
@@ -225,14 +224,9 @@ def _distinctly_named(groups: Sequence[RunGroup]) -> list[RunGroup]:
     for group in groups:
         name = group.name
         if names.count(name) > 1:
-            around = [
-                os.fsencode(p.name).decode(errors="replace")
-                for p in group.streams[0].place.path.resolve().parents
-            ]
+            around = [_text(folder) for folder in group.streams[0].place.path.resolve().parents]
             name = next((f"{folder}-{name}" for folder in around if folder not in {name, ""}), name)
-        whole, count = name, 2
-        while name in taken:
-            name, count = f"{whole}-{count}", count + 1
+        name = next(each for each in _numbered(name) if each not in taken)
         taken.add(name)
         named.append(replace(group, name=name))
     return named
@@ -240,10 +234,8 @@ def _distinctly_named(groups: Sequence[RunGroup]) -> list[RunGroup]:
 
 def runs_of(groups: Sequence[RunGroup]) -> list[DraftRun]:
     """Runs whose streams stand under the names of their instruments, the same in all runs."""
-    several: set[str] = set()
-    for group in groups:
-        counts = Counter(found.kind for found in group.streams)
-        several.update(kind for kind, count in counts.items() if count > 1)
+    counts = [Counter(found.kind for found in group.streams) for group in groups]
+    several = {kind for each in counts for kind in each if each[kind] > 1}
     known: dict[str, str] = {}
     """Name -> settings of the instrument."""
     runs = []
@@ -252,9 +244,9 @@ def runs_of(groups: Sequence[RunGroup]) -> list[DraftRun]:
         for found in group.streams:
             base = _NAMES[found.kind] if found.kind not in several else _own_name(found)
             settings = json.dumps([found.kind, found.settings], sort_keys=True)
-            name, count = base, 2
-            while name in streams or known.get(name, settings) != settings:
-                name, count = f"{base}-{count}", count + 1
+            # An instrument has one stream in a run, and the same settings in all runs.
+            free = (each for each in _numbered(base) if each not in streams)
+            name = next(each for each in free if known.get(each, settings) == settings)
             known[name] = settings
             streams[name] = found
         agree, why = (True, "") if group.static else one_clock(group.streams)

@@ -12,10 +12,9 @@ from steelyard.drafts.survey import DraftStream
 
 def one_clock(streams: Sequence[DraftStream]) -> tuple[bool, str]:
     """Whether the times of streams may be compared, and why."""
-    if len({(f.place.path, f.place.topic, f.place.columns.get("t", "t")) for f in streams}) == 1:
+    if len({found.clock for found in streams}) == 1:
         return True, "one file, one clock"
-    starts = np.array([found.stream.time[0] for found in streams])
-    ends = np.array([found.stream.time[-1] for found in streams])
+    starts, ends = np.array([found.span for found in streams]).T
     overlap, shortest = float(ends.min() - starts.max()), float((ends - starts).min())
     if overlap < ARRANGE.overlap * shortest or overlap <= 0:
         return False, "their times do not overlap"
@@ -25,10 +24,8 @@ def one_clock(streams: Sequence[DraftStream]) -> tuple[bool, str]:
         return True, "all clocks had run for long and overlap"
     rates = [found.rate for found in streams if found.rate]
     close = max(ARRANGE.agree, 2 / min(rates) if rates else 0.0)
-    if np.ptp(starts) <= close and np.ptp(ends) <= close and np.ptp(starts) > 0:
+    if np.ptp(starts) <= close and np.ptp(ends) <= close:
         return True, "all begin and end together"
     if np.ptp(starts) == 0:
-        if np.ptp(ends) <= close:
-            return True, "all begin and end together"
         return False, "all begin at the same number, as logs do that count from their own start"
     return False, f"they begin at {starts.min():.4g} to {starts.max():.4g} s on their own clocks"

@@ -9,6 +9,21 @@ from dataclasses import dataclass, field, replace
 from steelyard.drafts.vectors import AXES, CONTRACT, VectorColumns, groups_among, hinted, label_of
 from steelyard.drafts.words import COMMANDS, IGNORED, LENGTHS, TENSIONS, TRACKERS, Name, read_name
 
+_NOT_OF_CABLES = IGNORED | frozenset(
+    [
+        "velocity",
+        "vel",
+        "speed",
+        "torque",
+        "tau",
+        "acceleration",
+        "moment",
+        "quat",
+        "quaternion",
+        "orientation",
+    ]
+)
+"""Words of columns that are neither tensions nor lengths of cables."""
 _MOST_TIMES = 5
 """Columns that are tried as the time of an instrument."""
 
@@ -48,10 +63,8 @@ def claims_of(columns: Sequence[str], m: int, hints: Sequence[str]) -> list[Clai
     commanded = bool(COMMANDS.intersection(hints))
     cables = _per_cable(names, m, hints)
     taken = {column for claim in cables for column in claim.columns.values()}
-    groups = list(
-        groups_among([name for name in names if name.column not in taken], hints, commanded)
-    )
-    claims = [*cables, *_instruments(groups)]
+    rest = [name for name in names if name.column not in taken]
+    claims = [*cables, *_instruments(list(groups_among(rest, hints, commanded)))]
     return [_timed(claim, times) for claim in claims]
 
 
@@ -64,11 +77,9 @@ def _nameless(columns: Sequence[str], m: int, hints: Sequence[str]) -> Claim | N
     said = hinted(hints) or ("position" if TRACKERS.intersection(hints) else None)
     for first in (1, 0):
         count = len(columns) - first
-        lengths = bool(
-            {"length", "lengths", "winch", "winches", "encoder", "encoders"}.intersection(hints)
-        )
         if m and count == m:
-            kind, contract = ("length", "l") if lengths else ("tension", "f")
+            wound = {"length", "lengths", "winch", "winches", "encoder", "encoders"}
+            kind, contract = ("length", "l") if wound.intersection(hints) else ("tension", "f")
             names = [f"{contract}{i + 1}" for i in range(m)]
         elif count == 3 and said in {"angular_velocity", "specific_force", "position"}:
             kind = "position" if said == "position" else "imu"
@@ -122,42 +133,21 @@ def _per_cable(names: Sequence[Name], m: int, hints: Sequence[str]) -> list[Clai
             undecided.append((template, members))
         elif kind and kind not in found:
             found[kind] = _cable_claim(kind, template, members)
-    for template, members in undecided:
-        kind = (
-            "length"
-            if {"length", "lengths", "winch", "winches", "encoder"}.intersection(hints)
-            else "tension"
+    wound = {"length", "lengths", "winch", "winches", "encoder"}
+    likely = "length" if wound.intersection(hints) else "tension"
+    if undecided and likely not in found:
+        check = (
+            f"that these columns are a {likely} of each cable: their names do not say what they are"
         )
-        if kind not in found:
-            claim = _cable_claim(kind, template, members)
-            found[kind] = replace(
-                claim,
-                checks=(
-                    (
-                        f"that these columns are a {kind} of each cable: their names do not say"
-                        " what they are"
-                    ),
-                ),
-            )
+        found[likely] = replace(_cable_claim(likely, *undecided[0]), checks=(check,))
     return list(found.values())
 
 
 def _cable_kind(template: tuple[str, ...]) -> str | None:
     """Kind that the words of a template mean; None: they do not say; "": something else."""
-    words = [word for word in template if word != "@"]
-    if IGNORED.intersection(words) or {
-        "velocity",
-        "vel",
-        "speed",
-        "torque",
-        "tau",
-        "acceleration",
-        "moment",
-    }.intersection(words):
+    if _NOT_OF_CABLES.intersection(template):
         return ""
-    if "quat" in words or "quaternion" in words or "orientation" in words:
-        return ""
-    for word in reversed(words):
+    for word in reversed(template):
         if word in TENSIONS:
             return "tension"
         if word in LENGTHS:
@@ -194,11 +184,7 @@ def _instruments(groups: Sequence[VectorColumns]) -> Iterable[Claim]:
         inertial = [its[q][0] for q in ("angular_velocity", "specific_force") if q in its]
         if inertial:
             # An accelerometer alone knows no orientation; a matrix comes from an arm or a tracker.
-            own = (
-                [g for g in turned if "r11" not in g.columns][:1]
-                if "angular_velocity" in its
-                else []
-            )
+            own = [g for g in turned if "r11" not in g.columns and "angular_velocity" in its][:1]
             if len(own) == len(turned) == 1 and "position" in its and "roll" in own[0].columns:
                 own = []
             turned = [group for group in turned if group not in own]

@@ -78,12 +78,10 @@ def _gyro_checked(found: DraftStream, streams: tuple[DraftStream, ...], m: int) 
 
 def _gyro_columns(found: DraftStream) -> set[str]:
     """Columns of the log that hold the rates; fields of messages have names of their own."""
-    named = {found.place.columns[f"w{axis}"] for axis in "xyz" if f"w{axis}" in found.place.columns}
-    return named or {
-        column
-        for column in found.used
-        if column in {"wx", "wy", "wz"} or column.startswith("angular_velocity.")
-    }
+    rates = {"wx", "wy", "wz"}
+    named = {column for name, column in found.place.columns.items() if name in rates}
+    fields = {column for column in found.used if column.startswith("angular_velocity.")}
+    return named or fields | rates.intersection(found.used)
 
 
 def _sign_checked(found: DraftStream, streams: tuple[DraftStream, ...]) -> DraftStream:
@@ -170,16 +168,11 @@ def _verticals(
     values = found.stream.values.get(quantity)
     if arm is None or values is None:
         return None
+    matrices = arm.stream.values["orientation"]
+    if not arm.static:
+        places = np.searchsorted(arm.stream.time, found.stream.time)
+        matrices = matrices[places.clip(0, len(matrices) - 1)]
     rows = slice(None, None, max(1, len(values) // COMPARE.most))
-    up, values = _nearest(arm, found)[rows, 2, :], values[rows]
+    up, values = matrices[rows, 2, :], values[rows]
     valid = np.isfinite(up).all(axis=1) & np.isfinite(values).all(axis=1)
     return up[valid], values[valid]
-
-
-def _nearest(source: DraftStream, onto: DraftStream) -> Array:
-    """Orientations of one stream at the times of another, shape (n, 3, 3)."""
-    matrices = source.stream.values["orientation"]
-    if source.static:
-        return matrices
-    places = np.searchsorted(source.stream.time, onto.stream.time).clip(0, len(matrices) - 1)
-    return np.asarray(matrices[places])

@@ -12,7 +12,7 @@ from typing import Any
 from steelyard.drafts.arrange import DraftRun, RunGroup, groups_of, runs_of
 from steelyard.drafts.clocks import one_clock
 from steelyard.drafts.compare import compared
-from steelyard.drafts.survey import DraftStream, Unused, hints_of, name_of, streams_in
+from steelyard.drafts.survey import DraftStream, Unused, name_of, streams_in
 from steelyard.errors import InputError
 from steelyard.logs.formats import FORMATS, ending_of, topics
 from steelyard.robot.model import Robot
@@ -97,11 +97,7 @@ def logs_in(places: Sequence[Path]) -> tuple[list[Path], list[Unused]]:
             continue
         for entry in _entries(place):
             inner = [entry] if not entry.is_dir() or _is_bag(entry) else _entries(entry)
-            paths += [
-                path
-                for path in inner
-                if _is_bag(path) or (path.is_file() and ending_of(path) is not None)
-            ]
+            paths += [path for path in inner if _is_bag(path) or _is_log(path)]
         if len(paths) > MOST_LOGS:
             raise InputError(
                 f"{place}: expected at most {MOST_LOGS} logs, found more; name fewer folders"
@@ -111,6 +107,10 @@ def logs_in(places: Sequence[Path]) -> tuple[list[Path], list[Unused]]:
 
 def _entries(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+
+
+def _is_log(path: Path) -> bool:
+    return path.is_file() and ending_of(path) is not None
 
 
 def _is_bag(path: Path) -> bool:
@@ -130,7 +130,7 @@ def _look(path: Path, robot: Robot) -> tuple[list[DraftStream], list[Unused]]:
     found: list[DraftStream] = []
     unused: list[Unused] = []
     for topic in choices:
-        streams, left = streams_in(path, topic, robot, hints_of(path, topic))
+        streams, left = streams_in(path, topic, robot)
         found += streams
         unused += left
     return found, unused
@@ -141,12 +141,11 @@ def _agreed(groups: Sequence[RunGroup]) -> list[RunGroup]:
     contradict each other.
     """
     shown: dict[tuple[str, tuple[str, ...]], dict[str, list[Any]]] = {}
-    for group in groups:
-        for found in group.streams:
-            own = shown.setdefault((found.kind, found.label), {})
-            for key, value in found.settings.items():
-                if key in _OF_THE_DEVICE:
-                    own.setdefault(key, []).append(value)
+    for found in (each for group in groups for each in group.streams):
+        own = shown.setdefault((found.kind, found.label), {})
+        for key, value in found.settings.items():
+            if key in _OF_THE_DEVICE:
+                own.setdefault(key, []).append(value)
     agreed = []
     for group in groups:
         streams = [_settled(each, shown[each.kind, each.label]) for each in group.streams]
@@ -177,14 +176,11 @@ def _instruments(runs: Sequence[DraftRun]) -> dict[str, dict[str, Any]]:
     instruments: dict[str, dict[str, Any]] = {
         name: {"kind": found[name].kind, **found[name].settings} for name in order
     }
-    clocks: list[list[str]] = []
+    clocks: dict[str, list[str]] = {}
     for name in order:
-        home = next((clock for clock in clocks if _share(clock[0], name, runs)), None)
-        if home is None:
-            clocks.append([name])
-        else:
-            home.append(name)
-    for i, clock in enumerate(clock for clock in clocks if len(clock) > 1):
+        first = next((each for each in clocks if _share(each, name, runs)), name)
+        clocks.setdefault(first, []).append(name)
+    for i, clock in enumerate(clock for clock in clocks.values() if len(clock) > 1):
         for name in clock:
             instruments[name]["clock"] = "recorder" if i == 0 else f"recorder-{i + 1}"
     return instruments
@@ -192,15 +188,8 @@ def _instruments(runs: Sequence[DraftRun]) -> dict[str, dict[str, Any]]:
 
 def _share(one: str, other: str, runs: Sequence[DraftRun]) -> bool:
     """Whether two instruments stand in the same file wherever both are, with the same time."""
-    both = [
-        (r.streams[one].place, r.streams[other].place)
-        for r in runs
-        if {one, other} <= r.streams.keys() and not r.static
-    ]
-    return bool(both) and all(
-        (a.path, a.topic, a.columns.get("t")) == (b.path, b.topic, b.columns.get("t"))
-        for a, b in both
-    )
+    both = [run.streams for run in runs if {one, other} <= run.streams.keys() and not run.static]
+    return bool(both) and all(its[one].clock == its[other].clock for its in both)
 
 
 def _places(logs: Sequence[Path]) -> str:
@@ -215,15 +204,14 @@ def _nothing(paths: Sequence[Path], found: Sequence[DraftStream], unused: Sequen
             " folders with recordings"
         )
     kinds = sorted({each.kind for each in found})
-    refused = next((each for each in unused if "expected" in each.what), None)
-    first = f" ({refused.log}: {refused.what})" if refused else ""
+    shown = [each for each in unused if "expected" in each.what] or ([] if kinds else unused)
+    first = f" ({shown[0].log}: {shown[0].what})" if shown else ""
     if kinds:
         return (
             "expected logs of forces (tension, wrench) and of motion (imu, attitude, position,"
             f" pose) that belong together, found {', '.join(kinds)}{first}; add what is missing, or"
             " write the experiment file by hand"
         )
-    first = first or (f" ({unused[0].log}: {unused[0].what})" if unused else "")
     return (
         f"expected columns of an instrument, found none that is known{first}; rename columns as in"
         " the contract"

@@ -4,7 +4,7 @@ from seconds, and g from m/s^2.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -58,8 +58,13 @@ def scale_of(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale:
             states, shape (n,).
         robot: What it is on.
     """
-    guesses = [guess(kind, values, robot) for guess in _GUESSES]
-    parts = [part for part in guesses if part is not None]
+    parts = []
+    for kinds, names, guess in _guesses(robot.m):
+        if (kinds is None or kind in kinds) and names and values.keys() >= set(names):
+            rows = np.column_stack([values[name] for name in names])
+            rows = rows[np.isfinite(rows).all(axis=1)]
+            if len(rows):
+                parts.append(guess(rows, names, robot))
     return Scale(
         {name: unit for part in parts for name, unit in part.units.items()},
         {key: value for part in parts for key, value in part.settings.items()},
@@ -68,21 +73,8 @@ def scale_of(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale:
     )
 
 
-def _vector(values: Mapping[str, Array], names: Sequence[str]) -> Array | None:
-    """Rows of a vector without gaps, shape (n, k); None where it is not there."""
-    if not names or not all(name in values for name in names):
-        return None
-    rows = np.column_stack([values[name] for name in names])
-    rows = rows[np.isfinite(rows).all(axis=1)]
-    return rows if len(rows) else None
-
-
-def _acceleration(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+def _acceleration(rows: Array, names: Sequence[str], robot: Robot) -> Scale:
     """Unit of an accelerometer by the gravity in its readings, and whether it is in them."""
-    names = ("ax", "ay", "az")
-    rows = _vector(values, names)
-    if kind != "imu" or rows is None:
-        return None
     norms = np.linalg.norm(rows, axis=1)
     typical = float(np.median(norms))
     is_constant = float(np.std(norms)) < SCALES.steady * typical
@@ -91,46 +83,31 @@ def _acceleration(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale
     for unit, low, high in SCALES.gravity if steady else ():
         if low <= typical <= high:
             units = {} if unit == "m/s^2" else dict.fromkeys(names, unit)
-            return Scale(
-                units,
-                {"gravity": "included"},
-                why=(f"readings of {typical:.4g} at rest are gravity in {unit}",),
-            )
+            text = f"readings of {typical:.4g} at rest are gravity in {unit}"
+            return Scale(units, {"gravity": "included"}, (text,))
     if typical < (SCALES.no_gravity_steady if steady else SCALES.no_gravity):
         text = f"readings of {typical:.2g} in the middle hold no gravity"
-        return Scale(
-            {},
-            {"gravity": "removed"},
-            (text,),
-            ("gravity: removed, and whether the unit is m/s^2",),
-        )
-    return Scale(
-        checks=(f"the unit of the accelerometer: its readings are {typical:.3g} in the middle",)
-    )
+        check = "gravity: removed, and whether the unit is m/s^2"
+        return Scale({}, {"gravity": "removed"}, (text,), (check,))
+    check = f"the unit of the accelerometer: its readings are {typical:.3g} in the middle"
+    return Scale(checks=(check,))
 
 
-def _gyro(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+def _gyro(rows: Array, names: Sequence[str], robot: Robot) -> Scale:
     """Degrees where rates are too fast for radians."""
-    names = ("wx", "wy", "wz")
-    rows = _vector(values, names)
-    if kind != "imu" or rows is None:
-        return None
     fastest = float(np.percentile(np.linalg.norm(rows, axis=1), 99))
     limit = robot.limits.angular_speed or SCALES.fast
     if fastest > SCALES.too_fast * limit:
-        text = f"rates up to {fastest:.3g} are too fast for rad/s"
-        return Scale(
-            dict.fromkeys(names, "deg/s"), why=(text,), checks=("that the gyro reads deg/s",)
+        text, check = (
+            f"rates up to {fastest:.3g} are too fast for rad/s",
+            "that the gyro reads deg/s",
         )
+        return Scale(dict.fromkeys(names, "deg/s"), {}, (text,), (check,))
     return Scale()
 
 
-def _angles(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+def _angles(rows: Array, names: Sequence[str], robot: Robot) -> Scale:
     """Degrees where angles are too large for radians."""
-    names = ("roll", "pitch", "yaw")
-    rows = _vector(values, names)
-    if rows is None:
-        return None
     largest = float(np.abs(rows).max())
     tilt = float(np.percentile(np.abs(rows[:, :2]), 99))
     limit = SCALES.tilt * float(np.abs(robot.limits.rpy).max()) if robot.limits.rpy else np.inf
@@ -139,23 +116,16 @@ def _angles(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | Non
     return Scale(checks=("that roll, pitch, yaw are radians",) if largest > 1 else ())
 
 
-def _position(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
-    names = ("x", "y", "z")
-    rows = _vector(values, names)
-    if kind not in {"position", "pose", "command"} or rows is None:
-        return None
+def _position(rows: Array, names: Sequence[str], robot: Robot) -> Scale:
+    """Millimetres where a position is too far away for metres."""
     largest = float(np.abs(rows).max())
     if largest > SCALES.largest_position:
         return Scale(dict.fromkeys(names, "mm"), why=(f"positions up to {largest:.4g} are mm",))
     return Scale()
 
 
-def _tension(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+def _tension(rows: Array, names: Sequence[str], robot: Robot) -> Scale:
     """Unit of tensions by the weight they hold, and their sign."""
-    names = [f"f{i + 1}" for i in range(robot.m)]
-    rows = _vector(values, names)
-    if kind != "tension" or rows is None:
-        return None
     settings: dict[str, Any] = {}
     checks: list[str] = []
     why: list[str] = []
@@ -167,13 +137,12 @@ def _tension(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | No
     total = float(np.median(np.abs(rows.sum(axis=1))))
     weight = robot.platform.mass * float(np.linalg.norm(robot.gravity)) if robot.platform else None
     highest = robot.tension_limits[1] * robot.m if np.isfinite(robot.tension_limits[1]) else None
-    units, text = _force_unit(total, weight, highest)
+    unit, text = _force_unit(total, weight, highest)
     if text:
         why.append(text)
         checks.append("the unit of the forces")
-    return Scale(
-        dict.fromkeys(names, units) if units != "N" else {}, settings, tuple(why), tuple(checks)
-    )
+    units = dict.fromkeys(names, unit) if unit != "N" else {}
+    return Scale(units, settings, tuple(why), tuple(checks))
 
 
 def _force_unit(total: float, weight: float | None, highest: float | None) -> tuple[str, str]:
@@ -192,44 +161,41 @@ def _force_unit(total: float, weight: float | None, highest: float | None) -> tu
     return "N", ""
 
 
-def _length(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+def _length(rows: Array, names: Sequence[str], robot: Robot) -> Scale:
     """Millimetres where lengths are too long for the frame."""
-    names = [f"l{i + 1}" for i in range(robot.m)]
-    rows = _vector(values, names)
-    if kind != "length" or rows is None:
-        return None
     reach = float(np.mean(np.linalg.norm(robot.anchors - robot.anchors.mean(axis=0), axis=1)))
     typical = max(float(np.median(np.abs(rows))), float(np.ptp(rows, axis=0).max()))
-    checks = (
-        (
-            "that these are lengths fed out, growing as the cable gets longer, and no angles or"
-            " counts of the winches"
-        ),
+    check = (
+        "that these are lengths fed out, growing as the cable gets longer, and no angles or counts"
+        " of the winches"
     )
     if typical > SCALES.millimetres * reach:
-        return Scale(
-            dict.fromkeys(names, "mm"),
-            why=(f"lengths of {typical:.3g} on a frame of {reach:.3g} m are mm",),
-            checks=checks,
-        )
-    return Scale(checks=checks)
+        text = f"lengths of {typical:.3g} on a frame of {reach:.3g} m are mm"
+        return Scale(dict.fromkeys(names, "mm"), {}, (text,), (check,))
+    return Scale(checks=(check,))
 
 
-def _wrench(kind: str, values: Mapping[str, Array], robot: Robot) -> Scale | None:
+def _wrench(rows: Array, names: Sequence[str], robot: Robot) -> Scale:
     """Millimetres where torques are too large for the forces."""
-    force, torque = _vector(values, ("fx", "fy", "fz")), _vector(values, ("tx", "ty", "tz"))
-    if kind != "wrench" or force is None or torque is None:
-        return None
-    lever = float(
-        np.median(np.linalg.norm(torque, axis=1))
-        / max(np.median(np.linalg.norm(force, axis=1)), 1e-12)
-    )
+    force, torque = (np.median(np.linalg.norm(rows[:, part], axis=1)) for part in _FORCE_TORQUE)
+    lever = float(torque / max(force, 1e-12))
     if lever > SCALES.lever:
-        return Scale(
-            dict.fromkeys(("tx", "ty", "tz"), "N mm"),
-            why=(f"torques {lever:.3g} times as large as forces are N mm",),
-        )
+        text = f"torques {lever:.3g} times as large as forces are N mm"
+        return Scale(dict.fromkeys(names[3:], "N mm"), why=(text,))
     return Scale()
 
 
-_GUESSES = (_acceleration, _gyro, _angles, _position, _tension, _length, _wrench)
+_Guess = Callable[[Array, Sequence[str], Robot], Scale]
+"""Of rows without gaps, shape (n, k), and their k columns of the contract."""
+_FORCE_TORQUE = (slice(0, 3), slice(3, 6))
+
+
+def _guesses(m: int) -> Iterator[tuple[frozenset[str] | None, Sequence[str], _Guess]]:
+    """Kinds (None: any), columns that belong together, and what to make of their values."""
+    yield frozenset({"imu"}), ("ax", "ay", "az"), _acceleration
+    yield frozenset({"imu"}), ("wx", "wy", "wz"), _gyro
+    yield None, ("roll", "pitch", "yaw"), _angles
+    yield frozenset({"position", "pose", "command"}), ("x", "y", "z"), _position
+    yield frozenset({"tension"}), [f"f{i + 1}" for i in range(m)], _tension
+    yield frozenset({"length"}), [f"l{i + 1}" for i in range(m)], _length
+    yield frozenset({"wrench"}), ("fx", "fy", "fz", "tx", "ty", "tz"), _wrench

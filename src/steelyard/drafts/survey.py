@@ -4,7 +4,7 @@ that is none.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -68,6 +68,16 @@ class DraftStream:
         return self.stream.time[there]
 
     @property
+    def span(self) -> tuple[float, float]:
+        """Beginning and end on the clock of the log [s]."""
+        return float(self.stream.time[0]), float(self.stream.time[-1])
+
+    @property
+    def clock(self) -> tuple[Path, str | None, str]:
+        """File, topic and column that its time stands in."""
+        return self.place.path, self.place.topic, self.place.columns.get("t", "t")
+
+    @property
     def rate(self) -> float | None:
         """Median rate [Hz]; None: of poses at rest."""
         steps = np.diff(self.times)
@@ -103,7 +113,7 @@ def name_of(path: Path, topic: str | None) -> str:
 
 
 def streams_in(
-    path: Path, topic: str | None, robot: Robot, hints: Sequence[str]
+    path: Path, topic: str | None, robot: Robot
 ) -> tuple[list[DraftStream], list[Unused]]:
     """Look through one topic of one log.
 
@@ -111,12 +121,12 @@ def streams_in(
         path: Of the log.
         topic: Which of its topics; None: it has but one.
         robot: What the instruments are on.
-        hints: Words of its name.
     """
     log_name = name_of(path, topic)
     try:
         with open_log(path, topic) as log:
             names = log.names
+            hints = [*words_of(topic or ""), *words_of(path.name.split(".")[0])]
             claims = claims_of(names, robot.m, hints)
             if len(claims) > _MOST_INSTRUMENTS:
                 raise InputError(
@@ -144,14 +154,17 @@ def streams_in(
 def _drafts(
     log: Log, topic: str | None, claims: Sequence[Claim], robot: Robot
 ) -> tuple[list[tuple[DraftStream, frozenset[str]]], list[Unused]]:
-    """What claims come to, each with the columns that others need, and those that come to
-    nothing.
+    """Streams as claims describe them, each with the columns that others need, and claims that the
+    values contradict.
     """
     drafts, unused = [], []
     for claim in claims:
-        claimed = _claimed(claims, claim, robot.m)
+        claimed: set[str] = set()
+        for other in claims:
+            if other is not claim:
+                claimed |= needed_columns(instrument_of(other.kind, {}), robot.m, other.columns)
         try:
-            drafts.append((_draft(log, topic, claim, robot), claimed))
+            drafts.append((_draft(log, topic, claim, robot), frozenset(claimed)))
         except InputError as error:
             unused.append(Unused(name_of(log.path, topic), f"{claim.kind}: {error}"))
     return drafts, unused
@@ -170,15 +183,6 @@ def read_again(
     return replace(found, stream=stream)
 
 
-def _claimed(claims: Iterable[Claim], claim: Claim, m: int) -> frozenset[str]:
-    """Columns that the other instruments of a log need."""
-    needed: set[str] = set()
-    for other in claims:
-        if other is not claim:
-            needed |= needed_columns(instrument_of(other.kind, {}), m, other.columns)
-    return frozenset(needed)
-
-
 def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> DraftStream:
     """What a claim comes to, once its values have been looked at; the stream is still to be
     read.
@@ -191,14 +195,12 @@ def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> DraftStre
         if not columns:
             raise InputError("expected rates of a gyro, found gravity; nothing needs it")
     timed, time = _time(log, claim, len(next(iter(table.values()))))
-    stated = {
-        column: unit for column, unit in log.units.items() if column in {*columns.values(), timed}
-    }
-    units = {column: unit for column, unit in claim.units.items() if column not in stated}
-    open_ones = {n: table[c] for n, c in columns.items() if c not in stated and c not in units}
+    own = {*columns.values(), timed}
+    stated = {column: unit for column, unit in log.units.items() if column in own}
+    named = {c: unit for c, unit in claim.units.items() if c in own and c not in stated}
+    open_ones = {n: table[c] for n, c in columns.items() if c not in stated and c not in named}
     scale = scale_of(claim.kind, open_ones, robot)
-    units = {column: unit for column, unit in units.items() if column in {*columns.values(), timed}}
-    units.update({columns[name]: unit for name, unit in scale.units.items()})
+    units = {**named, **{columns[name]: unit for name, unit in scale.units.items()}}
     why = list(scale.why)
     if timed is not None and time is not None and timed not in stated and timed not in units:
         unit, reason = time_unit(time)
@@ -208,13 +210,9 @@ def _draft(log: Log, topic: str | None, claim: Claim, robot: Robot) -> DraftStre
     columns, turned = _quaternion(columns, table)
     if timed is not None:
         columns = {"t": timed, **columns}
-    named = {
-        name: column
-        for name, column in columns.items()
-        if column_in(log.names, name, None) != column
-    }
+    other = {n: c for n, c in columns.items() if column_in(log.names, n, None) != c}
     return DraftStream(
-        place=StreamPlace(log.path, topic, named, units),
+        place=StreamPlace(log.path, topic, other, units),
         kind=claim.kind,
         label=claim.label,
         settings=scale.settings,
@@ -234,27 +232,30 @@ def _time(log: Log, claim: Claim, rows: int) -> tuple[str | None, Array | None]:
     problem: InputError | None = None
     for column in claim.times:
         try:
-            time = log.read([column])[column]
+            return column, _read_time(log, column, rows)
         except InputError as error:
             problem = error
-            continue
-        if len(time) != rows:
-            problem = InputError(
-                f"expected a time in every row, found column '{column}' with {len(time)} of {rows}"
-            )
-        elif np.isnan(time).any():
-            problem = InputError(f"expected a time in every row, found column '{column}' with gaps")
-        elif (np.diff(time) < 0).any():
-            row = int(np.flatnonzero(np.diff(time) < 0)[0]) + 1
-            problem = InputError(
-                f"{log.place(row)}: expected time that never decreases, found column '{column}'"
-                " going back"
-            )
-        else:
-            return column, time
     if problem is not None:
         raise problem
     return None, None
+
+
+def _read_time(log: Log, column: str, rows: int) -> Array:
+    """A column of times, shape (rows,); refused where it cannot be one."""
+    time = log.read([column])[column]
+    if len(time) != rows:
+        raise InputError(
+            f"expected a time in every row, found column '{column}' with {len(time)} of {rows}"
+        )
+    if np.isnan(time).any():
+        raise InputError(f"expected a time in every row, found column '{column}' with gaps")
+    back = np.flatnonzero(np.diff(time) < 0)
+    if len(back):
+        raise InputError(
+            f"{log.place(int(back[0]) + 1)}: expected time that never decreases, found column"
+            f" '{column}' going back"
+        )
+    return time
 
 
 def _is_gravity(table: Mapping[str, Array], columns: Mapping[str, str]) -> bool:
@@ -283,8 +284,3 @@ def _quaternion(
 def _some(names: Sequence[str]) -> str:
     shown = ", ".join(name if len(name) <= 40 else name[:39] + "…" for name in names[:8])
     return shown + (f" and {len(names) - 8} more" if len(names) > 8 else "")
-
-
-def hints_of(path: Path, topic: str | None) -> list[str]:
-    """Words of the names of topic and file."""
-    return [*words_of(topic or ""), *words_of(path.name.split(".")[0])]

@@ -5,7 +5,7 @@ may want to fill in.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from steelyard.display import printable
@@ -106,46 +106,27 @@ def as_text(
         files: Path of a log -> the same relative to the file.
         with_schema: Whether a schema for editors lies beside it.
     """
-    return "\n".join(_lines(draft, robot, name, robot_place, files, with_schema)) + "\n"
-
-
-def _lines(
-    draft: Draft,
-    robot: Robot,
-    name: str,
-    robot_place: str,
-    files: Mapping[str, str],
-    with_schema: bool,
-) -> Iterator[str]:
-    """Lines of the file, part by part."""
-    if with_schema:
-        yield f"# yaml-language-server: $schema={SCHEMA}"
-    yield (
+    schema = [f"# yaml-language-server: $schema={SCHEMA}"] if with_schema else []
+    lines = [
+        *schema,
         "# A first experiment file, drafted by 'steelyard init' from logs. What was guessed says"
-        " why; look at every 'check'."
-    )
-    yield f"format: {FORMAT}"
-    yield f"name: {scalar(name)}"
-    yield f"robot: {scalar(robot_place)}"
-    yield (
+        " why; look at every 'check'.",
+        f"format: {FORMAT}",
+        f"name: {scalar(name)}",
+        f"robot: {scalar(robot_place)}",
         "# known: {mass: {value: 100.0, sigma: 0.1}}    # known beforehand [kg]; also"
-        " center_of_gravity: {x: …} [m], inertia: {xx: …} [kg m^2]"
-    )
-    defaults = ", ".join(
-        f"{key}: {value:g}" for key, value in UncertaintyForm().model_dump().items()
-    )
-    yield (
-        f"# uncertainty: {{{defaults}}}    # 1-sigma of the robot file [m], [m], [m/s^2]; the"
-        " defaults"
-    )
-    yield "instruments:"
+        " center_of_gravity: {x: …} [m], inertia: {xx: …} [kg m^2]",
+        f"# uncertainty: {flow(UncertaintyForm().model_dump())}    # 1-sigma of the robot file [m],"
+        " [m], [m/s^2]; the defaults",
+        "instruments:",
+    ]
     for each, keys in draft.instruments.items():
-        yield from _instrument(each, keys, draft.runs, robot.m)
-    yield "runs:"
+        lines += _instrument(each, keys, draft.runs, robot.m)
+    lines.append("runs:")
     for run in draft.runs:
-        yield from _run(run, draft, files)
-    for unused in draft.unused:
-        yield f"# not used: {comment(f'{unused.log}: {unused.what}')}"
+        lines += _run(run, draft.instruments, files)
+    lines += [f"# not used: {comment(f'{each.log}: {each.what}')}" for each in draft.unused]
+    return "\n".join(lines) + "\n"
 
 
 def _instrument(
@@ -160,25 +141,22 @@ def _instrument(
     rate = next((each.rate for each in found if each.rate), None)
     if rate is not None:
         yield f"    rate: {rate:.4g}    # [Hz], as recorded; read by simulate and design"
-    for check in ([_GEOMETRY[kind]] if kind in _GEOMETRY else []) + list(
-        dict.fromkeys(c for f in found for c in f.checks)
-    ):
+    geometry = [_GEOMETRY[kind]] if kind in _GEOMETRY else []
+    for check in dict.fromkeys([*geometry, *(c for each in found for c in each.checks)]):
         yield f"    # check: {comment(check)}"
     for key, example, meaning in _KEYS[kind]:
         if key not in keys:
             yield f"    # {key}: {example}    # {meaning}"
-    yield f"    # {_calibration(name, keys, m)}"
+    yield f"    # {_calibration(keys, m)}"
     if "clock" not in keys:
         yield "    # clock: recorder    # instruments with the same clock share its error"
 
 
-def _calibration(name: str, keys: Mapping[str, Any], m: int) -> str:
+def _calibration(keys: Mapping[str, Any], m: int) -> str:
     """Systematic errors with their defaults, as they would stand in the file."""
     nested: dict[str, Any] = {}
     units = []
-    for term in instrument_of(
-        str(keys["kind"]), {k: v for k, v in keys.items() if k not in {"kind", "clock"}}
-    ).terms(m):
+    for term in instrument_of(str(keys["kind"]), keys).terms(m):
         deviation = term.deviation
         if deviation is None or term.key in keys.get("calibration", {}):
             continue
@@ -193,33 +171,25 @@ def _calibration(name: str, keys: Mapping[str, Any], m: int) -> str:
     )
 
 
-def _run(run: DraftRun, draft: Draft, files: Mapping[str, str]) -> Iterator[str]:
+def _run(run: DraftRun, instruments: Iterable[str], files: Mapping[str, str]) -> Iterator[str]:
     """Lines of a run: its streams, clocks and window."""
     yield f"  - name: {scalar(run.name)}"
     if run.static:
         yield "    static: true    # no column of time: rows are poses at rest"
-    for name in draft.instruments:
-        if name in run.streams:
-            yield from _stream(name, run.streams[name], files)
+    names = [name for name in instruments if name in run.streams]
+    for name in names:
+        yield from _stream(name, run.streams[name], files)
     if run.static:
         return
-    shared = (
-        "{"
-        + ", ".join(f"{scalar(name)}: 0.0" for name in draft.instruments if name in run.streams)
-        + "}"
-    )
+    shared = "{" + ", ".join(f"{scalar(name)}: 0.0" for name in names) + "}"
     if run.agree:
         yield f"    # check: that the clocks agree: {comment(run.why)}"
         yield f"    # sync: {shared}    # else: time of one common event on each clock [s], or auto"
     else:
         yield f"    sync: auto    # {comment(run.why)}"
-        yield (
-            f"    # sync: {shared}    # better, if known: time of one common event on each"
-            " clock [s]"
-        )
-    longest = max(
-        float(found.stream.time[-1] - found.stream.time[0]) for found in run.streams.values()
-    )
+        better = "better, if known: time of one common event on each clock [s]"
+        yield f"    # sync: {shared}    # {better}"
+    longest = max(end - start for start, end in (each.span for each in run.streams.values()))
     yield (
         f"    # window: [0.5, {max(longest - 0.5, 1):.1f}]    # part to use [s], after that event"
         " (without sync: after the first force sample)"
@@ -240,10 +210,8 @@ def _stream(name: str, found: DraftStream, files: Mapping[str, str]) -> Iterator
         yield f"      file: {file}"
         if place.topic is not None:
             yield f"      topic: {scalar(place.topic)}"
-        if place.columns:
-            yield from _mapping("columns", place.columns)
-        if place.units:
-            yield from _mapping("units", place.units)
+        yield from _mapping("columns", place.columns)
+        yield from _mapping("units", place.units)
     for why in found.why:
         yield f"      # {comment(why)}"
     if found.stated:
@@ -252,14 +220,14 @@ def _stream(name: str, found: DraftStream, files: Mapping[str, str]) -> Iterator
 
 
 def _mapping(key: str, values: Mapping[str, str]) -> Iterator[str]:
-    """A mapping in one line where it fits, else a line for each entry."""
+    """A mapping in one line where it fits, else a line for each entry; nothing where it is empty."""
     short = f"      {key}: {flow(values)}"
-    if len(short) <= _WIDTH:
+    if values and len(short) <= _WIDTH:
         yield short
-        return
-    yield f"      {key}:"
-    for name, value in values.items():
-        yield f"        {scalar(name)}: {scalar(value)}"
+    elif values:
+        yield f"      {key}:"
+        for name, value in values.items():
+            yield f"        {scalar(name)}: {scalar(value)}"
 
 
 def flow(value: Any) -> str:

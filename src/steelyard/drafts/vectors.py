@@ -46,14 +46,10 @@ def groups_among(
             word = ANGLES.get(name.words[place], name.words[place])
             members.setdefault((sort, name.template(place)), {})[word] = name
         elif len(name.words) == 1 and name.words[0] in {"p", "q", "r"}:
-            members.setdefault(("rates", ("omega", "@")), {})["xyz"["pqr".index(name.words[0])]] = (
-                name
-            )
-    forces = {
-        label_of(t)
-        for (_, t), its in members.items()
-        if set(AXES) <= set(its) and quantity_of(t) == "force"
-    }
+            axis = AXES["pqr".index(name.words[0])]
+            members.setdefault(("rates", ("omega", "@")), {})[axis] = name
+    whole = [template for (_, template), its in members.items() if set(AXES) <= its.keys()]
+    forces = {label_of(template) for template in whole if quantity_of(template) == "force"}
     for (_, template), its in members.items():
         group = _group(template, its, hints, forces)
         if group is not None:
@@ -155,12 +151,8 @@ def _says_rate(template: tuple[str, ...]) -> bool:
 def hinted(hints: Sequence[str]) -> str | None:
     """Quantity that topic, file or folder speak of, where a column is nothing but x."""
     found = {quantity_of((word,)) for word in hints if len(word) > 1}
-    named = [
-        q
-        for q in ("angular_velocity", "specific_force", "torque", "force", "position")
-        if q in found
-    ]
-    return named[0] if named else None
+    ordered = ("angular_velocity", "specific_force", "torque", "force", "position")
+    return next((quantity for quantity in ordered if quantity in found), None)
 
 
 def _matrix(names: Sequence[Name]) -> VectorColumns | None:
@@ -168,27 +160,14 @@ def _matrix(names: Sequence[Name]) -> VectorColumns | None:
     found: dict[str, Name] = {}
     listed: dict[tuple[str, ...], dict[int, Name]] = {}
     for name in names:
-        words = name.words
-        if (
-            len(words) >= 2
-            and words[-2] in {"r", "rot", "dcm", "m", "matrix"}
-            and len(words[-1]) == 2
-        ):
-            found[words[-1]] = name
-        elif (
-            len(words) >= 3
-            and words[-3] in {"r", "rot", "dcm", "matrix"}
-            and len(words[-2]) == len(words[-1]) == 1
-        ):
-            found[words[-2] + words[-1]] = name
-        elif (
-            len(words) >= 2
-            and words[-2] in {"rotation", "rot", "dcm", "matrix"}
-            and words[-1].isdigit()
-        ):
-            listed.setdefault(words[:-1], {})[int(words[-1])] = name
-    for first in "10":
-        numbers = [str(int(first) + i) for i in range(3)]
+        first, middle, last = ("", "", "", *name.words)[-3:]
+        if middle in {"r", "rot", "dcm", "m", "matrix"} and len(last) == 2:
+            found[last] = name
+        elif first in {"r", "rot", "dcm", "matrix"} and len(middle) == len(last) == 1:
+            found[middle + last] = name
+        elif middle in {"rotation", "rot", "dcm", "matrix"} and last.isdigit():
+            listed.setdefault(name.words[:-1], {})[int(last)] = name
+    for numbers in ("123", "012"):
         cells = [row + column for row in numbers for column in numbers]
         if found.keys() >= set(cells):
             own = [found[cell] for cell in cells]

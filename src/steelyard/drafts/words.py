@@ -136,14 +136,8 @@ class Name:
     @property
     def axis(self) -> int | None:
         """Where x, y, z or w stands; None: nowhere."""
-        return next(
-            (
-                i
-                for i in range(len(self.words) - 1, -1, -1)
-                if self.words[i] in {"x", "y", "z", "w"}
-            ),
-            None,
-        )
+        places = [i for i, word in enumerate(self.words) if word in {"x", "y", "z", "w"}]
+        return places[-1] if places else None
 
     @property
     def angle(self) -> int | None:
@@ -153,9 +147,8 @@ class Name:
     @property
     def numbers(self) -> list[int]:
         """Where numbers stand, the last few."""
-        return [i for i, word in enumerate(self.words) if word.isdigit() and len(word) < 5][
-            -_MOST_NUMBERS:
-        ]
+        places = [i for i, word in enumerate(self.words) if word.isdigit() and len(word) < 5]
+        return places[-_MOST_NUMBERS:]
 
     @property
     def is_time(self) -> bool:

@@ -21,7 +21,15 @@ from steelyard.clocks.clock_signals import (
     LogClock,
     clocks_of,
 )
-from steelyard.clocks.offsets import Offset, ambiguous, drift_of, joined, liveliest, uncertain
+from steelyard.clocks.offsets import (
+    Offset,
+    ambiguous,
+    chained,
+    drift_of,
+    joined,
+    liveliest,
+    uncertain,
+)
 from steelyard.clocks.search import candidates
 from steelyard.clocks.settings import OFFSET
 from steelyard.clocks.shift import Shift
@@ -114,18 +122,7 @@ def offsets_of(experiment: Experiment, run: Run) -> tuple[Offset, ...]:
     forces = _against_motion(experiment, run, clocks, motion)
     return (
         Offset(first.instruments, 0.0, 0.0, True),
-        *(
-            replace(
-                each,
-                value=each.value + forces.value,
-                sigma=float(np.hypot(each.sigma, forces.sigma)),
-                known=each.known and forces.known,
-                reason=each.reason or forces.reason,
-                drift=each.drift + forces.drift,
-                drift_sigma=float(np.hypot(each.drift_sigma, forces.drift_sigma)),
-            )
-            for each in motion
-        ),
+        *(chained(forces, each, each.instruments) for each in motion),
     )
 
 

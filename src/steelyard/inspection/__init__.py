@@ -1,3 +1,4 @@
-"""What is in a recording before anything is made of it: its streams, what they say of each other,
-and the mistakes that this gives away.
+"""What is in a recording before anything is estimated: its streams, and what each shows by itself;
+``agreements``, then ``mistakes``, contacts, delays and the information of all readings;
+imports experiments, instruments and identification.
 """

@@ -5,17 +5,22 @@ while one explains the rest.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, joined_stretches
 from steelyard.identification.model.unknown_body import BODY, unknown_body
-from steelyard.inspection.agreement import SETTINGS as AGREEMENT
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.motion_agreements import Relation
-from steelyard.inspection.wrench_balance import BodyBalance, body_balance, force_relations
+from steelyard.inspection.agreements.agreement import SETTINGS as AGREEMENT
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.motion import Relation
+from steelyard.inspection.agreements.wrench_balance import (
+    BodyBalance,
+    body_balance,
+    force_relations,
+    has_body,
+)
 from steelyard.instruments.equations import predict
 from steelyard.motion.state import State
 
@@ -90,13 +95,10 @@ def unexplained(
     """
     fits = {}
     for excerpt in excerpts:
-        relation = _relation(excerpt)
-        if (
-            relation is not None
-            and not excerpt.static
-            and (found := body_balance(excerpt, relation)) is not None
-        ):
-            fits[excerpt.run.name] = (excerpt, relation, found)
+        relation = None if excerpt.static else _relation(excerpt)
+        balance = None if relation is None else body_balance(excerpt, relation)
+        if relation is not None and balance is not None:
+            fits[excerpt.run.name] = (excerpt, relation, balance)
     sound = [found for run, (_, _, found) in fits.items() if worst.get(run, 0.0) < AGREEMENT.bad]
     residuals, contacts = [], []
     for excerpt, relation, found in fits.values():
@@ -113,9 +115,9 @@ def _relation(excerpt: Excerpt) -> Relation | None:
     """The account of the motion to go by: an accelerometer reads what accelerates the platform, others
     only where it is.
     """
-    relations = [r for r in force_relations(excerpt) if r[0] in {"cables", "wrench"}]
-    force_samples = [r for r in relations if any(q == "specific_force" for _, q in r[1])]
-    return next(iter(force_samples or relations), None)
+    relations = [r for r in force_relations(excerpt) if has_body(r)]
+    by_accelerometer = [r for r in relations if any(q == "specific_force" for _, q in r[1])]
+    return next(iter(by_accelerometer or relations), None)
 
 
 def _residual(
@@ -157,23 +159,9 @@ def _shown(excerpt: Excerpt, name: str, wrench: Array) -> tuple[Array, tuple[str
         return wrench, tuple(f"{what} {axis} of the platform" for what in parts for axis in "xyz")
     robot = excerpt.experiment.robot
     errors = {term.key: np.full(term.size, term.nominal) for term in instrument.terms(robot.m)}
-    readings = predict(instrument, robot, _pulling(wrench), errors)
+    unknown = dict.fromkeys(field.name for field in fields(State))
+    readings = predict(instrument, robot, State(**{**unknown, "wrench": wrench}), errors)
     return np.hstack(list(readings.values())), ("fx", "fy", "fz", "tx", "ty", "tz")
-
-
-def _pulling(wrench: Array) -> State:
-    """A state of which nothing but the wrench is known."""
-    return State(
-        position=None,
-        rotation=None,
-        velocity=None,
-        omega=None,
-        specific_force=None,
-        alpha=None,
-        tension=None,
-        wrench=wrench,
-        gravity=None,
-    )
 
 
 def _contacts(
@@ -181,29 +169,50 @@ def _contacts(
 ) -> list[Contact]:
     """Stretches far from what a body explains, without pauses."""
     time = residual.time
-    found = joined_stretches(time, far, settings.pause)
     step = float(np.median(np.diff(time)))
-    return [
-        _contact(residual, first, last, settings.share)
-        for first, last in found
-        if time[last - 1] - time[first] + step >= settings.shortest
-    ]
+    found = []
+    for first, last in joined_stretches(time, far, settings.pause):
+        start, end = float(time[first]), float(time[last - 1])
+        if end - start + step >= settings.shortest:
+            found.append(_contact(residual, start, end, settings.share))
+    return found
 
 
-def _contact(residual: Residual, first: int, last: int, share: float) -> Contact:
-    """Which channels, in units of what they are elsewhere."""
-    inside = residual.left[first:last]
+def contacts_of_fit(
+    stretches: Mapping[str, Sequence[tuple[float, float]]],
+    residuals: Sequence[Residual],
+    known: Sequence[Contact],
+) -> list[Contact]:
+    """Contacts that only the fit of everything at once has found.
+
+    Args:
+        stretches: Run -> beginning and end of each, common time [s].
+        residuals: Of the runs.
+        known: Contacts that need not be found again.
+    """
+    of_run = {residual.run: residual for residual in residuals}
+    found = []
+    for run, own in stretches.items():
+        for start, end in own:
+            again = any(c.run == run and c.start < end and c.end > start for c in known)
+            if run in of_run and not again:
+                found.append(_contact(of_run[run], float(start), float(end), most=1))
+    return found
+
+
+def _contact(
+    residual: Residual, start: float, end: float, share: float = 0.0, most: int = 3
+) -> Contact:
+    """A stretch with the channels of force and torque in which it shows: those above a share of the
+    largest, so many at most.
+    """
+    inside = residual.left[(residual.time >= start) & (residual.time <= end)]
+    left = inside if len(inside) else np.zeros((1, 6))
     names: list[str] = []
+    largest = []
     for part in (slice(0, 3), slice(3, 6)):
-        size = np.sqrt(np.mean(inside[:, part] ** 2, axis=0))
-        order = np.argsort(-size)
-        names += [residual.names[part.start + i] for i in order if size[i] > share * size.max()]
-    return Contact(
-        residual.run,
-        float(residual.time[first]),
-        float(residual.time[last - 1]),
-        residual.instrument,
-        tuple(names),
-        float(np.linalg.norm(inside[:, :3], axis=1).max()),
-        float(np.linalg.norm(inside[:, 3:], axis=1).max()),
-    )
+        size = np.sqrt(np.mean(left[:, part] ** 2, axis=0))
+        order = np.argsort(-size, kind="stable")[:most]
+        names += [residual.names[part.start + i] for i in order if size[i] >= share * size.max()]
+        largest.append(float(np.linalg.norm(left[:, part], axis=1).max()))
+    return Contact(residual.run, start, end, residual.instrument, tuple(names), *largest)

@@ -11,9 +11,9 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.solve.posterior import Posterior
-from steelyard.inspection.excerpt import Excerpt, excerpt_of
-from steelyard.inspection.motion_agreements import Relation, motion_agreement, motion_relations
-from steelyard.inspection.wrench_balance import body_balance, force_relations
+from steelyard.inspection.agreements.excerpt import Excerpt, excerpt_of, instruments_by_clock
+from steelyard.inspection.agreements.motion import Relation, motion_agreement, motion_relations
+from steelyard.inspection.agreements.wrench_balance import body_balance, force_relations, has_body
 from steelyard.smoothing import Samples1D, fit
 
 
@@ -22,7 +22,7 @@ class DelaySettings:
     """How a delay is looked for, and when the data determine it."""
 
     finest: float = 0.03
-    """Spacing of the knots [s]: fine enough for vibrations, which tell a clock best."""
+    """Spacing of the knots [s]: fine enough for vibrations, which determine a clock best."""
     most: int = 800
     """Instants that are looked at: two a knot over thirty seconds with room to spare."""
     reach: float = 0.08
@@ -62,6 +62,7 @@ class Delay:
     prior: tuple[float, float]
     """Value and 1-sigma beforehand [s]."""
     told: bool
+    """Whether the data determine it."""
     how: str
     """By what it was found, or why it was not."""
 
@@ -73,6 +74,17 @@ class Delay:
             self.told
             and self.how in _TRUSTED
             and abs(self.value - value) > SETTINGS.clear * float(np.hypot(sigma, self.sigma))
+        )
+
+    @property
+    def remark(self) -> str:
+        """That it is off by so much, and what to change."""
+        late = "late" if self.value > 0 else "early"
+        return (
+            f"run '{self.run}': the clock of {' and '.join(self.instruments)} is {late} by"
+            f" {abs(self.value) * 1e3:.0f} ms, more than its prior of {self.prior[1] * 1e3:.0f}"
+            " ms allows; correct 'sync', or state calibration: {delay: {value:"
+            f" {self.value:.4f}, sigma: {max(self.sigma, 1e-3):.4f}}}}}"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -88,41 +100,38 @@ class Delay:
         }
 
 
-def groups_of(experiment: Experiment, run: Run) -> list[tuple[str, ...]]:
+def _groups(experiment: Experiment, run: Run) -> list[tuple[str, ...]]:
     """Instruments of a run by their clocks, that of the forces left out."""
-    shared: dict[str, list[str]] = {}
-    for name in run.streams:
-        shared.setdefault(clock_of(experiment, name), []).append(name)
     force = experiment.force_instrument(run)
-    return [tuple(names) for names in shared.values() if force not in names]
+    return [names for names in instruments_by_clock(experiment, run) if force not in names]
 
 
-def prior_of(experiment: Experiment, run: Run, names: tuple[str, ...]) -> tuple[float, float]:
+def _prior(experiment: Experiment, run: Run, names: tuple[str, ...]) -> tuple[float, float]:
     """Value and 1-sigma of a delay beforehand [s]."""
     priors = [experiment.delay(run, name) for name in names]
     best = min(priors, key=lambda p: float(np.mean(p.sigma or 0.0)))
     return float(np.mean(best.value or 0.0)), float(np.mean(best.sigma or 0.0))
 
 
-def of_joint(joint: Posterior, run: Run) -> list[Delay]:
+def of_joint(joint: Posterior, name: str) -> list[Delay]:
     """Delays that a fit of everything has found.
 
     Args:
         joint: Of the experiment, converged.
-        run: One of its runs.
+        name: Of one of its runs.
     """
-    experiment = joint.experiment
-    calibration = joint.calibration
+    experiment, calibration = joint.experiment, joint.calibration
+    run = next(each for each in experiment.runs if each.name == name)
     sigma = np.sqrt(np.maximum(np.diag(joint.solution.covariance)[10:], 0.0))
     found = []
-    for names in groups_of(experiment, run):
+    for names in _groups(experiment, run):
         place = calibration.calibration_parameters.place(
             clock_of(experiment, names[0]), "delay", run.name
         )
-        prior = prior_of(experiment, run, names)
+        prior = _prior(experiment, run, names)
         own = float(sigma[place][0])
         told = prior[1] > 0 and own < min(SETTINGS.largest_sigma, SETTINGS.prior_share * prior[1])
-        how = _JOINT if told else "stated" if not prior[1] else "the readings do not tell it"
+        how = _JOINT if told else "stated" if not prior[1] else "the readings do not determine it"
         found.append(
             Delay(run.name, names, float(calibration.values[place][0]), own, prior, told, how)
         )
@@ -138,38 +147,23 @@ def of_excerpt(experiment: Experiment, run: Run) -> list[Delay]:
         run: One in motion.
     """
     view = excerpt_of(experiment, run, SETTINGS.finest, SETTINGS.most)
-    return [] if view is None else [_best(view, names) for names in groups_of(experiment, run)]
+    return [] if view is None else [_best(view, names) for names in _groups(experiment, run)]
 
 
 def _best(view: Excerpt, names: tuple[str, ...]) -> Delay:
     """Delay of one clock."""
-    prior = prior_of(view.experiment, view.run, names)
-    shaken = _by_vibration(view, names)
-    if shaken is not None:
-        value, sigma = shaken
-        return Delay(
-            view.run.name,
-            names,
-            prior[0] + value,
-            sigma,
-            prior,
-            sigma < SETTINGS.largest_sigma,
-            _SHAKEN_BY,
-        )
-    found = [
-        each
-        for each in (_least(view, names, r) for r in _relations(view, names))
-        if each is not None
-    ]
-    if not found:
-        return Delay(
-            view.run.name, names, prior[0], np.inf, prior, False, "nothing to compare it with"
-        )
-    value, sigma, how = min(found, key=lambda each: each[1])
+    prior = _prior(view.experiment, view.run, names)
+    found = [_by_vibration(view, names)]
+    if found == [None]:
+        found = [_least(view, names, relation) for relation in _relations(view, names)]
+    there = [each for each in found if each is not None]
+    if not there:
+        how = "nothing to compare it with"
+        return Delay(view.run.name, names, prior[0], np.inf, prior, False, how)
+    value, sigma, how = min(there, key=lambda each: each[1])
+    told = sigma < SETTINGS.largest_sigma
     # Times are counted from the delay that is known beforehand.
-    return Delay(
-        view.run.name, names, prior[0] + value, sigma, prior, sigma < SETTINGS.largest_sigma, how
-    )
+    return Delay(view.run.name, names, prior[0] + value, sigma, prior, told, how)
 
 
 def _relations(view: Excerpt, names: tuple[str, ...]) -> list[Relation]:
@@ -179,17 +173,14 @@ def _relations(view: Excerpt, names: tuple[str, ...]) -> list[Relation]:
     own = [
         r
         for r in force_relations(view)
-        if r[0] in {"cables", "wrench"}
+        if has_body(r)
         and any(n in names for n, _ in r[1])
         and not any(view.instruments[n].commanded for n, _ in r[1] if n not in names)
     ]
     if own:
-        force_samples = [
-            r
-            for r in own
-            if any(n in names and q in {"specific_force", "position"} for n, q in r[1])
-        ]
-        return force_samples or own
+        enough = {"specific_force", "position"}
+        alone = [r for r in own if any(n in names and q in enough for n, q in r[1])]
+        return alone or own
     return [r for r in motion_relations(view) if any(n in names for n, _ in r[1])]
 
 
@@ -197,29 +188,37 @@ def _least(
     view: Excerpt, names: tuple[str, ...], relation: Relation
 ) -> tuple[float, float, str] | None:
     """Delay of least residual, its 1-sigma, and by what."""
+
+    def left(delay: float) -> float:
+        return _left(view.delayed(dict.fromkeys(names, delay)), relation)
+
     grid = np.arange(-SETTINGS.reach, SETTINGS.reach + SETTINGS.step / 2, SETTINGS.step)
-    left = np.array([_left(_moved(view, names, float(d)), relation) for d in grid])
-    if not np.isfinite(left).all():
-        return None
-    i = int(np.argmin(left))
-    if i in {0, len(grid) - 1}:
+    cost = np.array([left(float(delay)) for delay in grid])
+    i = int(np.argmin(cost))
+    if not np.isfinite(cost).all() or i in {0, len(grid) - 1}:
         return None
     value = float(grid[i])
-    three, bend = np.zeros(3), 0.0
     for width in (SETTINGS.step, SETTINGS.step / 4):
-        around = value + width * np.array([-1.0, 0.0, 1.0])
-        three = np.array([_left(_moved(view, names, float(d)), relation) for d in around])
-        bend = float(three[0] - 2 * three[1] + three[2]) / width**2
+        three = np.array([left(value + width * each) for each in (-1.0, 0.0, 1.0)])
+        value, bend = _lowest(value, width, three)
         if bend <= 0:
             return None
-        value = float(around[1] - (three[2] - three[0]) / (2 * width) / bend)
     # What is left is mostly imperfect models, which change slowly.
     count = float(view.time[-1] - view.time[0]) / SETTINGS.correlated
     sigma = float(np.sqrt(2 * three[1] / (bend * count)))
     return value, sigma, " and ".join(dict.fromkeys(n for n, _ in relation[1]))
 
 
-def _by_vibration(view: Excerpt, names: tuple[str, ...]) -> tuple[float, float] | None:
+def _lowest(middle: float, width: float, costs: Array) -> tuple[float, float]:
+    """Where the parabola through three costs, a width apart about a middle, is least, and its
+    curvature.
+    """
+    low, here, high = map(float, costs)
+    bend = (low - 2 * here + high) / width**2
+    return (middle - (high - low) / (2 * width) / bend if bend > 0 else middle), bend
+
+
+def _by_vibration(view: Excerpt, names: tuple[str, ...]) -> tuple[float, float, str] | None:
     """Delay of an accelerometer against a six-axis sensor: whatever shakes the body shakes both, as
     fast as they are read.
 
@@ -228,16 +227,14 @@ def _by_vibration(view: Excerpt, names: tuple[str, ...]) -> tuple[float, float] 
     enough, do not matter.
     """
     experiment, run = view.experiment, view.run
-    force_samples = next((n for n in names if "specific_force" in run.streams[n].values), None)
+    shaken = next((n for n in names if "specific_force" in run.streams[n].values), None)
     force = experiment.force_instrument(run)
-    if force_samples is None or force is None or "force" not in run.streams[force].values:
+    if shaken is None or force is None or "force" not in run.streams[force].values:
         return None
-    pair = ((force_samples, "specific_force"), (force, "force"))
+    pair = ((shaken, "specific_force"), (force, "force"))
     times = [experiment.common_time(run, name) for name, _ in pair]
-    start, end = (
-        max(t[0] for t in times) + SETTINGS.reach,
-        min(t[-1] for t in times) - SETTINGS.reach,
-    )
+    start = max(t[0] for t in times) + SETTINGS.reach
+    end = min(t[-1] for t in times) - SETTINGS.reach
     spacing = SETTINGS.per_knot * max(float(np.median(np.diff(t))) for t in times)
     if end - start < 40 * spacing:
         return None
@@ -246,14 +243,8 @@ def _by_vibration(view: Excerpt, names: tuple[str, ...]) -> tuple[float, float] 
     for (name, quantity), t in zip(pair, times, strict=True):
         values = run.streams[name].values[quantity]
         there = np.isfinite(values).all(axis=1)
-        fits.append(
-            fit(
-                Samples1D(t[there], values[there]),
-                start - SETTINGS.reach,
-                end + SETTINGS.reach,
-                spacing,
-            )
-        )
+        samples = Samples1D(t[there], values[there])
+        fits.append(fit(samples, start - SETTINGS.reach, end + SETTINGS.reach, spacing))
     acceleration, forces = fits
     if acceleration is None or forces is None:
         return None
@@ -270,28 +261,19 @@ def _by_vibration(view: Excerpt, names: tuple[str, ...]) -> tuple[float, float] 
     i = int(np.argmin(cost))
     if not 0 < i < len(grid) - 1 or cost[i] > SETTINGS.shaken * float(np.sum(target**2)):
         return None
-    width = grid[1] - grid[0]
-    bend = float(cost[i - 1] - 2 * cost[i] + cost[i + 1]) / width**2
-    value = float(grid[i] - (cost[i + 1] - cost[i - 1]) / (2 * width) / bend)
+    value, bend = _lowest(float(grid[i]), float(grid[1] - grid[0]), cost[i - 1 : i + 2])
     # What is left is correlated over a knot.
-    return value, float(np.sqrt(2 * cost[i] / (bend * 3 * len(at) / 2)))
-
-
-def _moved(view: Excerpt, names: tuple[str, ...], delay: float) -> Excerpt:
-    return view.with_observations(
-        {s: seen.later(view.time, delay) for s, seen in view.observations.items() if s[0] in names}
-    )
+    return value, float(np.sqrt(2 * cost[i] / (bend * 3 * len(at) / 2))), _SHAKEN_BY
 
 
 def _left(view: Excerpt, relation: Relation) -> float:
     """Mean square of what is left, in units that do not change."""
-    if relation[0] in {"cables", "wrench"}:
+    if has_body(relation):
         found = body_balance(view, relation)
         if found is None:
             return np.inf
-        scale = np.repeat(
-            [_rms(found.measured.wrench[:, :3]), _rms(found.measured.wrench[:, 3:])], 3
-        )
+        wrench = found.measured.wrench
+        scale = np.repeat([_rms(wrench[:, :3]), _rms(wrench[:, 3:])], 3)
         return float(np.mean((found.left / scale) ** 2))
     agreement = motion_agreement(view, relation)
     axes = agreement.measured.shape[1]

@@ -1,4 +1,4 @@
-"""What the recording can tell, from the information of all of its readings: the ten of the body,
+"""What is identifiable from a recording, by the information of all of its readings: the ten of the body,
 and every systematic error.
 """
 
@@ -64,17 +64,15 @@ def excitation(joint: Posterior) -> Excitation:
     Args:
         joint: Of it.
     """
-    study = joint
-    experiment = study.experiment
-    sizes = plausible_sizes(abs(float(study.parameters[0])), plausible_radius(experiment.robot))
-    values = Inertia.from_parameters(study.parameters).body_parameters
+    experiment = joint.experiment
+    sizes = plausible_sizes(abs(float(joint.parameters[0])), plausible_radius(experiment.robot))
+    values = Inertia.from_parameters(joint.parameters).body_parameters
     body = []
     for i, name in enumerate(BODY_PARAMETERS):
         sigma = float(joint.bound.standard_deviation[i])
         told: Told = "data" if sigma < SETTINGS.data * sizes[i] else "not at all"
-        known = None
-        if name in experiment.known:
-            known = experiment.known[name][1]
+        _, known = experiment.known.get(name, (None, None))
+        if known is not None:
             told = _determined_by(sigma, known)
         body.append(Identifiability(name, BODY_UNITS[i], float(values[i]), sigma, known, told))
     return Excitation(tuple(body), tuple(_of_calibration(joint)))
@@ -82,8 +80,7 @@ def excitation(joint: Posterior) -> Excitation:
 
 def _of_calibration(joint: Posterior) -> Iterator[Identifiability]:
     """Of every systematic error that is not known exactly."""
-    study = joint
-    parameters = study.calibration.calibration_parameters
+    parameters = joint.calibration.calibration_parameters
     left = np.sqrt(np.maximum(np.diag(joint.bound.calibration), 0.0))
     for place, unknown, component in parameters.components():
         sigma, prior = float(left[place]), float(unknown.deviation[component])
@@ -91,7 +88,7 @@ def _of_calibration(joint: Posterior) -> Iterator[Identifiability]:
             yield Identifiability(
                 parameters.names[place],
                 unknown.unit,
-                float(study.calibration.values[place]),
+                float(joint.calibration.values[place]),
                 sigma,
                 prior,
                 _determined_by(sigma, prior),

@@ -10,20 +10,25 @@ import numpy as np
 
 from steelyard.display import printable
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
 from steelyard.identification.model.preparation import prepare
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.synchronisation import synchronise
-from steelyard.inspection.agreement import InstrumentAgreement
-from steelyard.inspection.contact import Contact, ContactSettings, Residual, unexplained
+from steelyard.inspection.agreements.agreement import InstrumentAgreement
+from steelyard.inspection.agreements.excerpt import Excerpt, excerpts
+from steelyard.inspection.agreements.judgement import Judged, judged
+from steelyard.inspection.contact import (
+    Contact,
+    ContactSettings,
+    Residual,
+    contacts_of_fit,
+    unexplained,
+)
 from steelyard.inspection.delays import Delay, of_excerpt, of_joint
-from steelyard.inspection.excerpt import Excerpt, excerpts
-from steelyard.inspection.excitation import Excitation, excitation
-from steelyard.inspection.judgement import Judged
-from steelyard.inspection.judgement import judged as judge
-from steelyard.inspection.mistakes import Mistake, MistakeSettings, mistakes
+from steelyard.inspection.excitation import Excitation, Identifiability, excitation
+from steelyard.inspection.mistakes.search import Mistake, MistakeSettings, mistakes
 from steelyard.inspection.part import part_of
 from steelyard.inspection.remarks import constant_channels, of_noise, of_times
 from steelyard.inspection.streams import StreamReport, as_dict, stream_reports
@@ -38,7 +43,7 @@ class InspectionSettings:
     runs: int = 8
     """Runs whose agreements are looked at: mistakes of a description show in each."""
     fitted: int = 3
-    """Runs in motion that are fitted as a whole: enough for what a recording tells."""
+    """Runs in motion that are fitted as a whole: enough to see what is identifiable."""
     mistakes: MistakeSettings = field(default_factory=MistakeSettings)
     """When a mistake is named."""
     contacts: ContactSettings = field(default_factory=ContactSettings)
@@ -47,7 +52,8 @@ class InspectionSettings:
 
 SETTINGS = InspectionSettings()
 
-Tell = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the fraction that is done."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +82,9 @@ class Inspection:
         named = [
             f"mistake: {each.subject}: {each.what}. Change: {each.proposal}" for each in amendments
         ]
-        counts = (
-            f"{len(named) or 'no'} mistake{'' if len(named) == 1 else 's'},"
-            f" {len(self.contacts) or 'no'} contact{'' if len(self.contacts) == 1 else 's'}"
-        )
-        return "\n".join(
-            map(
-                printable,
-                [f"Inspection of '{self.experiment.name}': {counts}", *named, *self.remarks],
-            )
-        )
+        counts = f"{_counted(len(named), 'mistake')}, {_counted(len(self.contacts), 'contact')}"
+        first = f"Inspection of '{self.experiment.name}': {counts}"
+        return "\n".join(map(printable, [first, *named, *self.remarks]))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
@@ -103,6 +102,10 @@ class Inspection:
             "excitation": None if self.excitation is None else _excitation_dict(self.excitation),
             "remarks": list(self.remarks),
         }
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count or 'no'} {what}{'' if count == 1 else 's'}"
 
 
 def _agreement_dict(run: str, agreement: InstrumentAgreement) -> dict[str, Any]:
@@ -138,12 +141,13 @@ def _mistake_dict(mistake: Mistake, runs: Sequence[str]) -> dict[str, Any]:
 def _excitation_dict(found: Excitation) -> dict[str, Any]:
     """Plain values of what can be known; null for what cannot."""
 
-    def numbers(each: Any) -> dict[str, Any]:
-        values = {key: value for key, value in vars(each).items() if key != "name"}
-        return {
-            key: None if isinstance(v, float) and not np.isfinite(v) else v
-            for key, v in values.items()
+    def numbers(each: Identifiability) -> dict[str, Any]:
+        finite = {
+            key: None if isinstance(value, float) and not np.isfinite(value) else value
+            for key, value in vars(each).items()
         }
+        del finite["name"]
+        return finite
 
     return {
         "body": {each.name: numbers(each) for each in found.body},
@@ -153,7 +157,7 @@ def _excitation_dict(found: Excitation) -> dict[str, Any]:
 
 def inspect(
     experiment: Experiment,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
     *,
     settings: InspectionSettings = SETTINGS,
 ) -> Inspection:
@@ -161,18 +165,18 @@ def inspect(
 
     Args:
         experiment: With at least one run.
-        progress: Is told what is being done and the fraction that is done.
+        progress: Called with what is being done and the fraction that is done.
         settings: How much is looked at, and what is named.
 
     Raises:
         InputError: What an estimator would fail on.
     """
-    tell: Tell = progress or (lambda what, fraction: None)
-    tell("finding the clocks", 0.0)
+    progress = progress or (lambda what, fraction: None)
+    progress("finding the clocks", 0.0)
     hints = tuple(text for run in experiment.runs for text in of_times(experiment, run))
     try:
         experiment = synchronise(experiment, progress).experiment
-        tell("reading the streams", 0.1)
+        progress("reading the streams", 0.1)
         with np.errstate(all="ignore"):
             shown = list(excerpts(experiment, settings.runs))
         _enter(experiment, shown)
@@ -181,30 +185,25 @@ def inspect(
         raise InputError("; ".join([str(error), *hints])) from error
     reports = tuple(each for run in experiment.runs for each in stream_reports(experiment, run))
     with np.errstate(all="ignore"):
-        judged, found = _judge(shown, tell, settings)
+        described, amended, found = _judge(shown, progress, settings)
         named, runs_of = _merged(found)
-        worst = {
-            j.excerpt.run.name: max(
-                (a.worst for r, a in j.agreements.items() if r[0] in {"cables", "wrench"}),
-                default=0.0,
-            )
-            for j in judged
-        }
-        amended = _corrected(shown, found)
-        residuals, contacts = unexplained(
-            amended, worst if not named else {}, settings=settings.contacts
+        # Once mistakes are corrected, all forces count as sound.
+        worst = {} if named else {each.excerpt.run.name: each.worst_of_forces for each in described}
+        residuals, contacts = unexplained(amended, worst, settings=settings.contacts)
+        delays, joint, remarks = _fitted(
+            experiment, shown, bool(named), contacts, progress, settings
         )
-        delays, joint, remarks = _fitted(experiment, shown, bool(named), contacts, tell, settings)
     remarks = [*hints, *constant_channels(experiment), *of_noise(experiment, reports), *remarks]
-    if not named and any(j.bad for j in judged) and not contacts:
-        remarks.append(_unexplained(judged))
-    contacts += _joint_contacts(joint, residuals, contacts)
-    tell("done", 1.0)
+    if not named and any(j.bad for j in described) and not contacts:
+        remarks.append(_unexplained(described))
+    if joint is not None:
+        contacts += contacts_of_fit(joint.contacts, residuals, contacts)
+    progress("done", 1.0)
     return Inspection(
         experiment=experiment,
         streams=reports,
         delays=tuple(delays),
-        agreements=tuple((j.excerpt.run.name, a) for j in judged for a in j.agreements.values()),
+        agreements=tuple((j.excerpt.run.name, a) for j in described for a in j.agreements.values()),
         mistakes=named,
         runs_of=runs_of,
         contacts=tuple(sorted(contacts, key=lambda c: (c.run, c.start))),
@@ -218,57 +217,37 @@ def _enter(experiment: Experiment, shown: Sequence[Excerpt]) -> None:
     """What every estimator begins with, on a part of long runs; raises what it would."""
     parts = {excerpt.run.name: excerpt for excerpt in shown if not excerpt.static}
     for run in experiment.runs:
-        excerpt = parts.get(run.name)
-        window = run.window
-        if excerpt is not None:
-            first, last = run.window or (-np.inf, np.inf)
-            start, end = (
-                float(excerpt.time[0]) - excerpt.spacing,
-                float(excerpt.time[-1]) + excerpt.spacing,
-            )
-            window = (max(start, first), min(end, last))
+        window = parts[run.name].window if run.name in parts else run.window
         prepare(experiment, replace(run, window=window), thin=True, commanded=True)
 
 
 def _judge(
-    shown: Sequence[Excerpt], tell: Tell, settings: InspectionSettings
-) -> tuple[list[Judged], list[list[Mistake]]]:
-    """Agreements of every run as described, and the mistakes that each gives away."""
-    judged, found = [], []
+    shown: Sequence[Excerpt], progress: Progress, settings: InspectionSettings
+) -> tuple[list[Judged], list[Excerpt], list[Mistake]]:
+    """Agreements of every run as described, the excerpts with their mistakes taken back, and all
+    mistakes.
+    """
+    described, amended, found = [], [], list[Mistake]()
     for i, excerpt in enumerate(shown):
-        tell(
-            f"comparing the instruments of {excerpt.run.name}",
-            0.15 + 0.35 * i / len(shown),
-        )
-        judged.append(judge(excerpt))
-        found.append(mistakes(excerpt, settings=settings.mistakes)[0])
-    return judged, found
+        progress(f"comparing the instruments of {excerpt.run.name}", 0.15 + 0.35 * i / len(shown))
+        described.append(judged(excerpt))
+        own, then = mistakes(excerpt, settings=settings.mistakes)
+        amended.append(then.excerpt)
+        found += own
+    return described, amended, found
 
 
 def _merged(
-    found: Sequence[Sequence[Mistake]],
+    found: Sequence[Mistake],
 ) -> tuple[tuple[Mistake, ...], tuple[tuple[str, ...], ...]]:
     """Each mistake once, with all runs that show it; first those that explain most."""
     groups: dict[tuple[str, str, str], list[Mistake]] = {}
-    for own in found:
-        for mistake in own:
-            a = mistake.amendment
-            groups.setdefault((a.subject, a.kind, a.proposal), []).append(mistake)
-    best = [
-        (max(group, key=lambda m: m.gain), tuple(m.run for m in group)) for group in groups.values()
-    ]
-    best.sort(key=lambda pair: -pair[0].gain)
-    return tuple(m for m, _ in best), tuple(runs for _, runs in best)
-
-
-def _corrected(shown: Sequence[Excerpt], found: Sequence[Sequence[Mistake]]) -> list[Excerpt]:
-    """Pictures with their mistakes taken back."""
-    amended = []
-    for excerpt, own in zip(shown, found, strict=True):
-        for mistake in own:
-            excerpt = mistake.amendment.change(excerpt)
-        amended.append(excerpt)
-    return amended
+    for mistake in found:
+        a = mistake.amendment
+        groups.setdefault((a.subject, a.kind, a.proposal), []).append(mistake)
+    best = {max(group, key=lambda m: m.gain): group for group in groups.values()}
+    named = sorted(best, key=lambda m: -m.gain)
+    return tuple(named), tuple(tuple(m.run for m in best[mistake]) for mistake in named)
 
 
 def _fitted(
@@ -276,101 +255,48 @@ def _fitted(
     shown: Sequence[Excerpt],
     wrong: bool,
     contacts: Sequence[Contact],
-    tell: Tell,
+    progress: Progress,
     settings: InspectionSettings,
 ) -> tuple[list[Delay], Posterior | None, list[str]]:
     """Delays, a fit of everything, and what to say of it."""
+    if wrong:
+        wait = "delays and identifiability are evaluated once the mistakes are corrected"
+        return [], None, [wait]
     delays: list[Delay] = []
     moving = [run for run in experiment.runs if not run.static]
-    if wrong:
-        return (
-            delays,
-            None,
-            [
-                "delays and what the recording can tell are looked at once the mistakes are"
-                " corrected"
-            ],
-        )
     touched = {contact.run for contact in contacts}
     clean = [p for p in shown if p.run.name not in touched] or list(shown)
     few = [p for p in clean if not p.static][: settings.fitted] + [p for p in clean if p.static]
-    tell("fitting everything at once", 0.55)
-    joint, remarks = _joint(
-        part_of(experiment, few), lambda what, part: tell(what, 0.55 + 0.35 * part)
-    )
+    progress("fitting everything at once", 0.55)
+    part = part_of(experiment, few)
+    joint, remarks = _joint(part, lambda what, done: progress(what, 0.55 + 0.35 * done))
     trusted = joint is not None and joint.fit.converged and experiment.robot.m > 0
     fitted = {p.run.name for p in few} if trusted else set[str]()
-    tell("delays", 0.92)
+    progress("delays", 0.92)
     for run in moving[: settings.runs]:
         if joint is not None and run.name in fitted:
-            own = of_joint(joint, _run(joint, run))
-            delays += [replace(each, run=run.name) for each in own]
+            delays += of_joint(joint, run.name)
         else:
             delays += of_excerpt(experiment, run)
-    for each in delays:
-        if each.surprising:
-            late = "late" if each.value > 0 else "early"
-            remarks.append(
-                f"run '{each.run}': the clock of {' and '.join(each.instruments)} is {late} by"
-                f" {abs(each.value) * 1e3:.0f} ms, more than its prior of {each.prior[1] * 1e3:.0f}"
-                " ms allows; correct 'sync', or state calibration: {delay: {value:"
-                f" {each.value:.4f}, sigma: {max(each.sigma, 1e-3):.4f}}}}}"
-            )
-    return delays, joint, remarks
+    return delays, joint, remarks + [each.remark for each in delays if each.surprising]
 
 
-def _run(joint: Posterior, run: Run) -> Run:
-    return next(each for each in joint.experiment.runs if each.name == run.name)
-
-
-def _joint(part: Experiment, tell: Tell) -> tuple[Posterior | None, list[str]]:
+def _joint(part: Experiment, progress: Progress) -> tuple[Posterior | None, list[str]]:
     """A fit of everything and remarks on it; None where there is none."""
     try:
-        joint = fit_jointly(part, tell)
+        joint = fit_jointly(part, progress)
     except (NoBalanceError, InputError) as error:
-        return None, [f"what the recording can tell was not looked at: {error}"]
-    converged = (
-        []
-        if joint.fit.converged
-        else ["the fit of everything at once did not settle: its figures are rough"]
-    )
-    return joint, [*joint.notes, *converged]
+        return None, [f"identifiability was not evaluated: {error}"]
+    if joint.fit.converged:
+        return joint, list(joint.notes)
+    rough = "the fit of everything at once did not converge: its figures are rough"
+    return joint, [*joint.notes, rough]
 
 
-def _joint_contacts(
-    joint: Posterior | None, residuals: Sequence[Residual], known: Sequence[Contact]
-) -> list[Contact]:
-    """Contacts that only the fit of everything has seen."""
-    found = []
-    for run, stretches in (joint.contacts if joint else {}).items():
-        residual = next((r for r in residuals if r.run == run), None)
-        for start, end in stretches:
-            if (
-                any(c.run == run and c.start < end and c.end > start for c in known)
-                or residual is None
-            ):
-                continue
-            inside = (residual.time >= start) & (residual.time <= end)
-            left = residual.left[inside] if inside.any() else np.zeros((1, 6))
-            size = np.sqrt(np.mean(left**2, axis=0))
-            names = (
-                residual.names[int(np.argmax(size[:3]))],
-                residual.names[3 + int(np.argmax(size[3:]))],
-            )
-            force, torque = (
-                float(np.linalg.norm(left[:, part], axis=1).max())
-                for part in (slice(0, 3), slice(3, 6))
-            )
-            found.append(
-                Contact(run, float(start), float(end), residual.instrument, names, force, torque)
-            )
-    return found
-
-
-def _unexplained(judged: Sequence[Judged]) -> str:
+def _unexplained(described: Sequence[Judged]) -> str:
     """Where instruments contradict each other and no simple mistake explains it."""
     run, worst = max(
-        ((j.excerpt.run.name, a) for j in judged for a in j.bad), key=lambda pair: pair[1].worst
+        ((j.excerpt.run.name, a) for j in described for a in j.bad), key=lambda pair: pair[1].worst
     )
     i = int(np.argmax(worst.ratio))
     return (

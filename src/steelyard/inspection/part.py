@@ -1,4 +1,4 @@
-"""A part of an experiment that a fit gets through quickly, and that tells the same."""
+"""A part of an experiment that is fitted quickly and determines the same."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.inspection.excerpt import Excerpt
+from steelyard.inspection.agreements.excerpt import Excerpt
 from steelyard.instruments import Instrument
 
 _FASTEST, _FASTEST_ON_SENSOR = 130.0, 30.0
@@ -35,13 +35,8 @@ def part_of(experiment: Experiment, excerpts: list[Excerpt]) -> Experiment:
         name: _averaged_noise(each, often.get(name, 1))
         for name, each in experiment.instruments.items()
     }
-    return replace(
-        experiment,
-        instruments=instruments,
-        runs=tuple(
-            run if run.static else _cut(experiment, run, shown[run.name], often) for run in runs
-        ),
-    )
+    cut = (run if run.static else _cut(experiment, run, shown[run.name], often) for run in runs)
+    return replace(experiment, instruments=instruments, runs=tuple(cut))
 
 
 def _rate(runs: list[Run], name: str) -> float:
@@ -55,18 +50,13 @@ def _rate(runs: list[Run], name: str) -> float:
 
 
 def _cut(experiment: Experiment, run: Run, excerpt: Excerpt, often: dict[str, int]) -> Run:
-    start, end = float(excerpt.time[0]) - excerpt.spacing, float(excerpt.time[-1]) + excerpt.spacing
-    first, last = run.window or (-np.inf, np.inf)
-    window = (max(start, first), min(end, last))
+    """What an excerpt shows of a run, its fast streams averaged."""
     streams = {name: _averaged(stream, often.get(name, 1)) for name, stream in run.streams.items()}
     # Averaging moves the first force sample, by which times without 'sync' are counted.
-    sync = run.sync or dict.fromkeys(run.streams, float(_first(experiment, run)))
-    return replace(run, streams=streams, sync=sync, window=window)
-
-
-def _first(experiment: Experiment, run: Run) -> float:
-    name = experiment.force_instrument(run)
-    return float(run.streams[name].time[0]) if name else 0.0
+    force = experiment.force_instrument(run)
+    first = float(run.streams[force].time[0]) if force else 0.0
+    sync = run.sync or dict.fromkeys(run.streams, first)
+    return replace(run, streams=streams, sync=sync, window=excerpt.window)
 
 
 def _averaged(stream: Stream, often: int) -> Stream:

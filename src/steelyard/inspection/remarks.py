@@ -62,23 +62,19 @@ def constant_channels(experiment: Experiment) -> Iterator[str]:
         for name, stream in run.streams.items():
             if experiment.instruments[name].commanded:
                 continue
-            rows = [
-                (label, quantity, values)
-                for label, quantity, i, values in channels(stream)
-                if i is not None
-            ]
-            spread = {
-                label: float(np.nanmax(v) - np.nanmin(v)) if np.isfinite(v).any() else 0.0
-                for label, _, v in rows
-            }
-            for label, quantity, _ in rows:
-                fellows = [
-                    spread[other] for other, q, _ in rows if q == quantity and other != label
-                ]
-                if spread[label] == 0 and fellows and min(fellows) > 0:
+            spread: dict[str, dict[str, float]] = {}
+            for label, quantity, i, values in channels(stream):
+                if i is not None:
+                    known = values[~np.isnan(values)]
+                    spread.setdefault(quantity, {})[label] = (
+                        float(np.ptp(known)) if len(known) else 0.0
+                    )
+            for of_quantity in spread.values():
+                constant = [label for label, extent in of_quantity.items() if extent == 0]
+                if len(constant) == 1 and len(of_quantity) > 1:
                     yield (
-                        f"run '{run.name}': {label} of {name} never changes: a dead channel; look"
-                        " at its sensor and cable"
+                        f"run '{run.name}': {constant[0]} of {name} never changes: a dead channel;"
+                        " look at its sensor and cable"
                     )
 
 
@@ -92,15 +88,19 @@ def of_noise(experiment: Experiment, reports: Sequence[StreamReport]) -> Iterato
             ratio = found / q.stated
             # A platform in motion may shake faster than its instruments read; less than the stated
             # noise it cannot do.
-            if ratio <= 1 / SETTINGS.far or (ratio >= SETTINGS.far and q.noise_at_rest is not None):
-                what = (
-                    f"run '{report.run}': {q.name.replace('_', ' ')} of {report.instrument}"
-                    f" scatters by {found:.2g} {q.unit}, {ratio:.2g} times the stated noise"
-                )
-                units = [
-                    unit
-                    for unit, factor in FACTORS.get(q.unit, {}).items()
-                    if factor != 1 and abs(np.log(ratio * factor)) < SETTINGS.near_unit
-                ]
-                hint = f"; as if it read in {' or '.join(units[:3])}" if units and ratio < 1 else ""
-                yield f"{what}{hint}: check its unit, or correct 'noise'"
+            noisy = ratio >= SETTINGS.far and q.noise_at_rest is not None
+            quiet = ratio <= 1 / SETTINGS.far
+            if not (noisy or quiet):
+                continue
+            factors = FACTORS.get(q.unit, {}) if quiet else {}
+            units = [
+                unit
+                for unit, factor in factors.items()
+                if factor != 1 and abs(np.log(ratio * factor)) < SETTINGS.near_unit
+            ]
+            hint = f"; as if it read in {' or '.join(units[:3])}" if units else ""
+            yield (
+                f"run '{report.run}': {q.name.replace('_', ' ')} of {report.instrument} scatters by"
+                f" {found:.2g} {q.unit}, {ratio:.2g} times the stated noise{hint}: check its unit,"
+                " or correct 'noise'"
+            )

@@ -5,16 +5,16 @@ scatters at rest and in motion.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from steelyard.arrays import Array, stretches
+from steelyard.arrays import Array, binned_means, stretches
 from steelyard.experiment.faults import Timing, faults_of, timing
 from steelyard.experiment.model import Experiment, Fault, Run, Stream
-from steelyard.instruments import Instrument
+from steelyard.instruments import Instrument, Quantity
 
 _THIRD = float(np.sqrt(20.0))
 """1-sigma of third differences of white noise of 1-sigma one."""
@@ -92,30 +92,18 @@ def stream_reports(experiment: Experiment, run: Run) -> list[StreamReport]:
         run: One of its runs.
     """
     rest = {} if run.static else resting(experiment, run)
-    return [
-        _report(experiment.instruments[name], name, stream, run, rest.get(name), experiment.robot.m)
-        for name, stream in run.streams.items()
-    ]
+    return [_report(experiment, run, name, rest.get(name)) for name in run.streams]
 
 
 def _report(
-    instrument: Instrument,
-    name: str,
-    stream: Stream,
-    run: Run,
-    rest: NDArray[np.bool_] | None,
-    m: int,
+    experiment: Experiment, run: Run, name: str, rest: NDArray[np.bool_] | None
 ) -> StreamReport:
     """What one stream shows; ``rest``: samples at which the platform rests, shape (n,)."""
+    instrument, stream = experiment.instruments[name], run.streams[name]
     stuck = tuple(fault for fault in run.excluded if fault.instrument == name)
     faults = () if run.static else _faults(instrument, name, stream, stuck)
-    quantities = tuple(
-        _quantity(
-            q.name, q.unit, q.noise, stream.values[q.name], stream.time, rest, static=run.static
-        )
-        for q in instrument.quantities(m)
-        if q.name in stream.values
-    )
+    recorded = [q for q in instrument.quantities(experiment.robot.m) if q.name in stream.values]
+    quantities = tuple(_quantity(q, stream, rest) for q in recorded)
     times = None if run.static or len(stream) < 2 else timing(stream.time)
     return StreamReport(
         run.name,
@@ -145,60 +133,56 @@ def _faults(
     return tuple(found)
 
 
-def _quantity(
-    name: str,
-    unit: str,
-    stated: float | None,
-    values: Array,
-    time: Array,
-    rest: NDArray[np.bool_] | None,
-    *,
-    static: bool,
-) -> QuantityReport:
-    """Range, noise at rest and in motion, and spectrum of one quantity."""
+def _quantity(quantity: Quantity, stream: Stream, rest: NDArray[np.bool_] | None) -> QuantityReport:
+    """Range, noise at rest and in motion, and spectrum of one quantity; without the spectrum where
+    it is not known when the platform rests.
+    """
+    values = stream.values[quantity.name]
     flat = values.reshape(len(values), -1)
-    nothing = np.zeros(0)
-    low, high = _extremes(flat)
-    if static or rest is None:
-        return QuantityReport(name, unit, low, high, None, None, stated, nothing, nothing)
-    # Nine elements of a rotation matrix scatter by sqrt(6 / 9) of the rotation vector.
-    scale = float(np.sqrt(1.5)) if values.ndim == 3 else 1.0
-    few = flat[: SETTINGS.most]
-    at_rest, moving = (
-        None if level is None else scale * level
-        for level in (_scatter(few, rest[: SETTINGS.most]), _scatter(few, ~rest[: SETTINGS.most]))
+    there = np.isfinite(flat)
+    filled = np.where(there, flat, np.nanmean(flat, axis=0) if there.any(axis=0).all() else 0.0)
+    at_rest, moving = None, None
+    frequency, density = np.zeros(0), np.zeros(0)
+    if rest is not None:
+        few, resting = flat[: SETTINGS.most], rest[: SETTINGS.most]
+        # Nine elements of a rotation matrix scatter by sqrt(6 / 9) of the rotation vector.
+        scale = float(np.sqrt(1.5)) if quantity.rotation else 1.0
+        at_rest, moving = _scatter(few, resting, scale), _scatter(few, ~resting, scale)
+        frequency, density = _spectrum(stream.time[: SETTINGS.most], few)
+    return QuantityReport(
+        name=quantity.name,
+        unit=quantity.unit,
+        smallest=filled.min(axis=0),
+        largest=filled.max(axis=0),
+        noise_at_rest=at_rest,
+        noise_in_motion=moving,
+        stated=quantity.noise,
+        frequency=frequency,
+        density=density,
     )
-    frequency, density = _spectrum(time[: SETTINGS.most], few)
-    return QuantityReport(name, unit, low, high, at_rest, moving, stated, frequency, density)
 
 
-def _extremes(flat: Array) -> tuple[Array, Array]:
-    there = np.isfinite(flat).any(axis=0)
-    filled = np.where(np.isfinite(flat), flat, np.nanmean(flat, axis=0) if there.all() else 0.0)
-    return filled.min(axis=0), filled.max(axis=0)
-
-
-def _scatter(flat: Array, rows: NDArray[np.bool_]) -> float | None:
+def _scatter(flat: Array, rows: NDArray[np.bool_], scale: float) -> float | None:
     """1-sigma of samples about their neighbours, by third differences; None where there are too
     few.
     """
-    third = np.diff(flat, 3, axis=0)
-    use = rows[3:] & rows[:-3]
-    chosen = third[use]
-    chosen = chosen[np.isfinite(chosen).all(axis=1)]
-    if len(chosen) < SETTINGS.fewest:
+    third = np.diff(flat, 3, axis=0)[rows[3:] & rows[:-3]]
+    third = third[np.isfinite(third).all(axis=1)]
+    if len(third) < SETTINGS.fewest:
         return None
-    sigma = np.median(np.abs(chosen), axis=0) / _NORMAL / _THIRD
-    return float(np.sqrt(np.mean(sigma**2)))
+    return scale * float(np.sqrt(np.mean(_sigma(third) ** 2)))
+
+
+def _sigma(third: Array) -> Array:
+    """1-sigma of samples by their third differences, shape (n, k): one of each column."""
+    return np.asarray(np.median(np.abs(third), axis=0) / _NORMAL / _THIRD)
 
 
 def _spectrum(time: Array, flat: Array) -> tuple[Array, Array]:
     """Amplitude density on an even grid [Hz], unit per root of Hz."""
     complete = np.isfinite(flat).all(axis=1)
     time, flat = time[complete], flat[complete]
-    if len(time) < 64:
-        return np.zeros(0), np.zeros(0)
-    step = float(np.median(np.diff(time)))
+    step = float(np.median(np.diff(time))) if len(time) >= 64 else 0.0
     if step <= 0:
         return np.zeros(0), np.zeros(0)
     grid = time[0] + step * np.arange(min(len(time), SETTINGS.most))
@@ -218,7 +202,8 @@ def resting(experiment: Experiment, run: Run) -> dict[str, NDArray[np.bool_]]:
         run: One in motion.
     """
     times = {name: experiment.common_time(run, name) for name in run.streams}
-    start, end = max(float(t[0]) for t in times.values()), min(float(t[-1]) for t in times.values())
+    start = max(float(t[0]) for t in times.values())
+    end = min(float(t[-1]) for t in times.values())
     edges = np.arange(start, end, SETTINGS.bin)
     if len(edges) < 2 * SETTINGS.fewest_still:
         return {name: np.zeros(len(t), dtype=bool) for name, t in times.items()}
@@ -234,9 +219,7 @@ def resting(experiment: Experiment, run: Run) -> dict[str, NDArray[np.bool_]]:
     found = {}
     for name, t in times.items():
         bins = np.searchsorted(edges, t, side="right") - 1
-        found[name] = np.where(
-            (bins >= 0) & (t <= end), still[np.clip(bins, 0, len(edges) - 1)], False
-        )
+        found[name] = (bins >= 0) & (t <= end) & still[np.clip(bins, 0, len(edges) - 1)]
     return found
 
 
@@ -245,42 +228,32 @@ def _still(time: Array, flat: Array, edges: Array) -> NDArray[np.bool_]:
     good = np.isfinite(flat).all(axis=1)
     bins = np.searchsorted(edges, time, side="right") - 1
     use = good & (bins >= 0)
-    count = np.maximum(np.bincount(bins[use], minlength=len(edges)), 1)
+    still = np.ones(len(edges), dtype=bool)
     third = np.diff(flat[good], 3, axis=0)
     if not len(third):
-        return np.ones(len(edges), dtype=bool)
-    sigma = np.median(np.abs(third), axis=0) / _NORMAL / _THIRD
-    still = np.ones(len(edges), dtype=bool)
-    for i, column in enumerate(flat.T):
-        mean = np.bincount(bins[use], column[use], minlength=len(edges)) / count
-        step = np.abs(np.diff(mean))
-        spread = float(np.std(mean))
-        allowed = (
-            SETTINGS.still * sigma[i] * np.sqrt(2 / count[1:])
-            + SETTINGS.still_share * spread
-            + 1e-9 * float(np.abs(mean).max())
-        )
-        moving = step > allowed
-        still[1:] &= ~moving
-        still[:-1] &= ~moving
+        return still
+    mean, count = binned_means(bins[use], flat[use], len(edges))
+    by_noise = SETTINGS.still * _sigma(third) * np.sqrt(2 / np.maximum(count[1:, None], 1))
+    by_motion = SETTINGS.still_share * mean.std(axis=0)
+    step = np.abs(np.diff(mean, axis=0))
+    moving = (step > by_noise + by_motion + 1e-9 * np.abs(mean).max(axis=0)).any(axis=1)
+    still[1:] &= ~moving
+    still[:-1] &= ~moving
     return still
 
 
 def as_dict(report: StreamReport) -> Mapping[str, object]:
     """Plain values."""
-    t = report.timing
+    times: dict[str, object] = dict.fromkeys(field.name for field in fields(Timing))
+    if report.timing is not None:
+        gaps = [list(gap) for gap in report.timing.gaps]
+        times = {**vars(report.timing), "gaps": gaps}
     return {
         "run": report.run,
         "instrument": report.instrument,
         "kind": report.kind,
         "samples": report.samples,
-        "rate": None if t is None else t.rate,
-        "jitter": None if t is None else t.jitter,
-        "duration": None if t is None else t.duration,
-        "repeated": None if t is None else t.repeated,
-        "late": None if t is None else t.late,
-        "dropped": None if t is None else t.dropped,
-        "gaps": None if t is None else [list(gap) for gap in t.gaps],
+        **times,
         "faults": [vars(fault) for fault in report.faults],
         "quantities": {
             q.name: {

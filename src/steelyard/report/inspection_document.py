@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Run
-from steelyard.inspection.agreement import InstrumentAgreement
+from steelyard.inspection.agreements.agreement import InstrumentAgreement
 from steelyard.inspection.contact import Residual
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport

@@ -6,27 +6,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
+from itertools import product
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.dynamics import specific_force_at
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.amendment import (
-    AXES,
-    RARE,
-    ROBOT,
-    SIMPLE,
-    USUAL,
-    Amendment,
-    Change,
-    Subject,
-    with_gravity,
-    with_keys,
-)
-from steelyard.inspection.axes import axis_changes, rotations_by_right_angles
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.frames import (
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.frames import (
     attitude_motion,
     attitude_source,
     mounting,
@@ -37,7 +26,21 @@ from steelyard.inspection.frames import (
     specific_force_there,
     tracker_frame,
 )
-from steelyard.inspection.motion_agreements import positions, specific_force
+from steelyard.inspection.agreements.motion import specific_force
+from steelyard.inspection.mistakes.amendment import (
+    AXES,
+    RARE,
+    ROBOT,
+    SIMPLE,
+    USUAL,
+    Amendment,
+    Change,
+    Subject,
+    edited,
+    with_gravity,
+    with_keys,
+)
+from steelyard.inspection.mistakes.axes import axis_changes, rotations_by_right_angles
 from steelyard.instruments.equations import needed_for
 
 _FARTHEST = 4.0
@@ -62,9 +65,10 @@ def of_choices(excerpt: Excerpt, name: str) -> Iterator[Amendment]:
             )
 
 
-def of_accelerometer(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
+def of_accelerometer(excerpt: Excerpt, name: str) -> Iterator[Amendment]:
     """Gravity that is added with the wrong sign."""
-    instrument, robot = excerpt.instruments[source[0]], excerpt.experiment.robot
+    source = (name, "specific_force")
+    instrument, robot = excerpt.instruments[name], excerpt.experiment.robot
     orientation = attitude_source(excerpt)
     takes_gravity_out = "gravity" in needed_for("specific_force", instrument, robot, (source[1],))
     if orientation is not None and not takes_gravity_out:
@@ -79,8 +83,9 @@ def of_accelerometer(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
         )
 
 
-def of_gyro(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
+def of_gyro(excerpt: Excerpt, name: str) -> Iterator[Amendment]:
     """Angular velocity in other axes than those of its instrument."""
+    source = (name, "angular_velocity")
     orientation = attitude_source(excerpt)
     if orientation is not None:
         yield Subject(*source).amendment(
@@ -102,7 +107,8 @@ def _gravity_turned(source: Source, orientation: Source) -> Change:
     def change(excerpt: Excerpt) -> Excerpt:
         R = _instrument_rotation(excerpt, source[0], orientation)
         gravity = R.swapaxes(1, 2) @ excerpt.robot.gravity
-        return excerpt.with_observations({source: excerpt.observations[source].plus(-2 * gravity)})
+        turned = edited(source, lambda read: replace(read, value=read.value - 2 * gravity))
+        return turned(excerpt)
 
     return change
 
@@ -110,36 +116,27 @@ def _gravity_turned(source: Source, orientation: Source) -> Change:
 def _from_world_axes(source: Source, orientation: Source) -> Change:
     def change(excerpt: Excerpt) -> Excerpt:
         R = _instrument_rotation(excerpt, source[0], orientation)
-        read = excerpt.observations[source]
-        value = np.einsum("nji,nj->ni", R, read.value)
-        rate = np.einsum("nji,nj->ni", R, read.rate)
-        return excerpt.with_observations({source: replace(read, value=value, rate=rate)})
+        into_instrument = partial(np.einsum, "nji,nj->ni", R)
+        return edited(source, lambda read: read.through(into_instrument))(excerpt)
 
     return change
 
 
 def of_mounting(excerpt: Excerpt, name: str) -> Iterator[Amendment]:
     """Instruments turned by right angles, or stated the wrong way round."""
-    subject = Subject(name, "")
     R = mounting(excerpt, name)
+
+    def turned(R: Array, what: str, cost: float) -> Amendment:
+        rpy = rpy_deg_of(R)
+        change = with_keys(name, rpy_deg=tuple(rpy))
+        return Subject(name, "").amendment("mounting", what, f"rpy_deg: {rpy}", change, cost)
+
     for turn in rotations_by_right_angles():
-        rpy = rpy_deg_of(R @ turn.matrix)
-        yield subject.amendment(
-            "mounting",
-            f"is mounted otherwise than stated, turned by {turn.angle} degrees",
-            f"rpy_deg: {rpy}",
-            with_keys(name, rpy_deg=tuple(rpy)),
-            SIMPLE + 0.2,
-        )
+        what = f"is mounted otherwise than stated, turned by {turn.angle} degrees"
+        yield turned(R @ turn.matrix, what, SIMPLE + 0.2)
     if not np.allclose(R, R.T):
-        rpy = rpy_deg_of(R.T)
-        yield subject.amendment(
-            "mounting",
-            "has its mounting stated the wrong way round (platform to instrument)",
-            f"rpy_deg: {rpy}",
-            with_keys(name, rpy_deg=tuple(rpy)),
-            SIMPLE,
-        )
+        what = "has its mounting stated the wrong way round (platform to instrument)"
+        yield turned(R.T, what, SIMPLE)
 
 
 def of_frame(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
@@ -162,45 +159,36 @@ def of_frame(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
 
 
 def of_point(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
-    """Another place on the platform."""
-    name = source[0]
-    for wanted in _wanted_points(excerpt, source):
-        yield from _of_wanted_point(excerpt, name, wanted)
-
-
-def _of_wanted_point(excerpt: Excerpt, name: str, wanted: Array) -> Iterator[Amendment]:
-    """The place where it seems to be, platform frame [m], and that which is stated, with another
-    sign.
+    """Another place on the platform: where the instrument seems to be, or that which is stated with
+    another sign.
     """
+    name = source[0]
     key = excerpt.instruments[name].mounting.point_key
-    subject = Subject(name, key)
     point = point_of(excerpt, name)
-    off = float(np.linalg.norm(wanted - point))
-    if not _LEAST_POINT < off < _FARTHEST * max(excerpt.robot.size, _LEAST_RADIUS):
-        return
-    place = tuple(round(float(v), 3) for v in wanted)
-    yield subject.amendment(
-        "place on the platform",
-        f"sits elsewhere on the platform than stated, by {off:.2g} m",
-        f"{key}: {list(place)}",
-        with_keys(name, **{key: place}),
-        RARE,
-    )
-    for turn in axis_changes():
-        other = turn.matrix @ point
-        if turn.keeps_order and np.linalg.norm(other - wanted) < _CLOSER * off:
-            place = tuple(float(v) + 0.0 for v in other)
-            yield subject.amendment(
-                "place on the platform",
-                f"has {key} stated with a wrong sign",
-                f"{key}: {list(place)}",
-                with_keys(name, **{key: place}),
-                SIMPLE,
-            )
+    farthest = _FARTHEST * max(excerpt.robot.size, _LEAST_RADIUS)
+
+    def moved(place: Array, what: str, cost: float) -> Amendment:
+        stated = place.tolist()
+        change = with_keys(name, **{key: tuple(stated)})
+        kind = "place on the platform"
+        return Subject(name, key).amendment(kind, what, f"{key}: {stated}", change, cost)
+
+    for wanted in _wanted_points(excerpt, source):
+        off = float(np.linalg.norm(wanted - point))
+        if not _LEAST_POINT < off < farthest:
+            continue
+        what = f"sits elsewhere on the platform than stated, by {off:.2g} m"
+        yield moved(np.round(wanted, 3), what, RARE)
+        for turn in axis_changes():
+            other = turn.matrix @ point
+            if turn.keeps_order and np.linalg.norm(other - wanted) < _CLOSER * off:
+                yield moved(other + 0.0, f"has {key} stated with a wrong sign", SIMPLE)
 
 
 def _wanted_points(excerpt: Excerpt, source: Source) -> Iterator[Array]:
-    """Where on the platform an instrument would have to sit [m], by every other one that tells."""
+    """Where on the platform an instrument would have to sit [m], by every other one that it can be compared
+    with.
+    """
     orientation = attitude_source(excerpt)
     if orientation is None or excerpt.static or excerpt.instruments[source[0]].commanded:
         return
@@ -210,13 +198,13 @@ def _wanted_points(excerpt: Excerpt, source: Source) -> Iterator[Array]:
     _, by_point = specific_force_at(np.zeros((n, 3)), turned.omega, turned.alpha, np.zeros(3))
     accelerated = np.concatenate([by_point, free], axis=2)
     placed = np.concatenate([turned.rotation, free], axis=2)
+    others = [other for other in excerpt.quantity("position") if other != source]
     if source[1] == "position":
         origin, R = tracker_frame(excerpt, source[0])
         read = excerpt.observations[source].mapped(R)
-        for other in positions(excerpt):
-            if other != source:
-                difference = read.value + origin - origin_motion(excerpt, other, turned).position
-                yield _solved(placed, difference)
+        for other in others:
+            difference = read.value + origin - origin_motion(excerpt, other, turned).position
+            yield _solved(placed, difference)
         tracked = np.einsum("nji,nj->ni", turned.rotation, read.bend - excerpt.robot.gravity)
         for of_force in excerpt.quantity("specific_force"):
             own = specific_force_of_origin(
@@ -225,7 +213,7 @@ def _wanted_points(excerpt: Excerpt, source: Source) -> Iterator[Array]:
             yield _solved(accelerated, tracked - own)
     else:
         there = specific_force_there(excerpt, source, turned)
-        for other in positions(excerpt):
+        for other in others:
             force = specific_force(excerpt, turned, origin_motion(excerpt, other, turned))
             yield _solved(accelerated, there.value - force)
 
@@ -234,12 +222,10 @@ def _solved(columns: Array, target: Array) -> Array:
     """The point, shape (3,), of which columns, shape (n, 3, 6), with a constant beside make a
     target.
     """
-    A = columns.reshape(-1, columns.shape[2])
-    scale = np.linalg.norm(A, axis=0).max()
-    held = _FREE * scale * np.eye(A.shape[1])
-    value, *_ = np.linalg.lstsq(
-        np.vstack([A, held]), np.concatenate([target.ravel(), np.zeros(len(held))]), rcond=None
-    )
+    A = columns.reshape(-1, 6)
+    held = _FREE * np.linalg.norm(A, axis=0).max() * np.eye(6)
+    wanted = np.concatenate([target.ravel(), np.zeros(6)])
+    value, *_ = np.linalg.lstsq(np.vstack([A, held]), wanted, rcond=None)
     return np.asarray(value[:3])
 
 
@@ -247,18 +233,16 @@ def of_gravity(excerpt: Excerpt) -> Iterator[Amendment]:
     """Gravity in the robot file."""
     g = excerpt.robot.gravity
     size = float(np.linalg.norm(g))
-    for axis in (2, 1, 0):
-        for sign in (-1, 1):
-            other = np.zeros(3)
-            other[axis] = sign * size
-            if np.allclose(other, g, atol=0.2 * size):
-                continue
-            along = f"{'+' if sign > 0 else '-'}{AXES[axis]}"
-            down = ": the world of the robot file has z down" if axis == 2 and sign > 0 else ""
-            yield Subject(ROBOT, "gravity").amendment(
-                "gravity in the robot file",
-                f"gravity points along {along} in the robot's world{down}",
-                f"gravity: {[float(v) for v in other]} in the robot file",
-                with_gravity(other),
-                SIMPLE + (0.0 if axis == 2 else 0.4),
-            )
+    for axis, sign in product((2, 1, 0), (-1, 1)):
+        other = sign * size * np.eye(3)[axis]
+        if np.allclose(other, g, atol=0.2 * size):
+            continue
+        along = f"{'+' if sign > 0 else '-'}{AXES[axis]}"
+        down = ": the world of the robot file has z down" if axis == 2 and sign > 0 else ""
+        yield Subject(ROBOT, "gravity").amendment(
+            "gravity in the robot file",
+            f"gravity points along {along} in the robot's world{down}",
+            f"gravity: {(other + 0.0).tolist()} in the robot file",
+            with_gravity(other + 0.0),
+            SIMPLE + (0.0 if axis == 2 else 0.4),
+        )

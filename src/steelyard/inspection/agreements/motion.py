@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,9 +10,16 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.dynamics import specific_force_at
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.agreement import SETTINGS, Freedom, InstrumentAgreement, compare
-from steelyard.inspection.excerpt import Excerpt, Observation
-from steelyard.inspection.frames import (
+from steelyard.inspection.agreements.agreement import (
+    SETTINGS,
+    Freedom,
+    InstrumentAgreement,
+    compare,
+    is_command,
+    title,
+)
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.frames import (
     AttitudeMotion,
     OriginMotion,
     angular_velocity,
@@ -38,9 +45,9 @@ def _sigma(excerpt: Excerpt, name: str, key: str, least: float) -> Array:
     return np.full(3, least) if stated is None else np.maximum(stated, least)
 
 
-def _constant(n: int, sigma: Array, name: str) -> Freedom:
-    k = len(sigma)
-    return Freedom(np.broadcast_to(np.eye(k), (n, k, k)), sigma, name)
+def _constant(sigma: Array, name: str) -> Freedom:
+    """A constant in every number, shape (k,)."""
+    return Freedom(np.eye(len(sigma)), sigma, name)
 
 
 def _tilt(vectors: Array, sigma: Array) -> Freedom:
@@ -48,100 +55,47 @@ def _tilt(vectors: Array, sigma: Array) -> Freedom:
     return Freedom(-cross_matrices(vectors), sigma, "misalignment")
 
 
-def _late(rate: Array, sigma: float) -> Freedom:
-    return Freedom(-rate[:, :, None], np.array([sigma]), "delay")
-
-
-def _clock_sigma(excerpt: Excerpt, *names: str) -> float:
-    """How far clocks may be apart [s]."""
-    total = 0.0
-    for name in names:
-        if excerpt.instruments[name].commanded:
-            total += SETTINGS.command_clock**2
-            continue
-        stated = excerpt.experiment.delay(excerpt.run, name).sigma
-        own = float(np.mean(stated)) if stated is not None else SETTINGS.clock
-        total += max(SETTINGS.least_clock, own) ** 2
-    return float(np.sqrt(total))
-
-
-def is_command(excerpt: Excerpt, name: str) -> bool:
-    """Whether an instrument says what was asked for rather than what was."""
-    return excerpt.instruments[name].commanded
-
-
-def tolerance(excerpt: Excerpt, *sources: Source) -> float:
-    """What may be left of a motion, as a part of it."""
-    commanded = any(is_command(excerpt, name) for name, _ in sources)
-    return SETTINGS.commanded if commanded else SETTINGS.measured
-
-
-def attitudes(excerpt: Excerpt) -> list[Source]:
-    """Orientations, measured ones first."""
-    return sorted(excerpt.quantity("orientation"), key=lambda s: is_command(excerpt, s[0]))
-
-
-def positions(excerpt: Excerpt) -> list[Source]:
-    """Positions, measured ones first."""
-    return sorted(excerpt.quantity("position"), key=lambda s: is_command(excerpt, s[0]))
-
-
-def title(*sources: Source) -> str:
-    """Sources for people."""
-    return " against ".join(f"{quantity.replace('_', ' ')} of {name}" for name, quantity in sources)
-
-
 def _gyro(excerpt: Excerpt, of_gyro: Source, of_attitude: Source) -> InstrumentAgreement:
     """Angular velocity against the derivative of an attitude."""
     least = SETTINGS.least_sigma
     read, turned = angular_velocity(excerpt, of_gyro), attitude_motion(excerpt, of_attitude)
     misalignment = _sigma(excerpt, of_gyro[0], "misalignment", least["rad"])
-    bias = _sigma(excerpt, of_gyro[0], "gyro_bias", least["rad/s"])
     return compare(
-        title(of_gyro, of_attitude),
+        excerpt,
         (of_gyro, of_attitude),
         "rad/s",
         read.value,
         turned.omega,
         [
-            _constant(len(read.value), bias, "bias"),
+            _constant(_sigma(excerpt, of_gyro[0], "gyro_bias", least["rad/s"]), "bias"),
             _tilt(turned.omega, np.hypot(misalignment, least["rad"])),
-            _late(read.rate, _clock_sigma(excerpt, of_gyro[0], of_attitude[0])),
         ],
+        rate=read.rate,
         noise=float(np.hypot(read.noise[0], turned.noise[1])),
-        tolerance=tolerance(excerpt, of_gyro, of_attitude),
     )
 
 
 def _attitudes(excerpt: Excerpt, first: Source, second: Source) -> InstrumentAgreement:
     """Two orientations."""
     one, other = attitude_motion(excerpt, first), attitude_motion(excerpt, second)
-    difference = _rotation_vectors(other.rotation.swapaxes(1, 2) @ one.rotation)
+    back = other.rotation.swapaxes(1, 2)
+    difference = Rotation.from_matrix(back @ one.rotation).as_rotvec()
     # About the first instant, so that a figure of both shows the motion.
-    begin = _rotation_vectors(other.rotation[0].T @ other.rotation)
+    begin = Rotation.from_matrix(back[0] @ other.rotation).as_rotvec()
     small = np.hypot(
         _sigma(excerpt, first[0], "misalignment", SETTINGS.least_sigma["rad"]),
         _sigma(excerpt, first[0], "reference", SETTINGS.least_reference),
     )
     return compare(
-        title(first, second),
+        excerpt,
         (first, second),
         "rad",
         begin + difference,
         begin,
-        [
-            _constant(len(difference), small, "misalignment"),
-            Freedom(other.rotation.swapaxes(1, 2), small, "reference"),
-            _late(other.omega, _clock_sigma(excerpt, first[0], second[0])),
-        ],
+        [_constant(small, "misalignment"), Freedom(back, small, "reference")],
+        rate=other.omega,
         noise=float(np.hypot(one.noise[0], other.noise[0])),
-        tolerance=tolerance(excerpt, first, second),
     )
-
-
-def _rotation_vectors(matrices: Array) -> Array:
-    """Rotation vectors [rad], shape (n, 3)."""
-    return np.asarray(Rotation.from_matrix(matrices).as_rotvec())
 
 
 def _places(
@@ -153,18 +107,15 @@ def _places(
     target = _sigma(excerpt, first[0], "target", SETTINGS.least_sigma["m"])
     frame = np.full(3, np.hypot(SETTINGS.command_place, 0.01))
     return compare(
-        title(first, second),
-        tuple(dict.fromkeys((first, second, of_attitude))),
+        excerpt,
+        (first, second),
         "m",
         one.position,
         other.position,
-        [
-            _constant(len(turned.omega), frame, "frame"),
-            Freedom(turned.rotation, target, "target"),
-            _late(other.velocity, _clock_sigma(excerpt, first[0], second[0])),
-        ],
+        [_constant(frame, "frame"), Freedom(turned.rotation, target, "target")],
+        rate=other.velocity,
         noise=float(np.hypot(one.noise[0], other.noise[0])),
-        tolerance=tolerance(excerpt, first, second),
+        beside=(of_attitude,),
     )
 
 
@@ -188,11 +139,9 @@ def _accelerometer(
     predicted, by_point = specific_force_at(
         specific_force(excerpt, turned, where), turned.omega, turned.alpha, point
     )
-    between = tuple(dict.fromkeys(s for s in (of_force, of_attitude, of_position) if s))
-    of_gravity = 9.81 * turned.noise[0]
     noise = np.sqrt(
         read.noise[0] ** 2
-        + of_gravity**2
+        + (9.81 * turned.noise[0]) ** 2
         + (SETTINGS.vibration**2 if where is None else where.noise[2] ** 2)
         + (float(np.linalg.norm(point)) * turned.noise[2]) ** 2
     )
@@ -203,25 +152,24 @@ def _accelerometer(
     misalignment = _sigma(excerpt, of_force[0], "misalignment", least["rad"])
     position = _sigma(excerpt, of_force[0], "position", SETTINGS.least_lever)
     return compare(
-        title(*between),
-        between,
+        excerpt,
+        (of_force, of_attitude) if of_position is None else (of_force, of_attitude, of_position),
         "m/s^2",
         read.value,
         predicted,
         [
-            _constant(len(predicted), bias, "bias"),
+            _constant(bias, "bias"),
             _tilt(predicted, np.hypot(misalignment, least["rad"])),
             Freedom(by_point, position, "position"),
-            _late(read.rate, _clock_sigma(excerpt, *(s[0] for s in between))),
         ],
+        rate=read.rate,
         noise=float(noise),
-        tolerance=tolerance(excerpt, *between),
         robot=True,
     )
 
 
 def _gravity(excerpt: Excerpt, of_force: Source) -> InstrumentAgreement:
-    """Mean length of an accelerometer's reading against gravity, where nothing tells the
+    """Mean length of an accelerometer's reading against gravity, where there is no
     attitude.
     """
     read = excerpt.observations[of_force]
@@ -261,78 +209,17 @@ def _scatter(excerpt: Excerpt, of_attitude: Source) -> InstrumentAgreement:
     )
 
 
-def _lengths(
-    excerpt: Excerpt, of_length: Source, of_attitude: Source, of_position: Source
-) -> InstrumentAgreement:
-    """Cable lengths against anchors, attachments and pose, up to a constant of each cable."""
-    turned = attitude_motion(excerpt, of_attitude)
-    where = origin_motion(excerpt, of_position, turned)
-    read = excerpt.observations[of_length]
-    centred = read.value - read.value.mean(axis=0)
-    lengths = _predicted(excerpt, of_length, turned, where)
-    return compare(
-        title(of_length, of_position),
-        tuple(dict.fromkeys((of_length, of_attitude, of_position))),
-        "m",
-        centred,
-        lengths - lengths.mean(axis=0),
-        [_late(read.rate, _clock_sigma(excerpt, of_length[0], of_position[0]))],
-        noise=_noise_of_pose(read, turned, where, excerpt.robot.size),
-        tolerance=tolerance(excerpt, of_attitude, of_position),
-        robot=True,
-    )
-
-
 def _reading(
     excerpt: Excerpt, of_reading: Source, of_attitude: Source, of_position: Source
 ) -> InstrumentAgreement:
-    """Any reading against what its instrument would read in a motion."""
+    """Any reading against what its instrument would read in a motion; lengths of cables up to a
+    constant of each cable.
+    """
     name, quantity = of_reading
-    instrument, robot = excerpt.instruments[name], excerpt.experiment.robot
+    instrument, read = excerpt.instruments[name], excerpt.observations[of_reading]
     turned = attitude_motion(excerpt, of_attitude)
     where = origin_motion(excerpt, of_position, turned)
-    read = excerpt.observations[of_reading]
-    stated = instrument.quantity(quantity, robot.m)
-    least = SETTINGS.least_sigma[stated.unit]
-    columns = term_columns(instrument, quantity, robot, _state(excerpt, turned, where))
-    freedoms = []
-    for term in instrument.terms(robot.m):
-        sigma = np.full(term.size, least) if term.deviation is None else term.deviation
-        freedoms.append(Freedom(columns[term.key], np.maximum(sigma, least), term.key))
-    freedoms.append(_late(read.rate, _clock_sigma(excerpt, name, of_position[0])))
-    return compare(
-        title(of_reading, of_position),
-        tuple(dict.fromkeys((of_reading, of_attitude, of_position))),
-        stated.unit,
-        read.value,
-        _predicted(excerpt, of_reading, turned, where),
-        freedoms,
-        noise=_noise_of_pose(read, turned, where, float(np.linalg.norm(point_of(excerpt, name)))),
-        tolerance=tolerance(excerpt, of_attitude, of_position),
-        robot=True,
-        axes=stated.forms[0],
-    )
-
-
-def _noise_of_pose(
-    read: Observation, turned: AttitudeMotion, where: OriginMotion, lever: float
-) -> float:
-    """1-sigma left between a reading of the pose and a motion, for a point at a lever [m]."""
-    return float(np.hypot(read.noise[0], where.noise[0] + lever * turned.noise[0]))
-
-
-def _predicted(
-    excerpt: Excerpt, source: Source, turned: AttitudeMotion, where: OriginMotion
-) -> Array:
-    """What an instrument would read in a motion, its cables taut, shape (n, k)."""
-    instrument, robot = excerpt.instruments[source[0]], excerpt.robot.with_straight_cables()
-    state = _state(excerpt, turned, where)
-    return predict(instrument, robot, state, means(instrument, robot.m))[source[1]]
-
-
-def _state(excerpt: Excerpt, turned: AttitudeMotion, where: OriginMotion) -> State:
-    """State of the platform in a motion, without forces."""
-    return State(
+    state = State(
         position=where.position,
         rotation=turned.rotation,
         velocity=where.velocity,
@@ -343,12 +230,43 @@ def _state(excerpt: Excerpt, turned: AttitudeMotion, where: OriginMotion) -> Sta
         wrench=None,
         gravity=excerpt.robot.gravity,
     )
+    robot = excerpt.robot.with_straight_cables()
+    measured = read.value
+    predicted = predict(instrument, robot, state, means(instrument, robot.m))[quantity]
+    stated = instrument.quantity(quantity, robot.m)
+    axes: Sequence[str] | None = stated.forms[0]
+    lever = float(np.linalg.norm(point_of(excerpt, name)))
+    freedoms = []
+    if instrument.is_cable_motion:
+        measured = measured - measured.mean(axis=0)
+        predicted = predicted - predicted.mean(axis=0)
+        axes, lever = None, robot.size
+    else:
+        least = SETTINGS.least_sigma[stated.unit]
+        columns = term_columns(instrument, quantity, excerpt.experiment.robot, state)
+        for term in instrument.terms(robot.m):
+            sigma = np.full(term.size, least) if term.deviation is None else term.deviation
+            freedoms.append(Freedom(columns[term.key], np.maximum(sigma, least), term.key))
+    return compare(
+        excerpt,
+        (of_reading, of_position),
+        stated.unit,
+        measured,
+        predicted,
+        freedoms,
+        rate=read.rate,
+        noise=float(np.hypot(read.noise[0], where.noise[0] + lever * turned.noise[0])),
+        beside=(of_attitude,),
+        motion=(of_attitude, of_position),
+        robot=True,
+        axes=axes,
+    )
 
 
 def motion_relations(excerpt: Excerpt) -> Iterator[Relation]:
     """Which motion instruments can be compared with which."""
-    turned, placed = attitudes(excerpt), positions(excerpt)
-    measured = [s for s in turned if not is_command(excerpt, s[0])]
+    turned, placed = excerpt.quantity("orientation"), excerpt.quantity("position")
+    measured = [s for s in turned if not is_command(excerpt, s)]
     if not excerpt.static:
         yield from (("scatter", (a,)) for a in turned)
     for of_gyro in excerpt.quantity("angular_velocity"):
@@ -369,9 +287,9 @@ def motion_relations(excerpt: Excerpt) -> Iterator[Relation]:
             yield ("gravity", (of_force,))
     for source in excerpt.observations:
         instrument = excerpt.instruments[source[0]]
-        kind = "lengths" if instrument.is_cable_motion else "reading"
-        if kind == "lengths" or (instrument.is_motion and source[1] not in _COMPARED_ALONE):
-            yield from ((kind, (source, a, p)) for a in turned[:1] for p in placed)
+        alone = source[1] in _COMPARED_ALONE
+        if instrument.is_cable_motion or (instrument.is_motion and not alone):
+            yield from (("reading", (source, a, p)) for a in turned[:1] for p in placed)
 
 
 _AGREEMENTS: Mapping[str, Callable[..., InstrumentAgreement]] = {
@@ -380,7 +298,6 @@ _AGREEMENTS: Mapping[str, Callable[..., InstrumentAgreement]] = {
     "places": _places,
     "accelerometer": _accelerometer,
     "scatter": _scatter,
-    "lengths": _lengths,
     "reading": _reading,
     "gravity": _gravity,
 }

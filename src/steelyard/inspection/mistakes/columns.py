@@ -8,7 +8,8 @@ from itertools import combinations
 import numpy as np
 
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.amendment import (
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.mistakes.amendment import (
     SIMPLE,
     USUAL,
     Amendment,
@@ -21,9 +22,8 @@ from steelyard.inspection.amendment import (
     units_key,
     without_cable,
 )
-from steelyard.inspection.axes import AxisChange, axis_changes
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.mounting_mistakes import of_choices, of_mounting
+from steelyard.inspection.mistakes.axes import AxisChange, axis_changes
+from steelyard.inspection.mistakes.mounting import of_choices, of_mounting
 from steelyard.units import FACTORS
 
 _LIKELY = {
@@ -45,23 +45,21 @@ def _units(unit: str) -> Iterator[tuple[str, str, float]]:
 
 def of_vector(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
     """Signs, axes and units of a vector."""
-    name, quantity = source
-    subject = Subject(name, quantity)
-    stated = excerpt.instruments[name].quantity(quantity, excerpt.robot.m)
+    stated = excerpt.instruments[source[0]].quantity(source[1], excerpt.robot.m)
     names = stated.forms[0]
     for change in axis_changes(len(names)):
         what, key = change.of_columns(names)
-        yield subject.amendment(change.kind, what, key, mapped(source, change.matrix), change.cost)
-    yield from _of_units(subject, source, names, stated.unit)
+        yield Subject(*source).amendment(
+            change.kind, what, key, mapped(source, change.matrix), change.cost
+        )
+    yield from _of_units(source, names, stated.unit)
 
 
-def _of_units(
-    subject: Subject, source: Source, names: Sequence[str], unit: str
-) -> Iterator[Amendment]:
+def _of_units(source: Source, names: Sequence[str], unit: str) -> Iterator[Amendment]:
     """All columns of a quantity in another unit."""
     for other, what, factor in _units(unit):
         change = mapped(source, factor * np.eye(len(names)))
-        yield subject.amendment("unit", what, units_key(names, other), change, SIMPLE)
+        yield Subject(*source).amendment("unit", what, units_key(names, other), change, SIMPLE)
 
 
 def of_cables(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
@@ -80,9 +78,9 @@ def of_cables(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
         mapped(source, -np.eye(m)),
         SIMPLE,
     )
-    yield from _of_units(subject, source, names, stated.unit)
+    yield from _of_units(source, names, stated.unit)
     for i in range(m):
-        yield from _of_one_cable(subject, source, names, i, stated.unit)
+        yield from _of_one_cable(source, names, i, stated.unit)
         if excerpt.instruments[name].is_force:
             yield subject.amendment(
                 "dead sensor",
@@ -114,10 +112,9 @@ def _orders(m: int) -> Iterator[tuple[tuple[int, ...], str, str, float]]:
             yield backward, kind, what, USUAL
 
 
-def _of_one_cable(
-    subject: Subject, source: Source, names: Sequence[str], i: int, unit: str
-) -> Iterator[Amendment]:
+def _of_one_cable(source: Source, names: Sequence[str], i: int, unit: str) -> Iterator[Amendment]:
     """Sign and unit of one column."""
+    subject = Subject(*source)
     m, cost = len(names), SIMPLE + 0.1
     flipped = mapped(source, single(m, i, -1.0))
     what, key = f"{names[i]} has the wrong sign", f"turn the sign of {names[i]} in the log"
@@ -143,7 +140,7 @@ def of_wrench(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
         yield from _of_wrench_axes(name, change)
     for own in (force, torque):
         stated = excerpt.instruments[name].quantity(own[1], excerpt.robot.m)
-        yield from _of_units(Subject(*own), own, stated.forms[0], stated.unit)
+        yield from _of_units(own, stated.forms[0], stated.unit)
     yield both.amendment(
         "order of force and torque",
         "has its torque first",

@@ -10,7 +10,7 @@ from itertools import permutations, product
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.inspection.amendment import AXES, SIMPLE, columns_key
+from steelyard.inspection.mistakes.amendment import AXES, SIMPLE, columns_key
 
 _EACH = 0.1
 """What each axis that is moved or turned round costs beyond a simple mistake."""

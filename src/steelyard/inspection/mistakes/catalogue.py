@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.amendment import Amendment
-from steelyard.inspection.clock_mistakes import of_clocks
-from steelyard.inspection.column_mistakes import of_cables, of_vector, of_wrench
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.judgement import Judged
-from steelyard.inspection.mounting_mistakes import (
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.judgement import Judged
+from steelyard.inspection.mistakes.amendment import Amendment
+from steelyard.inspection.mistakes.clocks import of_clocks
+from steelyard.inspection.mistakes.columns import of_cables, of_vector, of_wrench
+from steelyard.inspection.mistakes.mounting import (
     of_accelerometer,
     of_choices,
     of_frame,
@@ -22,7 +22,7 @@ from steelyard.inspection.mounting_mistakes import (
     of_mounting,
     of_point,
 )
-from steelyard.inspection.orientation_mistakes import of_orientation
+from steelyard.inspection.mistakes.orientation import of_orientation
 from steelyard.instruments import Instrument, Quantity
 
 
@@ -45,8 +45,16 @@ class OfInstrument:
     amendments: Callable[[Excerpt, str], Iterator[Amendment]]
 
 
+def _has_recorded(name: str) -> Callable[[Instrument, tuple[Quantity, ...]], bool]:
+    return lambda instrument, recorded: any(quantity.name == name for quantity in recorded)
+
+
 def _is_vector(instrument: Instrument, quantity: Quantity) -> bool:
     return not quantity.rotation and not instrument.per_cable and not instrument.is_force
+
+
+def _has_frame(instrument: Instrument, quantity: Quantity) -> bool:
+    return instrument.mounting.frame is not None and quantity.name == "position"
 
 
 def _shows_mounting(instrument: Instrument, recorded: tuple[Quantity, ...]) -> bool:
@@ -66,33 +74,17 @@ OF_READINGS = (
     ),
     OfReading("how an orientation is written", lambda i, q: q.rotation, of_orientation),
     OfReading("axes, signs and units of a vector", _is_vector, of_vector),
+    OfReading("tracker frame", _has_frame, of_frame),
     OfReading(
-        "tracker frame",
-        lambda i, q: i.mounting.frame is not None and q.name == "position",
-        of_frame,
-    ),
-    OfReading(
-        "place on the platform",
-        lambda i, q: q.name in {"position", "specific_force"},
-        of_point,
+        "place on the platform", lambda i, q: q.name in {"position", "specific_force"}, of_point
     ),
 )
 OF_INSTRUMENTS = (
     OfInstrument(
-        "keys of two values",
-        lambda i, recorded: bool(i.choices) and not i.is_force,
-        of_choices,
+        "keys of two values", lambda i, recorded: bool(i.choices) and not i.is_force, of_choices
     ),
-    OfInstrument(
-        "gravity upside down",
-        lambda i, recorded: any(q.name == "specific_force" for q in recorded),
-        lambda excerpt, name: of_accelerometer(excerpt, (name, "specific_force")),
-    ),
-    OfInstrument(
-        "rates in world axes",
-        lambda i, recorded: any(q.name == "angular_velocity" for q in recorded),
-        lambda excerpt, name: of_gyro(excerpt, (name, "angular_velocity")),
-    ),
+    OfInstrument("gravity upside down", _has_recorded("specific_force"), of_accelerometer),
+    OfInstrument("rates in world axes", _has_recorded("angular_velocity"), of_gyro),
     OfInstrument("mounting", _shows_mounting, of_mounting),
 )
 

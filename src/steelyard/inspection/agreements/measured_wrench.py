@@ -10,8 +10,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.frames import (
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.frames import (
     AttitudeMotion,
     OriginMotion,
     angular_velocity,
@@ -20,7 +20,7 @@ from steelyard.inspection.frames import (
     point_of,
     specific_force_of_origin,
 )
-from steelyard.inspection.motion_agreements import specific_force
+from steelyard.inspection.agreements.motion import specific_force
 from steelyard.instruments.equations import solve_for
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot

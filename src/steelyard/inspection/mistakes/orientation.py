@@ -10,7 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.amendment import (
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.frames import mounting, rpy_deg_of
+from steelyard.inspection.mistakes.amendment import (
     AXES,
     RARE,
     SIMPLE,
@@ -19,13 +21,12 @@ from steelyard.inspection.amendment import (
     Change,
     Subject,
     columns_key,
+    edited,
     rotated,
+    single,
     units_key,
 )
-from steelyard.inspection.axes import rotations_by_right_angles
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.frames import mounting, rpy_deg_of
-from steelyard.rotations import quaternions_of
+from steelyard.inspection.mistakes.axes import rotations_by_right_angles
 
 _HEADINGS = tuple(each for each in range(-170, 180, 10) if each % 90)
 """Angles about the vertical that are tried [deg]; right angles are tried with the others."""
@@ -53,7 +54,7 @@ def of_orientation(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
         "is that of the world in the instrument: transposed, or the conjugate quaternion",
         "turn it around in the log: the transposed matrix (r12: r21, …), or qx, qy, qz with the"
         " other sign",
-        lambda e: e.with_observations({source: e.observations[source].transposed()}),
+        edited(source, lambda read: read.through(lambda R: R.swapaxes(1, 2))),
         SIMPLE,
     )
     stream = excerpt.run.streams[source[0]]
@@ -94,32 +95,26 @@ def _of_quaternion(subject: Subject, source: Source, matrices: Array) -> Iterato
         what, cost = "has parts of its quaternion exchanged", USUAL + 0.2
         if order in {(1, 2, 3, 0), (3, 0, 1, 2)}:
             what, cost = "has its quaternion in another order (x y z w against w x y z)", SIMPLE
-        change = _rewritten(source, matrices, _reordered(order))
+        change = _rewritten(source, matrices, _by_quaternion(order))
         yield subject.amendment("order of the quaternion", what, columns_key(columns), change, cost)
     for i, axis in enumerate(AXES):
         yield subject.amendment(
             "sign of the quaternion",
             f"has q{axis} with the wrong sign",
             f"turn the sign of q{axis} in the log",
-            _rewritten(source, matrices, _quaternion_sign(i + 1)),
+            _rewritten(source, matrices, _by_quaternion(signs=single(4, i + 1, -1.0).diagonal())),
             USUAL,
         )
 
 
-def _reordered(order: tuple[int, ...]) -> Rotations:
+def _by_quaternion(order: tuple[int, ...] = (0, 1, 2, 3), signs: Array | float = 1.0) -> Rotations:
+    """Rotations whose quaternion has its parts in another order or with other signs; q and -q stay
+    one rotation.
+    """
+
     def rotations(matrices: Array) -> Array:
-        # The sign of a quaternion is lost; without jumps it goes on as it began.
-        parts = quaternions_of(matrices)[:, list(order)]
+        parts = Rotation.from_matrix(matrices).as_quat(scalar_first=True)[:, order] * signs
         return np.asarray(Rotation.from_quat(parts, scalar_first=True).as_matrix())
-
-    return rotations
-
-
-def _quaternion_sign(i: int) -> Rotations:
-    def rotations(matrices: Array) -> Array:
-        q = Rotation.from_matrix(matrices).as_quat(scalar_first=True)
-        q[:, i] *= -1
-        return np.asarray(Rotation.from_quat(q, scalar_first=True).as_matrix())
 
     return rotations
 
@@ -130,15 +125,15 @@ def _of_angles(subject: Subject, source: Source, angles: Array) -> Iterator[Amen
     for unit, other, factor in (("deg", "rad", degree), ("rad", "deg", 1 / degree)):
         names = {"deg": "degrees", "rad": "radians"}
         what = f"is in {names[unit]}, not in {names[other]}"
-        change = _rewritten(source, angles, _scaled(factor))
+        change = _rewritten(source, angles, _by_angles(factor=factor))
         yield subject.amendment("unit", what, units_key(_ANGLES, unit), change, SIMPLE)
     for i, column in enumerate(_ANGLES):
-        signs = np.where(np.arange(3) == i, -1.0, 1.0)
+        signs = single(3, i, -1.0).diagonal()
         yield subject.amendment(
             "sign of an angle",
             f"has {column} with the wrong sign",
             f"turn the sign of {column} in the log",
-            _rewritten(source, angles, _scaled(signs)),
+            _rewritten(source, angles, _by_angles(factor=signs)),
             SIMPLE,
         )
     for order in permutations(range(3)):
@@ -149,7 +144,7 @@ def _of_angles(subject: Subject, source: Source, angles: Array) -> Iterator[Amen
             "order of the angles",
             "has its angles exchanged",
             columns_key(columns),
-            _rewritten(source, angles, _exchanged(order)),
+            _rewritten(source, angles, _by_angles(order)),
             SIMPLE + 0.1,
         )
     for axes, words in _ANGLE_ORDERS.items():
@@ -157,26 +152,24 @@ def _of_angles(subject: Subject, source: Source, angles: Array) -> Iterator[Amen
             "order of the angles",
             f"has its angles in another order of rotations: {words}",
             "write the orientation as quaternion or matrix, or as R = Rz(yaw) Ry(pitch) Rx(roll)",
-            _rewritten(source, angles, _in_order(axes)),
+            _rewritten(source, angles, _by_angles(axes=axes)),
             USUAL,
         )
 
 
-def _of_rpy(angles: Array) -> Array:
-    return np.asarray(Rotation.from_euler("ZYX", angles[:, ::-1]).as_matrix())
+def _by_angles(
+    order: tuple[int, ...] = (0, 1, 2), *, factor: Array | float = 1.0, axes: str = "ZYX"
+) -> Rotations:
+    """Rotations by angles about x, y, z: columns in another order or unit, or with other signs, and
+    rotations about turned axes in another order.
+    """
+    columns = [order["XYZ".index(axis)] for axis in axes]
 
+    def rotations(angles: Array) -> Array:
+        turned = (angles * factor)[:, columns]
+        return np.asarray(Rotation.from_euler(axes, turned).as_matrix())
 
-def _scaled(factor: Array | float) -> Rotations:
-    return lambda angles: _of_rpy(angles * factor)
-
-
-def _exchanged(order: tuple[int, ...]) -> Rotations:
-    return lambda angles: _of_rpy(angles[:, list(order)])
-
-
-def _in_order(axes: str) -> Rotations:
-    columns = ["XYZ".index(axis) for axis in axes]
-    return lambda angles: np.asarray(Rotation.from_euler(axes, angles[:, columns]).as_matrix())
+    return rotations
 
 
 def _of_frames(excerpt: Excerpt, subject: Subject, source: Source) -> Iterator[Amendment]:

@@ -2,7 +2,7 @@
 
 Each agreement allows for what the description allows for (a bias, a small misalignment, a clock
 that is a little off), within its prior, and compares what is then left with what noise and
-imperfect models would leave. All that is judged is the ratio of the two: near one in a sound
+imperfect models would leave. What counts is the ratio of the two: near one in a sound
 recording, ten or a hundred where a sign, an axis or a unit is wrong.
 """
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
+from steelyard.inspection.agreements.excerpt import Excerpt
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class AgreementSettings:
     """What the mean length of an accelerometer's reading may differ from gravity, as a
     logarithm."""
     unknown_motion: float = 0.5
-    """Part of the accelerometer's changes that may be left where nothing tells the place."""
+    """Part of the accelerometer's changes that may be left where no instrument gives the place."""
 
 
 SETTINGS = AgreementSettings()
@@ -119,39 +120,57 @@ class Freedom:
     """Constants that a description leaves open."""
 
     columns: Array
-    """Derivative of what is left by them, shape (n, k, c)."""
+    """Derivative of what is left by them, shape (n, k, c) or, at all instants the same, (k, c)."""
     sigma: Array
     """1-sigma beforehand, shape (c,)."""
     name: str
 
 
+def is_command(excerpt: Excerpt, source: Source) -> bool:
+    """Whether an instrument says what was asked for rather than what was."""
+    return excerpt.instruments[source[0]].commanded
+
+
+def title(*sources: Source) -> str:
+    """Sources for people."""
+    return " against ".join(f"{quantity.replace('_', ' ')} of {name}" for name, quantity in sources)
+
+
 def compare(
-    name: str,
-    between: tuple[Source, ...],
+    excerpt: Excerpt,
+    sources: tuple[Source, ...],
     unit: str,
     measured: Array,
     predicted: Array,
     freedoms: Sequence[Freedom],
     *,
+    rate: Array,
     noise: float,
-    tolerance: float,
+    beside: tuple[Source, ...] = (),
+    motion: tuple[Source, ...] | None = None,
     robot: bool = False,
     axes: Sequence[str] | None = None,
 ) -> InstrumentAgreement:
-    """Compare two accounts.
+    """Compare two accounts, each on a clock that may be late.
 
     Args:
-        name: What is compared.
-        between: Whose readings these are.
+        excerpt: Of the run.
+        sources: Whose readings these are.
         unit: Of both.
         measured: Shape (n, k).
         predicted: Shape (n, k).
-        freedoms: Constants that may be chosen within their priors.
+        freedoms: Constants that may be chosen within their priors, beside the delay.
+        rate: How fast both change, shape (n, k).
         noise: 1-sigma left in one number of the difference.
-        tolerance: Part of the motion that may be left.
+        beside: Other readings that they depend on.
+        motion: Which of all these give the motion, of which a part may be left; None: the sources.
         robot: Whether the robot file matters.
         axes: Names of the k numbers; None: x, y, z of three, else their places.
     """
+    commanded = any(is_command(excerpt, source) for source in motion or sources)
+    tolerance = SETTINGS.commanded if commanded else SETTINGS.measured
+    late = np.array([_clock_sigma(excerpt, sources)])
+    freedoms = [*freedoms, Freedom(-rate[:, :, None], late, "delay")]
     spread = np.minimum(measured.std(axis=0), predicted.std(axis=0))
     allowed = np.sqrt(
         noise**2
@@ -159,14 +178,14 @@ def compare(
         + (SETTINGS.cross * tolerance) ** 2 * float(np.mean(spread**2))
         + SETTINGS.least.get(unit, 0.0) ** 2
     )
-    left, taken, far = settled(measured - predicted, allowed, freedoms)
+    left, taken, far = _settled(measured - predicted, allowed, freedoms)
     if axes is None:
         k = measured.shape[1]
         axes = "xyz" if k == 3 else [str(i + 1) for i in range(k)]
     levels = [SETTINGS.late if f.name == "delay" else SETTINGS.far_from_prior for f in freedoms]
     return InstrumentAgreement(
-        name,
-        between,
+        title(*sources),
+        tuple(dict.fromkeys((*sources, *beside))),
         (*axes, *(f.name for f in freedoms)),
         np.concatenate([np.sqrt(np.mean(left**2, axis=0)), far]),
         np.concatenate([allowed, levels]),
@@ -177,18 +196,30 @@ def compare(
     )
 
 
-def settled(
+def _clock_sigma(excerpt: Excerpt, sources: Sequence[Source]) -> float:
+    """How far clocks may be apart [s]."""
+    total = 0.0
+    for source in sources:
+        if is_command(excerpt, source):
+            total += SETTINGS.command_clock**2
+            continue
+        stated = excerpt.experiment.delay(excerpt.run, source[0]).sigma
+        own = float(np.mean(stated)) if stated is not None else SETTINGS.clock
+        total += max(SETTINGS.least_clock, own) ** 2
+    return float(np.sqrt(total))
+
+
+def _settled(
     residual: Array, allowed: Array, freedoms: Sequence[Freedom]
 ) -> tuple[Array, Array, Array]:
     """What is left once constants are chosen, what they took, and how many 1-sigmas each group of
     them is off, (n, k), (n, k), (groups,).
     """
-    if not freedoms:
-        return residual, np.zeros_like(residual), np.zeros(0)
-    columns = np.concatenate([f.columns for f in freedoms], axis=2)
+    n, k = residual.shape
+    parts = [np.broadcast_to(f.columns, (n, k, len(f.sigma))) for f in freedoms]
+    columns = np.concatenate(parts, axis=2)
     sigma = np.concatenate([f.sigma for f in freedoms])
-    n = len(residual)
-    A = (columns / allowed[:, None]).reshape(n * residual.shape[1], -1) * sigma
+    A = (columns / allowed[:, None]).reshape(n * k, -1) * sigma
     b = (residual / allowed).ravel()
     weight = SETTINGS.effective / n
     value = np.linalg.solve(weight * A.T @ A + np.eye(len(sigma)), weight * A.T @ b)

@@ -8,15 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.agreement import InstrumentAgreement
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.motion_agreements import (
+from steelyard.inspection.agreements.agreement import InstrumentAgreement
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.motion import (
     Relation,
     is_of_motion,
     motion_agreement,
     motion_relations,
 )
-from steelyard.inspection.wrench_balance import force_agreement, force_relations
+from steelyard.inspection.agreements.wrench_balance import (
+    force_agreement,
+    force_relations,
+    has_body,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,13 +28,18 @@ class Judged:
     """An excerpt and all its agreements."""
 
     excerpt: Excerpt
-    relations: tuple[Relation, ...]
     agreements: Mapping[Relation, InstrumentAgreement]
 
     @property
     def bad(self) -> list[InstrumentAgreement]:
         """Of instruments that contradict each other."""
         return [a for a in self.agreements.values() if not a.agrees]
+
+    @property
+    def worst_of_forces(self) -> float:
+        """Largest ratio of the agreements of forces with a motion."""
+        ratios = (a.worst for relation, a in self.agreements.items() if has_body(relation))
+        return max(ratios, default=0.0)
 
     def suspects(self, least: float) -> list[Source]:
         """Readings that contradict most of those they are compared with, the worst first: what is
@@ -39,15 +48,13 @@ class Judged:
         Args:
             least: Share of contradictions, as a part of the largest share.
         """
-        bad: dict[Source, int] = {}
-        count: dict[Source, int] = {}
+        contradicted: dict[Source, list[bool]] = {}
         for relation, agreement in self.agreements.items():
             for source in relation[1]:
-                count[source] = count.get(source, 0) + 1
-                bad[source] = bad.get(source, 0) + (not agreement.agrees)
-        share = {source: bad[source] / each for source, each in count.items()}
+                contradicted.setdefault(source, []).append(not agreement.agrees)
+        share = {source: sum(each) / len(each) for source, each in contradicted.items()}
         most = max(share.values())
-        found = [s for s in share if bad[s] and share[s] >= least * most]
+        found = [s for s in share if share[s] > 0 and share[s] >= least * most]
         return sorted(found, key=lambda s: -share[s])
 
 
@@ -55,7 +62,7 @@ def judged(excerpt: Excerpt) -> Judged:
     """Evaluate everything that can be compared."""
     relations = (*motion_relations(excerpt), *force_relations(excerpt))
     found = {r: a for r in relations if (a := evaluated(excerpt, r)) is not None}
-    return Judged(excerpt, tuple(found), found)
+    return Judged(excerpt, found)
 
 
 def evaluated(excerpt: Excerpt, relation: Relation) -> InstrumentAgreement | None:

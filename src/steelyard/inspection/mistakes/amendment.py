@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.excerpt import Excerpt
+from steelyard.inspection.agreements.excerpt import Excerpt, Observation
 
 ROBOT = "robot"
 """Subject of mistakes in the robot file."""
@@ -82,33 +82,24 @@ def with_gravity(gravity: Array) -> Change:
     return lambda excerpt: replace(excerpt, robot=replace(excerpt.robot, gravity=gravity))
 
 
+def edited(source: Source, edit: Callable[[Observation], Observation]) -> Change:
+    """Other readings of one quantity."""
+    return lambda excerpt: excerpt.with_observations({source: edit(excerpt.observations[source])})
+
+
 def mapped(source: Source, matrix: Array) -> Change:
     """A matrix times the readings of a vector."""
-    return lambda excerpt: excerpt.with_observations(
-        {source: excerpt.observations[source].mapped(matrix)}
-    )
+    return edited(source, lambda read: read.mapped(matrix))
 
 
 def rotated(source: Source, left: Array, right: Array) -> Change:
     """An orientation between two matrices, shape (3, 3) each."""
-    return lambda excerpt: excerpt.with_observations(
-        {source: excerpt.observations[source].between(left, right)}
-    )
+    return edited(source, lambda read: read.through(lambda R: left @ R @ right))
 
 
 def shifted(delays: Mapping[str, float]) -> Change:
     """Instruments at times that are later [s]."""
-
-    def change(excerpt: Excerpt) -> Excerpt:
-        return excerpt.with_observations(
-            {
-                source: each.later(excerpt.time, delays[source[0]])
-                for source, each in excerpt.observations.items()
-                if source[0] in delays
-            }
-        )
-
-    return change
+    return lambda excerpt: excerpt.delayed(delays)
 
 
 def without_cable(i: int) -> Change:

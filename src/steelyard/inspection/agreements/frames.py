@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.excerpt import Excerpt, Observation
+from steelyard.inspection.agreements.excerpt import Excerpt, Observation
 from steelyard.instruments import Instrument
 from steelyard.instruments.equations import solve_for
 from steelyard.robot.model import Robot
@@ -52,37 +52,23 @@ class OriginMotion:
 
 def mounting(excerpt: Excerpt, name: str) -> Array:
     """R_platform_instrument, shape (3, 3)."""
-    return matrix_of(excerpt.instruments[name].mounting.rpy_deg or (0.0, 0.0, 0.0))
+    return _matrix_of(excerpt.instruments[name].mounting.rpy_deg or (0.0, 0.0, 0.0))
 
 
-@lru_cache(maxsize=256)
-def matrix_of(rpy_deg: tuple[float, float, float]) -> Array:
-    """Rotation matrix of roll, pitch, yaw [deg], as experiment files have them; read-only."""
-    matrix = np.asarray(Rotation.from_euler("ZYX", rpy_deg[::-1], degrees=True).as_matrix())
-    matrix.setflags(write=False)
-    return matrix
+def _matrix_of(rpy_deg: tuple[float, float, float]) -> Array:
+    """Rotation matrix of roll, pitch, yaw [deg], as experiment files have them."""
+    return np.asarray(Rotation.from_euler("ZYX", rpy_deg[::-1], degrees=True).as_matrix())
 
 
 def rpy_deg_of(matrix: Array) -> list[float]:
     """Roll, pitch, yaw [deg] of a rotation matrix, as experiment files have them."""
-    with np.errstate(all="ignore"):
-        # At a pitch of 90 degrees roll and yaw are one: any will do.
-        angles = _angles(matrix)
-    return [float(round(each, 3)) + 0.0 for each in angles]
+    # At a pitch of 90 degrees roll and yaw are one: any will do.
+    angles = Rotation.from_matrix(matrix).as_euler("ZYX", degrees=True, suppress_warnings=True)
+    whole = np.round(angles[::-1], 3) + 0.0
+    return [180.0 if angle == -180.0 else angle for angle in whole.tolist()]
 
 
-def _angles(R: Array) -> tuple[float, float, float]:
-    pitch = float(np.degrees(np.arcsin(np.clip(-R[2, 0], -1, 1))))
-    if abs(R[2, 0]) > 1 - 1e-9:
-        return 0.0, pitch, float(np.degrees(np.arctan2(-R[0, 1], R[1, 1])))
-    return (
-        float(np.degrees(np.arctan2(R[2, 1], R[2, 2]))),
-        pitch,
-        float(np.degrees(np.arctan2(R[1, 0], R[0, 0]))),
-    )
-
-
-def axis_of(matrices: Array) -> Array:
+def _axis_of(matrices: Array) -> Array:
     """Axis of the antisymmetric part of matrices, shape (n, 3)."""
     m = matrices
     columns = [m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]]
@@ -99,7 +85,7 @@ def tracker_frame(excerpt: Excerpt, name: str) -> tuple[Array, Array]:
     frame = excerpt.instruments[name].mounting.frame
     if frame is None:
         return np.zeros(3), np.eye(3)
-    return np.array(frame.position, dtype=np.float64), matrix_of(frame.rpy_deg)
+    return np.array(frame.position, dtype=np.float64), _matrix_of(frame.rpy_deg)
 
 
 @dataclass(frozen=True)
@@ -146,7 +132,7 @@ def _attitude_motion(read: Observation, solver: _Solver) -> AttitudeMotion:
     # Nine numbers share what three angles scatter by.
     angle, speed, acceleration = (each * np.sqrt(1.5) for each in read.noise)
     noise = (angle, speed, acceleration)
-    return AttitudeMotion(R, rate, bend, axis_of(back @ rate), axis_of(back @ bend), noise)
+    return AttitudeMotion(R, rate, bend, _axis_of(back @ rate), _axis_of(back @ bend), noise)
 
 
 def _nearest(matrices: Array) -> Array:
@@ -199,12 +185,11 @@ def _specific_force_there(
     """See :func:`specific_force_there`, for a gravity in the world [m/s^2]."""
     # Of an instrument that does not turn, that of the origin is that of any point.
     still = np.zeros_like(read.value)
-    given = {"omega": still, "alpha": still, "gravity": np.array(gravity)}
-    value = solver.value(read.value, rotation=turned.rotation, **given)
+    given = {"omega": still, "alpha": still}
+    value = solver.value(read.value, rotation=turned.rotation, gravity=np.array(gravity), **given)
     # Gravity turns slowly: it has no rate worth looking at.
     level = np.zeros_like(turned.rotation)
-    rate = solver.value(read.rate, rotation=level, **given)
-    rate = rate - solver.value(still, rotation=level, **given)
+    rate = solver.change(read.rate, rotation=level, gravity=still, **given)
     return replace(read, value=value, rate=rate)
 
 
@@ -224,6 +209,5 @@ def specific_force_of_origin(
 
 
 def attitude_source(excerpt: Excerpt) -> Source | None:
-    """Who tells the attitude: a measured one where there is one."""
-    sources = excerpt.quantity("orientation")
-    return min(sources, key=lambda s: excerpt.instruments[s[0]].commanded, default=None)
+    """The orientation to go by: a measured one where there is one."""
+    return next(iter(excerpt.quantity("orientation")), None)

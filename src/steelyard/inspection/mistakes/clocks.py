@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
-from steelyard.identification.model.calibration_parameters import clock_of
-from steelyard.inspection.amendment import SIMPLE, USUAL, Amendment, shifted
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.judgement import Judged, evaluated
-from steelyard.inspection.motion_agreements import is_of_motion
+from steelyard.inspection.agreements.excerpt import Excerpt, instruments_by_clock
+from steelyard.inspection.agreements.judgement import Judged, evaluated
+from steelyard.inspection.agreements.motion import is_of_motion
+from steelyard.inspection.mistakes.amendment import SIMPLE, USUAL, Amendment, Subject, shifted
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class ClockSettings:
     """Which delays are tried."""
 
     coarse: float = 0.2
-    """First step [s]: a fifth of the slowest motion that tells a clock."""
+    """First step [s]: a fifth of the slowest motion that determines a clock."""
     fine: float = 0.04
     """Second step [s]: the delay itself is named to .01 s and found exactly by `identify`."""
     largest: float = 10.0
@@ -42,11 +42,9 @@ def of_clocks(now: Judged, suspects: set[str]) -> Iterator[Amendment]:
     """
     excerpt = now.excerpt
     experiment, run = excerpt.experiment, excerpt.run
-    shared: dict[str, list[str]] = {}
-    for name in run.streams:
-        shared.setdefault(clock_of(experiment, name), []).append(name)
     # Instruments that are said to share a clock may not.
-    groups = dict.fromkeys([*map(tuple, shared.values()), *((name,) for name in run.streams)])
+    alone = [(name,) for name in run.streams]
+    groups = dict.fromkeys([*instruments_by_clock(experiment, run), *alone])
     force = experiment.force_instrument(run)
     for names in groups:
         if force in names or not suspects & set(names):
@@ -65,22 +63,15 @@ def _late(excerpt: Excerpt, names: tuple[str, ...], delay: float) -> Amendment:
         times = (f"{name}: {excerpt.run.sync[name] + delay:.3f}" for name in names)
         key = "sync: {" + ", ".join(times) + "}"
     late = "late" if delay > 0 else "early"
-    return Amendment(
-        "clock",
-        names[0],
-        "t",
-        f"the clock of {' and '.join(names)} is {late} by {abs(delay):.2f} s",
-        key,
-        shifted(dict.fromkeys(names, delay)),
-        USUAL,
-        frozenset(names),
-    )
+    what = f"the clock of {' and '.join(names)} is {late} by {abs(delay):.2f} s"
+    change = shifted(dict.fromkeys(names, delay))
+    return Subject(names[0], "t").amendment("clock", what, key, change, USUAL, beside=names)
 
 
 def _best_delay(now: Judged, names: tuple[str, ...]) -> float | None:
     """By how much a clock would have to be late, roughly, if at all [s]."""
     relations = []
-    for relation in now.relations:
+    for relation in now.agreements:
         own = [name in names for name, _ in relation[1]]
         if any(own) and not all(own):
             relations.append(relation)
@@ -93,13 +84,8 @@ def _best_delay(now: Judged, names: tuple[str, ...]) -> float | None:
 
     def cost(delay: float) -> float:
         amended = shifted(dict.fromkeys(names, delay))(now.excerpt)
-        total = 0.0
-        for relation in relations:
-            agreement = evaluated(amended, relation)
-            if agreement is None:
-                return np.inf
-            total += agreement.cost
-        return total
+        found = [evaluated(amended, relation) for relation in relations]
+        return sum(np.inf if each is None else each.cost for each in found)
 
     length = float(now.excerpt.time[-1] - now.excerpt.time[0])
     most, coarse, fine = min(SETTINGS.largest, length / 2), SETTINGS.coarse, SETTINGS.fine
@@ -113,20 +99,13 @@ def _best_delay(now: Judged, names: tuple[str, ...]) -> float | None:
 def _exchanged(excerpt: Excerpt, groups: Sequence[Sequence[str]]) -> Iterator[Amendment]:
     """Events of two clocks that were written for each other."""
     sync = excerpt.run.sync
-    for i, first in enumerate(groups):
-        for second in groups[i + 1 :]:
-            apart = sync[first[0]] - sync[second[0]]
-            if abs(apart) < SETTINGS.least or set(first) & set(second):
-                continue
-            delays = {**dict.fromkeys(first, -apart), **dict.fromkeys(second, apart)}
-            times = (f"{name}: {sync[name] + delay:.6g}" for name, delay in delays.items())
-            yield Amendment(
-                "clock",
-                first[0],
-                "sync",
-                f"the events of {first[0]} and {second[0]} under 'sync' are exchanged",
-                "sync: {" + ", ".join(times) + "}",
-                shifted(delays),
-                SIMPLE,
-                frozenset(delays),
-            )
+    for first, second in combinations(groups, 2):
+        apart = sync[first[0]] - sync[second[0]]
+        if abs(apart) < SETTINGS.least or set(first) & set(second):
+            continue
+        delays = {**dict.fromkeys(first, -apart), **dict.fromkeys(second, apart)}
+        what = f"the events of {first[0]} and {second[0]} under 'sync' are exchanged"
+        times = (f"{name}: {sync[name] + delay:.6g}" for name, delay in delays.items())
+        key = "sync: {" + ", ".join(times) + "}"
+        subject = Subject(first[0], "sync")
+        yield subject.amendment("clock", what, key, shifted(delays), SIMPLE, beside=delays)

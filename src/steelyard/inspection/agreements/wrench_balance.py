@@ -13,21 +13,15 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.identification.model.sources import Source
 from steelyard.identification.model.unknown_body import BODY, unknown_body
-from steelyard.inspection.agreement import InstrumentAgreement
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.measured_wrench import (
+from steelyard.inspection.agreements.agreement import InstrumentAgreement, is_command, title
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.measured_wrench import (
     MeasuredWrench,
     of_cables,
     of_sensor,
     platform_motion,
 )
-from steelyard.inspection.motion_agreements import (
-    Relation,
-    attitudes,
-    is_command,
-    positions,
-    title,
-)
+from steelyard.inspection.agreements.motion import Relation
 
 
 @dataclass(frozen=True)
@@ -96,60 +90,55 @@ class BodyBalance:
 
 def force_relations(excerpt: Excerpt) -> Iterator[Relation]:
     """Which motions the forces can be compared with: each account of them by itself."""
-    turned, placed = attitudes(excerpt), positions(excerpt)
-    # An accelerometer goes with the gyro beside it, which tells angular acceleration best.
+    turned, placed = excerpt.quantity("orientation"), excerpt.quantity("position")
+    measured = [s for s in turned if not is_command(excerpt, s)]
+    at = [s for s in placed if not is_command(excerpt, s)]
+    # An accelerometer goes with the gyro beside it, which gives angular acceleration best.
     force_samples = [(f, *_beside(excerpt, f)) for f in excerpt.quantity("specific_force")]
     for force in excerpt.quantity("tension"):
         yield ("tensions", (force,))
-        measured = [s for s in turned if not is_command(excerpt, s[0])]
-        at = [s for s in placed if not is_command(excerpt, s[0])]
         for a in measured or turned[:1]:
             for p in at or placed[:1]:
                 yield ("cables", (force, a, p))
-                yield from (
-                    ("cables", (force, a, p, *f)) for f in force_samples if not excerpt.static
-                )
-        if (
-            turned
-            and placed
-            and (measured or at)
-            and is_command(excerpt, turned[-1][0])
-            and is_command(excerpt, placed[-1][0])
-        ):
+                if not excerpt.static:
+                    yield from (("cables", (force, a, p, *f)) for f in force_samples)
+        if len(turned) > len(measured) and len(placed) > len(at) and (measured or at):
             # What was commanded is an account of its own.
             yield ("cables", (force, turned[-1], placed[-1]))
     for force in excerpt.quantity("force"):
         torque = (force[0], "torque")
-        at = [s for s in placed if not is_command(excerpt, s[0])] or placed[:1]
         for a in turned:
-            yield from (("wrench", (force, torque, a, p)) for p in at)
+            yield from (("wrench", (force, torque, a, p)) for p in at or placed[:1])
             yield from (("wrench", (force, torque, a, *f)) for f in force_samples)
-            if not at and (excerpt.static or not force_samples):
+            if not placed and (excerpt.static or not force_samples):
                 yield ("wrench", (force, torque, a))
         if not turned:
             yield from (("wrench", (force, torque, *f)) for f in force_samples)
 
 
-def _beside(excerpt: Excerpt, force_samples: Source) -> tuple[Source, ...]:
-    """The gyro that goes with an accelerometer: its own, or any."""
-    gyros = excerpt.quantity("angular_velocity")
-    return (
-        tuple(sorted(gyros, key=lambda s: s[0] != force_samples[0])[:1])
-        if not excerpt.static
-        else ()
+def has_body(relation: Relation) -> bool:
+    """Whether forces are compared with a motion, so that there is a body to be fitted."""
+    return relation[0] in {"cables", "wrench"}
+
+
+def _beside(excerpt: Excerpt, of_force: Source) -> tuple[Source, ...]:
+    """The gyro that goes with an accelerometer in motion: its own, or any."""
+    if excerpt.static:
+        return ()
+    return tuple(
+        sorted(excerpt.quantity("angular_velocity"), key=lambda s: s[0] != of_force[0])[:1]
     )
 
 
 def force_agreement(excerpt: Excerpt, relation: Relation) -> InstrumentAgreement | None:
     """Evaluate one of :func:`force_relations`; None where it cannot be had."""
-    kind, sources = relation
-    if kind == "tensions":
-        return tensions_alone(excerpt, sources[0])
+    if not has_body(relation):
+        return _tensions_alone(excerpt, relation[1][0])
     found = body_balance(excerpt, relation)
     return None if found is None else _agreement(excerpt, relation, found)
 
 
-def tensions_alone(excerpt: Excerpt, source: Source) -> InstrumentAgreement:
+def _tensions_alone(excerpt: Excerpt, source: Source) -> InstrumentAgreement:
     """Cables pull; and about as hard as the robot file allows."""
     read = excerpt.observations[source].value
     size = float(np.median(np.abs(read))) or 1.0
@@ -183,7 +172,7 @@ def body_balance(excerpt: Excerpt, relation: Relation) -> BodyBalance | None:
         measured = of_sensor(excerpt, sources[0], sources[1])
     if measured is None:
         return None
-    commanded = any(is_command(excerpt, name) for name, _ in sources)
+    commanded = any(is_command(excerpt, source) for source in sources)
     part = SETTINGS.commanded if commanded else SETTINGS.measured
     size = _sizes(excerpt, measured)
     Y = platform_regressor(motion.force, motion.omega, motion.alpha)
@@ -217,7 +206,7 @@ def _allowed(
 ) -> Array:
     """What noise and imperfect models would leave of a wrench, shape (6,)."""
     spread = measured.wrench.std(axis=0)
-    common = np.repeat([float(np.mean(spread[:3] ** 2)), float(np.mean(spread[3:] ** 2))], 3)
+    common = np.repeat(np.mean(spread.reshape(2, 3) ** 2, axis=1), 3)
     whole = np.repeat([SETTINGS.weight * size.force, SETTINGS.weight * size.force * size.radius], 3)
     by_lever = np.hypot(SETTINGS.off_center * size.radius * noise[0], size.radius**2 * noise[1])
     by_motion = (size.mass * noise[0], size.mass * float(by_lever))
@@ -272,12 +261,13 @@ def _agreement(excerpt: Excerpt, relation: Relation, found: BodyBalance) -> Inst
     if found.measured.structure is not None:
         offsets = float(np.sqrt(np.mean(found.constants**2)))
         rows.append(("offsets", offsets, SETTINGS.offsets))
+    channels, off, allowed = zip(*rows, strict=True)
     return InstrumentAgreement(
         title(*relation[1]),
         relation[1],
-        tuple(name for name, _, _ in rows),
-        np.array([off for _, off, _ in rows]),
-        np.array([allowed for _, _, allowed in rows]),
+        channels,
+        np.array(off),
+        np.array(allowed),
         "N",
         found.measured.wrench,
         found.explained,

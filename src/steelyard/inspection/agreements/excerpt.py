@@ -7,14 +7,15 @@ look again.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import BSpline
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, binned_means
 from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.model.sources import Source
 from steelyard.instruments import Instrument
 from steelyard.robot.model import Robot
@@ -67,30 +68,13 @@ class Observation:
         """Vectors in other axes or units: ``matrix`` times them."""
         # One channel in another unit says nothing of the noise of the others.
         size = float(np.median(np.sqrt(np.sum(matrix**2, axis=1))))
-        return replace(
-            self,
-            value=self.value @ matrix.T,
-            rate=self.rate @ matrix.T,
-            bend=self.bend @ matrix.T,
-            noise=(size * self.noise[0], size * self.noise[1], size * self.noise[2]),
-        )
+        value, rate, bend = self.noise
+        noise = (size * value, size * rate, size * bend)
+        return replace(self.through(lambda vectors: vectors @ matrix.T), noise=noise)
 
-    def plus(self, value: Array) -> Observation:
-        """Vectors with something added to them, whose derivatives are not looked at."""
-        return replace(self, value=self.value + value)
-
-    def between(self, left: Array, right: Array) -> Observation:
-        """Rotations: ``left`` times them times ``right``."""
-        return replace(
-            self,
-            value=left @ self.value @ right,
-            rate=left @ self.rate @ right,
-            bend=left @ self.bend @ right,
-        )
-
-    def transposed(self) -> Observation:
-        """Rotations the other way round."""
-        value, rate, bend = (each.swapaxes(1, 2) for each in (self.value, self.rate, self.bend))
+    def through(self, linear: Callable[[Array], Array]) -> Observation:
+        """A linear function of it, which its derivatives follow alike."""
+        value, rate, bend = linear(self.value), linear(self.rate), linear(self.bend)
         return replace(self, value=value, rate=rate, bend=bend)
 
     def later(self, times: Array, delay: float) -> Observation:
@@ -99,14 +83,12 @@ class Observation:
         """
         if self.spline is None:
             return self
-        at = np.clip(times + delay, *self.span)
-        value, rate, bend = (
-            self.spline(at, nu=order)[:, : self.value[0].size] for order in range(3)
-        )
+        at, columns = np.clip(times + delay, *self.span), self.value[0].size
         shape = self.value.shape
-        return replace(
-            self, value=value.reshape(shape), rate=rate.reshape(shape), bend=bend.reshape(shape)
+        value, rate, bend = (
+            self.spline(at, nu=order)[:, :columns].reshape(shape) for order in range(3)
         )
+        return replace(self, value=value, rate=rate, bend=bend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,9 +121,27 @@ class Excerpt:
         changed = self.instruments[name].model_copy(update=keys)
         return replace(self, instruments={**self.instruments, name: changed})
 
+    def delayed(self, delays: Mapping[str, float]) -> Excerpt:
+        """With instruments at times that are later [s]."""
+        return self.with_observations(
+            {
+                source: each.later(self.time, delays[source[0]])
+                for source, each in self.observations.items()
+                if source[0] in delays
+            }
+        )
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """Part of a run in motion that is looked at, within the run's own [s]."""
+        first, last = self.run.window or (-np.inf, np.inf)
+        start, end = float(self.time[0]) - self.spacing, float(self.time[-1]) + self.spacing
+        return max(start, first), min(end, last)
+
     def quantity(self, quantity: str) -> list[Source]:
-        """All readings of one quantity."""
-        return [source for source in self.observations if source[1] == quantity]
+        """All readings of one quantity, measured ones before commanded ones."""
+        found = [source for source in self.observations if source[1] == quantity]
+        return sorted(found, key=lambda source: self.instruments[source[0]].commanded)
 
     def refitted(self, source: Source, values: Array) -> Observation:
         """Other samples of a quantity, smoothed like those that are there.
@@ -189,11 +189,9 @@ def excerpt_of(
 
 def _part(run: Run, times: Mapping[str, Array], finest: float) -> tuple[float, float, float] | None:
     """Beginning, end and spacing of the knots of what is looked at [s]."""
-    start, end = run.window or (-np.inf, np.inf)
-    start, end = (
-        max(start, *(float(t[0]) for t in times.values())),
-        min(end, *(float(t[-1]) for t in times.values())),
-    )
+    first, last = run.window or (-np.inf, np.inf)
+    start = max(first, *(float(t[0]) for t in times.values()))
+    end = min(last, *(float(t[-1]) for t in times.values()))
     if end - start < SETTINGS.shortest:
         return None
     steps = [float(np.median(np.diff(t))) for t in times.values() if len(t) > 2]
@@ -205,11 +203,8 @@ def _part(run: Run, times: Mapping[str, Array], finest: float) -> tuple[float, f
     if end - start > SETTINGS.longest:
         start = _liveliest(run, times, start, end)
         end = start + SETTINGS.longest
-    return (
-        (start, end, spacing)
-        if end - start > max(SETTINGS.shortest, SETTINGS.fewest_knots * spacing)
-        else None
-    )
+    enough = end - start > max(SETTINGS.shortest, SETTINGS.fewest_knots * spacing)
+    return (start, end, spacing) if enough else None
 
 
 def _liveliest(run: Run, times: Mapping[str, Array], start: float, end: float) -> float:
@@ -221,22 +216,18 @@ def _liveliest(run: Run, times: Mapping[str, Array], start: float, end: float) -
             flat = np.nan_to_num(values.reshape(len(values), -1))
             bins = np.searchsorted(edges, times[name], side="right") - 1
             use = (bins >= 0) & (times[name] <= end)
-            count = np.maximum(np.bincount(bins[use], minlength=len(edges)), 1)
             scale = float(flat[use].std()) or 1.0
-            for column in flat[use].T:
-                mean = np.bincount(bins[use], column / scale, minlength=len(edges)) / count
-                happens[1:] += np.diff(mean) ** 2
+            mean, _ = binned_means(bins[use], flat[use] / scale, len(edges))
+            happens[1:] += np.sum(np.diff(mean, axis=0) ** 2, axis=1)
     width = int(SETTINGS.longest / SETTINGS.bin)
     total = np.concatenate([[0.0], np.cumsum(np.minimum(happens, 25 * np.median(happens) + 1e-12))])
-    return (
-        float(edges[int(np.argmax(total[width:] - total[:-width]))])
-        if len(total) > width
-        else start
-    )
+    if len(total) <= width:
+        return start
+    return float(edges[int(np.argmax(total[width:] - total[:-width]))])
 
 
 def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Observation | None:
-    """One quantity at instants; None where its samples do not tell it."""
+    """One quantity at instants; None where its samples do not determine it."""
     flat = values.reshape(len(values), -1)
     complete = np.isfinite(flat).all(axis=1)
     if complete.sum() < 4:
@@ -244,18 +235,17 @@ def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Obse
     time, flat = time[complete], flat[complete]
     for margin in (SETTINGS.margin, spacing):
         start, end = max(time[0], inside[0] - margin), min(time[-1], inside[-1] + margin)
-        found = (
-            fit(Samples1D(time, flat), start, end, spacing, robust=True) if end > start else None
-        )
-        if found is not None:
-            break
-    else:
-        return None
-    shape = (len(inside), *values.shape[1:])
-    at = np.clip(inside, start, end)
-    value, rate, bend = (found.at(at, order).reshape(shape) for order in range(3))
-    noise = found.noise(at, 0), found.noise(at, 1), found.noise(at, 2)
-    return Observation(value, rate, bend, noise, found.spline, (start, end))
+        if end <= start:
+            continue
+        found = fit(Samples1D(time, flat), start, end, spacing, robust=True)
+        if found is None:
+            continue
+        shape = (len(inside), *values.shape[1:])
+        at = np.clip(inside, start, end)
+        value, rate, bend = (found.at(at, order).reshape(shape) for order in range(3))
+        noise = found.noise(at, 0), found.noise(at, 1), found.noise(at, 2)
+        return Observation(value, rate, bend, noise, found.spline, (start, end))
+    return None
 
 
 def _poses(experiment: Experiment, run: Run) -> Excerpt | None:
@@ -280,13 +270,18 @@ def _at_rest(values: Array) -> Observation:
     return Observation(values, nothing, nothing, (0.0, 0.0, 0.0))
 
 
+def instruments_by_clock(experiment: Experiment, run: Run) -> list[tuple[str, ...]]:
+    """Instruments of a run that share a clock."""
+    shared: dict[str, list[str]] = {}
+    for name in run.streams:
+        shared.setdefault(clock_of(experiment, name), []).append(name)
+    return [tuple(names) for names in shared.values()]
+
+
 def excerpts(experiment: Experiment, most: int) -> Sequence[Excerpt]:
     """Of a few runs: those in motion first, spread over the experiment."""
     moving = [run for run in experiment.runs if not run.static]
-    chosen = [
-        moving[i]
-        for i in sorted({round(k) for k in np.linspace(0, len(moving) - 1, min(most, len(moving)))})
-    ]
-    chosen += [run for run in experiment.runs if run.static][:1]
-    found = (excerpt_of(experiment, run) for run in chosen)
+    places = np.linspace(0, len(moving) - 1, min(most, len(moving))).round().astype(np.int64)
+    still = [run for run in experiment.runs if run.static][:1]
+    found = (excerpt_of(experiment, run) for run in [*(moving[i] for i in places), *still])
     return [each for each in found if each is not None]

@@ -8,17 +8,17 @@ for, until nothing is bad or nothing helps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.inspection.agreement import InstrumentAgreement
-from steelyard.inspection.amendment import ROBOT, Amendment
-from steelyard.inspection.catalogue import amendments
-from steelyard.inspection.excerpt import Excerpt
-from steelyard.inspection.judgement import Judged, evaluated, judged
-from steelyard.inspection.motion_agreements import Relation, is_of_motion
+from steelyard.inspection.agreements.agreement import InstrumentAgreement
+from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.agreements.judgement import Judged, evaluated, judged
+from steelyard.inspection.agreements.motion import Relation, is_of_motion
+from steelyard.inspection.mistakes.amendment import ROBOT, Amendment
+from steelyard.inspection.mistakes.catalogue import amendments
 
 
 @dataclass(frozen=True)
@@ -97,18 +97,11 @@ class _Trial:
         return self.gain + self.amendment.cost
 
 
-def comparable(
-    after: InstrumentAgreement,
-    before: InstrumentAgreement,
-    settings: MistakeSettings = SETTINGS,
+def _comparable(
+    after: InstrumentAgreement, before: InstrumentAgreement, settings: MistakeSettings
 ) -> InstrumentAgreement:
-    """An agreement that may not be better for allowing more: noise that a change makes larger
-    explains nothing.
-
-    Args:
-        after: With an amended description.
-        before: As described.
-        settings: By how much more may be allowed.
+    """The agreement with an amended description, which may not be better for allowing more than the
+    one before: noise that a change makes larger explains nothing.
     """
     axes = after.measured.shape[1]
     if len(before.allowed) < axes:
@@ -134,23 +127,17 @@ def comparable(
 
 
 def mistakes(
-    excerpt: Excerpt,
-    tell: Callable[[str], None] | None = None,
-    *,
-    settings: MistakeSettings = SETTINGS,
+    excerpt: Excerpt, *, settings: MistakeSettings = SETTINGS
 ) -> tuple[list[Mistake], Judged]:
     """Find the mistakes of one run, and how everything agrees once they are taken back.
 
     Args:
         excerpt: Of the run.
-        tell: Is told what is being tried.
         settings: When a mistake is named.
     """
     found: list[Mistake] = []
     now = judged(excerpt)
     while now.bad and len(found) < settings.most:
-        if tell is not None:
-            tell(f"looking for mistakes in {excerpt.run.name}")
         # What agrees with nothing first; then all that contradicts anything.
         best = _best(now, settings.suspect, settings) or _best(now, 0.0, settings)
         if best is None:
@@ -183,11 +170,12 @@ def _tried(
     now: Judged, amendment: Amendment, least: float, settings: MistakeSettings
 ) -> _Trial | None:
     """An amendment with what it gains; None where that is less than the least that is wanted."""
-    touched = []
-    for relation, agreement in now.agreements.items():
-        own = any(name in amendment.touches for name, _ in relation[1])
-        if own or (ROBOT in amendment.touches and agreement.robot):
-            touched.append(relation)
+    touched = [
+        relation
+        for relation, agreement in now.agreements.items()
+        if any(name in amendment.touches for name, _ in relation[1])
+        or (ROBOT in amendment.touches and agreement.robot)
+    ]
     # What could be gained at best: all that is wrong with these.
     gain = sum(now.agreements[relation].cost for relation in touched) - amendment.cost
     if gain < least:
@@ -201,7 +189,7 @@ def _tried(
         agreement_then = evaluated(amended, relation)
         if agreement_then is None:
             return None
-        after[relation] = comparable(agreement_then, now.agreements[relation], settings)
+        after[relation] = _comparable(agreement_then, now.agreements[relation], settings)
         gain -= after[relation].cost
         if gain < least:
             return None
@@ -222,11 +210,11 @@ def _named(
     now: Judged, trial: _Trial, tried: Sequence[_Trial], settings: MistakeSettings
 ) -> tuple[Mistake, Judged]:
     """The mistake that an amendment takes back, and how everything agrees without it."""
-    others: dict[str, None] = {}
-    for other in tried:
-        close = other.likelihood > trial.likelihood - settings.equal
-        if close and other is not trial:
-            others[f"{other.amendment.subject}: {other.amendment.what}"] = None
+    others = dict.fromkeys(
+        f"{other.amendment.subject}: {other.amendment.what}"
+        for other in tried
+        if other is not trial and other.likelihood > trial.likelihood - settings.equal
+    )
     mistake = Mistake(
         trial.amendment,
         now.excerpt.run.name,
@@ -241,4 +229,4 @@ def _named(
         agreement = evaluated(trial.excerpt, relation)
         if agreement is not None:
             agreements[relation] = agreement
-    return mistake, Judged(trial.excerpt, now.relations, agreements)
+    return mistake, Judged(trial.excerpt, agreements)
