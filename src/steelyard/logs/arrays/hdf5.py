@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,17 +13,12 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.logs.arrays.nested import Arrays, Key, Source, is_number, is_row
-from steelyard.logs.arrays.subprocess_reader import (
-    opened_in_subprocess,
-    serve,
-    topics_in_subprocess,
-)
-from steelyard.logs.log import Log
+from steelyard.logs.arrays.subprocess_reader import serve
 from steelyard.logs.packages import require_package
 from steelyard.logs.size import check_unpacked
 from steelyard.units import is_unit
 
-_WHAT = "an HDF5 file"
+WHAT = "an HDF5 file"
 _MOST_OBJECTS = 20_000
 """Groups and datasets of one file: recordings have hundreds; each costs a millisecond."""
 _DEEPEST = 50
@@ -35,24 +30,9 @@ _LONGEST_UNIT = 64
 """Bytes of the name of a unit."""
 
 
-def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:
-    """Open a group of an HDF5 file.
-
-    Raises:
-        InputError: The file is damaged, or has no such group.
-    """
+def require(path: Path) -> None:
+    """Raise InputError unless the library that reads the file is installed."""
     require_package(path, "h5py", "h5py", "HDF5")
-    return opened_in_subprocess(__name__, path, topic, _WHAT)
-
-
-def topics(path: Path) -> list[str]:
-    """Groups of an HDF5 file from which one has to be chosen; none: it is one table.
-
-    Raises:
-        InputError: The file is damaged, or has too many groups.
-    """
-    require_package(path, "h5py", "h5py", "HDF5")
-    return topics_in_subprocess(__name__, path, _WHAT)
 
 
 @contextmanager
@@ -217,4 +197,4 @@ class _Reader:
 
 
 if __name__ == "__main__":
-    serve(arrays_here, _WHAT)
+    serve(arrays_here, WHAT)

@@ -20,21 +20,19 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.logs.arrays.nested import Arrays, Key, Source, is_number, with_rows_first
 from steelyard.logs.log import MOST_COLUMNS, Log
-from steelyard.logs.packages import shown
+from steelyard.logs.packages import damaged, shown
 from steelyard.logs.size import check_unpacked
+
+_WHAT = "an archive of NumPy arrays"
 
 
 @contextmanager
-def opened(path: Path, topic: str | None) -> Iterator[Log]:
+def opened(path: Path) -> Iterator[Log]:
     """Open an archive of NumPy arrays.
 
     Raises:
-        InputError: It is damaged, or a topic is asked for.
+        InputError: It is damaged.
     """
-    if topic is not None:
-        raise InputError(
-            f"{path}: expected no 'topic' for a NumPy file, found '{topic}'; leave it out"
-        )
     try:
         archive = zipfile.ZipFile(path)
     except (
@@ -44,7 +42,7 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
         NotImplementedError,
         UnicodeDecodeError,
     ) as error:
-        raise _damaged(path, error) from None
+        raise damaged(path, _WHAT, error, "one that is damaged or cut off") from None
     with archive:
         members = [member for member in archive.infolist() if member.filename.endswith(".npy")]
         if len(members) > MOST_COLUMNS:
@@ -92,7 +90,7 @@ def _header(
             ):
                 raise ValueError(f"an array of shape {shape} in {member.file_size} bytes")
     except _ERRORS as error:
-        raise _damaged(path, error) from None
+        raise damaged(path, _WHAT, error, "one that is damaged or cut off") from None
     return shape, dtype
 
 
@@ -153,13 +151,5 @@ def _array(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDA
         with archive.open(member) as file:
             array: NDArray[Any] = npy.read_array(file, allow_pickle=False)
     except _ERRORS as error:
-        raise _damaged(path, error) from None
+        raise damaged(path, _WHAT, error, "one that is damaged or cut off") from None
     return array
-
-
-def _damaged(path: Path, error: Exception) -> InputError:
-    reason = shown((str(error).splitlines() or [type(error).__name__])[0], 120).rstrip(".")
-    return InputError(
-        f"{path}: expected an archive of NumPy arrays, found one that is damaged or cut off"
-        f" ({reason}); copy it again"
-    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -14,12 +14,11 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.logs.arrays.nested import Arrays, Key, Source, is_number
-from steelyard.logs.arrays.subprocess_reader import opened_in_subprocess, serve
-from steelyard.logs.log import Log
+from steelyard.logs.arrays.subprocess_reader import serve
 from steelyard.logs.packages import require_package
 from steelyard.units import is_unit
 
-_WHAT = "a TDMS file"
+WHAT = "a TDMS file"
 _UNITS = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit")
 _TIME = "t"
 _LEAD = struct.Struct("<4sIIQQ")
@@ -30,19 +29,9 @@ _MOST_OBJECTS = 2_000_000
 _FLOAT = np.dtype(np.float64)
 
 
-def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:
-    """Open a TDMS file, or one of its groups.
-
-    Raises:
-        InputError: The file is damaged or cut off, or has no such group.
-    """
+def require(path: Path) -> None:
+    """Raise InputError unless the library that reads the file is installed."""
     require_package(path, "npTDMS", "nptdms", "TDMS")
-    return opened_in_subprocess(__name__, path, topic, _WHAT)
-
-
-def topics(path: Path) -> list[str]:
-    """None: without a topic, all groups of a TDMS file are one table."""
-    return []
 
 
 @contextmanager
@@ -173,4 +162,4 @@ def _started(channel: Any) -> float | None:
 
 
 if __name__ == "__main__":
-    serve(arrays_here, _WHAT)
+    serve(arrays_here, WHAT)

@@ -34,16 +34,12 @@ packs to a tenth."""
 
 
 @contextmanager
-def opened(path: Path, topic: str | None) -> Iterator[Log]:
+def opened(path: Path) -> Iterator[Log]:
     """Open a table in a text file, plain or packed by gzip.
 
     Raises:
-        InputError: A topic is asked for, or it is no text with a table.
+        InputError: It is no text with a table.
     """
-    if topic is not None:
-        raise InputError(
-            f"{path}: expected no 'topic' for a text file, found '{topic}'; leave it out"
-        )
     table = _TextTable(path)
     yield Log(
         path, table.names, table.load, table.header.units, table.header.spellings, table.line_of
