@@ -68,6 +68,33 @@ def shapes(
     ]
 
 
+def cable_wrench(
+    robot: Robot,
+    position: Symbol,
+    rotation: Symbol,
+    tension: Symbol,
+    anchors: Symbol,
+    attachments: Symbol,
+) -> Symbol:
+    """Wrench of the cables on the platform about its origin, in P [N], [N m], for any geometry,
+    shape (6,).
+
+    Args:
+        robot: Everything about the cables but where they are fixed.
+        position: Of the platform origin, world frame [m], shape (3,).
+        rotation: R_world_platform, shape (3, 3).
+        tension: At the platform [N], shape (m,).
+        anchors: World frame [m], shape (3, m).
+        attachments: Platform frame [m], shape (3, m).
+    """
+    wrench = ca.SX.zeros(6)
+    for i in range(robot.m):
+        spec = cable.spec(robot, i)._replace(anchor=anchors[:, i])
+        shape = cable.by_tension(spec, position + rotation @ attachments[:, i], tension[i])
+        wrench += structure_columns(rotation, attachments[:, i], shape.direction) * tension[i]
+    return wrench
+
+
 def paid_out(
     robot: Robot, position: Symbol, rotation: Symbol, velocity: Symbol, omega: Symbol
 ) -> Symbol:
