@@ -4,6 +4,7 @@ inertia is, and what physics says of it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,15 +91,14 @@ def _inertia(body: DescribedBody, convention: Convention, point: Point) -> Inert
     return Inertia(body.mass, np.array(body.center_of_gravity), J)
 
 
-def _impossible(body: Inertia) -> tuple[str, ...]:
+def _impossible(body: Inertia) -> Iterator[str]:
+    """Note of a body that cannot exist."""
     if body.is_physical:
-        return ()
+        return
     moments = ", ".join(f"{v:g}" for v in body.principal_moments)
-    return (
-        (
-            f"no solid body has this inertia: its principal moments are {moments} kg m^2, each must"
-            " be above 0 and below the sum of the others"
-        ),
+    yield (
+        f"no solid body has this inertia: its principal moments are {moments} kg m^2, each must"
+        " be above 0 and below the sum of the others"
     )
 
 

@@ -276,12 +276,15 @@ def robot_file(robot: Robot) -> dict[str, Any]:
     if limits:
         values["limits"] = limits
     if robot.platform is not None:
-        moments = six(robot.platform.inertia).tolist()
-        values["platform"] = {
-            "mass": robot.platform.mass,
-            "center_of_gravity": robot.platform.center_of_gravity.tolist(),
-            "inertia": {
-                name[1:]: value for name, value in zip(BODY_PARAMETERS[4:], moments, strict=True)
-            },
-        }
+        values["platform"] = platform_values(robot.platform)
     return values
+
+
+def platform_values(body: Inertia) -> dict[str, Any]:
+    """A body as the plain values of the platform of a robot file."""
+    moments = zip(BODY_PARAMETERS[4:], six(body.inertia).tolist(), strict=True)
+    return {
+        "mass": body.mass,
+        "center_of_gravity": body.center_of_gravity.tolist(),
+        "inertia": {name[1:]: value + 0.0 for name, value in moments},
+    }

@@ -87,16 +87,17 @@ class SolverFunctions:
         jacobian = first.jacobian
         # Column by column, as CasADi keeps its entries.
         order = np.lexsort((jacobian.row, jacobian.col))
-        entries = jacobian.row[order].tolist(), jacobian.col[order].tolist()
+        row, column = jacobian.row[order].tolist(), jacobian.col[order].tolist()
+        count, _ = jacobian.shape
         parts = {
             "objective": (ca.Sparsity.dense(1, 1), lambda x: evaluated.at(x).value),
             "gradient": (ca.Sparsity.dense(n, 1), evaluated.gradient),
             "constraints": (
-                ca.Sparsity.dense(len(first.constraints), 1),
+                ca.Sparsity.dense(count, 1),
                 lambda x: evaluated.at(x).constraints,
             ),
             "jacobian": (
-                ca.Sparsity.triplet(*jacobian.shape, *entries),
+                ca.Sparsity.triplet(count, n, row, column),
                 lambda x: evaluated.at(x).jacobian.data[order],
             ),
         }
