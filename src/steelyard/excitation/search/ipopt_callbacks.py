@@ -89,23 +89,18 @@ class SolverFunctions:
         order = np.lexsort((jacobian.row, jacobian.col))
         row, column = jacobian.row[order].tolist(), jacobian.col[order].tolist()
         count, _ = jacobian.shape
-        parts = {
-            "objective": (ca.Sparsity.dense(1, 1), lambda x: evaluated.at(x).value),
-            "gradient": (ca.Sparsity.dense(n, 1), evaluated.gradient),
-            "constraints": (
-                ca.Sparsity.dense(count, 1),
-                lambda x: evaluated.at(x).constraints,
-            ),
-            "jacobian": (
-                ca.Sparsity.triplet(count, n, row, column),
-                lambda x: evaluated.at(x).jacobian.data[order],
-            ),
-        }
+        entries = ca.Sparsity.triplet(count, n, row, column)
+        dense = ca.Sparsity.dense
         x = ca.MX.sym("x", n)
-        self._owned = {
-            name: _ProgrammePart(name, n, form, value) for name, (form, value) in parts.items()
-        }
-        f, grad_f, g, jac_g = (part(x) for part in self._owned.values())
+        self._owned = (
+            _ProgrammePart("objective", n, dense(1, 1), lambda x: evaluated.at(x).value),
+            _ProgrammePart("gradient", n, dense(n, 1), evaluated.gradient),
+            _ProgrammePart(
+                "constraints", n, dense(count, 1), lambda x: evaluated.at(x).constraints
+            ),
+            _ProgrammePart("jacobian", n, entries, lambda x: evaluated.at(x).jacobian.data[order]),
+        )
+        f, grad_f, g, jac_g = (part(x) for part in self._owned)
         self.programme: dict[str, Any] = {"x": x, "f": f, "g": g}
         self.derivatives: dict[str, Any] = {
             "grad_f": _with_parameters("nlp_grad_f", x, [f, grad_f]),

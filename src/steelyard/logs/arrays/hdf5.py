@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.logs.arrays.nested import Arrays, Key, Source, is_number, is_row
+from steelyard.logs.arrays.nested import Arrays, Key, Source, fields_of, is_number, is_row
 from steelyard.logs.arrays.subprocess_reader import serve
 from steelyard.logs.packages import require_package
 from steelyard.logs.size import check_unpacked
@@ -72,7 +72,7 @@ def sources_of(
         _check_chunks(path, dataset)
         shape = tuple(reversed(dataset.shape)) if rows_last else tuple(dataset.shape)
         unit = _unit(dataset)
-        for fields, dtype in _fields(dataset.dtype):
+        for fields, dtype in fields_of(dataset.dtype):
             base, inner = dtype.subdtype or (dtype, ())
             if is_number(base) and shape:
                 reader = _Reader(dataset, fields, rows_last, is_row(shape))
@@ -148,16 +148,6 @@ def _check_chunks(path: Path, dataset: Any) -> None:
     if dataset.chunks:
         size = int(np.prod(dataset.chunks, dtype=object)) * dataset.dtype.itemsize
         check_unpacked(path, size, path.stat().st_size)
-
-
-def _fields(dtype: np.dtype[Any]) -> Iterator[tuple[Key, np.dtype[Any]]]:
-    """Fields of a compound type, or the type itself."""
-    if dtype.names is None:
-        yield (), dtype
-        return
-    for name in dtype.names:
-        for inner, kind in _fields(dtype[name]):
-            yield (name, *inner), kind
 
 
 def _unit(dataset: Any) -> str | None:
