@@ -984,7 +984,7 @@ def test_pieces_of_large_arrays(tmp_path, monkeypatch):
 
 
 HERE = ["json.mcap", "ros2.mcap", "ros1.bag", "old.db3", "imu.npz"]
-APART = ["a.h5", "v5.mat", "v73.mat", "a.tdms"]
+IN_SUBPROCESS = ["a.h5", "v5.mat", "v73.mat", "a.tdms"]
 
 
 def attempt(path, topic):
@@ -1015,7 +1015,7 @@ def test_cut_off_anywhere(small, tmp_path_factory, name):
 
 
 @pytest.mark.integration
-@pytest.mark.parametrize("name", APART)
+@pytest.mark.parametrize("name", IN_SUBPROCESS)
 @pytest.mark.parametrize("fraction", [0.0, 0.3, 0.999])
 def test_cut_off(small, tmp_path, name, fraction):
     path, topic = small[name]
@@ -1049,7 +1049,7 @@ def test_changed_anywhere(small, tmp_path_factory, name):
 
 
 @pytest.mark.integration
-@pytest.mark.parametrize("name", APART)
+@pytest.mark.parametrize("name", IN_SUBPROCESS)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_changed(small, tmp_path, name, seed):
     path, topic = small[name]
@@ -1062,7 +1062,7 @@ def test_changed(small, tmp_path, name, seed):
     attempt(changed, topic)
 
 
-@pytest.mark.parametrize("name", [*HERE, *APART])
+@pytest.mark.parametrize("name", [*HERE, *IN_SUBPROCESS])
 def test_noise_behind_the_beginning(small, tmp_path, name):
     path, topic = small[name]
     noisy = tmp_path / path.name

@@ -173,7 +173,7 @@ def _limits(joint: Element, origin: Vector) -> tuple[dict[str, object], tuple[st
     return {"position": box}, tuple(notes)
 
 
-def _chosen(cables: Element, name: str | None) -> tuple[Element, tuple[str, ...]]:
+def _chosen(cables: Element, name: str | None) -> tuple[Element, list[str]]:
     """A set of cables, and that there are others."""
     sets = cables.all("cable_set")
     names = [each.attribute("id") for each in sets]
@@ -200,10 +200,8 @@ def _chosen(cables: Element, name: str | None) -> tuple[Element, tuple[str, ...]
                 " choose a set with --cables"
             )
     others = ", ".join(printable(each) for each in names if each != wanted)
-    note = (
-        (f"cable set '{printable(wanted)}'; there are also {others} (--cables)",) if others else ()
-    )
-    return sets[names.index(wanted)], note
+    note = f"cable set '{printable(wanted)}'; there are also {others} (--cables)"
+    return sets[names.index(wanted)], [note] if others else []
 
 
 def _cable(cable: Element, cog: Vector, link: Element) -> Cable:
@@ -260,9 +258,8 @@ def _routing(cable: Element, platform: str) -> tuple[Sequence[Element], Sequence
     if links and links[0] != "0":
         points, links = points[::-1], links[::-1]
     on_base = links.count("0")
-    if links != ["0"] * on_base + [platform] * (len(links) - on_base) or not 0 < on_base < len(
-        links
-    ):
+    wanted = ["0"] * on_base + [platform] * (len(links) - on_base)
+    if links != wanted or not 0 < on_base < len(links):
         raise cable.error(
             f"expected points on link 0 and then on link {platform[:10]}, found links"
             f" {', '.join(each[:10] for each in links[:10])}; a cable of a robot file goes from the"

@@ -206,6 +206,7 @@ def _cable(form: CdpyrRobotForm, i: int, document: YamlDocument) -> Cable:
 
 
 def _rotation(dcm: Matrix | None, document: YamlDocument, key: tuple[str | int, ...]) -> Array:
+    """A direction cosine matrix of the file, which has to be a rotation."""
     R = np.array(dcm or _IDENTITY)
     if (
         np.abs(R).max() > 1 + _ORTHONORMAL

@@ -56,19 +56,16 @@ def nominal_body(
     point = about or body.about or "cog"
     notes = []
     if body.about is None and any(body.center_of_gravity):
-        reason = (
-            "as --inertia-about says"
-            if about
-            else "which is assumed: the file does not say (--inertia-about)"
-        )
+        reason = "which is assumed: the file does not say (--inertia-about)"
+        if about:
+            reason = "as --inertia-about says"
         notes.append(f"inertia is about {_POINTS[point]}, {reason}")
     if not any(body.products):
         inertia = _inertia(body, "matrix", point)
         return NominalBody(inertia, None, (*notes, *_impossible(inertia)))
     convention = products or body.convention
-    named = ", ".join(
-        f"{name} {value:g}" for name, value in zip(("yz", "xz", "xy"), body.products, strict=True)
-    )
+    products_by_name = zip(("yz", "xz", "xy"), body.products, strict=True)
+    named = ", ".join(f"{name} {value:g}" for name, value in products_by_name)
     if convention is None:
         raise InputError(
             f"{body.where}: expected products of inertia whose sign is known, found {named}, and"

@@ -112,19 +112,14 @@ def paid_out(
         velocity: Of the platform origin, world frame [m/s], shape (3,).
         omega: Angular velocity, platform frame [rad/s], shape (3,).
     """
-    pulls = [
-        c.direction
-        for c in shapes(robot.with_straight_cables(), position, rotation, ca.SX.ones(robot.m))
-    ]
-    corners = ca.DM(robot.attachments.T)
+    straight = shapes(robot.with_straight_cables(), position, rotation, ca.SX.ones(robot.m))
     # A roller turns with its cable, and a cable that leaves it tangentially grows as its free end
     # moves away.
-    return ca.vertcat(
-        *[
-            -ca.dot(pull, point_velocity(rotation, velocity, omega, corners[:, i]))
-            for i, pull in enumerate(pulls)
-        ]
-    )
+    rates = []
+    for attachment, each in zip(robot.attachments, straight, strict=True):
+        moved = point_velocity(rotation, velocity, omega, ca.DM(attachment))
+        rates.append(-ca.dot(each.direction, moved))
+    return ca.vertcat(*rates)
 
 
 @lru_cache(maxsize=32)

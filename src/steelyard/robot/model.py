@@ -100,9 +100,8 @@ class Robot:
         """Radius of the platform as its attachments show it [m]; 1 m without cables."""
         if not self.m:
             return 1.0
-        return float(
-            np.sqrt(np.mean(np.sum((self.attachments - self.attachments.mean(0)) ** 2, axis=1)))
-        )
+        off_centre = self.attachments - self.attachments.mean(0)
+        return float(np.sqrt(np.mean(np.sum(off_centre**2, axis=1))))
 
     def __repr__(self) -> str:
         body = (

@@ -76,10 +76,8 @@ def sources_of(
             base, inner = dtype.subdtype or (dtype, ())
             if is_number(base) and shape:
                 reader = _Reader(dataset, fields, rows_last, is_row(shape))
-                yield (
-                    (*key, *fields),
-                    Source((*(shape[1:] if reader.row else shape), *inner), base, reader, unit),
-                )
+                outer = shape[1:] if reader.row else shape
+                yield (*key, *fields), Source((*outer, *inner), base, reader, unit)
 
 
 def _datasets(
@@ -137,10 +135,11 @@ def _elsewhere(dataset: Any) -> str | None:
     about = dataset.id.get_create_plist()
     if about.get_layout() == h5py.h5d.VIRTUAL or about.get_external_count():
         return "in another file"
-    filters = (about.get_filter(i)[0] for i in range(about.get_nfilters()))
-    return next(
-        (f"packed by filter {number}" for number in filters if number not in _FILTERS), None
-    )
+    for i in range(about.get_nfilters()):
+        number = about.get_filter(i)[0]
+        if number not in _FILTERS:
+            return f"packed by filter {number}"
+    return None
 
 
 def _check_chunks(path: Path, dataset: Any) -> None:

@@ -115,9 +115,8 @@ def _variables(path: Path, topic: str | None) -> tuple[dict[Key, Source], list[s
             others.append(f"{name}: {kind}")
         elif name in wanted or wanted.isdisjoint(names):
             check_unpacked(path, int(np.prod(shape, dtype=object)), path.stat().st_size)
-            sources.update(
-                _sources((name,), loadmat(path, appendmat=False, variable_names=[name])[name])
-            )
+            value = loadmat(path, appendmat=False, variable_names=[name])[name]
+            sources.update(_sources((name,), value))
     return sources, others
 
 
@@ -141,11 +140,9 @@ def _check_size(path: Path) -> None:
                     f"{path}: expected a MATLAB file, found one whose last variable is cut off;"
                     " copy it again"
                 )
-            found += (
-                _unpacked_size(path, file.read(length), found, size)
-                if kind == _COMPRESSED
-                else length
-            )
+            if kind == _COMPRESSED:
+                length = _unpacked_size(path, file.read(length), found, size)
+            found += length
             check_unpacked(path, found, size)
 
 

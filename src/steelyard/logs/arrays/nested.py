@@ -233,6 +233,7 @@ class _Columns:
         }
 
     def _rows(self, names: Sequence[str]) -> int:
+        """Rows of columns, which must all have as many."""
         lengths = {name: self.columns[name][0].shape[0] for name in names}
         if len(set(lengths.values())) > 1:
             found = ", ".join(f"'{shown(name)}' with {n}" for name, n in list(lengths.items())[:10])

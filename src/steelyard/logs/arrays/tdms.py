@@ -89,6 +89,7 @@ def _check_segments(path: Path, file: IO[bytes]) -> None:
 
 
 def _source(path: Path, channel: Any) -> Source:
+    """The values of a channel, with its unit."""
     # Nothing is packed in these files, whatever they state.
     if len(channel) > path.stat().st_size:
         raise InputError(

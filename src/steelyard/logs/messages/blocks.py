@@ -62,6 +62,7 @@ def _bz2(data: bytes, size: int) -> bytes:
 
 
 def _zstd(data: bytes, size: int) -> bytes:
+    """Unpack a frame of Zstandard, which may state its size too."""
     import zstandard
 
     try:

@@ -149,6 +149,7 @@ class _Bag(BlockFile):
         return self.file.read(length)
 
     def _add_connection(self) -> None:
+        """Take note of the connection whose record stands here."""
         head = self._fields(_CONNECTION)
         about = _split(self._data())
         topic, kind, definition = (
