@@ -70,6 +70,7 @@ class Robot:
     """Nominal body."""
 
     def __post_init__(self) -> None:
+        """Bring all arrays into their shapes, axes to unit length."""
         anchors = readonly(np.reshape(self.anchors, (-1, 3)), (None, 3), "anchors")
         m = len(anchors)
         no_pulleys = np.size(self.pulley_radius) == 0

@@ -50,6 +50,7 @@ class _TextTable:
     """The rows of a text file below its header."""
 
     def __init__(self, path: Path) -> None:
+        """Find out from the beginning of the file how it writes its table."""
         self.path = path
         with readable(path):
             self.size = path.stat().st_size
