@@ -28,7 +28,7 @@ from steelyard.excitation.information.linearisation_point import (
     LinearisationPoint,
     prior_information,
 )
-from steelyard.excitation.information.noise_free_fit import fit_noise_free
+from steelyard.excitation.information.noise_free_recording import fit_noise_free
 from steelyard.excitation.information.optimality_criterion import OptimalityCriterion, Target
 from steelyard.excitation.information.predicted_information import PredictedInformation
 from steelyard.excitation.limits.motion_constraints import Margin, MotionConstraints
@@ -102,9 +102,7 @@ def worst_of(robot: Robot, trajectory: Trajectory, level: float = 0.0) -> Array:
     joint = fit_noise_free(planned(robot), {"run": trajectory}, level)
     known = prior_information(joint.fit.state.calibration.calibration_parameters)
     point = LinearisationPoint.of(joint, joint.experiment.runs[0], level)
-    predicted = PredictedInformation(
-        point, joint.fit.state.segments[0], trajectory.duration, len(known)
-    )
+    predicted = PredictedInformation(point, joint.fit.state.segments[0], trajectory.duration)
     commands = np.hstack([trajectory.derivative(predicted.times, order) for order in range(4)])
     assert robot.platform is not None
     target = Target.default(robot.platform)
@@ -124,7 +122,7 @@ def random_motions(robot: Robot, count: int) -> Iterator[tuple[Sampled, Array]]:
     run = joint.experiment.runs[0]
     known = prior_information(joint.fit.state.calibration.calibration_parameters)
     predicted = PredictedInformation(
-        LinearisationPoint.of(joint, run, 0.0), joint.fit.state.segments[0], DURATION, len(known)
+        LinearisationPoint.of(joint, run, 0.0), joint.fit.state.segments[0], DURATION
     )
     assert robot.platform is not None
     target = Target.default(robot.platform)

@@ -16,7 +16,7 @@ from design import planned
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.excitation.information.noise_free_fit import fit_noise_free
+from steelyard.excitation.information.noise_free_recording import fit_noise_free
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.instruments import Pose

@@ -29,12 +29,23 @@ _MOST_VALUES = 200_000
 """After aliases are expanded: a file of a few lines can name itself a billion times."""
 
 
+_SIGNS = {
+    "greater_than": "above",
+    "greater_than_equal": "at least",
+    "less_than": "below",
+    "less_than_equal": "at most",
+}
+"""Problems of pydantic with numbers out of bounds, in words."""
+
+
 class FileModel(BaseModel):
     """Base of everything that a file may hold: no unknown keys, no silent conversion, never
     changed.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -90,27 +101,16 @@ def read_yaml(path: Path, what: str = "YAML") -> YamlDocument:
         raise InputError(
             f"{path}{line}: expected {what}, found a mistake in it ({problem}); correct this line"
         ) from None
-    except (
-        ValueError,
-        TypeError,
-        AttributeError,
-        RecursionError,
-    ) as error:  # a merge of a mapping into itself is an AttributeError, a list for a key may be a TypeError
+    # A merge of a mapping into itself is an AttributeError, a list for a key may be a TypeError.
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{path}: expected {what}, found something that cannot be read ({error}); correct it"
         ) from None
-    lines: dict[tuple[str | int, ...], int] = {}
+    values = _Values(path)
     try:
-        data = _plain(node, (), lines, [0])
-    except (_TooManyError, RecursionError):
-        raise InputError(
-            f"{path}: expected at most {_MOST_VALUES} values, found more; remove nested aliases"
-        ) from None
-    except _BrokenTextError:
-        raise InputError(
-            f"{path}: expected text, found half a character (a lone surrogate); remove it"
-        ) from None
-    return YamlDocument(path, data, lines)
+        return YamlDocument(path, values.plain(node, ()), values.lines)
+    except RecursionError:
+        raise values.too_many() from None
 
 
 def _depth(text: str) -> int:
@@ -167,60 +167,63 @@ def require_file(path: Path, what: str = "file") -> None:
     raise InputError(f"{path}: expected a {what}, found {found}; check the path")
 
 
-class _TooManyError(Exception):
-    """More values than a file may hold."""
+class _Values:
+    """Plain values of the loader's nodes, and the lines that they came from."""
 
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.lines: dict[tuple[str | int, ...], int] = {}
+        self._count = 0
 
-class _BrokenTextError(Exception):
-    """Half of a surrogate pair, which no text may hold."""
+    def plain(self, node: Any, key: tuple[str | int, ...]) -> Any:
+        """A node as dicts, lists, strings, numbers and None.
 
+        Raises:
+            InputError: It is more than a file may hold, or no text.
+        """
+        self._count += 1
+        if self._count > _MOST_VALUES:
+            raise self.too_many()
+        if isinstance(node, dict | list):
+            return self._nested(node, key)
+        if isinstance(node, bool) or node is None:
+            return node
+        if isinstance(node, int):
+            # Beyond this, Python refuses even to print it.
+            return int(node) if node.bit_length() < 10_000 else float("inf")
+        if isinstance(node, float):
+            return float(node)
+        # Scalar booleans of the round-trip loader are integers with a mark of their own.
+        return bool(node) if type(node).__name__ == "ScalarBoolean" else self._text(node)
 
-def _plain(
-    node: Any, key: tuple[str | int, ...], lines: dict[tuple[str | int, ...], int], count: list[int]
-) -> Any:
-    """Turn the loader's nodes into dicts, lists, strings, numbers and None, and note their
-    lines.
-    """
-    count[0] += 1
-    if count[0] > _MOST_VALUES:
-        raise _TooManyError
-    line_of: Any = getattr(node, "lc", None)
-    if isinstance(node, dict):
-        mapping = {}
-        for name, value in node.items():
-            inner = (*key, str(name))
-            lines[inner] = (
-                line_of.key(name)[0] + 1 if name in (line_of.data or {}) else lines.get(key, 1)
-            )
-            mapping[str(name)] = _plain(value, inner, lines, count)
-        return mapping
-    if isinstance(node, list):
-        items = []
-        for i, value in enumerate(node):
-            inner = (*key, i)
-            lines[inner] = (
-                line_of.item(i)[0] + 1 if i in (line_of.data or {}) else lines.get(key, 1)
-            )
-            items.append(_plain(value, inner, lines, count))
-        return items
-    if isinstance(node, bool) or node is None:
-        return node
-    if isinstance(node, int):
-        # Beyond this, Python refuses even to print it.
-        return int(node) if node.bit_length() < 10_000 else float("inf")
-    if isinstance(node, float):
-        return float(node)
-    # Scalar booleans of the round-trip loader are integers with a mark of their own.
-    return bool(node) if type(node).__name__ == "ScalarBoolean" else _text(node)
+    def _nested(self, node: Any, key: tuple[str | int, ...]) -> Any:
+        """A mapping or a list, with the lines of its values."""
+        is_mapping = isinstance(node, dict)
+        place_of = node.lc.key if is_mapping else node.lc.item
+        above, found = self.lines.get(key, 1), {}
+        for name, value in node.items() if is_mapping else enumerate(node):
+            part = str(name) if is_mapping else name
+            known = name in (node.lc.data or {})
+            self.lines[*key, part] = place_of(name)[0] + 1 if known else above
+            found[part] = self.plain(value, (*key, part))
+        return found if is_mapping else list(found.values())
 
+    def _text(self, node: Any) -> str:
+        text = str(node)
+        try:
+            text.encode()
+        except UnicodeEncodeError:
+            raise InputError(
+                f"{self.path}: expected text, found half a character (a lone surrogate); remove it"
+            ) from None
+        return text
 
-def _text(node: Any) -> str:
-    text = str(node)
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        raise _BrokenTextError from None
-    return text
+    def too_many(self) -> InputError:
+        """The error of a file with more values than it may hold."""
+        return InputError(
+            f"{self.path}: expected at most {_MOST_VALUES} values, found more; remove nested"
+            " aliases"
+        )
 
 
 def validate(
@@ -361,15 +364,9 @@ def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> st
         return "expected the key 'kind', found it missing; add it"
     if kind in {"float_type", "int_type", "float_parsing", "finite_number", "int_from_float"}:
         return f"expected a number, found {_short(found)}; write a number"
-    if kind in {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}:
-        sign = {
-            "greater_than": "above",
-            "greater_than_equal": "at least",
-            "less_than": "below",
-            "less_than_equal": "at most",
-        }[kind]
+    if kind in _SIGNS:
         bound = next(iter(context.values()), 0)
-        return f"expected a number {sign} {bound:g}, found {_short(found)}; correct it"
+        return f"expected a number {_SIGNS[kind]} {bound:g}, found {_short(found)}; correct it"
     if kind in {"too_short", "too_long", "tuple_type", "list_type"}:
         if kind == "too_long":
             return (

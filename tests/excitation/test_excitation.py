@@ -21,7 +21,7 @@ from steelyard.excitation.information.linearisation_point import (
     border_columns,
     prior_information,
 )
-from steelyard.excitation.information.noise_free_fit import fit_noise_free
+from steelyard.excitation.information.noise_free_recording import fit_noise_free
 from steelyard.excitation.information.optimality_criterion import OptimalityCriterion, Target
 from steelyard.excitation.information.predicted_information import PredictedInformation
 from steelyard.excitation.limits.cable_vibration import CableVibration, natural_frequencies
@@ -358,7 +358,7 @@ class Plan:
         return self.predicted_by(self.elsewhere)
 
     def predicted_by(self, point):
-        return PredictedInformation(point, self.segment, DURATION, len(self.known))
+        return PredictedInformation(point, self.segment, DURATION)
 
     @cached_property
     def commands(self):

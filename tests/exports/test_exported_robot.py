@@ -219,16 +219,16 @@ def test_the_pose_is_the_nearest_to_the_middle_that_can_be_held(exported):
     np.testing.assert_allclose(simulated(exported, hanging)[1].qacc, 0, atol=1e-8)
 
 
-def told(exported, hanging):
+def remarks_on(exported, hanging):
     comment = export(exported, "mjcf", hanging=hanging).split("-->", 1)[0]
     return " ".join(comment.split())
 
 
 def test_what_is_left_out_is_said(exported):
-    real = told(exported, hang(read_robot("cogiro"), BODY))
+    real = remarks_on(exported, hang(read_robot("cogiro"), BODY))
     assert "Left out: rollers turn and swivel" in real
     assert "Left out: the weight of the cables" in real
-    assert "Left out" not in told(exported, hang(POINTS, BODY))
+    assert "Left out" not in remarks_on(exported, hang(POINTS, BODY))
     assert "EA = 500000.0 N." in real
 
 
@@ -249,8 +249,8 @@ def test_without_a_stiffness_a_stiff_cable_is_assumed_and_said(exported):
     strain = data.ten_length / hanging.length - 1
     assert strain.max() == pytest.approx(ASSUMED_STRAIN, rel=1e-9)
     np.testing.assert_allclose(tensions(model, data), hanging.tension, rtol=TENSIONS)
-    assert "no axial_stiffness" in told(exported, hanging)
-    assert "no axial_stiffness" not in told(exported, hang(POINTS, BODY))
+    assert "no axial_stiffness" in remarks_on(exported, hanging)
+    assert "no axial_stiffness" not in remarks_on(exported, hang(POINTS, BODY))
 
 
 def test_without_limits_motors_have_no_range(exported):
@@ -258,7 +258,7 @@ def test_without_limits_motors_have_no_range(exported):
     model, data = simulated(exported, hanging)
     assert not model.actuator_ctrllimited.any()
     np.testing.assert_allclose(data.qacc, 0, atol=1e-8)
-    assert "the robot file has no limits" in told(exported, hanging)
+    assert "the robot file has no limits" in remarks_on(exported, hanging)
 
 
 @pytest.mark.parametrize(

@@ -415,7 +415,7 @@ def test_estimates_in_memory_are_exported_as_well(tmp_path, form):
     assert str(number(CLOUD.mass)) in text
     assert "sha256 " not in text
     with pytest.raises(InputError, match=r"^estimate 'two-step': expected all ten"):
-        export(Exported(estimate_of(UNTOLD, method="two-step")), form)
+        export(Exported(estimate_of(UNIDENTIFIABLE, method="two-step")), form)
 
 
 @pytest.mark.parametrize("form", FORMATS)
@@ -437,7 +437,7 @@ IMPOSSIBLE = np.array(
     [170.74, 0.112, -0.134, -0.125, 102.982, 52.744, 46.589, 8.588, -0.132, -3.672]
 )
 """Table III of the paper."""
-UNTOLD = np.array([*CLOUD.ten[:4], *[np.nan] * 6])
+UNIDENTIFIABLE = np.array([*CLOUD.ten[:4], *[np.nan] * 6])
 
 
 @pytest.mark.parametrize("form", FORMATS)
@@ -493,7 +493,7 @@ def test_negative_numbers_are_one_token_in_c(tmp_path):
 @pytest.mark.parametrize("anyway", [True, False])
 @pytest.mark.parametrize("form", WHOLE)
 def test_numbers_that_are_not_there_are_never_written(tmp_path, form, anyway):
-    exported = read_exported(str(file_of(tmp_path, estimate_of(UNTOLD))))
+    exported = read_exported(str(file_of(tmp_path, estimate_of(UNIDENTIFIABLE))))
     with pytest.raises(
         InputError,
         match=(
@@ -506,7 +506,7 @@ def test_numbers_that_are_not_there_are_never_written(tmp_path, form, anyway):
 
 @pytest.mark.parametrize("form", ["yaml", "json"])
 def test_plain_forms_write_null_anyway(tmp_path, form):
-    exported = read_exported(str(file_of(tmp_path, estimate_of(UNTOLD))))
+    exported = read_exported(str(file_of(tmp_path, estimate_of(UNIDENTIFIABLE))))
     with pytest.raises(InputError, match=r"do not tell Jxx.*null in their place with --anyway"):
         export(exported, form)
     found = parsed(export(exported, form, anyway=True), form)
@@ -534,7 +534,7 @@ def test_linear_parameters_need_only_what_is_in_them(tmp_path):
 
 
 def test_one_estimate_at_a_time(tmp_path):
-    path = file_of(tmp_path, estimate_of(CLOUD.ten), estimate_of(UNTOLD, method="two-step"))
+    path = file_of(tmp_path, estimate_of(CLOUD.ten), estimate_of(UNIDENTIFIABLE, method="two-step"))
     assert read_exported(f"{tmp_path}:two-step").estimate.method == "two-step"
     assert read_exported(str(path), "two-step").estimate.method == "two-step"
     for place, method in ((f"{path}:all", None), (str(path), "all")):
@@ -667,7 +667,7 @@ def test_the_verb_as_json(run, tmp_path):
 @pytest.mark.parametrize(
     ("ten", "options", "message"),
     [
-        (UNTOLD, ["--format", "c"], "do not tell Jxx"),
+        (UNIDENTIFIABLE, ["--format", "c"], "do not tell Jxx"),
         (IMPOSSIBLE, ["--format", "sdf"], "expected an accepted estimate"),
         (CLOUD.ten, ["--format", "urdf", "--robot", "cogiro"], "--robot: expected --format mjcf"),
         (CLOUD.ten, ["--format", "mjcf", "--pose", *"000000"], "--pose: expected --robot beside it"),

@@ -43,7 +43,7 @@ def body(imported):
     return imported.robot.platform.body_parameters
 
 
-def told(imported, pattern):
+def noted(imported, pattern):
     return [note for note in imported.notes if re.search(pattern, note)]
 
 
@@ -282,11 +282,11 @@ def test_cogiro_is_the_bundled_one_but_for_its_shifted_anchors():
     assert imported.robot.tension_limits == (100.0, 5000.0)
     assert imported.robot.limits.position == ((-7, -5, 0), (7, 5, 5))
     assert imported.convention == "integral"
-    assert told(
+    assert noted(
         imported,
         r"yz -1\.539, xz 3\.012, xy -0\.453 are read as \+integral.*turned.*--products matrix",
     )
-    assert told(imported, "physics cannot decide the sign")
+    assert noted(imported, "physics cannot decide the sign")
 
 
 def test_the_two_matrices_of_the_sheet_are_one_body_only_with_its_signs(tmp_path):
@@ -314,7 +314,7 @@ def test_the_other_sign_is_taken_when_asked_for():
     imported = import_robot(model("CoGiRo"), products="matrix")
     np.testing.assert_array_equal(body(imported)[7:], [-1.539, 3.012, -0.453])
     assert imported.convention == "matrix"
-    assert told(
+    assert noted(
         imported,
         "are read as elements of the inertia matrix, as in a robot file: as --products says",
     )
@@ -325,7 +325,7 @@ def test_sets_of_cables_can_be_chosen():
         import_robot(model("CAROCA")),
         import_robot(model("CAROCA"), cable_set="with_rotating_pulleys"),
     )
-    assert told(
+    assert noted(
         default,
         r"cable set 'original'; there are also with_rotating_pulleys, gazebo_sim \(--cables\)",
     )
@@ -339,7 +339,7 @@ def test_sets_of_cables_can_be_chosen():
 def test_limits_that_differ_are_those_that_all_cables_keep():
     imported = import_robot(model("IPAnema_1"), cable_set="IROS_CASPR_2016")
     assert imported.robot.tension_limits == (0, 200)
-    assert told(imported, "tension 0 to 200 N is what all cables allow: their limits differ")
+    assert noted(imported, "tension 0 to 200 N is what all cables allow: their limits differ")
 
 
 # Inertia of a cloud of points, written in every way
@@ -359,7 +359,7 @@ def test_caspr_inertia_is_that_of_the_cloud(reference, convention, tmp_path):
 def test_caspr_attachments_are_measured_from_where_the_file_says(reference, tmp_path):
     imported = import_robot(caspr(tmp_path, reference=reference))
     np.testing.assert_allclose(imported.robot.attachments, ATTACHMENTS, atol=TOLERANCE)
-    assert bool(told(imported, "measured from the centre of gravity: .* was added")) == (
+    assert bool(noted(imported, "measured from the centre of gravity: .* was added")) == (
         reference == "com"
     )
 
@@ -375,8 +375,8 @@ def test_ros_inertia_is_that_of_the_cloud_at_the_origin(tmp_path):
     np.testing.assert_allclose(
         body(imported), np.where(np.isin(np.arange(10), (1, 2, 3)), 0, CLOUD), rtol=TOLERANCE
     )
-    assert told(imported, "centre of gravity at the origin")
-    assert told(imported, "products of inertia .* as the controllers of these packages")
+    assert noted(imported, "centre of gravity at the origin")
+    assert noted(imported, "products of inertia .* as the controllers of these packages")
 
 
 @pytest.mark.parametrize("convention", ["integral", "matrix"])
@@ -385,7 +385,7 @@ def test_cdpyr_inertia_is_that_of_the_cloud(about, point, convention, tmp_path):
     paths = written(tmp_path, small_json=cdpyr_json(convention=convention, about=point))
     imported = import_robot(paths, products=convention, about=about)
     np.testing.assert_allclose(body(imported), CLOUD, rtol=TOLERANCE, atol=10 * TOLERANCE)
-    assert told(imported, "which is assumed" if about is None else "as --inertia-about says")
+    assert noted(imported, "which is assumed" if about is None else "as --inertia-about says")
 
 
 # Signs
@@ -423,7 +423,7 @@ def test_products_of_zero_need_no_sign(tmp_path):
         written(tmp_path, small_yaml=ros_yaml(inertia="inertial: {xx: 2, yy: 2, zz: 2}"))
     )
     assert imported.convention is None
-    assert not told(imported, "products")
+    assert not noted(imported, "products")
     assert '"xy": -0.0' not in json.dumps(imported.values)
 
 
@@ -450,10 +450,10 @@ def test_physics_is_reported_and_what_it_says_of_the_sign(
         written(tmp_path, small_yaml=ros_yaml(inertia=f"inertia: {inertia}")), products=products
     )
     assert imported.robot.platform.is_physical == imported.to_dict()["physical"] == physical
-    assert bool(told(imported, "no solid body has this inertia: its principal moments are ")) == (
+    assert bool(noted(imported, "no solid body has this inertia: its principal moments are ")) == (
         not physical
     )
-    assert told(imported, said)
+    assert noted(imported, said)
 
 
 # Rollers: where the cable leaves, by each program's own construction
@@ -570,7 +570,7 @@ def test_caspr_springs_tell_the_stiffness(tmp_path):
         )
     )
     assert (alike.robot.cable.axial_stiffness, alike.robot.cable.diameter) == (13000, 0.002)
-    assert told(
+    assert noted(
         alike, "axial_stiffness is K of 'cable_linear_spring', which CASPR divides by the length"
     )
     cables = [
@@ -578,13 +578,13 @@ def test_caspr_springs_tell_the_stiffness(tmp_path):
     ]
     differing = import_robot(written(tmp_path, b_xml=bodies_xml(), c_xml=cables_xml(*cables)))
     assert differing.robot.cable.axial_stiffness is None
-    assert told(
+    assert noted(
         differing, r"axial_stiffness left out: it differs between the cables \(1000 to 3000\)"
     )
     variable = import_robot(
         caspr(tmp_path, tag="cable_vsd_polynomial", properties="<force_error>1</force_error>")
     )
-    assert told(variable, "stiffness of 3 cables left out: it depends on the tension")
+    assert noted(variable, "stiffness of 3 cables left out: it depends on the tension")
 
 
 def test_caspr_limits_of_the_joint(tmp_path):
@@ -593,13 +593,13 @@ def test_caspr_limits_of_the_joint(tmp_path):
         caspr(tmp_path, b_joint=half.format(-3.1416, 3, 3.1416), b_parent=(0.5, 0, 1))
     )
     assert free.robot.limits.position == ((-0.5, -2, 1), (1.5, 2, 4))
-    assert not told(free, "limits of")
+    assert not noted(free, "limits of")
     turning = import_robot(caspr(tmp_path, b_joint=half.format(-0.5, 3, 0.5)))
     assert turning.robot.limits.rpy is None
-    assert told(turning, "limits of rotation left out: CASPR's angles are R = Rx Ry Rz")
+    assert noted(turning, "limits of rotation left out: CASPR's angles are R = Rx Ry Rz")
     endless = import_robot(caspr(tmp_path, b_joint=half.format(-4, "Inf", 4)))
     assert endless.robot.limits.position is None
-    assert told(endless, "limits of position left out")
+    assert noted(endless, "limits of position left out")
 
 
 def test_caspr_points_of_routing_are_left_out(tmp_path):
@@ -615,7 +615,7 @@ def test_caspr_points_of_routing_are_left_out(tmp_path):
     imported = import_robot(written(tmp_path, b_xml=bodies_xml(), c_xml=cables_xml(*cables)))
     np.testing.assert_array_equal(imported.robot.anchors, ANCHORS)
     np.testing.assert_array_equal(imported.robot.attachments, ATTACHMENTS)
-    assert told(
+    assert noted(
         imported,
         "of 2 cables, points before the last on the base and after the first on the platform are"
         " left out",
@@ -625,12 +625,12 @@ def test_caspr_points_of_routing_are_left_out(tmp_path):
 def test_caspr_forces_without_bounds(tmp_path):
     imported = import_robot(caspr(tmp_path, force=(5, "inf")))
     assert imported.robot.tension_limits == (0, math.inf)
-    assert told(imported, "lowest tension left out: there is no highest one")
+    assert noted(imported, "lowest tension left out: there is no highest one")
     empty = import_robot(caspr(tmp_path, force=(500, 400)))
-    assert told(empty, r"no tension is allowed in all cables \(at least 500, at most 400 N\)")
+    assert noted(empty, r"no tension is allowed in all cables \(at least 500, at most 400 N\)")
     pushing = import_robot(caspr(tmp_path, force=(-5, 400)))
     assert pushing.robot.tension_limits == (0, 400)
-    assert told(pushing, "lowest tension -5 N is read as 0")
+    assert noted(pushing, "lowest tension -5 N is read as 0")
 
 
 def test_irma_gravity_may_be_tilted(tmp_path):
@@ -643,7 +643,7 @@ def test_irma_gravity_may_be_tilted(tmp_path):
     np.testing.assert_array_equal(older.robot.gravity, [0, 0, -9.80665])
     none = import_robot(written(tmp_path, n_json=irma_json().replace("gravity_axis", "axis")))
     np.testing.assert_array_equal(none.robot.gravity, [0, 0, -9.80665])
-    assert told(none, "gravity 9.80665 m/s.2 along -z: the file has no 'gravity_axis'")
+    assert noted(none, "gravity 9.80665 m/s.2 along -z: the file has no 'gravity_axis'")
 
 
 def test_irma_actuators_that_are_not_active_are_left_out(tmp_path):
@@ -651,7 +651,7 @@ def test_irma_actuators_that_are_not_active_are_left_out(tmp_path):
         written(tmp_path, small_json=irma_json().replace('"active": true', '"active": false', 1))
     )
     np.testing.assert_array_equal(imported.robot.anchors, ANCHORS[1:])
-    assert told(imported, r"actuators 0 \(counted from 0\) are not active and left out")
+    assert noted(imported, r"actuators 0 \(counted from 0\) are not active and left out")
 
 
 def test_irma_rollers_on_the_platform_are_left_out(tmp_path):
@@ -660,7 +660,7 @@ def test_irma_rollers_on_the_platform_are_left_out(tmp_path):
     np.testing.assert_array_equal(imported.robot.anchors, ANCHORS)
     np.testing.assert_array_equal(imported.robot.attachments, ATTACHMENTS)
     np.testing.assert_array_equal(imported.robot.pulley_radius, np.zeros(3))
-    assert told(
+    assert noted(
         imported, "winches are on the platform: .* rollers of radius up to 0.05 m are left out"
     )
 
@@ -681,7 +681,7 @@ def test_irma_loads_are_told(tmp_path):
     imported = import_robot(
         written(tmp_path, small_json=irma_json(platform='"ext_force_loc": [[0], [0], [-5]],'))
     )
-    assert told(imported, r"constant load on the platform left out: ext_force_loc \(0, 0, -5\)")
+    assert noted(imported, r"constant load on the platform left out: ext_force_loc \(0, 0, -5\)")
 
 
 def test_ros_files_may_have_the_robot_under_model(tmp_path):
@@ -695,14 +695,14 @@ def test_ros_files_may_have_the_robot_under_model(tmp_path):
     assert plain.robot.tension_limits == (50, 10000)
     assert plain.robot.cable.diameter == 0.01
     assert plain.robot.limits.cable_speed == 10
-    assert told(plain, r"not read: .*platform\.position.*cable\.mass")
-    assert told(plain, "gravity 9.81 m/s.2 along -z is assumed")
+    assert noted(plain, r"not read: .*platform\.position.*cable\.mass")
+    assert noted(plain, "gravity 9.81 m/s.2 along -z is assumed")
 
 
 def test_a_ros_file_without_inertia_is_a_robot_without_platform(tmp_path):
     imported = import_robot(written(tmp_path, small_yaml=ros_yaml(inertia="color: Blue")))
     assert imported.robot.platform is None
-    assert told(imported, "no platform: the file has no inertia of it")
+    assert noted(imported, "no platform: the file has no inertia of it")
     assert imported.to_dict()["physical"] is None
 
 
@@ -720,7 +720,7 @@ def test_a_cdpyr_platform_without_inertia_is_left_out(tmp_path):
     values["platforms"][0]["inertia"]["angular"] = np.diag([math.inf] * 3).tolist()
     imported = import_robot(written(tmp_path, small_json=json.dumps(values)))
     assert imported.robot.platform is None
-    assert told(imported, "its inertia is infinite, which is how cdpyr says that it was not given")
+    assert noted(imported, "its inertia is infinite, which is how cdpyr says that it was not given")
 
 
 # The file that is written
@@ -746,17 +746,23 @@ def test_json_has_the_notes(run, tmp_path):
         "import", *model("CoGiRo"), "--out", tmp_path / "robot.yaml", "--json", "--quiet"
     )
     assert (status, err) == (0, "")
-    told = json.loads(out)
-    assert told["robot"] == str(tmp_path / "robot.yaml")
-    assert (told["name"], told["format"], told["cables"], told["products"], told["physical"]) == (
+    summary = json.loads(out)
+    assert summary["robot"] == str(tmp_path / "robot.yaml")
+    assert (
+        summary["name"],
+        summary["format"],
+        summary["cables"],
+        summary["products"],
+        summary["physical"],
+    ) == (
         "CoGiRo",
         "CASPR XML",
         8,
         "integral",
         True,
     )
-    assert told["files"] == [str(path) for path in model("CoGiRo")]
-    assert told["notes"] == list(import_robot(model("CoGiRo")).notes)
+    assert summary["files"] == [str(path) for path in model("CoGiRo")]
+    assert summary["notes"] == list(import_robot(model("CoGiRo")).notes)
 
 
 def test_the_same_files_give_the_same_bytes(run, tmp_path):

@@ -28,10 +28,10 @@ from rosbags.rosbag2 import StoragePlugin
 from time_limits import bounded
 
 from steelyard.errors import InputError
-from steelyard.logs.arrays import hdf5, matlab, npz, tdms
-from steelyard.logs.formats import open_log, topics
+from steelyard.logs.arrays import hdf5
+from steelyard.logs.formats import FORMATS, open_log, topics
 from steelyard.logs.log import RowRange
-from steelyard.logs.messages import mcap, ros1_bag, ros2_bag, ros_bag
+from steelyard.logs.messages import blocks, mcap, ros1_bag, ros2_bag
 from steelyard.logs.messages.recording import FileSection, Interval, Message, in_time_order
 from steelyard.logs.messages.ros_message import cdr_decoder, ros1_decoder
 from steelyard.logs.messages.ros_types import types_of
@@ -403,13 +403,13 @@ def test_the_search_of_a_window_is_no_more_than_some_readings_of_everything(tmp_
     channels = {"/a": ("json", None), "/b": ("json", None)}
     files.write_mcap(tmp_path / "a.mcap", channels, messages, index_types=IndexType.NONE)
     sizes = []
-    unpack = mcap.unpacked
+    unpack = blocks.unpacked
 
     def counted(data, method, size):
         sizes.append(size)
         return unpack(data, method, size)
 
-    monkeypatch.setattr(mcap, "unpacked", counted)
+    monkeypatch.setattr(blocks, "unpacked", counted)
     with open_log(tmp_path / "a.mcap", "/b") as log:
         sizes.clear()
         log.read(["t"])
@@ -422,7 +422,7 @@ def test_the_search_of_a_window_is_no_more_than_some_readings_of_everything(tmp_
 def test_chunks_outside_a_window_are_not_unpacked(tmp_path, monkeypatch):
     files.write_mcap_ros2(tmp_path / "a.mcap", long_streams(lambda t: t), chunk_size=1024)
     sizes = []
-    unpack = mcap.unpacked
+    unpack = blocks.unpacked
 
     def counted(data, method, size):
         sizes.append(size)
@@ -430,7 +430,7 @@ def test_chunks_outside_a_window_are_not_unpacked(tmp_path, monkeypatch):
 
     with open_log(tmp_path / "a.mcap") as log:
         everything = len(log.read(["point.x"])["point.x"])
-        monkeypatch.setattr(mcap, "unpacked", counted)
+        monkeypatch.setattr(blocks, "unpacked", counted)
         log.read(["point.x"])
         chunks = len(sizes)
         sizes.clear()
@@ -983,24 +983,15 @@ def test_pieces_of_large_arrays(tmp_path, monkeypatch):
 # Damaged files
 
 
-READERS = {
-    ".mcap": mcap.opened,
-    ".bag": ros_bag.opened,
-    ".db3": ros_bag.opened,
-    ".npz": npz.opened,
-    ".h5": hdf5.opened,
-    ".mat": matlab.opened,
-    ".tdms": tdms.opened,
-}
 HERE = ["json.mcap", "ros2.mcap", "ros1.bag", "old.db3", "imu.npz"]
-APART = ["a.h5", "v5.mat", "v73.mat", "a.tdms"]
+IN_SUBPROCESS = ["a.h5", "v5.mat", "v73.mat", "a.tdms"]
 
 
 def attempt(path, topic):
     """Whether a file can be read; anything but a sentence fails the test."""
     sentence = None
     try:
-        with READERS[path.suffix](path, topic) as log:
+        with FORMATS[path.suffix].opened(path, topic) as log:
             log.read(log.names)
     except InputError as error:
         sentence = str(error)
@@ -1024,7 +1015,7 @@ def test_cut_off_anywhere(small, tmp_path_factory, name):
 
 
 @pytest.mark.integration
-@pytest.mark.parametrize("name", APART)
+@pytest.mark.parametrize("name", IN_SUBPROCESS)
 @pytest.mark.parametrize("fraction", [0.0, 0.3, 0.999])
 def test_cut_off(small, tmp_path, name, fraction):
     path, topic = small[name]
@@ -1058,7 +1049,7 @@ def test_changed_anywhere(small, tmp_path_factory, name):
 
 
 @pytest.mark.integration
-@pytest.mark.parametrize("name", APART)
+@pytest.mark.parametrize("name", IN_SUBPROCESS)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_changed(small, tmp_path, name, seed):
     path, topic = small[name]
@@ -1071,7 +1062,7 @@ def test_changed(small, tmp_path, name, seed):
     attempt(changed, topic)
 
 
-@pytest.mark.parametrize("name", [*HERE, *APART])
+@pytest.mark.parametrize("name", [*HERE, *IN_SUBPROCESS])
 def test_noise_behind_the_beginning(small, tmp_path, name):
     path, topic = small[name]
     noisy = tmp_path / path.name

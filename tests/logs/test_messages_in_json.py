@@ -8,7 +8,7 @@ import lz4.frame
 import pytest
 import zstandard
 
-from steelyard.logs.messages.compressed import unpacked
+from steelyard.logs.messages.blocks import unpacked
 from steelyard.logs.messages.json_message import decode_json
 
 MESSAGE = {"a": {"x": 1.5, "on": True, "name": "text"}, "data": [1, 2.5, None], "empty": {}}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,8 +12,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.digits import LABELS
 from steelyard.display import Display
-from steelyard.excitation.evaluation import MotionEvaluation, evaluate_motions
-from steelyard.excitation.information.linearisation_point import prior_information
+from steelyard.excitation.evaluation import MotionEvaluation, evaluate_motions, information_before
 from steelyard.excitation.information.optimality_criterion import OptimalityCriterion, Target
 from steelyard.excitation.limits.motion_constraints import Margin
 from steelyard.excitation.limits.rest_poses import with_pose_limits
@@ -34,9 +33,7 @@ from steelyard.excitation.search.multi_start import MultiStartProgress, multi_st
 from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import CalibrationParameters
-from steelyard.identification.solve.bound import known_information
-from steelyard.identification.solve.posterior import Posterior, Progress
-from steelyard.inertia import TEN, body_jacobian
+from steelyard.identification.solve.posterior import Progress
 from steelyard.motion.trajectory import Sampled, Trajectory
 from steelyard.robot.model import Robot
 from steelyard.simulation.sensors import Sensors
@@ -147,144 +144,156 @@ def design(
     wanted = target or Target.default(designed_body(robot))
     report("design: start pose and constraints", 0.0)
     family = motion_family(experiment, duration, start, end, Margin(margin, robot.size), settings)
-    check_direct_move(robot, experiment, family, settings)
-    constraints, spline = family.constraints, family.spline
+    check_direct_move(family, settings)
+    search = _DesignSearch(
+        experiment, family, wanted, before, runs, budget, begun, processes, report, settings
+    )
     count = max(1, round(settings.starts_per_minute * budget / _MINUTE / runs))
     rng = np.random.default_rng(seed)
-    trajectories: dict[str, Sampled] = {}
-    verified: dict[str, Verified] = {}
-    ends: list[SearchResult] = []
+    found: dict[str, _DesignedRun] = {}
     information: Array | None = None
-    in_time = True
     for run in range(runs):
-        name = "design" if runs == 1 else f"design-{run + 1}"
-        starts = [random_start(spline, int(rng.integers(2**31)), settings) for _ in range(count)]
-        report("design: predicted information", 0.03 + 0.85 * run / runs)
-        fitting = time.time()
-        problem, calibration_parameters, information = _problem(
-            experiment, family, starts[0], wanted, before, information, settings
-        )
-        fitting = time.time() - fitting
-        until = _end_of_search(begun, budget, run, runs, fitting, settings)
-        ends = multi_start(
-            problem,
-            starts,
-            steps=settings.steps,
-            until=until,
-            processes=processes,
-            progress=_search_progress(report, run, runs, count, settings.steps),
-        )
-        in_time &= len(ends) == count and all(each.in_time for each in ends)
-        x, verified[name] = feasible_motion(
-            experiment,
-            problem,
-            starts,
-            ends,
-            lambda fraction: report("design: checking the limits", fraction),
-        )
-        trajectories[name] = spline.trajectory(x)
-        information = shared_information(
-            information + problem.information(x)[0], calibration_parameters
-        )
+        seeds = [int(rng.integers(2**31)) for _ in range(count)]
+        starts = [random_start(family.spline, each, settings) for each in seeds]
+        designed = search.designed(run, starts, information)
+        found["design" if runs == 1 else f"design-{run + 1}"] = designed
+        information = designed.information
     report("design: predicted precision", 0.9)
     evaluation = evaluate_motions(
         experiment,
-        trajectories,
+        {name: each.trajectory for name, each in found.items()},
         target=wanted,
-        margin=constraints.margin,
-        level=constraints.level,
+        margin=family.constraints.margin,
+        level=family.constraints.level,
         before=before,
-        verified=verified,
+        verified={name: each.verified for name, each in found.items()},
         settings=settings,
     )
-    return Design(evaluation, tuple(ends), seed, in_time)
+    return Design(evaluation, designed.ends, seed, all(each.in_time for each in found.values()))
 
 
-def _problem(
-    experiment: Experiment,
-    family: MotionFamily,
-    start: Array,
-    wanted: Target,
-    before: Array | float,
-    information: Array | None,
-    settings: DesignSettings,
-) -> tuple[DesignProblem, CalibrationParameters, Array]:
-    """The problem of one run, with the calibration parameters and the information before it.
+@dataclass(frozen=True, eq=False)
+class _DesignedRun:
+    """The motion of one run, and what it leaves to the next."""
 
-    Args:
-        experiment: Robot and instruments.
-        family: Motions to choose from.
-        start: Free coefficients about which all is linearised, shape (6 f,).
-        wanted: 1-sigma.
-        before: Information on the ten from earlier recordings, shape (10, 10).
-        information: That runs before this one leave, shape (b, b); None: it is the first.
-        settings: Of the design.
-    """
-    spline, constraints = family.spline, family.constraints
-    predicted, joint = predicted_information(experiment, spline, start, constraints.level, settings)
-    if information is None:
-        information = _prior(experiment, joint, before)
-    at_start, _ = predicted.information(spline.at(predicted.times).commands(start))
-    criterion = OptimalityCriterion.with_floor(
-        joint.parameters, wanted, information, at_start, settings
-    )
-    problem = DesignProblem(spline, predicted, criterion, constraints, family.vibration, settings)
-    return problem, joint.fit.state.calibration.calibration_parameters, information
+    trajectory: Sampled
+    verified: Verified
+    ends: tuple[SearchResult, ...]
+    """Where the searches ended."""
+    in_time: bool
+    """Whether all of them ended by themselves."""
+    information: Array
+    """On body and errors that are the same in all runs, shape (b, b)."""
 
 
-def _prior(experiment: Experiment, joint: Posterior, before: Array | float) -> Array:
-    """Information before the first run: priors, known parameters, earlier estimates, shape (b,
-    b).
-    """
-    information = prior_information(joint.fit.state.calibration.calibration_parameters)
-    information[:TEN, :TEN] += before
-    jacobian = body_jacobian(joint.parameters)
-    information[:TEN, :TEN] += known_information(experiment.known, jacobian)
-    return information
+@dataclass(frozen=True, eq=False)
+class _DesignSearch:
+    """The search for the motions of all runs, one after the other."""
 
+    experiment: Experiment
+    family: MotionFamily
+    """Motions to choose from."""
+    wanted: Target
+    before: Array | float
+    """Information on the ten from earlier recordings, shape (10, 10)."""
+    runs: int
+    budget: float
+    """Of the whole design [s]."""
+    begun: float
+    """When the design began, by :func:`time.time` [s]."""
+    processes: int
+    report: Callable[[str, float], None]
+    """Is given what is being done and the fraction that is done."""
+    settings: DesignSettings
 
-def _end_of_search(
-    begun: float, budget: float, run: int, runs: int, fitting: float, settings: DesignSettings
-) -> float:
-    """When the searches of a run end at the latest, by :func:`time.time` [s].
+    def designed(
+        self, run: int, starts: Sequence[Array], information: Array | None
+    ) -> _DesignedRun:
+        """Find the motion of one run.
 
-    Args:
-        begun: When the design began.
-        budget: Of the whole design [s].
-        run: Number of the run, from 0.
-        runs: How many there are.
-        fitting: Time of a noise-free fit [s].
-        settings: Of the design.
-    """
-    # What follows the searches takes as long as some fits, on a busy machine too.
-    share = min(settings.search_share, 1 - settings.fits_afterwards * fitting / budget)
-    least = settings.least_search_share * budget / runs
-    return max(begun + share * budget * (run + 1) / runs, time.time() + least)
-
-
-def _search_progress(
-    report: Callable[[str, float], None], run: int, runs: int, starts: int, most: int
-) -> MultiStartProgress:
-    """Progress of the searches of a run as progress of the design.
-
-    Args:
-        report: Is given what is being done and the fraction that is done.
-        run: Number of the run, from 0.
-        runs: How many there are.
-        starts: How many searches a run has.
-        most: Iterations of a search.
-    """
-    steps: dict[int, int] = {}
-
-    def progress(start: int, step: int, value: float) -> None:
-        steps[start] = step
-        part = min(1.0, sum(steps.values()) / (most * starts))
-        which = f"run {run + 1} of {runs}, " if runs > 1 else ""
-        # The norm of the ten is near to the worst of them.
-        report(
-            f"design: {which}start {start + 1} of {starts}, about {np.exp(value):.2f} of the wanted"
-            " 1-sigma",
-            0.05 + 0.85 * (run + part) / runs,
+        Args:
+            run: Its number, from 0.
+            starts: Free coefficients to begin with, shape (6 f,) each.
+            information: That runs before this one leave, shape (b, b); None: it is the first.
+        """
+        self.report("design: predicted information", 0.03 + 0.85 * run / self.runs)
+        fitting = time.time()
+        problem, calibration_parameters = self._problem(starts[0], information)
+        until = self._end(run, time.time() - fitting)
+        ends = multi_start(
+            problem,
+            starts,
+            steps=self.settings.steps,
+            until=until,
+            processes=self.processes,
+            progress=self._progress(run, len(starts)),
         )
+        x, verified = feasible_motion(
+            problem,
+            starts,
+            ends,
+            lambda fraction: self.report("design: checking the limits", fraction),
+        )
+        in_time = len(ends) == len(starts) and all(each.in_time for each in ends)
+        known = problem.criterion.prior_information + problem.information(x)[0]
+        left = shared_information(known, calibration_parameters)
+        return _DesignedRun(self.family.spline.trajectory(x), verified, tuple(ends), in_time, left)
 
-    return progress
+    def _problem(
+        self, start: Array, information: Array | None
+    ) -> tuple[DesignProblem, CalibrationParameters]:
+        """The problem of one run, and the calibration parameters in it.
+
+        Args:
+            start: Free coefficients about which all is linearised, shape (6 f,).
+            information: Before the run, see :meth:`designed`.
+        """
+        spline, constraints = self.family.spline, self.family.constraints
+        predicted, joint = predicted_information(
+            self.experiment, spline, start, constraints.level, self.settings
+        )
+        if information is None:
+            information = information_before(joint, self.before)
+        at_start, _ = predicted.information(spline.at(predicted.times).commands(start))
+        criterion = OptimalityCriterion.with_floor(
+            joint.parameters, self.wanted, information, at_start, self.settings
+        )
+        problem = DesignProblem(
+            spline, predicted, criterion, constraints, self.family.vibration, self.settings
+        )
+        return problem, joint.fit.state.calibration.calibration_parameters
+
+    def _end(self, run: int, fitting: float) -> float:
+        """When the searches of a run end at the latest, by :func:`time.time` [s].
+
+        Args:
+            run: Its number, from 0.
+            fitting: Time of a noise-free fit [s].
+        """
+        # What follows the searches takes as long as some fits, on a busy machine too.
+        afterwards = self.settings.fits_afterwards * fitting / self.budget
+        share = min(self.settings.search_share, 1 - afterwards)
+        least = self.settings.least_search_share * self.budget / self.runs
+        return max(self.begun + share * self.budget * (run + 1) / self.runs, time.time() + least)
+
+    def _progress(self, run: int, starts: int) -> MultiStartProgress:
+        """Progress of the searches of a run as progress of the design.
+
+        Args:
+            run: Its number, from 0.
+            starts: How many searches it has.
+        """
+        steps: dict[int, int] = {}
+
+        def progress(start: int, step: int, value: float) -> None:
+            steps[start] = step
+            part = min(1.0, sum(steps.values()) / (self.settings.steps * starts))
+            which = f"run {run + 1} of {self.runs}, " if self.runs > 1 else ""
+            # The norm of the ten is near to the worst of them.
+            self.report(
+                f"design: {which}start {start + 1} of {starts}, about {np.exp(value):.2f} of the"
+                " wanted 1-sigma",
+                0.05 + 0.85 * (run + part) / self.runs,
+            )
+
+        return progress

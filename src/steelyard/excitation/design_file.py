@@ -177,15 +177,10 @@ def _key(use: Use) -> str:
 
 
 def _extremes(values: tuple[Any, ...] | None) -> Any:
+    """Largest size; or lowest and highest value, of each axis where there are several."""
     if values is None:
         return None
-    if len(values) == 1:
-        return values[0]
-    return [_plain_values(each) for each in values]
-
-
-def _plain_values(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else plain(np.float64(value))
+    return values[0] if len(values) == 1 else plain(np.array(values, dtype=np.float64))
 
 
 def _pose(pose: Array) -> dict[str, Any]:

@@ -15,9 +15,12 @@ from steelyard.excitation.information.linearisation_point import (
     LinearisationPoint,
     prior_information,
 )
-from steelyard.excitation.information.noise_free_fit import fit_noise_free
+from steelyard.excitation.information.noise_free_recording import fit_noise_free
 from steelyard.excitation.information.optimality_criterion import Target
-from steelyard.excitation.information.predicted_information import PredictedInformation
+from steelyard.excitation.information.predicted_information import (
+    InformationTerms,
+    PredictedInformation,
+)
 from steelyard.excitation.limits.cable_vibration import natural_frequencies
 from steelyard.excitation.limits.motion_constraints import Margin
 from steelyard.excitation.limits.verification import Verified, times_of, verify
@@ -120,7 +123,8 @@ def evaluate_motions(
             alone[name] = fit_noise_free(
                 experiment, {name: each}, level, progress, settings=settings
             )
-    estimate = MaximumLikelihood().of(joint)
+    method = MaximumLikelihood()
+    estimate = method.of(joint)
     if progress:
         progress("design: checking the limits", 0.9)
     checked = dict(verified or {})
@@ -135,9 +139,7 @@ def evaluate_motions(
         experiment=joint.experiment,
         trajectories=dict(trajectories),
         estimate=estimate,
-        each={
-            name: MaximumLikelihood().of(found).standard_deviation for name, found in alone.items()
-        },
+        each={name: method.of(found).standard_deviation for name, found in alone.items()},
         standard_deviation=_combined_standard_deviation(joint, estimate, before),
         verified=checked,
         information_shares=_information_shares(joint, trajectories, level, before, settings),
@@ -165,6 +167,21 @@ def _combined_standard_deviation(
     return np.where(unknown, np.nan, found)
 
 
+def information_before(joint: Posterior, before: Array | float) -> Array:
+    """Information before the first run: priors, known parameters, earlier estimates, shape (b,
+    b).
+
+    Args:
+        joint: Of a noise-free recording.
+        before: Information on the ten from earlier recordings, shape (10, 10).
+    """
+    information = prior_information(joint.fit.state.calibration.calibration_parameters)
+    known = known_information(joint.experiment.known, body_jacobian(joint.parameters))
+    information[:TEN, :TEN] += before
+    information[:TEN, :TEN] += known
+    return information
+
+
 def _information_shares(
     joint: Posterior,
     trajectories: Mapping[str, Trajectory],
@@ -174,28 +191,21 @@ def _information_shares(
 ) -> dict[str, InformationShares]:
     """What the instants of each run contribute to the information on each of the ten."""
     J = body_jacobian(joint.parameters)
-    prior = prior_information(joint.fit.state.calibration.calibration_parameters)
-    prior[:TEN, :TEN] += before
-    prior[:TEN, :TEN] += known_information(joint.experiment.known, J)
-    predicted = {}
-    terms = {}
-    informations = []
+    evaluated: dict[str, tuple[PredictedInformation, Array, InformationTerms]] = {}
     for run in joint.experiment.runs:
         segment = next(each for each in joint.fit.state.segments if each.run == run.name)
         trajectory = trajectories[run.name]
         point = LinearisationPoint.of(joint, run, level)
-        own = PredictedInformation(point, segment, trajectory.duration, len(prior), settings)
+        own = PredictedInformation(point, segment, trajectory.duration, settings)
         commands = np.hstack([trajectory.derivative(own.times, order) for order in range(4)])
-        information, terms[run.name] = own.information(commands)
-        predicted[run.name] = own
-        informations.append(information)
-    total = prior + sum(informations)
+        evaluated[run.name] = own, *own.information(commands)
+    total = information_before(joint, before) + sum(each for _, each, _ in evaluated.values())
     directions = np.linalg.pinv(total, hermitian=True)[:, :TEN] @ J.T
     variance = np.einsum("ij,ji->i", J, directions[:TEN])
     found = {}
-    for name, own in predicted.items():
+    for name, (own, _, terms) in evaluated.items():
         step = own.duration / len(own.times)
-        share = own.shares(terms[name], directions) / variance / step
+        share = own.shares(terms, directions) / variance / step
         found[name] = InformationShares(own.times, share)
     return found
 

@@ -96,18 +96,14 @@ def _known(form: KnownBodyForm) -> dict[str, tuple[float, float]]:
     """Body parameter -> value and 1-sigma known beforehand."""
     entries = {
         "mass": form.mass,
-        **{f"c{axis}": getattr(form.center_of_gravity, axis) for axis in "xyz"},
-        **{
-            f"J{axes}": getattr(form.inertia, axes) for axes in ("xx", "yy", "zz", "yz", "xz", "xy")
-        },
+        **{f"c{axis}": entry for axis, entry in vars(form.center_of_gravity).items()},
+        **{f"J{axes}": entry for axes, entry in vars(form.inertia).items()},
     }
-    return {
-        name: (entry.value, entry.sigma) for name, entry in entries.items() if entry is not None
-    }
+    return {name: (entry.value, entry.sigma) for name, entry in entries.items() if entry}
 
 
 def _check_names(form: ExperimentForm, document: YamlDocument) -> None:
-    """Refuse two runs of one name, and streams of instruments that are not there."""
+    """Refuse two runs of one name, and streams or clocks of instruments that are not there."""
     names = [run.name for run in form.runs]
     for i, name in enumerate(names):
         if name in names[:i]:
@@ -116,11 +112,12 @@ def _check_names(form: ExperimentForm, document: YamlDocument) -> None:
                 f"expected names that differ, found '{name}' again; rename one run",
             )
     for i, run in enumerate(form.runs):
-        for name in run.streams:
-            if name not in form.instruments:
+        synchronised = run.sync if isinstance(run.sync, dict) and not run.static else {}
+        for key in [*((name,) for name in run.streams), *(("sync", name) for name in synchronised)]:
+            if key[-1] not in form.instruments:
                 raise document.error(
-                    ("runs", i, name),
-                    f"expected the name of an instrument, found '{name}'; known here:"
+                    ("runs", i, *key),
+                    f"expected the name of an instrument, found '{key[-1]}'; known here:"
                     f" {', '.join(form.instruments)}",
                 )
 
@@ -241,32 +238,22 @@ def _sync(
     if not form.sync or form.static or isinstance(form.sync, str):
         return {}
     given = dict(form.sync)
-    for name in given:
-        if name not in whole.instruments:
-            raise document.error(
-                (*key, "sync", name),
-                f"expected the name of an instrument, found '{name}'; known here:"
-                f" {', '.join(whole.instruments)}",
-            )
     for name, stream in form.streams.items():
         if name in given:
             continue
         clock = whole.instruments[name].clock
-        partner = next(
-            (
-                other
-                for other in form.sync
-                if (other in form.streams and form.streams[other].file == stream.file)
-                or (clock is not None and whole.instruments[other].clock == clock)
-            ),
-            None,
-        )
-        if partner is None:
+        partners = [
+            other
+            for other in form.sync
+            if (other in form.streams and form.streams[other].file == stream.file)
+            or (clock is not None and whole.instruments[other].clock == clock)
+        ]
+        if not partners:
             raise document.error(
                 (*key, "sync"),
                 f"expected a time for every instrument, found none for '{name}'; add it",
             )
-        given[name] = given[partner]
+        given[name] = given[partners[0]]
     return given
 
 

@@ -4,11 +4,7 @@ the readers check.
 
 from __future__ import annotations
 
-import ast
-import inspect
-import sys
 from collections.abc import Mapping
-from functools import cache
 from typing import Any, Literal
 
 from pydantic import BaseModel
@@ -101,15 +97,16 @@ def _describe(model: type[BaseModel], part: dict[str, Any]) -> None:
     """Give the fields the descriptions that stand under them in the code."""
     if model.__doc__:
         part["description"] = _one_line(model.__doc__)
-    documents: dict[str, str] = {}
-    for each in reversed(model.__mro__):
-        if issubclass(each, BaseModel) and each is not BaseModel:
-            documents.update(_field_documents(each))
+    forms = [each for each in model.__mro__ if issubclass(each, BaseModel)]
     for name, entry in part.get("properties", {}).items():
         entry.pop("title", None)
+        entry.pop("description", None)
         field = model.model_fields.get(name)
-        words = [documents[name]] if name in documents else []
-        default = None if field is None else _plain_default(field.default)
+        # A class that narrows the type of a field leaves its description to the one above.
+        above = [each.model_fields.get(name) for each in forms]
+        described = [each.description for each in above if each and each.description]
+        words = [_one_line(described[0])] if described else []
+        default = _plain_default(field.default) if field else None
         if default is not None:
             words.append(f"Default: {default}")
         if words:
@@ -127,28 +124,6 @@ def _plain_default(value: Any) -> str | None:
     if isinstance(value, float):
         return f"{value:g}"
     return value if isinstance(value, str) else None
-
-
-def _field_documents(model: type[BaseModel]) -> Mapping[str, str]:
-    """Field -> the text that stands under it in the code of a class."""
-    return _documents(model.__module__).get(model.__name__, {})
-
-
-@cache
-def _documents(module: str) -> Mapping[str, Mapping[str, str]]:
-    """Class of a module -> its fields and what stands under them."""
-    found: dict[str, dict[str, str]] = {}
-    for node in ast.parse(inspect.getsource(sys.modules[module])).body:
-        if not isinstance(node, ast.ClassDef):
-            continue
-        its = found.setdefault(node.name, {})
-        for field, below in zip(node.body, node.body[1:], strict=False):
-            text = below.value if isinstance(below, ast.Expr) else None
-            if not (isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)):
-                continue
-            if isinstance(text, ast.Constant) and isinstance(text.value, str):
-                its[field.target.id] = _one_line(text.value)
-    return found
 
 
 def _one_line(text: str) -> str:

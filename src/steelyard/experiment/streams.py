@@ -21,7 +21,7 @@ from steelyard.logs.formats import open_log
 from steelyard.logs.log import Log, RowRange
 from steelyard.units import FACTORS, canonical_unit
 
-_UNIT_OF_ANGLE_FREE = "1"
+_UNIT_OF_NO_ANGLE = "1"
 _BLOCK = 1 << 14
 """Rows that are turned to rotations at once."""
 _SHORTEST_STEP, _LONGEST_STEP = 1e-5, 10.0
@@ -79,16 +79,11 @@ def read_stream(
             log, place, [name for name in log.names if name in needed or name not in claimed]
         )
         quantities = _present_quantities(names, instrument, m)
-        timed = names.of("t")
-        if not static and timed is None:
-            raise InputError(
-                f"{path}: expected a column '{place.columns.get('t', 't')}' with the time, found"
-                f" {_listed(log.names)}; name it under 'columns'"
-            )
+        timed = None if static else names.time()
         contract = [name for _, form in quantities for name in form]
         names.check(contract, instrument.kind)
         wanted = {name: str(names.of(name)) for name in contract}
-        if timed is not None and not static:
+        if timed is not None:
             wanted["t"] = timed
         part = None
         if span is not None and timed is not None:
@@ -100,14 +95,17 @@ def read_stream(
     def where(row: int) -> str:
         return log.place(row, part)
 
-    time = np.arange(n, dtype=np.float64) if static else table[wanted["t"]] * names.factor("t", "s")
-    if not static:
-        _check_time(where, wanted["t"], time)
-        _check_rate(path, wanted["t"], time)
+    time = np.arange(n, dtype=np.float64)
+    if timed is not None:
+        time = table[timed] * names.factor("t", "s")
+        _check_time(where, timed, time)
+        _check_rate(path, timed, time)
     values: dict[str, Array] = {}
     angles: dict[str, Array] = {}
     for quantity, form in quantities:
-        factors = np.array([names.factor(c, _column_unit(c, quantity)) for c in form])
+        # Quaternions and matrices have no unit.
+        unit = _UNIT_OF_NO_ANGLE if quantity.rotation and len(form) != 3 else quantity.unit
+        factors = np.array([names.factor(c, unit) for c in form])
         raw = table.beside([wanted[c] for c in form])
         raw = raw if np.all(factors == 1) else raw * factors
         values[quantity.name] = _rotations(where, form, raw) if quantity.rotation else raw
@@ -123,14 +121,8 @@ def first_time(place: StreamPlace) -> float:
         InputError: See :func:`read_stream`.
     """
     with open_log(place.path, place.topic) as log:
-        place = _as_named(log, place)
-        names = _Names(log, place, list(log.names))
-        timed = names.of("t")
-        if timed is None:
-            raise InputError(
-                f"{place.path}: expected a column '{place.columns.get('t', 't')}' with the time,"
-                f" found {_listed(log.names)}; name it under 'columns'"
-            )
+        names = _Names(log, _as_named(log, place), list(log.names))
+        timed = names.time()
         return float(log.read([timed], rows=1)[timed][0] * names.factor("t", "s"))
 
 
@@ -153,6 +145,20 @@ class _Names:
         return column_in(
             self.log.names if column == "t" else self.free, column, self.place.columns.get(column)
         )
+
+    def time(self) -> str:
+        """Name in the log of the column with the time.
+
+        Raises:
+            InputError: There is none.
+        """
+        found = self.of("t")
+        if found is None:
+            raise InputError(
+                f"{self.log.path}: expected a column '{self.asked('t')}' with the time, found"
+                f" {_listed(self.log.names)}; name it under 'columns'"
+            )
+        return found
 
     def asked(self, column: str) -> str:
         """What the experiment file calls it."""
@@ -202,12 +208,6 @@ class _Names:
                 f" found '{given}'; {cure}"
             )
         return factors[known]
-
-
-def _column_unit(column: str, quantity: Quantity) -> str:
-    """Quaternions and matrices have none."""
-    has_one = not quantity.rotation or column in {"roll", "pitch", "yaw"}
-    return quantity.unit if has_one else _UNIT_OF_ANGLE_FREE
 
 
 def _present_quantities(

@@ -227,8 +227,12 @@ def without_stuck(
             continue
         values = dict(stream.values)
         for label, quantity, component, mask in _stopped(stream, settings):
-            values[quantity] = _without(values[quantity], mask, component)
-            faults += _faults(name, label, stream.time, mask)
+            left = values[quantity].copy()
+            left[mask if component is None else (mask, component)] = np.nan
+            values[quantity] = left
+            for first, last in stretches(mask):
+                start, end = float(stream.time[first]), float(stream.time[last - 1])
+                faults.append(Fault("stuck", name, label, start, end, last - first))
             kept[name] = replace(stream, values=values)
     return kept, tuple(faults)
 
@@ -253,18 +257,3 @@ def _stopped(
         nothing_left = np.all(mask | ~np.isfinite(values).all(axis=1))
         if mask.any() and not nothing_left:
             yield label, quantity, component, mask
-
-
-def _faults(name: str, label: str, time: Array, mask: NDArray[np.bool_]) -> Iterator[Fault]:
-    for first, last in stretches(mask):
-        start, end = float(time[first]), float(time[last - 1])
-        yield Fault("stuck", name, label, start, end, last - first)
-
-
-def _without(values: Array, mask: NDArray[np.bool_], component: int | None) -> Array:
-    left = values.copy()
-    if component is None:
-        left[mask] = np.nan
-    else:
-        left[mask, component] = np.nan
-    return left

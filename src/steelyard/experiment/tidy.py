@@ -27,6 +27,7 @@ def tidied(experiment: Experiment) -> Experiment:
 
 
 def _tidied(experiment: Experiment, run: Run, folder: Path) -> Run:
+    """A run with all its streams on the common clock."""
     force = experiment.force_instrument(run)
     first = float(run.streams[force].time[0]) if force else 0.0
     streams = {}

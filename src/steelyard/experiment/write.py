@@ -53,11 +53,8 @@ def write_experiment(
     if not bundled:
         write_yaml(description, folder / "robot.yaml")
     places = _places([run.name for run in experiment.runs], "run")
-    names = dict(
-        zip(
-            experiment.instruments, _places(list(experiment.instruments), "instrument"), strict=True
-        )
-    )
+    instruments = list(experiment.instruments)
+    names = dict(zip(instruments, _places(instruments, "instrument"), strict=True))
     runs = []
     for run, place in zip(experiment.runs, places, strict=True):
         (folder / place).mkdir()
@@ -67,13 +64,8 @@ def write_experiment(
         for name, stream in run.streams.items():
             file = f"{place}/{names[name]}.{tables}"
             write = write_stream if tables == "csv" else write_parquet_stream
-            write(
-                stream,
-                experiment.instruments[name],
-                experiment.robot.m,
-                folder / file,
-                timed=not run.static,
-            )
+            instrument, m = experiment.instruments[name], experiment.robot.m
+            write(stream, instrument, m, folder / file, timed=not run.static)
             entry[name] = file
         if run.sync:
             entry["sync"] = dict(run.sync)

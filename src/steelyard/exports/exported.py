@@ -66,9 +66,7 @@ class Exported:
         """Of :data:`steelyard.inertia.BODY_PARAMETERS` those without a number."""
         variance = np.diag(self.estimate.covariance)
         known = np.isfinite(self.estimate.value) & np.isfinite(variance)
-        return tuple(
-            name for name, is_known in zip(BODY_PARAMETERS, known, strict=True) if not is_known
-        )
+        return tuple(np.array(BODY_PARAMETERS)[~known].tolist())
 
     @property
     def impossible(self) -> tuple[str, ...]:

@@ -26,38 +26,18 @@ class ExportFormat:
 _MATRIX = (
     "inertia about the centre of gravity in platform axes, products are elements of the matrix"
 )
+_LINK = f"link frame = platform frame, {_MATRIX}"
+_BODY = f"body frame = platform frame, {_MATRIX}, order xx yy zz xy xz yz"
+_ROBOT_FILE = f"as 'platform' of a robot file, {_MATRIX}, order xx yy zz yz xz xy"
+_ARRAYS = f"platform frame, {_MATRIX}, order xx yy zz yz xz xy"
 
 FORMATS = {
-    "urdf": ExportFormat(
-        urdf.TITLE, f"link frame = platform frame, {_MATRIX}", urdf.write, whole=True
-    ),
-    "sdf": ExportFormat(
-        sdf.TITLE, f"link frame = platform frame, {_MATRIX}", sdf.write, whole=True
-    ),
-    "mjcf": ExportFormat(
-        mjcf.TITLE,
-        f"body frame = platform frame, {_MATRIX}, order xx yy zz xy xz yz",
-        mjcf.write,
-        whole=True,
-    ),
-    "yaml": ExportFormat(
-        "YAML",
-        f"as 'platform' of a robot file, {_MATRIX}, order xx yy zz yz xz xy",
-        plain.write_yaml,
-        whole=False,
-    ),
-    "json": ExportFormat(
-        "JSON",
-        f"as 'platform' of a robot file, {_MATRIX}, order xx yy zz yz xz xy",
-        plain.write_json,
-        whole=False,
-    ),
-    "c": ExportFormat(
-        c_header.TITLE,
-        f"platform frame, {_MATRIX}, order xx yy zz yz xz xy",
-        c_header.write,
-        whole=True,
-    ),
+    "urdf": ExportFormat(urdf.TITLE, _LINK, urdf.write, whole=True),
+    "sdf": ExportFormat(sdf.TITLE, _LINK, sdf.write, whole=True),
+    "mjcf": ExportFormat(mjcf.TITLE, _BODY, mjcf.write, whole=True),
+    "yaml": ExportFormat("YAML", _ROBOT_FILE, plain.write_yaml, whole=False),
+    "json": ExportFormat("JSON", _ROBOT_FILE, plain.write_json, whole=False),
+    "c": ExportFormat(c_header.TITLE, _ARRAYS, c_header.write, whole=True),
 }
 
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array, readonly
 from steelyard.dynamics import platform_wrench
 from steelyard.errors import InfeasibleError, InputError
-from steelyard.excitation.limits.rest_poses import workspace_grid
+from steelyard.excitation.limits.rest_poses import listed_numbers, workspace_grid
 from steelyard.inertia import Inertia
 from steelyard.robot import cable
 from steelyard.robot.kinematics import attachments_at, cables_at
@@ -71,24 +71,20 @@ class Hanging:
     @property
     def quaternion(self) -> Array:
         """Of the platform in the world (w, x, y, z), shape (4,)."""
-        return np.asarray(
-            Rotation.from_matrix(self.rotation).as_quat(scalar_first=True, canonical=True)
-        )
+        rotation = Rotation.from_matrix(self.rotation)
+        return np.asarray(rotation.as_quat(scalar_first=True, canonical=True))
 
     @property
     def sag(self) -> float:
         """How far the cables would hang through in their middle by their weight, the largest; 0
         without weight [m].
         """
-        weight = (self.robot.cable.linear_density or 0.0) * float(
-            np.linalg.norm(self.robot.gravity)
-        )
+        weight = (self.robot.cable.linear_density or 0.0) * np.linalg.norm(self.robot.gravity)
         line = self.leave - attachments_at(self.position, self.rotation, self.robot)
         chord = np.linalg.norm(line, axis=1)
         level = np.linalg.norm(line - np.outer(line @ self.robot.up, self.robot.up), axis=1)
-        return float(
-            np.max(weight * level * chord / (8 * np.maximum(self.tension, weight * chord + 1e-9)))
-        )
+        pull = np.maximum(self.tension, weight * chord + 1e-9)
+        return float(np.max(weight * level * chord / (8 * pull)))
 
     @property
     def roll(self) -> float:
@@ -136,9 +132,8 @@ def hang(robot: Robot, body: Inertia, pose: ArrayLike | None = None) -> Hanging:
         )
     poses = workspace_grid(robot) if pose is None else readonly(np.atleast_2d(pose), (1, 6), "pose")
     rotations = Rotation.from_euler("ZYX", poses[:, :2:-1]).as_matrix()
-    structures = cables_at(
-        robot.with_straight_cables(), poses[:, :3], rotations, np.ones(robot.m)
-    ).structure
+    straight = robot.with_straight_cables()
+    structures = cables_at(straight, poses[:, :3], rotations, np.ones(robot.m)).structure
     specific_force = -np.einsum("nji,j->ni", rotations, robot.gravity)  # (n, 3), in P
     still = np.zeros_like(specific_force)
     wrenches = platform_wrench(body.parameters, specific_force, still, still)
@@ -153,14 +148,14 @@ def hang(robot: Robot, body: Inertia, pose: ArrayLike | None = None) -> Hanging:
         tension = tension + np.linalg.pinv(structure) @ (wrench - structure @ tension)
         return _hanging(robot, body, place[:3], rotation, structure, tension)
     low, high = robot.tension_limits
-    where = (
-        "a pose within its limits" if pose is None else f"that {_listed(poses[0, :3])} m is a pose"
-    )
+    where, found, cure = "a pose within its limits", "none", "check the robot file"
+    if pose is not None:
+        where = f"that {listed_numbers(poses[0, :3])} m is a pose"
+        found, cure = "that it is not", "choose another --pose"
     raise InputError(
         f"--robot: expected {where} in which the cables of '{robot.name}' can hold {body.mass:.4g}"
-        f" kg with {low:g} to {high:g} N, found {'none' if pose is None else 'that it is not'};"
-        f" {'check the robot file' if pose is None else 'choose another --pose'}, or export the"
-        " platform alone, without --robot"
+        f" kg with {low:g} to {high:g} N, found {found}; {cure}, or export the platform alone,"
+        " without --robot"
     )
 
 
@@ -226,7 +221,3 @@ def _time_step(body: Inertia, stiffness: Array) -> float:
     mass = np.block([[body.mass * np.eye(3), -h], [h, body.inertia_about_origin]])
     fastest = float(np.sqrt(eigh(stiffness, mass, eigvals_only=True).max()))
     return next((step for step in _TIME_STEPS if fastest * step <= _PHASE_A_STEP), _TIME_STEPS[-1])
-
-
-def _listed(values: Array) -> str:
-    return "(" + ", ".join(f"{value:g}" for value in values) + ")"

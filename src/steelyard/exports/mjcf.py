@@ -56,17 +56,17 @@ def write_robot(exported: Exported, hanging: Hanging) -> str:
     low, high = robot.tension_limits
     for i in range(robot.m):
         SubElement(platform, "site", name=f"attachment_{i + 1}", pos=numbers(robot.attachments[i]))
-        cable = {
-            "springlength": f"0 {number(hanging.slack[i])}",
-            "stiffness": number(hanging.stiffness[i]),
-            "damping": number(hanging.damping[i]),
-            "width": _WIDTH,
-        }
-        spatial = SubElement(tendons, "spatial", {"name": f"cable_{i + 1}", **cable})
-        SubElement(
-            spatial, "site", site=f"{'leave' if robot.pulley_radius[i] else 'anchor'}_{i + 1}"
+        spatial = SubElement(
+            tendons,
+            "spatial",
+            name=f"cable_{i + 1}",
+            springlength=f"0 {number(hanging.slack[i])}",
+            stiffness=number(hanging.stiffness[i]),
+            damping=number(hanging.damping[i]),
+            width=_WIDTH,
         )
-        SubElement(spatial, "site", site=f"attachment_{i + 1}")
+        for end in ("leave" if robot.pulley_radius[i] else "anchor", "attachment"):
+            SubElement(spatial, "site", site=f"{end}_{i + 1}")
         motor = SubElement(
             actuators, "motor", name=f"pull_{i + 1}", tendon=f"cable_{i + 1}", gear="-1"
         )
@@ -76,7 +76,7 @@ def write_robot(exported: Exported, hanging: Hanging) -> str:
             motor.set("ctrlrange", numbers((least, most)))
     home = {"name": "home", "qpos": numbers((*hanging.position, *hanging.quaternion))}
     SubElement(SubElement(root, "keyframe"), "key", home)
-    return xml_text(root, remarks(exported, (*CONVENTION, *_told(hanging))))
+    return xml_text(root, remarks(exported, (*CONVENTION, *_robot_remarks(hanging))))
 
 
 def _platform(world: Element, exported: Exported) -> Element:
@@ -84,16 +84,12 @@ def _platform(world: Element, exported: Exported) -> Element:
     inertial = exported.body.to_mujoco()
     platform = SubElement(world, "body", name="platform")
     SubElement(platform, "freejoint", name="platform")
-    values = {
-        "mass": number(inertial.mass),
-        "pos": numbers(inertial.pos),
-        "fullinertia": numbers(inertial.fullinertia),
-    }
-    SubElement(platform, "inertial", values)
+    pos, fullinertia = numbers(inertial.pos), numbers(inertial.fullinertia)
+    SubElement(platform, "inertial", mass=number(inertial.mass), pos=pos, fullinertia=fullinertia)
     return platform
 
 
-def _told(hanging: Hanging) -> Iterator[str]:
+def _robot_remarks(hanging: Hanging) -> Iterator[str]:
     """What a user should know about the robot."""
     robot = hanging.robot
     yield (
@@ -101,14 +97,12 @@ def _told(hanging: Hanging) -> Iterator[str]:
         " attachment_i on the platform, spatial tendon cable_i between them, its spring slack up"
         " to springlength: tension = stiffness (length - springlength), never below 0."
     )
-    assumed = (
-        ""
-        if robot.cable.axial_stiffness
-        else (
+    assumed = ""
+    if not robot.cable.axial_stiffness:
+        assumed = (
             ", which is assumed (the robot file has no axial_stiffness): it strains the tightest"
             f" cable by {ASSUMED_STRAIN * 1e3:g} in a thousand at home"
         )
-    )
     yield (
         "stiffness = EA / unstrained length, springlength = the part of it between the sites, EA ="
         f" {number(hanging.axial_stiffness)} N{assumed}. A winch that feeds: set"
@@ -116,11 +110,9 @@ def _told(hanging: Hanging) -> Iterator[str]:
         " new values at every step."
     )
     low, high = robot.tension_limits
-    span = (
-        f"their ranges are those with which the tension at home is {low:g} to {high:g} N"
-        if np.isfinite(high)
-        else "the robot file has no limits"
-    )
+    span = "the robot file has no limits"
+    if np.isfinite(high):
+        span = f"their ranges are those with which the tension at home is {low:g} to {high:g} N"
     yield (
         f"Motors pull_i: ctrl is tension that is added to the spring's [N], 0 keeps it ({span}). To"
         " command tensions alone set model.tendon_stiffness[:] = 0 and take the ranges off. A"

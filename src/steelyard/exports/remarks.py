@@ -66,23 +66,16 @@ def _wrapped(text: str) -> list[str]:
 def _paragraphs(exported: Exported) -> Iterator[str]:
     """Origin, verdict, and the ten with their 1-sigma."""
     estimate = exported.estimate
-    experiment = (
-        f", experiment '{printable(exported.experiment, _LONGEST_NAME)}'"
-        if exported.experiment
-        else ""
-    )
     yield f"Inertial parameters of a platform, identified by steelyard {exported.version}."
-    file = (
-        f", from {printable(exported.source, _LONGEST_NAME)} (sha256 {exported.digest})"
-        if exported.path
-        else ""
-    )
-    yield f"Method {printable(estimate.method, _LONGEST_NAME)}{experiment}{file}."
-    yield (
-        "Verdict: accepted."
-        if estimate.verdict.accepted
-        else "Verdict: NOT ACCEPTED, exported all the same."
-    )
+    origin = f"Method {printable(estimate.method, _LONGEST_NAME)}"
+    if exported.experiment:
+        origin += f", experiment '{printable(exported.experiment, _LONGEST_NAME)}'"
+    if exported.path:
+        file = printable(exported.source, _LONGEST_NAME)
+        origin += f", from {file} (sha256 {exported.digest})"
+    yield f"{origin}."
+    accepted = estimate.verdict.accepted
+    yield f"Verdict: {'accepted' if accepted else 'NOT ACCEPTED, exported all the same'}."
     for reason in exported.doubts:
         yield f"- {printable(reason, _LONGEST_REASON)}"
     if exported.impossible:
@@ -99,11 +92,9 @@ def _paragraphs(exported: Exported) -> Iterator[str]:
         BODY_PARAMETERS, estimate.value, sigma, BODY_UNITS, strict=True
     ):
         label = estimate.verdict.parameters.get(name, "not said")
-        known = (
-            f"{value:12.6g} +- {deviation:<9.3g} {unit}"
-            if math.isfinite(value)
-            else f"{'not known':>12}"
-        )
+        known = f"{'not known':>12}"
+        if math.isfinite(value):
+            known = f"{value:12.6g} +- {deviation:<9.3g} {unit}"
         yield f"  {name:4} {known}, {label}"
     if not exported.correlated:
         yield "The file has no covariance: correlations are not known."

@@ -4,7 +4,7 @@ left out and assumed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,7 @@ from steelyard.imports.description import Cable, Convention, Description, Point
 from steelyard.imports.imported import Imported
 from steelyard.imports.nominal_body import nominal_body
 from steelyard.imports.sources import printable
-from steelyard.inertia import Inertia, six
-from steelyard.robot.file import robot_of
+from steelyard.robot.file import platform_values, robot_of
 from steelyard.robot.model import Robot
 from steelyard.yaml_file import YamlDocument
 
@@ -44,11 +43,9 @@ def assemble(
     _check_anchors(description)
     tension, tension_notes = _tension(cables)
     properties, property_notes = _properties(cables)
-    body = (
-        None
-        if description.body is None
-        else nominal_body(description.body, products=products, about=about)
-    )
+    body = None
+    if description.body is not None:
+        body = nominal_body(description.body, products=products, about=about)
     x, y, z = description.gravity or (0.0, 0.0, -_GRAVITY)
     values: dict[str, Any] = {
         "name": printable(description.name, _LONGEST_NAME) or printable(description.files[0].stem),
@@ -57,29 +54,22 @@ def assemble(
         "cable": properties,
         "tension": tension,
         "limits": dict(description.limits),
-        "platform": None if body is None else _platform(body.inertia),
+        "platform": None if body is None else platform_values(body.inertia),
     }
     values = {key: value for key, value in values.items() if value}
     robot = robot_of(YamlDocument(description.files[0], values, {}))
-    assumed = (
-        ()
-        if description.gravity
-        else (f"gravity {_GRAVITY} m/s^2 along -z is assumed: the files do not say",)
-    )
+    notes = [*description.notes]
+    if description.gravity is None:
+        notes.append(f"gravity {_GRAVITY} m/s^2 along -z is assumed: the files do not say")
+    if body is not None:
+        notes += body.notes
     return Imported(
         format=description.format,
         files=description.files,
         values=values,
         robot=robot,
         convention=None if body is None else body.convention,
-        notes=(
-            *description.notes,
-            *assumed,
-            *(() if body is None else body.notes),
-            *tension_notes,
-            *property_notes,
-            *_missing(robot),
-        ),
+        notes=(*notes, *tension_notes, *property_notes, *_missing(robot)),
     )
 
 
@@ -107,12 +97,12 @@ def _cable(cable: Cable) -> dict[str, Any]:
     return entry
 
 
-def _tension(cables: Sequence[Cable]) -> tuple[dict[str, float] | None, tuple[str, ...]]:
+def _tension(cables: Sequence[Cable]) -> tuple[dict[str, float] | None, list[str]]:
     """What all cables allow [N]."""
     highest = [each.highest_tension for each in cables if each.highest_tension is not None]
     lowest = [each.lowest_tension for each in cables if each.lowest_tension is not None]
     if len(highest) < len(cables):
-        return None, (("lowest tension left out: there is no highest one",) if lowest else ())
+        return None, ["lowest tension left out: there is no highest one"] if lowest else []
     notes = []
     low, high = max([0.0, *lowest]), min(highest)
     if len(lowest) < len(cables):
@@ -122,16 +112,12 @@ def _tension(cables: Sequence[Cable]) -> tuple[dict[str, float] | None, tuple[st
     if lowest and min(lowest) < 0:
         notes.append(f"lowest tension {min(lowest):g} N is read as 0: a cable cannot push")
     if low >= high:
-        return None, (
-            (
-                f"tension left out: no tension is allowed in all cables (at least {low:g}, at most"
-                f" {high:g} N)"
-            ),
-        )
-    return {"min": low, "max": high}, tuple(notes)
+        why = f"no tension is allowed in all cables (at least {low:g}, at most {high:g} N)"
+        return None, [f"tension left out: {why}"]
+    return {"min": low, "max": high}, notes
 
 
-def _properties(cables: Sequence[Cable]) -> tuple[dict[str, float], tuple[str, ...]]:
+def _properties(cables: Sequence[Cable]) -> tuple[dict[str, float], list[str]]:
     """What all cables have alike, and what they have not."""
     properties, notes = {}, []
     for key in ("diameter", "axial_stiffness"):
@@ -143,31 +129,20 @@ def _properties(cables: Sequence[Cable]) -> tuple[dict[str, float], tuple[str, .
             )
         elif known:
             properties[key] = known[0]
-    return properties, tuple(notes)
+    return properties, notes
 
 
-def _platform(body: Inertia) -> dict[str, Any]:
-    xx, yy, zz, yz, xz, xy = (float(v) + 0.0 for v in six(body.inertia))
-    return {
-        "mass": body.mass,
-        "center_of_gravity": body.center_of_gravity.tolist(),
-        "inertia": {"xx": xx, "yy": yy, "zz": zz, "yz": yz, "xz": xz, "xy": xy},
+def _missing(robot: Robot) -> Iterator[str]:
+    """Note of what a robot file may have and these files do not state."""
+    lacking = {
+        "tension": not np.isfinite(robot.tension_limits[1]),
+        "cable.axial_stiffness (cables do not stretch)": robot.cable.axial_stiffness is None,
+        "cable.linear_density (cables are straight)": robot.cable.linear_density is None,
+        "pulley (cables leave from points)": not robot.pulley_radius.any(),
+        "limits.position": robot.limits.position is None,
+        "limits.rpy_deg": robot.limits.rpy is None,
+        "limits.speed and others": robot.limits.speed is None,
     }
-
-
-def _missing(robot: Robot) -> tuple[str, ...]:
-    """What a robot file may have and these files do not state."""
-    lacking: list[tuple[str, Callable[[Robot], bool]]] = [
-        ("tension", lambda r: not np.isfinite(r.tension_limits[1])),
-        (
-            "cable.axial_stiffness (cables do not stretch)",
-            lambda r: r.cable.axial_stiffness is None,
-        ),
-        ("cable.linear_density (cables are straight)", lambda r: r.cable.linear_density is None),
-        ("pulley (cables leave from points)", lambda r: not r.pulley_radius.any()),
-        ("limits.position", lambda r: r.limits.position is None),
-        ("limits.rpy_deg", lambda r: r.limits.rpy is None),
-        ("limits.speed and others", lambda r: r.limits.speed is None),
-    ]
-    missing = [what for what, lacks in lacking if lacks(robot)]
-    return (f"not stated, add what you know: {', '.join(missing)}",) if missing else ()
+    missing = [what for what, lacks in lacking.items() if lacks]
+    if missing:
+        yield f"not stated, add what you know: {', '.join(missing)}"

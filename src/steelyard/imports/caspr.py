@@ -9,7 +9,7 @@ vector points to), ``CableModelLinearSpring`` (stiffness K over length), ``Syste
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from steelyard.errors import InputError
 from steelyard.imports.description import Cable, DescribedBody, Description, Vector
@@ -72,8 +72,7 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
             *_reference_note(chosen, cog),
             f"gravity {-_GRAVITY[2]} m/s^2 along -z: CASPR's constant, not in its files",
             *joint_notes,
-            *_stiffness_notes(chosen),
-            *_routing_note(chosen),
+            *_cable_notes(chosen),
             *_unread_note(link, chosen),
         ),
     )
@@ -174,7 +173,7 @@ def _limits(joint: Element, origin: Vector) -> tuple[dict[str, object], tuple[st
     return {"position": box}, tuple(notes)
 
 
-def _chosen(cables: Element, name: str | None) -> tuple[Element, tuple[str, ...]]:
+def _chosen(cables: Element, name: str | None) -> tuple[Element, list[str]]:
     """A set of cables, and that there are others."""
     sets = cables.all("cable_set")
     names = [each.attribute("id") for each in sets]
@@ -201,10 +200,8 @@ def _chosen(cables: Element, name: str | None) -> tuple[Element, tuple[str, ...]
                 " choose a set with --cables"
             )
     others = ", ".join(printable(each) for each in names if each != wanted)
-    note = (
-        (f"cable set '{printable(wanted)}'; there are also {others} (--cables)",) if others else ()
-    )
-    return sets[names.index(wanted)], note
+    note = f"cable set '{printable(wanted)}'; there are also {others} (--cables)"
+    return sets[names.index(wanted)], [note] if others else []
 
 
 def _cable(cable: Element, cog: Vector, link: Element) -> Cable:
@@ -261,9 +258,8 @@ def _routing(cable: Element, platform: str) -> tuple[Sequence[Element], Sequence
     if links and links[0] != "0":
         points, links = points[::-1], links[::-1]
     on_base = links.count("0")
-    if links != ["0"] * on_base + [platform] * (len(links) - on_base) or not 0 < on_base < len(
-        links
-    ):
+    wanted = ["0"] * on_base + [platform] * (len(links) - on_base)
+    if links != wanted or not 0 < on_base < len(links):
         raise cable.error(
             f"expected points on link 0 and then on link {platform[:10]}, found links"
             f" {', '.join(each[:10] for each in links[:10])}; a cable of a robot file goes from the"
@@ -285,59 +281,40 @@ def _leaving(point: Element) -> tuple[Vector, float, Vector]:
     return point.child("fixed_location").vector(), radius.number(), axis.vector()
 
 
-def _reference_note(chosen: Element, cog: Vector) -> tuple[str, ...]:
+def _reference_note(chosen: Element, cog: Vector) -> Iterator[str]:
     """Note of attachments that are measured from the centre of gravity."""
-    count = sum(
-        1 for each in chosen.children if each.attributes.get("attachment_reference") == "com"
-    )
-    if not count or not any(cog):
-        return ()
-    return (
-        (
-            f"attachments of {count} cables are measured from the centre of gravity:"
-            f" ({', '.join(f'{v:g}' for v in cog)}) m was added"
-        ),
-    )
-
-
-def _stiffness_notes(chosen: Element) -> tuple[str, ...]:
-    """Notes of what the stiffness of cables was taken from."""
-    springs = [each for each in chosen.children if each.tag == "cable_linear_spring"]
-    variable = [each for each in chosen.children if each.tag in _VARIABLE_STIFFNESS]
-    notes = []
-    if springs:
-        notes.append(
-            "axial_stiffness is K of 'cable_linear_spring', which CASPR divides by the length"
+    references = [each.attributes.get("attachment_reference") for each in chosen.children]
+    if "com" in references and any(cog):
+        yield (
+            f"attachments of {references.count('com')} cables are measured from the centre of"
+            f" gravity: ({', '.join(f'{v:g}' for v in cog)}) m was added"
         )
+
+
+def _cable_notes(chosen: Element) -> Iterator[str]:
+    """Notes of what the stiffness of cables was taken from, and of points that are left out."""
+    variable = [each for each in chosen.children if each.tag in _VARIABLE_STIFFNESS]
+    if any(each.tag == "cable_linear_spring" for each in chosen.children):
+        yield "axial_stiffness is K of 'cable_linear_spring', which CASPR divides by the length"
     if variable:
-        notes.append(
+        yield (
             f"stiffness of {len(variable)} cables left out: it depends on the tension"
             f" ('{variable[0].tag}')"
         )
-    return tuple(notes)
-
-
-def _routing_note(chosen: Element) -> tuple[str, ...]:
     longer = [each for each in chosen.children if len(each.child("attachments").children) > 2]
-    if not longer:
-        return ()
-    return (
-        (
+    if longer:
+        yield (
             f"of {len(longer)} cables, points before the last on the base and after the first on"
             " the platform are left out: the lengths between them do not change"
-        ),
-    )
+        )
 
 
-def _unread_note(link: Element, chosen: Element) -> tuple[str, ...]:
+def _unread_note(link: Element, chosen: Element) -> Iterator[str]:
     """Note of elements that are not read."""
-    tags = {
-        each.tag
-        for cable in chosen.children
-        for each in cable.child("properties").children
-        if each.tag not in _READ and cable.tag not in _VARIABLE_STIFFNESS
-    }
+    read = [each for each in chosen.children if each.tag not in _VARIABLE_STIFFNESS]
+    tags = {part.tag for cable in read for part in cable.child("properties").children} - _READ
     end = link.child("physical").find("end_location")
     if end is not None and any(end.vector()):
         tags.add("end_location")
-    return (f"not read: {', '.join(printable(tag) for tag in sorted(tags)[:12])}",) if tags else ()
+    if tags:
+        yield f"not read: {', '.join(printable(tag) for tag in sorted(tags)[:12])}"

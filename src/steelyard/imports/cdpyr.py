@@ -11,7 +11,7 @@ file.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
 import numpy as np
@@ -153,25 +153,20 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
             " this robot cannot become one",
         )
     pattern = form.platforms[0].motion_pattern
-    turning = (
-        ()
-        if pattern.rotation == 3
-        else (f"cdpyr lets the platform turn in {pattern.rotation} ways, a robot file in all 3",)
-    )
     if pattern.translation != 3:
         raise document.error(
             ("platforms", 0, "motion_pattern", "translation"),
             "expected a platform that cables alone hold, which moves in 3 directions, found"
             f" {pattern.translation}; a robot file knows no guides",
         )
-    body, body_notes = _body(form.platforms[0], document)
+    body = _body(form.platforms[0], document)
     return Description(
         format=NAME,
         files=(document.path,),
         name=form.name or "",
         cables=tuple(_cable(form, i, document) for i in range(len(form.kinematic_chains))),
-        body=body,
-        notes=(*body_notes, *turning, *unread(form)),
+        body=body if isinstance(body, DescribedBody) else None,
+        notes=(*_notes(body, pattern.rotation), *unread(form)),
     )
 
 
@@ -211,6 +206,7 @@ def _cable(form: CdpyrRobotForm, i: int, document: YamlDocument) -> Cable:
 
 
 def _rotation(dcm: Matrix | None, document: YamlDocument, key: tuple[str | int, ...]) -> Array:
+    """A direction cosine matrix of the file, which has to be a rotation."""
     R = np.array(dcm or _IDENTITY)
     if (
         np.abs(R).max() > 1 + _ORTHONORMAL
@@ -221,19 +217,15 @@ def _rotation(dcm: Matrix | None, document: YamlDocument, key: tuple[str | int, 
     return R
 
 
-def _body(
-    platform: CdpyrPlatformForm, document: YamlDocument
-) -> tuple[DescribedBody | None, tuple[str, ...]]:
-    """Body and what is to be said of it."""
+def _body(platform: CdpyrPlatformForm, document: YamlDocument) -> DescribedBody | str:
+    """The body, or why there is none."""
     inertia = platform.inertia
     where: tuple[str | int, ...] = ("platforms", 0, "inertia")
     if inertia is None or inertia.linear is None or inertia.angular is None:
-        return None, ("no platform: the file has no inertia of it",)
+        return "the file has no inertia of it"
     M, J = np.array(inertia.linear), np.array(inertia.angular)
     if not (np.isfinite(M).all() and np.isfinite(J).all()):
-        return None, (
-            "no platform: its inertia is infinite, which is how cdpyr says that it was not given",
-        )
+        return "its inertia is infinite, which is how cdpyr says that it was not given"
     mass = float(M[0, 0])
     if mass <= 0 or np.abs(M - mass * np.eye(3)).max() > _SYMMETRIC * mass:
         raise document.error(
@@ -244,7 +236,7 @@ def _body(
         raise document.error(
             (*where, "angular"), f"expected a symmetric matrix, found {J.tolist()}; correct it"
         )
-    body = DescribedBody(
+    return DescribedBody(
         where=document.where(where),
         mass=mass,
         center_of_gravity=platform.center_of_gravity,
@@ -254,4 +246,11 @@ def _body(
         reason=_SIGN_UNKNOWN,
         about=None,
     )
-    return body, ()
+
+
+def _notes(body: DescribedBody | str, rotations: int) -> Iterator[str]:
+    """Why there is no body, and that the platform turns in more ways than in the file."""
+    if isinstance(body, str):
+        yield f"no platform: {body}"
+    if rotations != 3:
+        yield f"cdpyr lets the platform turn in {rotations} ways, a robot file in all 3"

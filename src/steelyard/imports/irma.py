@@ -13,7 +13,7 @@ the platform.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -127,10 +127,7 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
         gravity=gravity,
         notes=(
             gravity_note,
-            *_turning_note(form),
-            *_inactive_note(form),
-            *_roller_notes(form),
-            *_load_note(form.platform),
+            *_left_out(form),
             *unread(form),
         ),
     )
@@ -163,16 +160,12 @@ def _cables(form: IrmaRobotForm, document: YamlDocument) -> list[Cable]:
 
 def _old_cables(form: IrmaRobotForm, document: YamlDocument) -> list[Cable]:
     """Cables of the older form of the file."""
-    return [
-        Cable(
-            document.where(("cable", i)),
-            each.swivel_point,
-            each.platform_point,
-            each.swivel_pulley_r,
-            _axis(each.swivel_pulley_r, each.vers_k, document, ("cable", i, "vers_k")),
-        )
-        for i, each in enumerate(form.cable)
-    ]
+    cables = []
+    for i, each in enumerate(form.cable):
+        radius, where = each.swivel_pulley_r, document.where(("cable", i))
+        axis = _axis(radius, each.vers_k, document, ("cable", i, "vers_k"))
+        cables.append(Cable(where, each.swivel_point, each.platform_point, radius, axis))
+    return cables
 
 
 def _axis(
@@ -216,11 +209,8 @@ def _gravity(platform: IrmaPlatformForm, document: YamlDocument) -> tuple[Vector
     """Gravity [m/s^2]: along minus the axis of the file."""
     axis = platform.gravity_axis or platform.grav_ax
     if axis is None:
-        return (
-            0.0,
-            0.0,
-            -_GRAVITY,
-        ), f"gravity {_GRAVITY} m/s^2 along -z: the file has no 'gravity_axis'"
+        note = f"gravity {_GRAVITY} m/s^2 along -z: the file has no 'gravity_axis'"
+        return (0.0, 0.0, -_GRAVITY), note
     length = math.hypot(*axis)
     if length < 1e-9:
         key = "gravity_axis" if platform.gravity_axis else "grav_ax"
@@ -231,49 +221,32 @@ def _gravity(platform: IrmaPlatformForm, document: YamlDocument) -> tuple[Vector
     return (x, y, z), f"gravity {_GRAVITY} m/s^2, IRMA's constant, against the axis of the file"
 
 
-def _turning_note(form: IrmaRobotForm) -> tuple[str, ...]:
-    if form.motion_pattern == "THREE_R_THREE_T":
-        return ()
-    return (
-        (
+def _left_out(form: IrmaRobotForm) -> Iterator[str]:
+    """Notes of what a robot file cannot have: platforms that do not turn, idle actuators, rollers
+    of winches on the platform, constant loads.
+    """
+    if form.motion_pattern != "THREE_R_THREE_T":
+        yield (
             f"IRMA's programs keep the platform from turning ({form.motion_pattern}), a robot file"
             " does not"
-        ),
-    )
-
-
-def _inactive_note(form: IrmaRobotForm) -> tuple[str, ...]:
-    idle = [str(i) for i, each in enumerate(form.actuator) if not each.active]
-    return (
-        (f"actuators {', '.join(idle)} (counted from 0) are not active and left out",)
-        if idle
-        else ()
-    )
-
-
-def _roller_notes(form: IrmaRobotForm) -> tuple[str, ...]:
-    """Notes of winches on the platform, whose rollers a robot file cannot have."""
-    notes = []
-    moving = [
-        each.pulley.radius
-        for each in form.actuator
-        if each.active and each.pulley.swivel_point is None
-    ]
-    if moving:
-        rollers = (
-            f"; their rollers of radius up to {max(moving):g} m are left out: a robot file has"
-            " rollers at the anchors only, so that lengths and directions are off by as much"
-            if max(moving) > 0
-            else ""
         )
-        notes.append(f"winches are on the platform: the attachments are 'pos_PD_loc'{rollers}")
-    return tuple(notes)
-
-
-def _load_note(platform: IrmaPlatformForm) -> tuple[str, ...]:
-    given = {"ext_force_loc": platform.ext_force_loc, "ext_torque_loc": platform.ext_torque_loc}
+    idle = [str(i) for i, each in enumerate(form.actuator) if not each.active]
+    if idle:
+        yield f"actuators {', '.join(idle)} (counted from 0) are not active and left out"
+    active = [each.pulley for each in form.actuator if each.active]
+    moving = [pulley.radius for pulley in active if pulley.swivel_point is None]
+    if moving:
+        rollers = ""
+        if max(moving) > 0:
+            rollers = (
+                f"; their rollers of radius up to {max(moving):g} m are left out: a robot file has"
+                " rollers at the anchors only, so that lengths and directions are off by as much"
+            )
+        yield f"winches are on the platform: the attachments are 'pos_PD_loc'{rollers}"
     loads = []
-    for key, value in given.items():
-        if any(value):
-            loads.append(f"{key} ({', '.join(f'{v:g}' for v in value)})")
-    return (f"constant load on the platform left out: {', '.join(loads)}",) if loads else ()
+    for key in ("ext_force_loc", "ext_torque_loc"):
+        load = getattr(form.platform, key)
+        if any(load):
+            loads.append(f"{key} ({', '.join(f'{v:g}' for v in load)})")
+    if loads:
+        yield f"constant load on the platform left out: {', '.join(loads)}"

@@ -4,6 +4,7 @@ inertia is, and what physics says of it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,19 +56,16 @@ def nominal_body(
     point = about or body.about or "cog"
     notes = []
     if body.about is None and any(body.center_of_gravity):
-        reason = (
-            "as --inertia-about says"
-            if about
-            else "which is assumed: the file does not say (--inertia-about)"
-        )
+        reason = "which is assumed: the file does not say (--inertia-about)"
+        if about:
+            reason = "as --inertia-about says"
         notes.append(f"inertia is about {_POINTS[point]}, {reason}")
     if not any(body.products):
         inertia = _inertia(body, "matrix", point)
         return NominalBody(inertia, None, (*notes, *_impossible(inertia)))
     convention = products or body.convention
-    named = ", ".join(
-        f"{name} {value:g}" for name, value in zip(("yz", "xz", "xy"), body.products, strict=True)
-    )
+    products_by_name = zip(("yz", "xz", "xy"), body.products, strict=True)
+    named = ", ".join(f"{name} {value:g}" for name, value in products_by_name)
     if convention is None:
         raise InputError(
             f"{body.where}: expected products of inertia whose sign is known, found {named}, and"
@@ -90,15 +88,14 @@ def _inertia(body: DescribedBody, convention: Convention, point: Point) -> Inert
     return Inertia(body.mass, np.array(body.center_of_gravity), J)
 
 
-def _impossible(body: Inertia) -> tuple[str, ...]:
+def _impossible(body: Inertia) -> Iterator[str]:
+    """Note of a body that cannot exist."""
     if body.is_physical:
-        return ()
+        return
     moments = ", ".join(f"{v:g}" for v in body.principal_moments)
-    return (
-        (
-            f"no solid body has this inertia: its principal moments are {moments} kg m^2, each must"
-            " be above 0 and below the sum of the others"
-        ),
+    yield (
+        f"no solid body has this inertia: its principal moments are {moments} kg m^2, each must"
+        " be above 0 and below the sum of the others"
     )
 
 

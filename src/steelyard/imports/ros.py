@@ -9,7 +9,7 @@ xy, xz, yz of the inertia matrix, ``joints.actuated.min`` and ``effort`` as limi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -130,11 +130,7 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
         ),
         body=body,
         limits={} if winch.velocity is None else {"cable_speed": winch.velocity},
-        notes=(
-            *_winch_notes(winch),
-            *_body_notes(form.platform, body),
-            *unread(form),
-        ),
+        notes=(*_notes(winch, form.platform, body), *unread(form)),
     )
 
 
@@ -167,17 +163,16 @@ def _body(
     )
 
 
-def _body_notes(platform: RosPlatformForm, body: DescribedBody | None) -> tuple[str, ...]:
-    if body is not None:
-        return ("centre of gravity at the origin of the platform frame, as the simulator puts it",)
-    missing = "inertia" if platform.mass is not None else "mass"
-    return (f"no platform: the file has no {missing} of it",)
-
-
-def _winch_notes(winch: ActuatedForm) -> tuple[str, ...]:
-    notes = []
+def _notes(
+    winch: ActuatedForm, platform: RosPlatformForm, body: DescribedBody | None
+) -> Iterator[str]:
+    """Notes of what the winches and the platform were taken from."""
     if winch.effort is not None:
-        notes.append("highest tension is 'effort' of the actuated joints, lowest their 'min'")
+        yield "highest tension is 'effort' of the actuated joints, lowest their 'min'"
     if winch.velocity is not None:
-        notes.append("limit of the cable speed is 'velocity' of the actuated joints")
-    return tuple(notes)
+        yield "limit of the cable speed is 'velocity' of the actuated joints"
+    if body is not None:
+        yield "centre of gravity at the origin of the platform frame, as the simulator puts it"
+    else:
+        missing = "inertia" if platform.mass is not None else "mass"
+        yield f"no platform: the file has no {missing} of it"

@@ -126,13 +126,13 @@ class Element:
         return tuple(self._number(word, expected, infinite=infinite) for word in words)
 
     def _number(self, word: str, expected: str, *, infinite: bool) -> float:
+        """A word as a number of a possible size."""
         try:
             value = float(word) if word.isascii() and "_" not in word else math.nan
         except ValueError:
             value = math.nan
-        if math.isnan(value) or (
-            abs(value) > _LARGEST_NUMBER and not (infinite and math.isinf(value))
-        ):
+        too_large = abs(value) > _LARGEST_NUMBER and not (infinite and math.isinf(value))
+        if math.isnan(value) or too_large:
             raise self.error(f"expected {expected}, found '{word[:60]}'; correct it")
         return value
 

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from steelyard.errors import InputError
 from steelyard.logs import parquet
 from steelyard.logs.arrays import hdf5, matlab, npz, tdms
+from steelyard.logs.arrays.subprocess_reader import opened_in_subprocess, topics_in_subprocess
 from steelyard.logs.log import MOST_COLUMNS, Log
-from steelyard.logs.messages import mcap, ros_bag
+from steelyard.logs.messages import mcap, ros1_bag, ros2_bag
+from steelyard.logs.messages.recording import Recording
+from steelyard.logs.messages.topic_table import log_of_topic
 from steelyard.logs.text import reader as text
 from steelyard.logs.text.plain import readable
 from steelyard.yaml_file import require_file
@@ -27,34 +31,50 @@ class LogFormat:
     """Those of which one has to be chosen; none: the log is one table."""
 
 
-def _one_table(path: Path) -> list[str]:
-    """Topics of a format that has none."""
-    return []
+def _one_table(what: str, opened: Callable[[Path], AbstractContextManager[Log]]) -> LogFormat:
+    """A format whose files are one table each, so that no topic can be named."""
+
+    def without_topic(path: Path, topic: str | None) -> AbstractContextManager[Log]:
+        if topic is not None:
+            raise InputError(
+                f"{path}: expected no 'topic' for a {what} file, found '{topic}'; leave it out"
+            )
+        return opened(path)
+
+    return LogFormat(without_topic, lambda path: [])
 
 
-_TEXT = LogFormat(text.opened, _one_table)
-_BAG = LogFormat(ros_bag.opened, ros_bag.topics)
-_HDF5 = LogFormat(hdf5.opened, hdf5.topics)
+def _messages(recorded: Callable[[Path], AbstractContextManager[Recording]]) -> LogFormat:
+    """A format of recorded messages, whose topics are a table each."""
+
+    @contextmanager
+    def opened(path: Path, topic: str | None) -> Iterator[Log]:
+        with recorded(path) as recording:
+            yield log_of_topic(recording, topic)
+
+    def topics(path: Path) -> list[str]:
+        with recorded(path) as recording:
+            return list(recording.topics)
+
+    return LogFormat(opened, topics)
+
+
+_TEXT = _one_table("text", text.opened)
+_ROS2_BAG = _messages(ros2_bag.opened)
+_HDF5 = LogFormat(partial(opened_in_subprocess, hdf5), partial(topics_in_subprocess, hdf5))
 
 FORMATS: dict[str, LogFormat] = {
-    ".csv": _TEXT,
-    ".txt": _TEXT,
-    ".tsv": _TEXT,
-    ".dat": _TEXT,
-    ".lvm": _TEXT,
-    ".csv.gz": _TEXT,
-    ".txt.gz": _TEXT,
-    ".tsv.gz": _TEXT,
-    ".dat.gz": _TEXT,
-    ".parquet": LogFormat(parquet.opened, _one_table),
-    ".mcap": LogFormat(mcap.opened, mcap.topics),
-    ".bag": _BAG,
-    ".db3": _BAG,
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".lvm"), _TEXT),
+    **dict.fromkeys((".csv.gz", ".txt.gz", ".tsv.gz", ".dat.gz"), _TEXT),
+    ".parquet": _one_table("Parquet", parquet.opened),
+    ".mcap": _messages(mcap.opened),
+    ".bag": _messages(ros1_bag.opened),
+    ".db3": _ROS2_BAG,
     ".h5": _HDF5,
     ".hdf5": _HDF5,
-    ".mat": LogFormat(matlab.opened, matlab.topics),
-    ".tdms": LogFormat(tdms.opened, tdms.topics),
-    ".npz": LogFormat(npz.opened, _one_table),
+    ".mat": LogFormat(partial(opened_in_subprocess, matlab), partial(topics_in_subprocess, matlab)),
+    ".tdms": LogFormat(partial(opened_in_subprocess, tdms), lambda path: []),
+    ".npz": _one_table("NumPy", npz.opened),
 }
 """Ending -> format. A folder with a ``metadata.yaml`` is a ROS 2 bag."""
 
@@ -117,7 +137,7 @@ def _format(path: Path) -> LogFormat:
     """The format of a log by its ending, if the file begins as such files do."""
     try:
         if (path / _BAG_FOLDER).is_file():
-            return _BAG
+            return _ROS2_BAG
     except (OSError, ValueError):
         pass
     require_file(path, "log")

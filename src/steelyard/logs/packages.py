@@ -41,6 +41,24 @@ def shown(text: str, longest: int = _LONGEST) -> str:
     return printable if len(printable) <= longest else printable[: longest - 1] + "…"
 
 
+def damaged(
+    path: Path, expected: str, error: Exception | str, found: str = "one that is damaged"
+) -> InputError:
+    """The error of a file that its reader cannot make sense of.
+
+    Args:
+        path: Of the file.
+        expected: The format, with an article.
+        error: What went wrong; the message has its first line.
+        found: What the file is instead.
+    """
+    reason = (str(error).splitlines() or [""])[0] or type(error).__name__
+    return InputError(
+        f"{path}: expected {expected}, found {found} ({shown(reason, 120).rstrip('.')}); copy it"
+        " again"
+    )
+
+
 def listed(names: Iterable[str]) -> str:
     """The first names of a file, for messages."""
     first = [shown(name) for name in islice(names, MOST_LISTED + 1)]

@@ -12,6 +12,7 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.logs.frames import as_array
 from steelyard.logs.log import MOST_COLUMNS, Log, RowRange
+from steelyard.logs.packages import damaged
 from steelyard.logs.size import check_unpacked
 
 if TYPE_CHECKING:
@@ -22,18 +23,14 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def opened(path: Path, topic: str | None) -> Iterator[Log]:
+def opened(path: Path) -> Iterator[Log]:
     """Open a Parquet file; fields of structures and elements of arrays are columns of their own.
 
     Raises:
-        InputError: It is damaged, has too many columns, or a topic is asked for.
+        InputError: It is damaged, or has too many columns.
     """
     import polars as pl
 
-    if topic is not None:
-        raise InputError(
-            f"{path}: expected no 'topic' for a Parquet file, found '{topic}'; leave it out"
-        )
     with _one_sentence(path):
         table = pl.scan_parquet(_source(path), glob=False)
         schema = table.collect_schema()
@@ -106,10 +103,7 @@ def _one_sentence(path: Path) -> Iterator[None]:
     try:
         yield
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
-        reason = (str(error).splitlines() or [""])[0][:120].rstrip(".")
-        raise InputError(
-            f"{path}: expected a Parquet file, found something else ({reason}); copy it again"
-        ) from None
+        raise damaged(path, "a Parquet file", error, "something else") from None
 
 
 def _source(path: Path) -> Path | bytes:

@@ -104,7 +104,7 @@ def by_tension(
     """
     if cable.hangs:
         return _hanging("tension", cable, point, tension, steps)
-    _, wrap, leave, chord = _straight(cable, point)
+    wrap, leave, chord = _straight(cable, point)
     length = (chord + cable.radius * wrap) / (1 + tension * cable.compliance)
     return CableShape((leave - point) / chord, tension, length, leave, wrap, tension, ca.SX(0))
 
@@ -119,17 +119,17 @@ def by_length(cable: CableSpec, point: Symbol, fed: Symbol) -> CableShape:
     """
     if cable.hangs:
         return _hanging("length", cable, point, fed, _STEPS_BY_LENGTH)
-    _, wrap, leave, chord = _straight(cable, point)
+    wrap, leave, chord = _straight(cable, point)
     tension = ((chord + cable.radius * wrap) / fed - 1) / cable.compliance
     return CableShape((leave - point) / chord, tension, fed, leave, wrap, tension, ca.SX(0))
 
 
-def _straight(cable: CableSpec, point: Symbol) -> tuple[pulley.Roller, Symbol, Symbol, Symbol]:
-    """Roller, wrap angle, leave point and free length of a straight cable."""
+def _straight(cable: CableSpec, point: Symbol) -> tuple[Symbol, Symbol, Symbol]:
+    """Wrap angle, leave point and free length of a straight cable."""
     roller = pulley.swivel(cable.anchor, ca.SX(cable.axis), cable.radius, point)
     wrap = pulley.straight_wrap(roller, point) if cable.rolls else ca.SX(0)
     leave = pulley.leave_point(roller, wrap) if cable.rolls else cable.anchor
-    return roller, wrap, leave, ca.norm_2(leave - point)
+    return wrap, leave, ca.norm_2(leave - point)
 
 
 _Given = Literal["tension", "length"]

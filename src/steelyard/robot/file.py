@@ -19,6 +19,8 @@ Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 
+_LIBRARY = resources.files("steelyard.robot") / "library"
+"""Folder of the bundled robots."""
 _CLOSEST_ANCHORS = 1e-6
 """Distance of two anchors below which they are one [m]."""
 _MOST_CABLES = 64
@@ -126,12 +128,8 @@ class RobotForm(FileModel):
 
 def bundled_names() -> list[str]:
     """Names of the robots that come with steelyard."""
-    folder = resources.files("steelyard.robot") / "library"
-    return sorted(
-        entry.name.removesuffix(".yaml")
-        for entry in folder.iterdir()
-        if entry.name.endswith(".yaml")
-    )
+    files = [entry.name for entry in _LIBRARY.iterdir()]
+    return sorted(name.removesuffix(".yaml") for name in files if name.endswith(".yaml"))
 
 
 def bundled_text(name: str) -> str:
@@ -145,9 +143,7 @@ def bundled_text(name: str) -> str:
             f"robot '{name}': expected one of {', '.join(bundled_names())}, found none of that"
             " name; choose one of these"
         )
-    return (resources.files("steelyard.robot") / "library" / f"{name}.yaml").read_text(
-        encoding="utf-8"
-    )
+    return (_LIBRARY / f"{name}.yaml").read_text(encoding="utf-8")
 
 
 def read_robot(name_or_path: str | Path, folder: Path = Path()) -> Robot:
@@ -162,9 +158,7 @@ def read_robot(name_or_path: str | Path, folder: Path = Path()) -> Robot:
     """
     name_or_path = str(name_or_path)
     if name_or_path in bundled_names():
-        with resources.as_file(
-            resources.files("steelyard.robot") / "library" / f"{name_or_path}.yaml"
-        ) as path:
+        with resources.as_file(_LIBRARY / f"{name_or_path}.yaml") as path:
             return robot_of(read_yaml(path))
     if not name_or_path.endswith((".yaml", ".yml")) and not (folder / name_or_path).exists():
         raise InputError(
@@ -182,20 +176,18 @@ def robot_of(document: YamlDocument) -> Robot:
     """
     form = validate(RobotForm, document)
     _check(form, document)
-    gravity = form.gravity
-    if not isinstance(gravity, tuple):
-        gravity = (0.0, 0.0, -gravity)
+    gravity = form.gravity if isinstance(form.gravity, tuple) else (0.0, 0.0, -form.gravity)
     radians = None
     if form.limits.rpy_deg:
         radians = tuple(tuple(map(math.radians, row)) for row in form.limits.rpy_deg)
-    no_pulley = PulleyForm(radius=0.0)
+    pulleys = [cable.pulley or PulleyForm(radius=0.0) for cable in form.cables]
     return Robot(
         name=form.name,
         gravity=np.array(gravity),
         anchors=np.array([c.anchor for c in form.cables]),
         attachments=np.array([c.attachment for c in form.cables]),
-        pulley_radius=np.array([(c.pulley or no_pulley).radius for c in form.cables]),
-        pulley_axis=np.array([(c.pulley or no_pulley).axis for c in form.cables]).reshape(-1, 3),
+        pulley_radius=np.array([pulley.radius for pulley in pulleys]),
+        pulley_axis=np.array([pulley.axis for pulley in pulleys]).reshape(-1, 3),
         cable=CableProperties(**form.cable.model_dump()),
         tension_limits=(form.tension.min, form.tension.max) if form.tension else (0.0, math.inf),
         limits=Limits(
@@ -211,11 +203,8 @@ def _platform(form: PlatformForm | None) -> Inertia | None:
     if form is None:
         return None
     J = form.inertia
-    return Inertia(
-        form.mass,
-        np.array(form.center_of_gravity),
-        symmetric([J.xx, J.yy, J.zz, J.yz, J.xz, J.xy]),
-    )
+    inertia = symmetric([J.xx, J.yy, J.zz, J.yz, J.xz, J.xy])
+    return Inertia(form.mass, np.array(form.center_of_gravity), inertia)
 
 
 def _check(form: RobotForm, document: YamlDocument) -> None:
@@ -274,30 +263,28 @@ def robot_file(robot: Robot) -> dict[str, Any]:
         "gravity": float(-g[2]) if g[0] == g[1] == 0 and g[2] < 0 else g.tolist(),
         "cables": cables,
     }
-    properties = {k: v for k, v in vars(robot.cable).items() if v is not None}
     if robot.m:
-        values["cable"] = properties
+        values["cable"] = {k: v for k, v in vars(robot.cable).items() if v is not None}
     if np.isfinite(robot.tension_limits[1]):
         values["tension"] = {"min": robot.tension_limits[0], "max": robot.tension_limits[1]}
     limits = {k: v for k, v in vars(robot.limits).items() if v is not None}
     if "rpy" in limits:
         # Degrees with the digits that a person wrote, not those of the conversion.
-        limits["rpy_deg"] = [_degrees(row) for row in limits.pop("rpy")]
+        limits["rpy_deg"] = np.degrees(limits.pop("rpy")).round(9).tolist()
     if "position" in limits:
         limits["position"] = [list(row) for row in limits["position"]]
     if limits:
         values["limits"] = limits
     if robot.platform is not None:
-        moments = six(robot.platform.inertia).tolist()
-        values["platform"] = {
-            "mass": robot.platform.mass,
-            "center_of_gravity": robot.platform.center_of_gravity.tolist(),
-            "inertia": {
-                name[1:]: value for name, value in zip(BODY_PARAMETERS[4:], moments, strict=True)
-            },
-        }
+        values["platform"] = platform_values(robot.platform)
     return values
 
 
-def _degrees(angles: tuple[float, ...]) -> list[float]:
-    return [round(math.degrees(angle), 9) for angle in angles]
+def platform_values(body: Inertia) -> dict[str, Any]:
+    """A body as the plain values of the platform of a robot file."""
+    moments = zip(BODY_PARAMETERS[4:], six(body.inertia).tolist(), strict=True)
+    return {
+        "mass": body.mass,
+        "center_of_gravity": body.center_of_gravity.tolist(),
+        "inertia": {name[1:]: value + 0.0 for name, value in moments},
+    }

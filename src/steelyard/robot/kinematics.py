@@ -68,6 +68,33 @@ def shapes(
     ]
 
 
+def cable_wrench(
+    robot: Robot,
+    position: Symbol,
+    rotation: Symbol,
+    tension: Symbol,
+    anchors: Symbol,
+    attachments: Symbol,
+) -> Symbol:
+    """Wrench of the cables on the platform about its origin, in P [N], [N m], for any geometry,
+    shape (6,).
+
+    Args:
+        robot: Everything about the cables but where they are fixed.
+        position: Of the platform origin, world frame [m], shape (3,).
+        rotation: R_world_platform, shape (3, 3).
+        tension: At the platform [N], shape (m,).
+        anchors: World frame [m], shape (3, m).
+        attachments: Platform frame [m], shape (3, m).
+    """
+    wrench = ca.SX.zeros(6)
+    for i in range(robot.m):
+        spec = cable.spec(robot, i)._replace(anchor=anchors[:, i])
+        shape = cable.by_tension(spec, position + rotation @ attachments[:, i], tension[i])
+        wrench += structure_columns(rotation, attachments[:, i], shape.direction) * tension[i]
+    return wrench
+
+
 def paid_out(
     robot: Robot, position: Symbol, rotation: Symbol, velocity: Symbol, omega: Symbol
 ) -> Symbol:
@@ -85,19 +112,14 @@ def paid_out(
         velocity: Of the platform origin, world frame [m/s], shape (3,).
         omega: Angular velocity, platform frame [rad/s], shape (3,).
     """
-    pulls = [
-        c.direction
-        for c in shapes(robot.with_straight_cables(), position, rotation, ca.SX.ones(robot.m))
-    ]
-    corners = ca.DM(robot.attachments.T)
+    straight = shapes(robot.with_straight_cables(), position, rotation, ca.SX.ones(robot.m))
     # A roller turns with its cable, and a cable that leaves it tangentially grows as its free end
     # moves away.
-    return ca.vertcat(
-        *[
-            -ca.dot(pull, point_velocity(rotation, velocity, omega, corners[:, i]))
-            for i, pull in enumerate(pulls)
-        ]
-    )
+    rates = []
+    for attachment, each in zip(robot.attachments, straight, strict=True):
+        moved = point_velocity(rotation, velocity, omega, ca.DM(attachment))
+        rates.append(-ca.dot(each.direction, moved))
+    return ca.vertcat(*rates)
 
 
 @lru_cache(maxsize=32)

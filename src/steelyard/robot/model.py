@@ -70,6 +70,7 @@ class Robot:
     """Nominal body."""
 
     def __post_init__(self) -> None:
+        """Bring all arrays into their shapes, axes to unit length."""
         anchors = readonly(np.reshape(self.anchors, (-1, 3)), (None, 3), "anchors")
         m = len(anchors)
         no_pulleys = np.size(self.pulley_radius) == 0
@@ -100,9 +101,8 @@ class Robot:
         """Radius of the platform as its attachments show it [m]; 1 m without cables."""
         if not self.m:
             return 1.0
-        return float(
-            np.sqrt(np.mean(np.sum((self.attachments - self.attachments.mean(0)) ** 2, axis=1)))
-        )
+        off_centre = self.attachments - self.attachments.mean(0)
+        return float(np.sqrt(np.mean(np.sum(off_centre**2, axis=1))))
 
     def __repr__(self) -> str:
         body = (

@@ -227,23 +227,12 @@ def _of_forces(expressions: _RunExpressions, readings: ForceReadings) -> Instrum
         *_border(expressions, name, by_terms, by, found["by_gravity"]),
     ]
     if robot.m:
-        border += _geometry_border(expressions.calibration.calibration_parameters, found)
+        calibration_parameters = expressions.calibration.calibration_parameters
+        places = calibration_parameters.places
+        geometry = {"anchor": "by_anchor", "attachment": "by_attachment", DRAG: "by_drag"}
+        border_of_robot = [(places[ROBOT, key, None], found[by]) for key, by in geometry.items()]
+        border += _uncertain(calibration_parameters, border_of_robot)
     return _whitened(name, readings.rate, expressions, whitener, by, border)
-
-
-def _geometry_border(
-    calibration_parameters: CalibrationParameters, found: dict[str, Symbol]
-) -> BorderTerms:
-    """Derivatives of the balance by the uncertain geometry and by the inertia of the cables."""
-    places = calibration_parameters.places
-    return _uncertain(
-        calibration_parameters,
-        [
-            (places[ROBOT, "anchor", None], found["by_anchor"]),
-            (places[ROBOT, "attachment", None], found["by_attachment"]),
-            (places[ROBOT, DRAG, None], found["by_drag"]),
-        ],
-    )
 
 
 def _border(

@@ -1,4 +1,5 @@
-"""The recording that a motion would give without noise and errors, if it is followed exactly.
+"""The recording that a motion would give without noise and errors, if it is followed exactly, and
+what maximum likelihood makes of it.
 
 What an estimator says of its uncertainty from this recording is the prediction: the very code that
 will read the recording has read it.
@@ -15,6 +16,9 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.instruments import Instrument
 from steelyard.instruments.equations import means, predict
 from steelyard.motion.state import State
@@ -75,6 +79,29 @@ def with_noise_free_runs(
         }
         runs.append(Run(run, streams, dict.fromkeys(streams, 0.0)))
     return replace(planned, runs=tuple(runs))
+
+
+def fit_noise_free(
+    experiment: Experiment,
+    trajectories: Mapping[str, Trajectory],
+    level: float,
+    progress: Progress = None,
+    *,
+    settings: DesignSettings = DEFAULT,
+) -> Posterior:
+    """The joint fit of maximum likelihood to noise-free recordings of motions.
+
+    Raises:
+        InputError: The instruments cannot identify anything, or lack a rate or a noise.
+    """
+    recorded = with_noise_free_runs(experiment, trajectories, level, settings)
+    try:
+        return fit_jointly(recorded, progress)
+    except NoBalanceError as error:
+        raise InputError(
+            f"{experiment.source or experiment.name}: expected instruments and a motion that"
+            f" identify something of the body, found that {error}"
+        ) from None
 
 
 def _noise_free_stream(

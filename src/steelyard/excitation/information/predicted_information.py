@@ -29,6 +29,7 @@ from steelyard.identification.model.segment import (
     accumulate,
     spread,
 )
+from steelyard.inertia import TEN
 from steelyard.smoothing import DEGREE
 
 
@@ -42,9 +43,13 @@ class PredictedInformation:
     of some motion."""
     duration: float
     """[s]"""
-    border: int
-    """Number of border parameters b, see :class:`.InstrumentInformation`."""
     settings: DesignSettings = DEFAULT
+
+    @cached_property
+    def border(self) -> int:
+        """Number of border parameters b, see :class:`.InstrumentInformation`."""
+        uncertain = self.point.calibration.calibration_parameters.deviation > 0
+        return TEN + int(uncertain.sum())
 
     @cached_property
     def instruments(self) -> tuple[InstrumentInformation, ...]:

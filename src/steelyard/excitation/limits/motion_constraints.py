@@ -105,25 +105,12 @@ class MotionConstraints:
         )
 
 
-@lru_cache(maxsize=8)
-def _expressions(
-    robot: Robot,
-    instruments: tuple[tuple[str, Instrument], ...],
-    margin: Margin,
-    limit_fraction: float,
-    limits_frequencies: bool,
-) -> _ConstraintExpressions:
-    return _ConstraintExpressions(
-        robot, dict(instruments), margin, limit_fraction, limits_frequencies
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class _ConstraintExpressions:
     """The constraints as expressions."""
 
     robot: Robot
-    instruments: Mapping[str, Instrument]
+    instruments: tuple[tuple[str, Instrument], ...]
     margin: Margin
     limit_fraction: float
     limits_frequencies: bool
@@ -152,12 +139,9 @@ class _ConstraintExpressions:
     @cached_property
     def _built(self) -> tuple[dict[str, Symbol], list[tuple[str, Symbol]]]:
         """Inputs, and the constraints in the order of their names."""
-        inputs = {
-            "command": ca.SX.sym("command", COMMAND),
-            "level": ca.SX.sym("level"),
-            "largest": ca.SX.sym("largest"),
-        }
-        command, level, largest = inputs.values()
+        command = ca.SX.sym("command", COMMAND)
+        level, largest = ca.SX.sym("level"), ca.SX.sym("largest")
+        inputs = {"command": command, "level": level, "largest": largest}
         state = commanded_state(command, self.robot.gravity)
         found = [
             *self._box(command),
@@ -186,7 +170,7 @@ class _ConstraintExpressions:
         yield from self._below("acceleration", acceleration, limits.acceleration)
         yield from self._below("angular speed", state.omega, limits.angular_speed)
         yield from self._below("angular acceleration", state.alpha, limits.angular_acceleration)
-        for name, instrument in self.instruments.items():
+        for name, instrument in self.instruments:
             own, place = instrument.target_limits, instrument.mounting.point
             if own is not None and place is not None:
                 target = f"the target of '{name}'"
@@ -247,3 +231,7 @@ class _ConstraintExpressions:
         spread = ca.sqrt(ca.sum2(shifted**2) + _ROUNDING)
         ends = [none + (1 + sign * self.margin.share) * nominal for sign in (-1, 1)]
         return ca.fmin(*ends) - spread, ca.fmax(*ends) + spread
+
+
+_expressions = lru_cache(maxsize=8)(_ConstraintExpressions)
+"""One and the same value for the same robot: what has been built for it is found again."""

@@ -122,7 +122,7 @@ def default_start_pose(constraints: MotionConstraints, settings: DesignSettings 
     if distance[0] <= 0:
         raise InputError(
             f"robot '{robot.name}': expected that {robot.m} cables can hold the platform in the"
-            f" middle of its limits, {_listed(poses[0, :3])} m, even if it differs by"
+            f" middle of its limits, {listed_numbers(poses[0, :3])} m, even if it differs by"
             f" {constraints.margin.share:.0%}, found that they can in {int(np.sum(distance > 0))} of"
             f" {len(poses)} places; check that all cables are listed, or give a pose with --start,"
             f" such as {' '.join(f'{value:.3g}' for value in best[:3])} 0 0 0, or a smaller"
@@ -165,10 +165,11 @@ def _outside(
     """That a chosen pose is not within the limits."""
     low, high = np.array(limits)
     return InputError(
-        f"--{which}: expected {what} within {_listed(low)} to {_listed(high)} {unit}, found"
-        f" {_listed(found)}; choose a pose within 'limits' of robot '{robot.name}'"
+        f"--{which}: expected {what} within {listed_numbers(low)} to {listed_numbers(high)} {unit}, found"
+        f" {listed_numbers(found)}; choose a pose within 'limits' of robot '{robot.name}'"
     )
 
 
-def _listed(values: Array) -> str:
+def listed_numbers(values: Array) -> str:
+    """Coordinates in brackets, for messages."""
     return "(" + ", ".join(f"{value:g}" for value in np.asarray(values)) + ")"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -79,73 +80,149 @@ def verify(
         elastic: Whether to check it on elastic cables too, which takes some seconds.
         settings: Of the design.
     """
-    assert robot.platform is not None
-    times = times_of(trajectory, settings.checks_per_second)
-    state = ExactMotion(robot, robot.platform, trajectory).at(times)
-    pose, rate, acceleration = (trajectory.derivative(times, order) for order in range(3))
-    if robot.m:
-        state = replace(state, tension=_tensions(robot, trajectory, times, state, level, settings))
-    commanded = tuple(
-        _uses(robot, instruments, times, pose, rate[:, :3], acceleration[:, :3], state)
-    )
+    motion = _CheckedMotion(robot, instruments, trajectory, level, settings)
+    commanded = motion.commanded()
     violations = [str(use) for use in commanded if use.fraction > 1]
     bodies = None
     if robot.m:
         try:
-            bodies = _over_bodies(robot, trajectory, margin, level, settings)
+            bodies = motion.over_bodies(margin)
         except InfeasibleError as error:
             violations.append(f"with a body that differs by {margin.share:.0%}: {error}")
     on_cables: tuple[Use, ...] = ()
     if elastic and not violations and robot.m and robot.cable.axial_stiffness:
-        on_cables, violations = _over_stiffnesses(
-            robot, instruments, trajectory, times, level, settings
-        )
+        on_cables, violations = motion.over_stiffnesses(robot.cable.axial_stiffness)
     return Verified(commanded, bodies, on_cables, tuple(violations))
 
 
-def _over_stiffnesses(
-    robot: Robot,
-    instruments: Mapping[str, Instrument],
-    trajectory: Trajectory,
-    times: Array,
-    level: float,
-    settings: DesignSettings,
-) -> tuple[tuple[Use, ...], list[str]]:
-    """What the platform uses of the limits on elastic cables, and the violations at the first
-    stiffness that has any.
-    """
-    assert robot.cable.axial_stiffness is not None
-    uses: tuple[Use, ...] = ()
-    violations: list[str] = []
-    for factor in settings.stiffness_factors:
-        cable = replace(robot.cable, axial_stiffness=factor * robot.cable.axial_stiffness)
-        other = replace(robot, cable=cable)
-        where = f"on cables of {factor:g} times the stated stiffness"
+@dataclass(frozen=True, eq=False)
+class _CheckedMotion:
+    """A motion of a robot with a nominal platform; see :func:`verify`."""
+
+    robot: Robot
+    instruments: Mapping[str, Instrument]
+    trajectory: Trajectory
+    level: float
+    settings: DesignSettings
+
+    @cached_property
+    def times(self) -> Array:
+        """Instants at which it is checked [s], shape (n,)."""
+        return times_of(self.trajectory, self.settings.checks_per_second)
+
+    @property
+    def platform(self) -> Inertia:
+        """The nominal one."""
+        assert self.robot.platform is not None
+        return self.robot.platform
+
+    def commanded(self) -> tuple[Use, ...]:
+        """What the motion uses of the limits where it is followed exactly."""
+        state = ExactMotion(self.robot, self.platform, self.trajectory).at(self.times)
+        pose, rate, acceleration = (
+            self.trajectory.derivative(self.times, order) for order in range(3)
+        )
+        if self.robot.m:
+            state = replace(state, tension=self._tensions(state))
+        return tuple(self._uses(pose, rate[:, :3], acceleration[:, :3], state))
+
+    def _tensions(self, state: State) -> Array:
+        """Tensions within the limits that move the nominal platform; where there are none, those
+        that would, whatever the limits [N], shape (n, m).
+        """
         try:
-            uses = _on_elastic_cables(other, instruments, trajectory, times, level, settings)
-            violations += [f"{where}: {use}" for use in uses if use.fraction > 1]
-        except InfeasibleError as error:
-            violations.append(f"{where}: {error}")
-        if violations:
-            break
-    return uses, violations
+            return commanded_tensions(self.robot, self.trajectory, self.times, level=self.level)
+        except InfeasibleError:
+            return tensions_near_level(self.robot, state, self.level, self.settings)
 
+    def over_bodies(self, margin: Margin) -> Use:
+        """Tensions within the limits that move every one of the bodies, and hold it where it stops.
 
-def _tensions(
-    robot: Robot,
-    trajectory: Trajectory,
-    times: Array,
-    state: State,
-    level: float,
-    settings: DesignSettings,
-) -> Array:
-    """Tensions within the limits that move the nominal platform; where there are none, those that
-    would, whatever the limits [N], shape (n, m).
-    """
-    try:
-        return commanded_tensions(robot, trajectory, times, level=level)
-    except InfeasibleError:
-        return tensions_near_level(robot, state, level, settings)
+        Raises:
+            InfeasibleError: There are none somewhere.
+        """
+        times = times_of(self.trajectory, self.settings.body_checks_per_second)
+        found = []
+        for body in bodies_within(self.platform, margin):
+            other = replace(self.robot, platform=body)
+            found += [
+                commanded_tensions(other, self.trajectory, times, still=still, level=self.level)
+                for still in (False, True)
+            ]
+        return _tension(self.robot, np.concatenate(found))
+
+    def over_stiffnesses(self, stated: float) -> tuple[tuple[Use, ...], list[str]]:
+        """What the platform uses of the limits on elastic cables, and the violations at the first
+        stiffness that has any.
+
+        Args:
+            stated: Axial stiffness of the cables [N].
+        """
+        uses: tuple[Use, ...] = ()
+        violations: list[str] = []
+        for factor in self.settings.stiffness_factors:
+            cable = replace(self.robot.cable, axial_stiffness=factor * stated)
+            other = replace(self, robot=replace(self.robot, cable=cable))
+            where = f"on cables of {factor:g} times the stated stiffness"
+            try:
+                uses = other.on_elastic_cables()
+                violations += [f"{where}: {use}" for use in uses if use.fraction > 1]
+            except InfeasibleError as error:
+                violations.append(f"{where}: {error}")
+            if violations:
+                break
+        return uses, violations
+
+    def on_elastic_cables(self) -> tuple[Use, ...]:
+        """What the platform uses of the limits as it really moves on its cables, swinging about
+        the command.
+
+        Raises:
+            InfeasibleError: A cable goes slack.
+        """
+        moved = CablePlatform(self.robot, self.platform).move(
+            self.trajectory, tolerance=self.settings.elastic_tolerance, level=self.level
+        )
+        state = moved.at(self.times)
+        rpy = Rotation.from_matrix(state.rotation).as_euler("ZYX")[:, ::-1]
+        pose = np.hstack([state.position, np.unwrap(rpy, axis=0)])
+        velocity = moved.solution(self.times)[7:10].T
+        gravity = self.robot.gravity
+        acceleration = np.einsum("nij,nj->ni", state.rotation, state.specific_force) + gravity
+        return tuple(self._uses(pose, velocity, acceleration, state))
+
+    def _uses(
+        self, pose: Array, velocity: Array, acceleration: Array, state: State
+    ) -> Iterator[Use]:
+        """What a motion uses of every limit of the robot and of its trackers.
+
+        Args:
+            pose: x, y, z [m], roll, pitch, yaw [rad], shape (n, 6).
+            velocity: Of the platform origin, world frame [m/s], shape (n, 3).
+            acceleration: Its derivative [m/s^2], shape (n, 3).
+            state: With tensions, where there are cables.
+        """
+        robot, times = self.robot, self.times
+        extremes = extremes_of(robot.limits, pose, velocity, acceleration, state.omega, state.alpha)
+        yield from extremes.uses
+        for name, instrument in self.instruments.items():
+            limits, place = instrument.target_limits, instrument.mounting.point
+            if limits is not None and place is not None:
+                point = state.position + state.rotation @ np.array(place)
+                target = f"the target of '{name}'"
+                rate = np.gradient(point, times, axis=0, edge_order=2)
+                yield below(f"speed of {target}", "m/s", rate, limits.speed)
+                second = np.gradient(rate, times, axis=0, edge_order=2)
+                yield below(f"acceleration of {target}", "m/s^2", second, limits.acceleration)
+        if robot.m:
+            length = cables_at(
+                robot.with_straight_cables(), state.position, state.rotation, np.ones(robot.m)
+            ).length
+            fed = np.abs(np.gradient(length, times, axis=0, edge_order=2)).max(
+                axis=1, keepdims=True
+            )
+            yield below("cable speed", "m/s", fed, robot.limits.cable_speed)
+            yield _tension(robot, state.tension)
 
 
 def bodies_within(body: Inertia, margin: Margin) -> Iterator[Inertia]:
@@ -158,26 +235,6 @@ def bodies_within(body: Inertia, margin: Margin) -> Iterator[Inertia]:
             yield Inertia(
                 (1 + share) * body.mass, body.center_of_gravity + shift, (1 + share) * body.inertia
             )
-
-
-def _over_bodies(
-    robot: Robot, trajectory: Trajectory, margin: Margin, level: float, settings: DesignSettings
-) -> Use:
-    """Tensions within the limits that move every one of the bodies, and hold it where it stops.
-
-    Raises:
-        InfeasibleError: There are none somewhere.
-    """
-    assert robot.platform is not None
-    times = times_of(trajectory, settings.body_checks_per_second)
-    found = []
-    for body in bodies_within(robot.platform, margin):
-        other = replace(robot, platform=body)
-        found += [
-            commanded_tensions(other, trajectory, times, still=still, level=level)
-            for still in (False, True)
-        ]
-    return _tension(robot, np.concatenate(found))
 
 
 def _tension(robot: Robot, values: Array) -> Use:
@@ -194,57 +251,3 @@ def _tension(robot: Robot, values: Array) -> Use:
         of_low = low / max(least, 1e-9)
         fraction = min(1.0, max(of_high, of_low))
     return Use("tension", "N", (least, most), (low, high), fraction)
-
-
-def _uses(
-    robot: Robot,
-    instruments: Mapping[str, Instrument],
-    times: Array,
-    pose: Array,
-    velocity: Array,
-    acceleration: Array,
-    state: State,
-) -> Iterator[Use]:
-    """What a motion uses of every limit of the robot and of its trackers."""
-    extremes = extremes_of(robot.limits, pose, velocity, acceleration, state.omega, state.alpha)
-    yield from extremes.uses
-    for name, instrument in instruments.items():
-        limits, place = instrument.target_limits, instrument.mounting.point
-        if limits is not None and place is not None:
-            point = state.position + state.rotation @ np.array(place)
-            target = f"the target of '{name}'"
-            rate = np.gradient(point, times, axis=0, edge_order=2)
-            yield below(f"speed of {target}", "m/s", rate, limits.speed)
-            second = np.gradient(rate, times, axis=0, edge_order=2)
-            yield below(f"acceleration of {target}", "m/s^2", second, limits.acceleration)
-    if robot.m:
-        length = cables_at(
-            robot.with_straight_cables(), state.position, state.rotation, np.ones(robot.m)
-        ).length
-        fed = np.abs(np.gradient(length, times, axis=0, edge_order=2)).max(axis=1, keepdims=True)
-        yield below("cable speed", "m/s", fed, robot.limits.cable_speed)
-        yield _tension(robot, state.tension)
-
-
-def _on_elastic_cables(
-    robot: Robot,
-    instruments: Mapping[str, Instrument],
-    trajectory: Trajectory,
-    times: Array,
-    level: float,
-    settings: DesignSettings,
-) -> tuple[Use, ...]:
-    """The same of what the platform really does on its cables, which swings about the command.
-
-    Raises:
-        InfeasibleError: A cable goes slack.
-    """
-    assert robot.platform is not None
-    platform = CablePlatform(robot, robot.platform)
-    moved = platform.move(trajectory, tolerance=settings.elastic_tolerance, level=level)
-    state = moved.at(times)
-    rpy = Rotation.from_matrix(state.rotation).as_euler("ZYX")[:, ::-1]
-    pose = np.hstack([state.position, np.unwrap(rpy, axis=0)])
-    velocity = moved.solution(times)[7:10].T
-    acceleration = np.einsum("nij,nj->ni", state.rotation, state.specific_force) + robot.gravity
-    return tuple(_uses(robot, instruments, times, pose, velocity, acceleration, state))

@@ -16,7 +16,7 @@ from steelyard.excitation.information.linearisation_point import (
     border_columns,
     prior_information,
 )
-from steelyard.excitation.information.noise_free_fit import fit_noise_free
+from steelyard.excitation.information.noise_free_recording import fit_noise_free
 from steelyard.excitation.information.predicted_information import PredictedInformation
 from steelyard.excitation.limits.cable_vibration import (
     CableVibration,
@@ -36,7 +36,7 @@ from steelyard.identification.model.calibration_parameters import CalibrationPar
 from steelyard.identification.model.motion_residuals import Segment, jerk_matrices
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.solve.segmentation import resampled
-from steelyard.inertia import TEN, Inertia
+from steelyard.inertia import Inertia
 from steelyard.motion.trajectory import multisine
 from steelyard.robot.model import Robot
 from steelyard.simulation.trajectories import workspace_of
@@ -147,9 +147,7 @@ def _intervals(duration: float, lowest: float | None, settings: DesignSettings) 
     return intervals
 
 
-def check_direct_move(
-    robot: Robot, experiment: Experiment, family: MotionFamily, settings: DesignSettings
-) -> None:
+def check_direct_move(family: MotionFamily, settings: DesignSettings) -> None:
     """The direct move from start to end must be possible, or nothing is.
 
     Raises:
@@ -157,8 +155,8 @@ def check_direct_move(
     """
     spline, constraints = family.spline, family.constraints
     found = verify(
-        robot,
-        experiment.instruments,
+        constraints.robot,
+        constraints.instruments,
         spline.trajectory(np.zeros(spline.size)),
         constraints.margin,
         constraints.level,
@@ -167,7 +165,7 @@ def check_direct_move(
     )
     if found.violations:
         raise InputError(
-            f"robot '{robot.name}': expected that it can go from start to end in"
+            f"robot '{constraints.robot.name}': expected that it can go from start to end in"
             f" {spline.duration:g} s, found {found.violations[0]}; choose a longer --duration,"
             " other poses or a smaller --margin"
         )
@@ -203,10 +201,8 @@ def predicted_information(
     coarse: Segment = resampled(
         segment, replace(segment, knots=grid, jerks=jerk_matrices(grid), readings=())
     )
-    calibration_parameters = joint.fit.state.calibration.calibration_parameters
-    border = TEN + int((calibration_parameters.deviation > 0).sum())
     point = LinearisationPoint.of(joint, run, level)
-    return PredictedInformation(point, coarse, spline.duration, border, settings), joint
+    return PredictedInformation(point, coarse, spline.duration, settings), joint
 
 
 def shared_information(information: Array, calibration_parameters: CalibrationParameters) -> Array:
@@ -214,13 +210,8 @@ def shared_information(information: Array, calibration_parameters: CalibrationPa
     same in all runs; errors of single runs begin with their prior again.
     """
     column_of = border_columns(calibration_parameters)
-    own = column_of[
-        [
-            place
-            for place, parameter, _ in calibration_parameters.components()
-            if parameter.run is not None
-        ]
-    ]
+    components = calibration_parameters.components()
+    own = column_of[[place for place, parameter, _ in components if parameter.run is not None]]
     own = own[own >= 0]
     if not len(own):
         return information

@@ -12,11 +12,9 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.excitation.limits.verification import Verified, verify
 from steelyard.excitation.search.design_problem import DesignProblem, SearchResult
-from steelyard.experiment.model import Experiment
 
 
 def feasible_motion(
-    experiment: Experiment,
     problem: DesignProblem,
     starts: Sequence[Array],
     ends: Sequence[SearchResult],
@@ -25,7 +23,6 @@ def feasible_motion(
     """The best motion, scaled down as far as the limits ask for, and how much of them it uses.
 
     Args:
-        experiment: Robot and instruments.
         problem: That was searched.
         starts: Free coefficients of the starts, shape (6 f,) each.
         ends: Of the searches.
@@ -40,7 +37,7 @@ def feasible_motion(
     def checked(scale: float, *, elastic: bool) -> Verified:
         return verify(
             constraints.robot,
-            experiment.instruments,
+            constraints.instruments,
             problem.spline.trajectory(scale * x),
             constraints.margin,
             constraints.level,

@@ -83,14 +83,28 @@ class SolverFunctions:
     """
 
     def __init__(self, evaluated: EvaluatedProgramme) -> None:
-        x = ca.MX.sym("x", len(evaluated.start))
-        objective, constraints = _Objective(evaluated), _Constraints(evaluated)
-        gradient, jacobian = _Gradient(evaluated), _Jacobian(evaluated)
-        self._owned = objective, gradient, constraints, jacobian
-        self.programme: dict[str, Any] = {"x": x, "f": objective(x), "g": constraints(x)}
+        n, first = len(evaluated.start), evaluated.at(evaluated.start)
+        jacobian = first.jacobian
+        # Column by column, as CasADi keeps its entries.
+        order = np.lexsort((jacobian.row, jacobian.col))
+        row, column = jacobian.row[order].tolist(), jacobian.col[order].tolist()
+        count, _ = jacobian.shape
+        entries = ca.Sparsity.triplet(count, n, row, column)
+        dense = ca.Sparsity.dense
+        x = ca.MX.sym("x", n)
+        self._owned = (
+            _ProgrammePart("objective", n, dense(1, 1), lambda x: evaluated.at(x).value),
+            _ProgrammePart("gradient", n, dense(n, 1), evaluated.gradient),
+            _ProgrammePart(
+                "constraints", n, dense(count, 1), lambda x: evaluated.at(x).constraints
+            ),
+            _ProgrammePart("jacobian", n, entries, lambda x: evaluated.at(x).jacobian.data[order]),
+        )
+        f, grad_f, g, jac_g = (part(x) for part in self._owned)
+        self.programme: dict[str, Any] = {"x": x, "f": f, "g": g}
         self.derivatives: dict[str, Any] = {
-            "grad_f": _with_parameters("nlp_grad_f", x, [objective(x), gradient(x)]),
-            "jac_g": _with_parameters("nlp_jac_g", x, [constraints(x), jacobian(x)]),
+            "grad_f": _with_parameters("nlp_grad_f", x, [f, grad_f]),
+            "jac_g": _with_parameters("nlp_jac_g", x, [g, jac_g]),
             "no_nlp_grad": True,
         }
         """Options of ``nlpsol``."""
@@ -101,73 +115,19 @@ def _with_parameters(name: str, x: Any, outputs: Sequence[Any]) -> Any:
     return ca.Function(name, [x, ca.MX.sym("p", 0)], list(outputs))
 
 
-class _ProgrammeFunction(ca.Callback):
-    """One part of the programme as a function of the unknowns."""
+class _ProgrammePart(ca.Callback):
+    """One part of the programme as a function of the n unknowns."""
 
-    called = "part"
-
-    def __init__(self, evaluated: EvaluatedProgramme) -> None:
+    def __init__(self, name: str, n: int, form: Any, value: Callable[[Any], Any]) -> None:
         ca.Callback.__init__(self)
-        self._evaluated = evaluated
-        self._form = self._sparsity()
-        self.construct(self.called, {})
-
-    def get_n_in(self) -> int:
-        return 1
-
-    def get_n_out(self) -> int:
-        return 1
+        self._n, self._form, self._value = n, form, value
+        self.construct(name, {})
 
     def get_sparsity_in(self, i: int) -> Any:
-        return ca.Sparsity.dense(len(self._evaluated.start), 1)
+        return ca.Sparsity.dense(self._n, 1)
 
     def get_sparsity_out(self, i: int) -> Any:
         return self._form
 
-    def _sparsity(self) -> Any:
-        raise NotImplementedError
-
-
-class _Objective(_ProgrammeFunction):
-    called = "objective"
-
-    def _sparsity(self) -> Any:
-        return ca.Sparsity.dense(1, 1)
-
     def eval(self, arg: Any) -> list[Any]:
-        return [self._evaluated.at(arg[0]).value]
-
-
-class _Gradient(_ProgrammeFunction):
-    called = "gradient"
-
-    def _sparsity(self) -> Any:
-        return ca.Sparsity.dense(len(self._evaluated.start), 1)
-
-    def eval(self, arg: Any) -> list[Any]:
-        return [ca.DM(self._evaluated.gradient(arg[0]))]
-
-
-class _Constraints(_ProgrammeFunction):
-    called = "constraints"
-
-    def _sparsity(self) -> Any:
-        return ca.Sparsity.dense(len(self._evaluated.at(self._evaluated.start).constraints), 1)
-
-    def eval(self, arg: Any) -> list[Any]:
-        return [ca.DM(self._evaluated.at(arg[0]).constraints)]
-
-
-class _Jacobian(_ProgrammeFunction):
-    called = "jacobian"
-
-    def _sparsity(self) -> Any:
-        jacobian = self._evaluated.at(self._evaluated.start).jacobian
-        # Column by column, as CasADi keeps its entries.
-        self._order = np.lexsort((jacobian.row, jacobian.col))
-        row, column = jacobian.row[self._order], jacobian.col[self._order]
-        rows, columns = jacobian.shape
-        return ca.Sparsity.triplet(rows, columns, row.tolist(), column.tolist())
-
-    def eval(self, arg: Any) -> list[Any]:
-        return [ca.DM(self._form, self._evaluated.at(arg[0]).jacobian.data[self._order])]
+        return [ca.DM(self._form, self._value(arg[0]))]

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from steelyard.arrays import Array
@@ -26,8 +27,8 @@ def multi_start(
     *,
     steps: int,
     until: float,
-    processes: int = 1,
-    progress: MultiStartProgress | None = None,
+    processes: int,
+    progress: MultiStartProgress,
 ) -> list[SearchResult]:
     """Search from every start; what has not begun when the time is up is left out.
 
@@ -39,26 +40,20 @@ def multi_start(
         processes: At a time; 1: this one alone.
         progress: Is given every iterate.
     """
-    report = progress or (lambda start, step, value: None)
+    searches = _Searches(problem, starts, steps, until)
     if processes == 1 or len(starts) == 1:
-        found: list[SearchResult] = []
-        for i, start in enumerate(starts):
-            if not found or time.time() < until:
-                found.append(_one(problem, i, start, steps, until, report))
-        return found
+        found = [searches.result(i, progress) for i in range(len(starts))]
+        return [each for each in found if each is not None]
     context = multiprocessing.get_context("spawn")
     with ExitStack() as stack:
         with _interrupts_ignored():
             manager = stack.enter_context(context.Manager())
             pool = stack.enter_context(context.Pool(min(processes, len(starts))))
         mailbox = manager.Queue()
-        asked = [
-            pool.apply_async(_posted, (problem, i, start, steps, until, mailbox))
-            for i, start in enumerate(starts)
-        ]
+        asked = [pool.apply_async(searches.posted, (i, mailbox)) for i in range(len(starts))]
         while not all(each.ready() for each in asked):
             try:
-                report(*mailbox.get(timeout=_POLL))
+                progress(*mailbox.get(timeout=_POLL))
             except queue.Empty:
                 continue
         return [each for post in asked if (each := post.get()) is not None]
@@ -79,27 +74,26 @@ def _interrupts_ignored() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _posted(
-    problem: DesignProblem, i: int, start: Array, steps: int, until: float, mailbox: Any
-) -> SearchResult | None:
-    """One search in a process of its own, whose progress goes to a mailbox."""
-    if i and time.time() >= until:
-        return None
-    return _one(problem, i, start, steps, until, lambda *news: mailbox.put(news))
+@dataclass(frozen=True, eq=False)
+class _Searches:
+    """What the searches from all starts have in common; see :func:`multi_start`."""
 
+    problem: DesignProblem
+    starts: Sequence[Array]
+    steps: int
+    until: float
 
-def _one(
-    problem: DesignProblem,
-    i: int,
-    start: Array,
-    steps: int,
-    until: float,
-    report: MultiStartProgress,
-) -> SearchResult:
-    """One search, whose progress carries the number of its start."""
-    return problem.search(
-        start,
-        steps=steps,
-        seconds=until - time.time(),
-        progress=lambda step, value: report(i, step, value),
-    )
+    def result(self, i: int, report: MultiStartProgress) -> SearchResult | None:
+        """Search from a start; None: the time is up, and it is not the first one."""
+        if i and time.time() >= self.until:
+            return None
+        return self.problem.search(
+            self.starts[i],
+            steps=self.steps,
+            seconds=self.until - time.time(),
+            progress=lambda step, value: report(i, step, value),
+        )
+
+    def posted(self, i: int, mailbox: Any) -> SearchResult | None:
+        """The same in a process of its own, whose progress goes to a mailbox."""
+        return self.result(i, lambda *news: mailbox.put(news))

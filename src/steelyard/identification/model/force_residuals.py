@@ -40,8 +40,7 @@ from steelyard.inertia import TEN
 from steelyard.instruments.equations import following, sensitivity, solve_for
 from steelyard.motion.state import State, state_of_pose
 from steelyard.robot.cable_inertia import cable_inertia_expression
-from steelyard.robot.geometry import cable_wrench
-from steelyard.robot.kinematics import cables_at
+from steelyard.robot.kinematics import cable_wrench, cables_at
 from steelyard.robot.model import Robot
 
 BALANCE = "balance"

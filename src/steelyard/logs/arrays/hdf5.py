@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,18 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.logs.arrays.nested import Arrays, Key, Source, is_number, is_row
-from steelyard.logs.arrays.subprocess_reader import (
-    opened_in_subprocess,
-    serve,
-    topics_in_subprocess,
-)
-from steelyard.logs.log import Log
+from steelyard.logs.arrays.nested import Arrays, Key, Source, fields_of, is_number, is_row
+from steelyard.logs.arrays.subprocess_reader import serve
 from steelyard.logs.packages import require_package
 from steelyard.logs.size import check_unpacked
 from steelyard.units import is_unit
 
-_WHAT = "an HDF5 file"
+WHAT = "an HDF5 file"
 _MOST_OBJECTS = 20_000
 """Groups and datasets of one file: recordings have hundreds; each costs a millisecond."""
 _DEEPEST = 50
@@ -35,24 +30,9 @@ _LONGEST_UNIT = 64
 """Bytes of the name of a unit."""
 
 
-def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:
-    """Open a group of an HDF5 file.
-
-    Raises:
-        InputError: The file is damaged, or has no such group.
-    """
+def require(path: Path) -> None:
+    """Raise InputError unless the library that reads the file is installed."""
     require_package(path, "h5py", "h5py", "HDF5")
-    return opened_in_subprocess(__name__, path, topic, _WHAT)
-
-
-def topics(path: Path) -> list[str]:
-    """Groups of an HDF5 file from which one has to be chosen; none: it is one table.
-
-    Raises:
-        InputError: The file is damaged, or has too many groups.
-    """
-    require_package(path, "h5py", "h5py", "HDF5")
-    return topics_in_subprocess(__name__, path, _WHAT)
 
 
 @contextmanager
@@ -92,14 +72,12 @@ def sources_of(
         _check_chunks(path, dataset)
         shape = tuple(reversed(dataset.shape)) if rows_last else tuple(dataset.shape)
         unit = _unit(dataset)
-        for fields, dtype in _fields(dataset.dtype):
+        for fields, dtype in fields_of(dataset.dtype):
             base, inner = dtype.subdtype or (dtype, ())
             if is_number(base) and shape:
                 reader = _Reader(dataset, fields, rows_last, is_row(shape))
-                yield (
-                    (*key, *fields),
-                    Source((*(shape[1:] if reader.row else shape), *inner), base, reader, unit),
-                )
+                outer = shape[1:] if reader.row else shape
+                yield (*key, *fields), Source((*outer, *inner), base, reader, unit)
 
 
 def _datasets(
@@ -157,10 +135,11 @@ def _elsewhere(dataset: Any) -> str | None:
     about = dataset.id.get_create_plist()
     if about.get_layout() == h5py.h5d.VIRTUAL or about.get_external_count():
         return "in another file"
-    filters = (about.get_filter(i)[0] for i in range(about.get_nfilters()))
-    return next(
-        (f"packed by filter {number}" for number in filters if number not in _FILTERS), None
-    )
+    for i in range(about.get_nfilters()):
+        number = about.get_filter(i)[0]
+        if number not in _FILTERS:
+            return f"packed by filter {number}"
+    return None
 
 
 def _check_chunks(path: Path, dataset: Any) -> None:
@@ -168,16 +147,6 @@ def _check_chunks(path: Path, dataset: Any) -> None:
     if dataset.chunks:
         size = int(np.prod(dataset.chunks, dtype=object)) * dataset.dtype.itemsize
         check_unpacked(path, size, path.stat().st_size)
-
-
-def _fields(dtype: np.dtype[Any]) -> Iterator[tuple[Key, np.dtype[Any]]]:
-    """Fields of a compound type, or the type itself."""
-    if dtype.names is None:
-        yield (), dtype
-        return
-    for name in dtype.names:
-        for inner, kind in _fields(dtype[name]):
-            yield (name, *inner), kind
 
 
 def _unit(dataset: Any) -> str | None:
@@ -217,4 +186,4 @@ class _Reader:
 
 
 if __name__ == "__main__":
-    serve(arrays_here, _WHAT)
+    serve(arrays_here, WHAT)

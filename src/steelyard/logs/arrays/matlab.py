@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +22,11 @@ from steelyard.logs.arrays.nested import (
     is_number,
     with_rows_first,
 )
-from steelyard.logs.arrays.subprocess_reader import (
-    opened_in_subprocess,
-    serve,
-    topics_in_subprocess,
-)
-from steelyard.logs.log import Log
+from steelyard.logs.arrays.subprocess_reader import serve
 from steelyard.logs.packages import listed, require_package
 from steelyard.logs.size import check_unpacked
 
-_WHAT = "a MATLAB file"
+WHAT = "a MATLAB file"
 _INTEGERS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 _NUMBERS = {"double", "single", "logical", *_INTEGERS}
 """Classes of MATLAB."""
@@ -48,26 +43,10 @@ _USERBLOCK = 512
 """Bytes before the HDF5 part of a file of version 7.3."""
 
 
-def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:
-    """Open a MATLAB file, or one of its structures.
-
-    Raises:
-        InputError: The file is damaged, or has no such structure.
-    """
+def require(path: Path) -> None:
+    """Raise InputError unless the library that reads the file is installed."""
     if _is_hdf5(path):
         require_package(path, "h5py", "h5py", "MATLAB 7.3")
-    return opened_in_subprocess(__name__, path, topic, _WHAT)
-
-
-def topics(path: Path) -> list[str]:
-    """Structures of a MATLAB file from which one has to be chosen; none: it is one table.
-
-    Raises:
-        InputError: The file is damaged, or has too many structures.
-    """
-    if _is_hdf5(path):
-        require_package(path, "h5py", "h5py", "MATLAB 7.3")
-    return topics_in_subprocess(__name__, path, _WHAT)
 
 
 @contextmanager
@@ -136,9 +115,8 @@ def _variables(path: Path, topic: str | None) -> tuple[dict[Key, Source], list[s
             others.append(f"{name}: {kind}")
         elif name in wanted or wanted.isdisjoint(names):
             check_unpacked(path, int(np.prod(shape, dtype=object)), path.stat().st_size)
-            sources.update(
-                _sources((name,), loadmat(path, appendmat=False, variable_names=[name])[name])
-            )
+            value = loadmat(path, appendmat=False, variable_names=[name])[name]
+            sources.update(_sources((name,), value))
     return sources, others
 
 
@@ -162,11 +140,9 @@ def _check_size(path: Path) -> None:
                     f"{path}: expected a MATLAB file, found one whose last variable is cut off;"
                     " copy it again"
                 )
-            found += (
-                _unpacked_size(path, file.read(length), found, size)
-                if kind == _COMPRESSED
-                else length
-            )
+            if kind == _COMPRESSED:
+                length = _unpacked_size(path, file.read(length), found, size)
+            found += length
             check_unpacked(path, found, size)
 
 
@@ -196,4 +172,4 @@ def _sources(key: Key, value: Any) -> Iterator[tuple[Key, Source]]:
 
 
 if __name__ == "__main__":
-    serve(arrays_here, _WHAT)
+    serve(arrays_here, WHAT)

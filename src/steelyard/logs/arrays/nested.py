@@ -64,6 +64,16 @@ def is_number(dtype: np.dtype[Any]) -> bool:
     )
 
 
+def fields_of(dtype: np.dtype[Any]) -> Iterator[tuple[Key, np.dtype[Any]]]:
+    """Fields of a compound type with their names, or the type itself."""
+    if dtype.names is None:
+        yield (), dtype
+        return
+    for name in dtype.names:
+        for inner, kind in fields_of(dtype[name]):
+            yield (name, *inner), kind
+
+
 def with_rows_first(
     shape: tuple[int, ...], dtype: np.dtype[Any], read: Callable[[], NDArray[Any]]
 ) -> Source:
@@ -223,6 +233,7 @@ class _Columns:
         }
 
     def _rows(self, names: Sequence[str]) -> int:
+        """Rows of columns, which must all have as many."""
         lengths = {name: self.columns[name][0].shape[0] for name in names}
         if len(set(lengths.values())) > 1:
             found = ", ".join(f"'{shown(name)}' with {n}" for name, n in list(lengths.items())[:10])

@@ -18,33 +18,39 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.logs.arrays.nested import Arrays, Key, Source, is_number, with_rows_first
+from steelyard.logs.arrays.nested import (
+    Arrays,
+    Key,
+    Source,
+    fields_of,
+    is_number,
+    with_rows_first,
+)
 from steelyard.logs.log import MOST_COLUMNS, Log
-from steelyard.logs.packages import shown
+from steelyard.logs.packages import damaged, shown
 from steelyard.logs.size import check_unpacked
+
+_WHAT = "an archive of NumPy arrays"
+_ERRORS = (
+    *(zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, TypeError, SyntaxError),
+    *(TokenError, RuntimeError, NotImplementedError, MemoryError, KeyError, AttributeError),
+    OverflowError,
+)
+"""What the standard library and NumPy raise on damaged archives: RuntimeError for an encrypted
+member, MemoryError for nested brackets in a header."""
 
 
 @contextmanager
-def opened(path: Path, topic: str | None) -> Iterator[Log]:
+def opened(path: Path) -> Iterator[Log]:
     """Open an archive of NumPy arrays.
 
     Raises:
-        InputError: It is damaged, or a topic is asked for.
+        InputError: It is damaged.
     """
-    if topic is not None:
-        raise InputError(
-            f"{path}: expected no 'topic' for a NumPy file, found '{topic}'; leave it out"
-        )
     try:
         archive = zipfile.ZipFile(path)
-    except (
-        zipfile.BadZipFile,
-        OSError,
-        ValueError,
-        NotImplementedError,
-        UnicodeDecodeError,
-    ) as error:
-        raise _damaged(path, error) from None
+    except _ERRORS as error:
+        raise damaged(path, _WHAT, error, "one that is damaged or cut off") from None
     with archive:
         members = [member for member in archive.infolist() if member.filename.endswith(".npy")]
         if len(members) > MOST_COLUMNS:
@@ -63,7 +69,11 @@ def opened(path: Path, topic: str | None) -> Iterator[Log]:
                 continue
             if len(shape):
                 read = partial(lru_cache(maxsize=1)(_array), path, archive, member)
-                sources.update(_sources((name,), shape, dtype, read))
+                for fields, kind in fields_of(dtype):
+                    base, inner = kind.subdtype or (kind, ())
+                    if is_number(base):
+                        field = partial(_field, read, fields)
+                        sources[name, *fields] = with_rows_first((*shape, *inner), base, field)
         if objects and not sources:
             raise InputError(
                 f"{path}: expected arrays of numbers, found arrays of Python objects"
@@ -92,27 +102,8 @@ def _header(
             ):
                 raise ValueError(f"an array of shape {shape} in {member.file_size} bytes")
     except _ERRORS as error:
-        raise _damaged(path, error) from None
+        raise damaged(path, _WHAT, error, "one that is damaged or cut off") from None
     return shape, dtype
-
-
-_ERRORS = (
-    zipfile.BadZipFile,
-    zlib.error,
-    OSError,
-    EOFError,
-    ValueError,
-    TypeError,
-    SyntaxError,
-    TokenError,
-    RuntimeError,  # an encrypted member
-    NotImplementedError,
-    MemoryError,  # of the parser of headers, for nested brackets
-    KeyError,
-    AttributeError,
-    OverflowError,
-)
-"""What the standard library and NumPy raise on damaged archives."""
 
 
 def _read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
@@ -124,28 +115,12 @@ def _read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]
     raise ValueError(f"version {version[0]}.{version[1]} of the format")
 
 
-def _sources(
-    key: Key,
-    shape: tuple[int, ...],
-    dtype: np.dtype[Any],
-    read: Callable[[], NDArray[Any]],
-    fields: tuple[str, ...] = (),
-) -> Iterator[tuple[Key, Source]]:
-    """An array of numbers, or the fields of a structured one."""
-    if dtype.names is not None:
-        for name in dtype.names:
-            yield from _sources((*key, name), shape, dtype[name], read, (*fields, name))
-        return
-    base, inner = dtype.subdtype or (dtype, ())
-
-    def field() -> NDArray[Any]:
-        array = read()
-        for name in fields:
-            array = array[name]
-        return array
-
-    if is_number(base):
-        yield key, with_rows_first((*shape, *inner), base, field)
+def _field(read: Callable[[], NDArray[Any]], fields: Key) -> NDArray[Any]:
+    """A field of an array, or the array itself."""
+    array = read()
+    for name in fields:
+        array = array[name]
+    return array
 
 
 def _array(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
@@ -153,13 +128,5 @@ def _array(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDA
         with archive.open(member) as file:
             array: NDArray[Any] = npy.read_array(file, allow_pickle=False)
     except _ERRORS as error:
-        raise _damaged(path, error) from None
+        raise damaged(path, _WHAT, error, "one that is damaged or cut off") from None
     return array
-
-
-def _damaged(path: Path, error: Exception) -> InputError:
-    reason = shown((str(error).splitlines() or [type(error).__name__])[0], 120).rstrip(".")
-    return InputError(
-        f"{path}: expected an archive of NumPy arrays, found one that is damaged or cut off"
-        f" ({reason}); copy it again"
-    )

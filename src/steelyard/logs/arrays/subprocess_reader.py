@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Protocol
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.logs.arrays.nested import Arrays
 from steelyard.logs.log import Log, RowRange
-from steelyard.logs.packages import shown
+from steelyard.logs.packages import damaged
 
 _SECONDS, _BYTES_PER_SECOND = 6, 5_000_000
 """Time of the processor for a request, and for what must be unpacked at the slowest."""
@@ -30,40 +30,51 @@ _MEMORY, _MEMORY_PER_BYTE = 768 << 20, 8
 """Bytes that a request may take, and beyond that per byte of the file."""
 
 
+class ArraysModule(Protocol):
+    """A module that calls :func:`serve` when it is run."""
+
+    __name__: str
+    WHAT: str
+    """The format, with an article."""
+
+    def require(self, path: Path) -> None:
+        """Raise InputError unless the library that reads the file is installed."""
+
+
 @contextmanager
-def opened_in_subprocess(module: str, path: Path, topic: str | None, what: str) -> Iterator[Log]:
+def opened_in_subprocess(module: ArraysModule, path: Path, topic: str | None) -> Iterator[Log]:
     """Open a log in a subprocess.
 
     Args:
-        module: Module that calls :func:`serve` when it is run.
+        module: Of the format.
         path: Of the log.
         topic: Which of its groups.
-        what: The format, with an article.
 
     Raises:
         InputError: The reader said so, or it failed.
     """
-    with _started(module, path, what) as reader:
+    with _started(module, path) as reader:
         about = reader.ask({"path": os.fspath(path), "topic": topic})
         yield Log(path, tuple(about["names"]), reader.load, about["units"])
 
 
-def topics_in_subprocess(module: str, path: Path, what: str) -> list[str]:
+def topics_in_subprocess(module: ArraysModule, path: Path) -> list[str]:
     """Groups from which one has to be chosen; see :func:`opened_in_subprocess`."""
-    with _started(module, path, what) as reader:
+    with _started(module, path) as reader:
         return list(reader.ask({"path": os.fspath(path)})["topics"])
 
 
 @contextmanager
-def _started(module: str, path: Path, what: str) -> Iterator[_Subprocess]:
+def _started(module: ArraysModule, path: Path) -> Iterator[_Subprocess]:
     """A subprocess that runs a module, and ends with the block."""
+    module.require(path)
     # Nothing is imported from the working folder, which may be that of the log.
-    command = [sys.executable, "-P", "-m", module]
+    command = [sys.executable, "-P", "-m", module.__name__]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     ) as process:
         try:
-            yield _Subprocess(process, path, what)
+            yield _Subprocess(process, path, module.WHAT)
         finally:
             with suppress(OSError):
                 process.stdin.close() if process.stdin else None
@@ -150,12 +161,8 @@ def serve(
         _answer(out, {"error": str(error)})
     # What the libraries raise on damaged files is of any kind.
     except Exception as error:
-        reason = (str(error).splitlines() or [""])[0] or type(error).__name__
-        sentence = (
-            f"{path}: expected {what}, found one that is damaged or cut off"
-            f" ({shown(reason, 120).rstrip('.')}); copy it again"
-        )
-        _answer(out, {"error": sentence})
+        sentence = damaged(path, what, error, "one that is damaged or cut off")
+        _answer(out, {"error": str(sentence)})
 
 
 def _answer_rows(out: IO[bytes], log: Log, request: Mapping[str, Any]) -> None:

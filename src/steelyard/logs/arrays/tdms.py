@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.logs.arrays.nested import Arrays, Key, Source, is_number
-from steelyard.logs.arrays.subprocess_reader import opened_in_subprocess, serve
-from steelyard.logs.log import Log
+from steelyard.logs.arrays.subprocess_reader import serve
 from steelyard.logs.packages import require_package
 from steelyard.units import is_unit
 
-_WHAT = "a TDMS file"
+WHAT = "a TDMS file"
 _UNITS = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit")
 _TIME = "t"
 _LEAD = struct.Struct("<4sIIQQ")
@@ -30,19 +28,9 @@ _MOST_OBJECTS = 2_000_000
 _FLOAT = np.dtype(np.float64)
 
 
-def opened(path: Path, topic: str | None) -> AbstractContextManager[Log]:
-    """Open a TDMS file, or one of its groups.
-
-    Raises:
-        InputError: The file is damaged or cut off, or has no such group.
-    """
+def require(path: Path) -> None:
+    """Raise InputError unless the library that reads the file is installed."""
     require_package(path, "npTDMS", "nptdms", "TDMS")
-    return opened_in_subprocess(__name__, path, topic, _WHAT)
-
-
-def topics(path: Path) -> list[str]:
-    """None: without a topic, all groups of a TDMS file are one table."""
-    return []
 
 
 @contextmanager
@@ -64,14 +52,15 @@ def arrays_here(path: Path, topic: str | None) -> Iterator[Arrays]:
 def _sources(path: Path, contents: Any) -> dict[Key, Source]:
     """Channels of numbers by group and name, and columns of their times."""
     sources: dict[Key, Source] = {}
-    clock = _SharedClock([channel for group in contents.groups() for channel in group.channels()])
+    stated = [_started(channel) for group in contents.groups() for channel in group.channels()]
+    begin = min((start for start in stated if start is not None), default=0.0)
     for group in contents.groups():
         channels = {
             channel.name: channel for channel in group.channels() if is_number(channel.dtype)
         }
         for name, channel in channels.items():
             sources[group.name, name] = _source(path, channel)
-        sources.update(clock.times(group.name, channels))
+        sources.update(_times(group.name, channels, begin))
     return sources
 
 
@@ -100,6 +89,7 @@ def _check_segments(path: Path, file: IO[bytes]) -> None:
 
 
 def _source(path: Path, channel: Any) -> Source:
+    """The values of a channel, with its unit."""
     # Nothing is packed in these files, whatever they state.
     if len(channel) > path.stat().st_size:
         raise InputError(
@@ -110,8 +100,7 @@ def _source(path: Path, channel: Any) -> Source:
     return Source((len(channel),), channel.dtype, lambda: channel, unit if is_unit(unit) else None)
 
 
-@dataclass(frozen=True)
-class _Waveform:
+class _Waveform(NamedTuple):
     """Times of the values of a channel at a constant rate."""
 
     start: float
@@ -121,56 +110,45 @@ class _Waveform:
     n: int
 
     def times(self) -> Array:
+        """Shape (n,) [s]."""
         return self.start + self.increment * np.arange(self.n, dtype=np.float64)
 
+    def source(self) -> Source:
+        """A column of them."""
+        return Source((self.n,), _FLOAT, self.times, "s")
 
-class _SharedClock:
-    """Times of channels that state but their rate; all channels of a file share one clock."""
 
-    def __init__(self, channels: list[Any]) -> None:
-        stated = [_started(channel) for channel in channels]
-        self._begin = min((start for start in stated if start is not None), default=0.0)
+def _times(group: str, channels: dict[str, Any], begin: float) -> Iterator[tuple[Key, Source]]:
+    """Times of channels that state but their rate: a column ``t`` of a group; where its channels
+    differ in rate, length or start, one of each.
 
-    def times(self, group: str, channels: dict[str, Any]) -> Iterator[tuple[Key, Source]]:
-        """A column ``t`` of a group; where its channels differ in rate, length or start, one of
-        each.
-        """
-        waveforms = {
-            name: found for name, channel in channels.items() if (found := self._waveform(channel))
-        }
-        if len(set(waveforms.values())) == 1 and _TIME not in channels:
-            yield (group, _TIME), _times(next(iter(waveforms.values())))
-        elif len(set(waveforms.values())) > 1:
-            for name, waveform in waveforms.items():
-                yield (group, name, _TIME), _times(waveform)
-
-    def _waveform(self, channel: Any) -> _Waveform | None:
-        """Times of a channel that states its rate; None: it does not."""
+    Args:
+        group: Its name.
+        channels: Name -> channel of numbers.
+        begin: Of the clock that all channels of a file share, since 1970 [s].
+    """
+    waveforms = {}
+    for name, channel in channels.items():
         increment = channel.properties.get("wf_increment")
-        if not isinstance(increment, float) or not increment > 0 or not len(channel):
-            return None
-        offset = channel.properties.get("wf_start_offset", 0.0)
-        began = _started(channel)
-        return _Waveform(
-            float(offset) + (began - self._begin if began is not None else 0.0),
-            increment,
-            len(channel),
-        )
-
-
-def _times(waveform: _Waveform) -> Source:
-    return Source((waveform.n,), _FLOAT, waveform.times, "s")
+        if isinstance(increment, float) and increment > 0 and len(channel):
+            offset = float(channel.properties.get("wf_start_offset", 0.0))
+            began = _started(channel)
+            start = offset if began is None else offset + (began - begin)
+            waveforms[name] = _Waveform(start, increment, len(channel))
+    if len(set(waveforms.values())) == 1 and _TIME not in channels:
+        yield (group, _TIME), next(iter(waveforms.values())).source()
+    elif len(set(waveforms.values())) > 1:
+        for name, waveform in waveforms.items():
+            yield (group, name, _TIME), waveform.source()
 
 
 def _started(channel: Any) -> float | None:
     """Time of the first value, since 1970 [s]."""
     start = channel.properties.get("wf_start_time")
-    return (
-        (start - np.datetime64(0, "s")) / np.timedelta64(1, "s")
-        if isinstance(start, np.datetime64)
-        else None
-    )
+    if not isinstance(start, np.datetime64):
+        return None
+    return float((start - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
 
 
 if __name__ == "__main__":
-    serve(arrays_here, _WHAT)
+    serve(arrays_here, WHAT)

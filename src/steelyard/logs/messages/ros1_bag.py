@@ -6,29 +6,19 @@ the index of every message in memory.
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import IO
 
 from steelyard.errors import InputError
-from steelyard.logs.messages.compressed import LARGEST_BLOCK, MOST_UNPACKED, LastBlock, unpacked
-from steelyard.logs.messages.recording import (
-    Decoder,
-    FileSection,
-    Interval,
-    Message,
-    Recording,
-    in_time_order,
-    spanned,
-)
+from steelyard.logs.messages.blocks import LARGEST_BLOCK, MOST_UNPACKED, Block, BlockFile
+from steelyard.logs.messages.recording import Decoder, Interval, Message, Recording
 from steelyard.logs.messages.ros_message import ros1_decoder
 from steelyard.logs.messages.ros_types import full_name, types_of
-from steelyard.logs.packages import require_package, shown
+from steelyard.logs.packages import damaged, require_package, shown
 from steelyard.logs.size import check_unpacked
 
 _MAGIC = b"#ROSBAG V2.0\n"
@@ -56,17 +46,10 @@ def opened(path: Path) -> Iterator[Recording]:
             bag.look_through()
         except (ValueError, KeyError, struct.error) as error:
             raise _damaged(path, error) from None
-        topics = {each.topic: full_name(each.type) for each in bag.connections.values()}
-        whole = spanned(chunk.interval for chunk in bag.chunks)
-        yield Recording(
-            path,
-            topics,
-            whole,
-            bag.messages,
-            sum(chunk.size for chunk in bag.chunks),
-            lambda: bag.last.bytes_read,
-            bag.decoder,
-        )
+        topics = {
+            number: (each.topic, full_name(each.type)) for number, each in bag.connections.items()
+        }
+        yield bag.recording(topics, bag.messages_in, bag.decoder)
 
 
 @dataclass(frozen=True)
@@ -76,29 +59,12 @@ class _Connection:
     definition: str
 
 
-@dataclass(frozen=True)
-class _BagChunk:
-    interval: Interval
-    """When its messages were received."""
-    place: int
-    """Of its data."""
-    length: int
-    compression: str
-    size: int
-    """Bytes, unpacked."""
-    connections: frozenset[int]
-    """That have messages in it."""
-
-
-class _Bag:
+class _Bag(BlockFile):
     """What a bag holds, as far as it has been looked through."""
 
     def __init__(self, path: Path, file: IO[bytes]) -> None:
-        self.path, self.file = path, file
-        self.size = os.fstat(file.fileno()).st_size
+        super().__init__(path, file)
         self.connections: dict[int, _Connection] = {}
-        self.chunks: list[_BagChunk] = []
-        self.last = LastBlock()
 
     def look_through(self) -> None:
         """Find connections and chunks by the index at the end; nothing is unpacked yet.
@@ -113,7 +79,7 @@ class _Bag:
             raise ValueError("another version than 2.0")
         header = self._fields(_HEADER)
         index = struct.unpack("<Q", header[b"index_pos"])[0]
-        if not 0 < index <= self.size:
+        if not 0 < index <= self.file_size:
             raise self._cut_off()
         connections, chunks = (
             _LENGTH.unpack(header[key])[0] for key in (b"conn_count", b"chunk_count")
@@ -131,23 +97,11 @@ class _Bag:
             if not end <= place < index:
                 raise ValueError("chunks that overlap")
             chunk = self._chunk(place, interval, held)
-            self.chunks.append(chunk)
+            self.blocks.append(chunk)
             end = chunk.place + chunk.length
         if end > index or len(places) != chunks:
             raise ValueError("chunks that overlap the index")
-        check_unpacked(
-            self.path, sum(chunk.size for chunk in self.chunks), self.size, always=MOST_UNPACKED
-        )
-
-    def messages(self, topic: str, within: Interval | None) -> Iterator[Message]:
-        """Messages of a topic in the order in which they were received."""
-        wanted = {number for number, each in self.connections.items() if each.topic == topic}
-        pieces = [
-            FileSection(chunk.interval, partial(self._messages, chunk, wanted))
-            for chunk in self.chunks
-            if chunk.connections & wanted
-        ]
-        return in_time_order(pieces, within)
+        check_unpacked(self.path, self.size, self.file_size, always=MOST_UNPACKED)
 
     def decoder(self, number: int) -> Decoder:
         """Decoder of the messages of a connection."""
@@ -156,31 +110,27 @@ class _Bag:
             types_of(self.path, each.type, "msg", each.definition, ros1=True), each.type
         )
 
-    def _messages(self, chunk: _BagChunk, wanted: set[int]) -> list[Message]:
+    def messages_in(self, block: Block, channels: set[int]) -> list[Message]:
         """Messages of some connections in a chunk."""
         found = []
         try:
-            block = self.last.read(chunk.place, lambda: self._unpacked(chunk))
+            data = self.read(block)
             place = 0
-            while place < len(block):
-                fields, place = _header(block, place)
-                length = _LENGTH.unpack_from(block, place)[0]
+            while place < len(data):
+                fields, place = _header(data, place)
+                length = _LENGTH.unpack_from(data, place)[0]
                 place += 4 + length
-                if place > len(block):
+                if place > len(data):
                     raise ValueError("a record that runs over the end of its chunk")
                 if fields[b"op"][0] != _MESSAGE:
                     continue
                 number = _LENGTH.unpack(fields[b"conn"])[0]
-                if number in wanted:
+                if number in channels:
                     received = _nanoseconds(fields[b"time"])
-                    found.append(Message(received, None, number, block[place - length : place]))
+                    found.append(Message(received, None, number, data[place - length : place]))
         except (ValueError, KeyError, IndexError, struct.error) as error:
             raise _damaged(self.path, error) from None
         return found
-
-    def _unpacked(self, chunk: _BagChunk) -> bytes:
-        self.file.seek(chunk.place)
-        return unpacked(self.file.read(chunk.length), chunk.compression, chunk.size)
 
     def _fields(self, kind: int) -> Fields:
         """Header of the record of a kind that stands here; its data are next."""
@@ -194,11 +144,12 @@ class _Bag:
 
     def _data(self) -> bytes:
         length = _LENGTH.unpack(self.file.read(4))[0]
-        if length > self.size - self.file.tell():
+        if length > self.file_size - self.file.tell():
             raise self._cut_off()
         return self.file.read(length)
 
     def _add_connection(self) -> None:
+        """Take note of the connection whose record stands here."""
         head = self._fields(_CONNECTION)
         about = _split(self._data())
         topic, kind, definition = (
@@ -208,26 +159,26 @@ class _Bag:
             head[b"topic"].decode() or topic, kind, definition
         )
 
-    def _chunk_info(self) -> tuple[int, tuple[Interval, frozenset[int]]]:
+    def _chunk_info(self) -> tuple[int, tuple[Interval, set[int]]]:
         """Place of a chunk, when its messages were received, and of which connections they are."""
         fields = self._fields(_CHUNK_INFO)
         pairs = self._data()
         place = struct.unpack("<Q", fields[b"chunk_pos"])[0]
         start = _nanoseconds(fields[b"start_time"])
         end = _nanoseconds(fields[b"end_time"])
-        held = frozenset(number for number, _ in struct.iter_unpack("<II", pairs))
+        held = {number for number, _ in struct.iter_unpack("<II", pairs)}
         return place, (Interval(start, end), held)
 
-    def _chunk(self, place: int, interval: Interval, held: frozenset[int]) -> _BagChunk:
+    def _chunk(self, place: int, interval: Interval, held: set[int]) -> Block:
         """The chunk at a place, by its header."""
         self.file.seek(place)
         fields = self._fields(_CHUNK)
         length = _LENGTH.unpack(self.file.read(4))[0]
         size = _LENGTH.unpack(fields[b"size"])[0]
-        if size > LARGEST_BLOCK or length > self.size:
+        if size > LARGEST_BLOCK or length > self.file_size:
             raise ValueError(f"a chunk of {size} bytes, packed into {length}")
         compression = fields[b"compression"].decode()
-        return _BagChunk(interval, self.file.tell(), length, compression, size, held)
+        return Block(interval, self.file.tell(), length, compression, size, channels=held)
 
     def _cut_off(self) -> InputError:
         return InputError(
@@ -263,8 +214,5 @@ def _nanoseconds(time: bytes) -> int:
 
 
 def _damaged(path: Path, error: Exception) -> InputError:
-    missing = f"no field {error}" if isinstance(error, KeyError) else str(error)
-    return InputError(
-        f"{path}: expected a bag of ROS 1, found one that is damaged ({shown(missing, 120)}); copy"
-        " it again"
-    )
+    reason = f"no field {error}" if isinstance(error, KeyError) else error
+    return damaged(path, "a bag of ROS 1", reason)

@@ -14,14 +14,15 @@ from pathlib import Path, PurePath
 
 from steelyard.errors import InputError
 from steelyard.logs.messages import mcap
-from steelyard.logs.messages.compressed import MOST_UNPACKED
+from steelyard.logs.messages.blocks import MOST_UNPACKED
 from steelyard.logs.messages.recording import Decoder, Interval, Message, Recording, spanned
 from steelyard.logs.messages.ros_message import cdr_decoder
 from steelyard.logs.messages.ros_types import types_of
-from steelyard.logs.packages import listed, require_package, shown
+from steelyard.logs.packages import damaged, listed, require_package, shown
 from steelyard.logs.size import check_unpacked
 from steelyard.yaml_file import read_yaml, require_file
 
+_WHAT, _DAMAGED = "a bag of ROS 2", "a database that is damaged"
 _METADATA = "metadata.yaml"
 _FORMS = {"ros2msg": "msg", "ros2idl": "idl"}
 _TABLES = {"topics", "messages"}
@@ -51,13 +52,8 @@ def opened(path: Path) -> Iterator[Recording]:
             yield stack.enter_context(_database(path))
             return
         parts, storage = _parts(path)
-        recordings = []
-        for part in parts:
-            if storage == "mcap":
-                recordings.append(mcap.recording_of(part, stack.enter_context(part.open("rb"))))
-            else:
-                recordings.append(stack.enter_context(_database(part)))
-        yield _joined(path, recordings)
+        part_opened = mcap.opened if storage == "mcap" else _database
+        yield _joined(path, [stack.enter_context(part_opened(part)) for part in parts])
 
 
 def _parts(folder: Path) -> tuple[list[Path], str]:
@@ -137,7 +133,7 @@ def _database(path: Path) -> Iterator[Recording]:
         try:
             database.look_through()
         except (sqlite3.Error, ValueError) as error:  # the latter of names that are no text
-            raise _damaged(path, error) from None
+            raise damaged(path, _WHAT, error, _DAMAGED) from None
         topics = {topic.name: topic.type for topic in database.topics.values()}
         yield Recording(
             path,
@@ -251,13 +247,15 @@ class _Database:
                 f"{query} ORDER BY timestamp, id", numbers
             ):
                 if not isinstance(received, int) or not isinstance(data, bytes):
-                    raise _damaged(self.path, ValueError("a message that is no bytes with a time"))
+                    raise damaged(
+                        self.path, _WHAT, "a message that is no bytes with a time", _DAMAGED
+                    )
                 read += _LEAST_MESSAGE + len(data)
                 self.bytes_read += len(data)
                 check_unpacked(self.path, read, self._size, always=MOST_UNPACKED)
                 yield Message(received, None, number, data)
         except (sqlite3.Error, ValueError, OverflowError) as error:
-            raise _damaged(self.path, error) from None
+            raise damaged(self.path, _WHAT, error, _DAMAGED) from None
 
     def decoder(self, number: int) -> Decoder:
         """Decoder of the messages of a topic."""
@@ -284,20 +282,13 @@ class _Database:
                     " file"
                 )
         if kinds.get("message_definitions", "table") != "table":
-            raise _damaged(self.path, ValueError("definitions that are no table"))
+            raise damaged(self.path, _WHAT, "definitions that are no table", _DAMAGED)
 
     def _columns(self, table: str) -> list[str]:
         """Columns of a table."""
         columns = []
         for _, name, *_, hidden in self.connection.execute(f"PRAGMA table_xinfo({table})"):
             if hidden:
-                raise _damaged(self.path, ValueError(f"a computed column in '{table}'"))
+                raise damaged(self.path, _WHAT, f"a computed column in '{table}'", _DAMAGED)
             columns.append(str(name))
         return columns
-
-
-def _damaged(path: Path, error: Exception) -> InputError:
-    return InputError(
-        f"{path}: expected a bag of ROS 2, found a database that is damaged"
-        f" ({shown(str(error), 120)}); copy it again"
-    )

@@ -181,6 +181,7 @@ class _NumberBlock:
         self._packed: dict[int, struct.Struct] = {}
 
     def __call__(self, data: bytes, place: int, values: Values) -> int:
+        """See :data:`Step`."""
         # Where numbers lie depends on the place of the first only by what is left after division by
         # the widest of them.
         packed = self._packed.get(place % self._widest)
@@ -207,6 +208,7 @@ class _Time:
         self._label, self._align = label, min(4, layout.widest)
 
     def __call__(self, data: bytes, place: int, values: Values) -> int:
+        """See :data:`Step`."""
         place += -place % self._align
         seconds, nanoseconds = self._packed.unpack_from(data, place)
         values[self._label] = (seconds * 10**9 + nanoseconds) / 10**9
@@ -220,6 +222,7 @@ class _Skipped:
         self._size, self._align = width * number, align
 
     def __call__(self, data: bytes, place: int, values: Values) -> int:
+        """See :data:`Step`."""
         return _within(data, place + -place % self._align + self._size)
 
 
@@ -230,6 +233,7 @@ class _Texts:
         self._number, self._layout = number, layout
 
     def __call__(self, data: bytes, place: int, values: Values) -> int:
+        """See :data:`Step`."""
         number = self._number
         if number is None:
             number, place = self._layout.count(data, place)
@@ -248,6 +252,7 @@ class _Numbers:
         self._names: list[str] = []
 
     def __call__(self, data: bytes, place: int, values: Values) -> int:
+        """See :data:`Step`."""
         number, place = self._layout.count(data, place)
         if not number:
             return place
@@ -271,6 +276,7 @@ class _MessageList:
         self._elements: list[list[Step]] = []
 
     def __call__(self, data: bytes, place: int, values: Values) -> int:
+        """See :data:`Step`."""
         number = self._number
         if number is None:
             number, place = self._layout.count(data, place)

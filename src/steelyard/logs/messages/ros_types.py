@@ -112,18 +112,14 @@ def _parsed_idl(definition: str) -> dict[str, Any]:
     bare = _IDL_ANNOTATION.sub(
         "", _IDL_TEXT.sub(lambda text: '""' if text[0].startswith('"') else "", definition)
     )
-    if (
-        "(" in bare
-        or "<<" in bare
-        or bare.count("=") - bare.count(_SEPARATOR) * 80 > _MOST_CONSTANTS
-    ):
+    constants = bare.count("=") - bare.count(_SEPARATOR) * 80
+    if "(" in bare or "<<" in bare or constants > _MOST_CONSTANTS:
         raise ValueError(f"expressions to evaluate, or more than {_MOST_CONSTANTS} constants")
     types: dict[str, Any] = {}
     for text in bare.split(_SEPARATOR):
         header, _, rest = text.partition("\n")
-        types.update(
-            get_types_from_idl(rest if header.startswith("IDL: ") else text) if text.strip() else {}
-        )
+        if text.strip():
+            types.update(get_types_from_idl(rest if header.startswith("IDL: ") else text))
     return types
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
 from steelyard.logs.frames import as_array
 
 if TYPE_CHECKING:
@@ -16,29 +14,9 @@ Decimal = Literal[".", ","]
 """What stands between the whole and its parts."""
 
 MISSING = [
-    "",
-    "-",
-    "--",
-    "---",
-    "NaN",
-    "nan",
-    "NAN",
-    "-nan",
-    "NaN()",
-    "nan(ind)",
-    "-nan(ind)",
-    "1.#QNAN",
-    "-1.#IND",
-    "null",
-    "NULL",
-    "None",
-    "none",
-    "N/A",
-    "n/a",
-    "NA",
-    "<NA>",
-    "#N/A",
-    "#NV",
+    *("", "-", "--", "---", "NaN", "nan", "NAN", "-nan", "NaN()", "nan(ind)", "-nan(ind)"),
+    *("1.#QNAN", "-1.#IND", "null", "NULL", "None", "none", "N/A", "n/a", "NA", "<NA>"),
+    *("#N/A", "#NV"),
 ]
 """Texts of a cell that stand for no sample."""
 _MISSING = frozenset(MISSING)
@@ -55,6 +33,7 @@ _DATE = r"(\d{4}-\d\d?-\d\d?|\d{4}/\d\d?/\d\d?|\d\d?\.\d\d?\.\d{4})[T ]"
 _INSTANT = re.compile(rf"({_DATE})?{_CLOCK} ?(Z|UTC|[-+]\d\d:?\d\d)?|-?\d+(\.\d+)? sec")
 _SECONDS = " sec"
 _DATES = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y")
+_TIME = "%H:%M:%S%.f"
 _ZONE = r" ?([-+])(\d\d):?(\d\d)$"
 
 
@@ -79,14 +58,8 @@ def is_missing(cell: str) -> bool:
 
 def stripped(cells: pl.Series) -> pl.Series:
     """Cells without blanks and quotation marks around them, null where there is no sample."""
-    import polars as pl
-
     bare = cells.str.strip_chars().str.strip_chars('"').str.strip_chars()
-    return (
-        bare.to_frame("cell")
-        .select(pl.when(~pl.col("cell").is_in(MISSING)).then("cell"))
-        .to_series()
-    )
+    return bare.set(bare.is_in(MISSING).fill_null(True), None)
 
 
 def as_numbers(cells: pl.Series, decimal: Decimal) -> pl.Series:
@@ -116,15 +89,10 @@ def as_instants(cells: pl.Series) -> pl.Series:
     ahead = (zone["2"].cast(pl.Float64) * 3600 + zone["3"].cast(pl.Float64) * 60).fill_null(0.0)
     ahead = ahead * pl.select(pl.when(zone["1"] == "-").then(-1.0).otherwise(1.0)).to_series()
     text = text.str.replace(_ZONE, "")
-    found = [
-        *(
-            as_array(text.str.to_datetime(f"{date} %H:%M:%S%.f", time_unit="ns", strict=False))
-            for date in _DATES
-        ),
-        as_array(text.str.to_time("%H:%M:%S%.f", strict=False)),
-        as_array(text.str.strip_suffix(_SECONDS).cast(pl.Float64, strict=False)),
+    readings = [
+        *(text.str.to_datetime(f"{date} {_TIME}", time_unit="ns", strict=False) for date in _DATES),
+        text.str.to_time(_TIME, strict=False),
+        text.str.strip_suffix(_SECONDS).cast(pl.Float64, strict=False),
     ]
-    return (
-        pl.Series(min(found, key=lambda seconds: int(np.isnan(seconds).sum())), nan_to_null=True)
-        - ahead
-    )
+    best = min(readings, key=pl.Series.null_count)
+    return pl.Series(as_array(best), nan_to_null=True) - ahead

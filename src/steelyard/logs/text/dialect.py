@@ -90,15 +90,9 @@ def split(line: str, separator: str) -> list[str]:
         return line.split()
     if '"' not in line:
         return [cell.strip() for cell in line.split(separator)]
+    whole = " ".join(line.split()) if separator == " " else line
     try:
-        cells = next(
-            csv.reader(
-                [" ".join(line.split()) if separator == " " else line],
-                delimiter=separator,
-                skipinitialspace=True,
-            ),
-            [],
-        )
+        cells = next(csv.reader([whole], delimiter=separator, skipinitialspace=True), [])
     except csv.Error:
         cells = line.split(separator)
     return [cell.strip().strip('"').strip() for cell in cells]
@@ -139,15 +133,8 @@ def _rows_of(rows: Sequence[Sequence[str]], separator: str, decimal: Decimal) ->
         (i for i in likely if not any(t and not worded[j] for j, t in enumerate(text[i]))), body[0]
     )
     score = sum(sum(value[i]) - sum(text[i]) for i in likely if i >= first)
-    return Dialect(
-        separator,
-        decimal,
-        0,
-        first,
-        width,
-        tuple(tuple(rows[i]) for i in body[:_SHOWN]),
-        max(score, 0),
-    )
+    shown = tuple(tuple(rows[i]) for i in body[:_SHOWN])
+    return Dialect(separator, decimal, 0, first, width, shown, max(score, 0))
 
 
 def _last_run(lines: Sequence[int], between: Callable[[int], bool]) -> list[int]:

@@ -45,11 +45,9 @@ def scope_columns(
         if j in times:
             clock = f"t[{times.index(j)}]" if j else "t"
             names.append(clock)
-            units[clock] = (
-                "100ns"
-                if any(len(row[j]) >= _FILETIME and row[j].isdecimal() for row in dialect.rows)
-                else "ms"
-            )
+            cells = [row[j] for row in dialect.rows]
+            ticks = any(len(each) >= _FILETIME and each.isdecimal() for each in cells)
+            units[clock] = "100ns" if ticks else "ms"
         else:
             names.append(cell or f"[{j}]")
             clocks[names[-1]] = clock
@@ -72,17 +70,11 @@ def motive_units(
     Returns:
         One for each column, empty where nothing is stated.
     """
-    take = next(
-        (
-            dict(zip(cells[::2], cells[1::2], strict=False))
-            for cells in above
-            if "Length Units" in cells
-        ),
-        None,
-    )
     units = [""] * width
-    if take is None:
+    stated = next((cells for cells in above if "Length Units" in cells), None)
+    if stated is None:
         return units
+    take = dict(zip(stated[::2], stated[1::2], strict=False))
     # Angles of Euler are in degrees.
     angle = "" if take.get("Rotation Type", "Quaternion") == "Quaternion" else "deg"
     for level in levels:

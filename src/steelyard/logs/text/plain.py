@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import IO
 
 from steelyard.errors import InputError
+from steelyard.logs.packages import damaged
 from steelyard.logs.size import check_unpacked
 
 _PIECE = 1 << 23
@@ -113,16 +114,10 @@ def _unpacked(path: Path, file: IO[bytes], size: int) -> Iterator[bytes]:
                     yield bytes(held)
                     held.clear()
     except zlib.error as error:
-        raise _damaged(path, str(error)) from None
+        raise damaged(path, "a gzip file", error) from None
     if not ended:
-        raise _damaged(path, "it is cut off")
+        raise damaged(path, "a gzip file", "it is cut off")
     yield bytes(held)
-
-
-def _damaged(path: Path, reason: str) -> InputError:
-    return InputError(
-        f"{path}: expected a gzip file, found one that is damaged ({reason}); copy it again"
-    )
 
 
 def _decoder(path: Path, beginning: bytes) -> Callable[[bytes, bool], bytes]:

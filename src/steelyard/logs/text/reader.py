@@ -34,16 +34,12 @@ packs to a tenth."""
 
 
 @contextmanager
-def opened(path: Path, topic: str | None) -> Iterator[Log]:
+def opened(path: Path) -> Iterator[Log]:
     """Open a table in a text file, plain or packed by gzip.
 
     Raises:
-        InputError: A topic is asked for, or it is no text with a table.
+        InputError: It is no text with a table.
     """
-    if topic is not None:
-        raise InputError(
-            f"{path}: expected no 'topic' for a text file, found '{topic}'; leave it out"
-        )
     table = _TextTable(path)
     yield Log(
         path, table.names, table.load, table.header.units, table.header.spellings, table.line_of
@@ -54,6 +50,7 @@ class _TextTable:
     """The rows of a text file below its header."""
 
     def __init__(self, path: Path) -> None:
+        """Find out from the beginning of the file how it writes its table."""
         self.path = path
         with readable(path):
             self.size = path.stat().st_size
@@ -84,9 +81,8 @@ class _TextTable:
             end = n + len(lines)
             check_unpacked(self.path, 8 * end * len(names), self.size, ratio=_RATIO)
             if end > len(cells):
-                room = np.empty(
-                    (self._room(end, share if part is None else 1.0, len(names)), len(names))
-                )
+                rows_ahead = self._room(end, share if part is None else 1.0, len(names))
+                room = np.empty((rows_ahead, len(names)))
                 room[:n] = cells[:n]
                 cells = room
             cells[n:end] = found[:, : len(names)]
@@ -186,11 +182,9 @@ class _TextTable:
             )
         if all(kind.is_numeric() for kind in frame.dtypes):
             return frame.to_numpy(order="c"), lines
-        columns = zip(names, frame.iter_columns(), strict=True)
-        return (
-            np.column_stack([self._numbers(name, column, lines) for name, column in columns]),
-            lines,
-        )
+        named = zip(names, frame.iter_columns(), strict=True)
+        columns = [self._numbers(name, column, lines) for name, column in named]
+        return np.column_stack(columns), lines
 
     def _is_regular(self, text: bytes, frame: pl.DataFrame) -> bool:
         """Whether every line has as many cells as there are columns, as in nearly all files."""
@@ -210,24 +204,18 @@ class _TextTable:
         doubtful = self.dialect.decimal == "," and (self.form.separator == b"," or b"." in text)
         for way in ways:
             as_text = way == "text" or doubtful
+            header = self.form.separator.join(place.encode() for place in self.places)
             kinds = {
-                j: pl.String() if as_text or self.dialect.is_dated(j) else pl.Float64()
+                self.places[j]: pl.Float64()
                 for j in places
+                if not as_text and not self.dialect.is_dated(j)
             }
             body = text.replace(b",", b".") if self.dialect.decimal == "," and not as_text else text
             with suppress(pl.exceptions.PolarsError):
                 frame = pl.read_csv(
-                    b"".join(
-                        (
-                            self.form.separator.join(place.encode() for place in self.places),
-                            b"\n",
-                            body,
-                        )
-                    ),
+                    b"".join((header, b"\n", body)),
                     columns=[self.places[j] for j in places],
-                    schema={
-                        place: kinds.get(j, pl.String()) for j, place in enumerate(self.places)
-                    },
+                    schema={place: kinds.get(place, pl.String()) for place in self.places},
                     separator=self.form.separator.decode(),
                     quote_char='"' if b'"' in text else None,
                     null_values=None if way == "numbers" else MISSING,
