@@ -43,6 +43,8 @@ INNER = {
         {"methods"},
         {"force_clock", "identify", "residuals", "synchronisation"},
     ],
+    "report": [{"evidence"}, {"blocks"}, {"documents"}, {"forms"}, {"figures", "write"}],
+    "cli": [{"lazy_group", "options", "printing", "process", "progress", "truth"}, {"verbs"}],
 }
 """Within a room, from left to right; what is not named may be anywhere."""
 MOST_FILES = 30

@@ -23,7 +23,7 @@ from steelyard.estimates.estimate_file import read_estimate_file, read_estimates
 from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.estimates.payload import payload
 from steelyard.inertia import BODY_PARAMETERS, Inertia
-from steelyard.report.comparison import comparison_statements, payload_statements
+from steelyard.report.documents.comparison import comparison_statements, payload_statements
 
 ROUNDING = 1e-9  # of sums and quotients of numbers up to a few hundred
 CHANCE = 1e-3  # p-value below which a fixed seed is not blamed any more

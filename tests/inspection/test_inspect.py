@@ -19,8 +19,8 @@ from steelyard.inspection.inspect import inspect
 from steelyard.inspection.judgement import judged
 from steelyard.inspection.mistakes import MistakeSettings, mistakes
 from steelyard.instruments import AnyInstrument
-from steelyard.report.inspection_document import inspection_document
-from steelyard.report.markdown import markdown
+from steelyard.report.documents.inspection_document import inspection_document
+from steelyard.report.forms.markdown import markdown
 
 pytestmark = pytest.mark.integration
 

@@ -19,17 +19,17 @@ from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.inertia import Inertia
-from steelyard.report.compose import document_of
-from steelyard.report.document import Figure, Grid, Scene
-from steelyard.report.gather import evidence_of
-from steelyard.report.made import made_of
-from steelyard.report.markdown import markdown
-from steelyard.report.page import page
-from steelyard.report.report_file import read_summary, write_summary
-from steelyard.report.robot_scene import hull_edges
-from steelyard.report.sections.platform import box_of
-from steelyard.report.summary import summarise
-from steelyard.report.thinning import THINNING, thinned
+from steelyard.report.blocks.document import Figure, Grid, Scene
+from steelyard.report.blocks.robot_scene import hull_edges
+from steelyard.report.documents.identification import document_of
+from steelyard.report.documents.sections.platform import box_of
+from steelyard.report.evidence.gather import evidence_of
+from steelyard.report.evidence.made import made_of
+from steelyard.report.evidence.report_file import read_summary, write_summary
+from steelyard.report.evidence.summary import summarise
+from steelyard.report.evidence.thinning import THINNING, thinned
+from steelyard.report.forms.markdown import markdown
+from steelyard.report.forms.page import page
 from steelyard.report.write import write_report
 
 pytestmark = pytest.mark.integration

@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from steelyard.errors import InputError
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
-from steelyard.report.compose import document_of
-from steelyard.report.document import Document, Figure, Replay, Scene
-from steelyard.report.page import palette
-from steelyard.report.summary import summarise
+from steelyard.report.blocks.document import Document, Figure, Replay, Scene
+from steelyard.report.documents.identification import document_of
+from steelyard.report.evidence.summary import summarise
+from steelyard.report.forms.page import palette
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
