@@ -65,7 +65,7 @@ class Estimate(Tabular):
     calibration: Mapping[str, Any] = field(default_factory=dict)
     """Instrument -> term -> ``value`` and ``standard_deviation``, as in the contract."""
     residuals: Mapping[str, Any] = field(default_factory=dict)
-    """What the model left unexplained, root mean square per axis."""
+    """Residuals of the model, root mean square per axis."""
     runs: Mapping[str, Estimate] = field(default_factory=dict)
     """The same from every run alone, where the method has that."""
     details: Mapping[str, Any] = field(default_factory=dict)
@@ -217,7 +217,7 @@ def plausible_sizes(mass: float, size: float) -> Array:
     return np.array([abs(mass), *[size] * 3, *[moment] * 3, *[moment / 2] * 3])
 
 
-def told_by(mass: float, covariance: Array, size: float) -> NDArray[np.bool_]:
+def identifiable_parameters(mass: float, covariance: Array, size: float) -> NDArray[np.bool_]:
     """Which of the ten are known better than half of their plausible size, shape (10,).
 
     Args:
@@ -232,7 +232,7 @@ def told_by(mass: float, covariance: Array, size: float) -> NDArray[np.bool_]:
     return known if known[0] else np.zeros(10, dtype=bool)
 
 
-def nothing_told(method: str, reason: str) -> Estimate:
+def no_estimate(method: str, reason: str) -> Estimate:
     """An estimate of which every number is unknown."""
     return Estimate(
         method=method,

@@ -122,7 +122,7 @@ def of_joint(joint: Posterior, run: Run) -> list[Delay]:
         prior = prior_of(experiment, run, names)
         own = float(sigma[place][0])
         told = prior[1] > 0 and own < min(SETTINGS.largest_sigma, SETTINGS.prior_share * prior[1])
-        how = _JOINT if told else "stated" if not prior[1] else "the readings do not tell it"
+        how = _JOINT if told else "stated" if not prior[1] else "not identifiable from the readings"
         found.append(
             Delay(run.name, names, float(calibration.values[place][0]), own, prior, told, how)
         )

@@ -118,8 +118,8 @@ def design(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Find the motion that tells the body best within the robot's limits, and say beforehand how
-    well.
+    """Find the motion within the robot's limits that makes the estimate most precise, and say
+    beforehand how precise.
 
     Speeds, accelerations, workspace and tensions are those of 'limits' and 'tension' in the robot
     file.
