@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from steelyard.estimates.estimate_names import FILE_NAME as ESTIMATE
+from steelyard.estimates.named_estimate import FILE_NAME as ESTIMATE
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.output import results_folder, write_json, write_table

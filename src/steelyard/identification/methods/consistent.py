@@ -131,7 +131,7 @@ def _finished(
     J = body_jacobian(body.parameters)
     spread = found.solution.covariance[:TEN, :TEN]
     if problem.prior_weight:
-        spread = covariance(problem, body, projected=False)
+        spread = covariance(problem, body)
     details: dict[str, Any] = {
         "constraints": {
             "status": body.status,

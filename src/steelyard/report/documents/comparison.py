@@ -39,13 +39,7 @@ def _lead(comparison: Comparison) -> Statement:
     if not tested:
         return Statement("The estimates have no parameters in common that can be compared.", "note")
     worst = max(tested, key=lambda each: each.sigmas)
-    if worst.sigmas <= worst.settings.usual:
-        text = "The estimates agree within their uncertainty."
-    elif worst.sigmas <= worst.settings.significant:
-        text = "The estimates differ more than is usual."
-    else:
-        text = "The estimates disagree."
-    return Statement(text, _tone(worst))
+    return Statement(f"The estimates {worst.outcome}.", _tone(worst))
 
 
 def comparison_statements(
