@@ -235,15 +235,21 @@ MISTAKES = {
     "no summary": (lambda kept: kept.pop("summary"), "summary"),
     "text for a number": (broken([*SUMMARY, "bodies", 0, "value"], ["x"] * 10), "bodies"),
     "infinite": (broken([*TRACE, "measured", 0, 0], 1e999), "measured"),
-    "nine values": (broken([*SUMMARY, "bodies", 0, "value"], [1.0] * 9), "expected 10 values"),
+    "nine values": (
+        broken([*SUMMARY, "bodies", 0, "value"], [1.0] * 9),
+        "10 items after validation, not 9",
+    ),
     "no such result": (broken([*SUMMARY, "result"], "best"), "name of one of the bodies"),
     "short channel": (broken([*TRACE, "measured", 0], [1.0]), "channels"),
     "sample that is not there": (broken([*TRACE, "left_out"], [[0, 10**9]]), "places of samples"),
     "negative place": (broken([*TRACE, "left_out"], [[-1, 0]]), "places of samples"),
     "times without poses": (broken([*SUMMARY, "evidence", "motions", 0, "position"], []), "poses"),
     "cables of one end": (broken([*SUMMARY, "evidence", "shape", "anchors"], []), "attachments"),
-    "short column": (broken([*SUMMARY, "table", "columns", 0, "values"], [1.0]), "values a column"),
-    "nominal of three": (broken([*SUMMARY, "nominal"], [1.0, 2.0, 3.0]), "10 values of a body"),
+    "short column": (
+        broken([*SUMMARY, "table", "columns", 0, "values"], [1.0]),
+        "columns.0.values: ",
+    ),
+    "nominal of three": (broken([*SUMMARY, "nominal"], [1.0, 2.0, 3.0]), "nominal: "),
 }
 
 

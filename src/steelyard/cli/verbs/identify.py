@@ -113,7 +113,7 @@ def identify(
     from steelyard.output import check_target, results_folder
     from steelyard.report.documents.identification import brief_of
     from steelyard.report.evidence.made import made_of
-    from steelyard.report.evidence.summary import summarise, tabulate
+    from steelyard.report.evidence.summary import summarise
     from steelyard.report.forms.terminal import show
     from steelyard.report.write import write_identification
 
@@ -130,7 +130,9 @@ def identify(
     with progress(quiet=quiet) as tell:
         found = identified(recorded, chosen, tell, holdout=holdout)
     truth = known_truth(experiment.parent)
-    if out is not None:
+    if out is None:
+        summary = summarise(found, truth, with_evidence=False)
+    else:
         options = _in_words(
             {
                 "method": methods or ["maximum-likelihood", "two-step"],
@@ -149,7 +151,7 @@ def identify(
     if as_json:
         print_json(found.to_dict())
     else:
-        show(brief_of(tabulate(found, truth)))
+        show(brief_of(summary))
     if not found.estimate.verdict.accepted:
         sys.exit(NOT_ACCEPTED)
 

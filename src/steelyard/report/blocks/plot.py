@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+NAMES_DOWNWARDS = {"autorange": "reversed", "automargin": True, "type": "category"}
+"""A vertical axis of names, the first one at the top."""
+
 
 def line(name: str, x: Any, y: Any, style: dict[str, Any], **further: Any) -> dict[str, Any]:
     """A line.
@@ -16,6 +19,12 @@ def line(name: str, x: Any, y: Any, style: dict[str, Any], **further: Any) -> di
         further: Whatever else Plotly knows of it.
     """
     drawn = {"type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "line": style}
+    return {**drawn, **further}
+
+
+def points(name: str, x: Any, y: Any, marker: dict[str, Any], **further: Any) -> dict[str, Any]:
+    """Marks at points; arguments as of :func:`line`."""
+    drawn = {"type": "scatter", "mode": "markers", "name": name, "x": x, "y": y, "marker": marker}
     return {**drawn, **further}
 
 

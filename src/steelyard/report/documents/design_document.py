@@ -24,12 +24,12 @@ from steelyard.report.blocks.document import (
     Statement,
     Statements,
 )
-from steelyard.report.blocks.plot import axes, line
+from steelyard.report.blocks.plot import NAMES_DOWNWARDS, axes, line
 from steelyard.report.blocks.robot_scene import robot_scene
 from steelyard.report.blocks.shown import line_colour, slug
 from steelyard.report.documents.design import grids, statements
 from steelyard.report.evidence.gather import shape_of
-from steelyard.report.evidence.thinning import THINNING
+from steelyard.report.evidence.thinning import THINNING, evenly
 
 _MOST_POINTS = 1000
 """Of a line: about one for each column of pixels."""
@@ -66,11 +66,10 @@ def design_document(evaluation: MotionEvaluation) -> Document:
 def _lead(evaluation: MotionEvaluation) -> Statement:
     """Whether the motion keeps the limits and reaches the targets."""
     parameter, ratio = evaluation.worst
-    label = dict(zip(BODY_PARAMETERS, (label for label, *_ in LABELS), strict=True))[parameter]
+    label, *_ = LABELS[BODY_PARAMETERS.index(parameter)]
     if not evaluation.feasible:
         return Statement(
-            "The robot cannot do this motion within its limits; see those named below.",
-            "bad",
+            "The robot cannot do this motion within its limits; see those named below.", "bad"
         )
     if not np.isfinite(ratio):
         return Statement(
@@ -86,15 +85,13 @@ def _lead(evaluation: MotionEvaluation) -> Statement:
 
 
 def _thinned(columns: Mapping[str, Array]) -> dict[str, Array]:
-    n = len(columns["t"])
-    few = np.unique(np.linspace(0, n - 1, min(n, _MOST_POINTS)).astype(int))
+    few = evenly(len(columns["t"]), _MOST_POINTS)
     return {name: values[few] for name, values in columns.items()}
 
 
 def _course(run: str, columns: Mapping[str, Array]) -> Replay:
     time = columns["t"]
-    count = max(2, min(len(time), int((time[-1] - time[0]) * THINNING.instants_per_second)))
-    few = np.unique(np.linspace(0, len(time) - 1, count).astype(int))
+    few = evenly(len(time), max(2, int((time[-1] - time[0]) * THINNING.instants_per_second)))
     angles = np.stack([columns[name][few] for name in ("yaw", "pitch", "roll")], axis=1)
     rotation = Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True, canonical=True)
     return Replay(
@@ -120,7 +117,7 @@ def _information(run: str, columns: Mapping[str, Array]) -> Figure:
     )
     layout = {
         "xaxis": {"title": {"text": "time [s]"}},
-        "yaxis": {"autorange": "reversed", "automargin": True, "type": "category"},
+        "yaxis": NAMES_DOWNWARDS,
     }
     text = (
         "For each of the ten parameters the information from the parts of the motion, from none"

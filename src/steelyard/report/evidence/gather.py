@@ -21,7 +21,7 @@ from steelyard.identification.model.preparation import Samples, prepare
 from steelyard.identification.residuals import Residuals, of_samples, residuals
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import BODY_PARAMETERS, TEN
-from steelyard.report.evidence.thinning import THINNING, Thinning, rounded
+from steelyard.report.evidence.thinning import THINNING, Thinning, evenly, rounded
 from steelyard.report.evidence.traces import traces
 from steelyard.report.evidence.values import (
     CalibrationEstimate,
@@ -144,13 +144,11 @@ def _motion(samples: Samples, thinning: Thinning) -> Iterator[MotionTrack]:
     """Where the platform was; nothing where no instrument measures it."""
     if samples.position is None or samples.rotation is None or not len(samples):
         return
-    n = len(samples)
-    most = n
+    most = thinning.most_instants
     if not samples.static:
         length = float(samples.time[-1] - samples.time[0])
-        most = max(2, int(length * thinning.instants_per_second))
-    count = min(n, most, thinning.most_instants)
-    few = np.unique(np.linspace(0, n - 1, count).astype(int))
+        most = min(most, max(2, int(length * thinning.instants_per_second)))
+    few = evenly(len(samples), most)
     turned = Rotation.from_matrix(samples.rotation[few]).as_quat(scalar_first=True, canonical=True)
     x, y, z = (rounded(column, 6) for column in samples.position[few].T)
     q = [rounded(column, 6) for column in turned.T]

@@ -11,15 +11,13 @@ from typing import Any, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from steelyard.errors import InputError
-from steelyard.inertia import BODY_PARAMETERS
 from steelyard.json_file import read_json
-from steelyard.report.evidence.summary import ParameterTable, Summary
-from steelyard.report.evidence.values import EstimatedBody, Trace
+from steelyard.report.evidence.summary import Summary
+from steelyard.report.evidence.values import Trace
 from steelyard.yaml_file import require_file
 
 FILE_NAME = "report.json"
 FORMAT: Literal["steelyard-report/1"] = "steelyard-report/1"
-_TEN = len(BODY_PARAMETERS)
 
 
 @dataclass(frozen=True)
@@ -61,28 +59,16 @@ def read_summary(folder: Path) -> Summary:
             f" ({FORMAT}), found that it is not one ({str(first['msg'])[:100]}); run identify again"
             " with --out"
         ) from None
-    problem = _inconsistency(summary)
+    problem = next(_inconsistencies(summary), None)
     if problem:
         raise InputError(f"{path}: {problem}; run identify again with --out")
     return summary
-
-
-def _inconsistency(summary: Summary) -> str | None:
-    """What is wrong with a summary whose parts are well formed; None: nothing."""
-    return next(_inconsistencies(summary), None)
 
 
 def _inconsistencies(summary: Summary) -> Iterator[str]:
     """Parts that do not fit each other."""
     if summary.result not in {body.name for body in summary.bodies}:
         yield f"result: expected the name of one of the bodies, found '{summary.result[:60]}'"
-    for body in summary.bodies:
-        yield from _of_body(body)
-    for given in (summary.nominal, summary.truth, summary.attainable):
-        if given is not None and len(given) != _TEN:
-            yield f"expected {_TEN} values of a body, found {len(given)}"
-    for table in (summary.table, *summary.runs):
-        yield from _of_table(table)
     for trace in summary.evidence.traces:
         yield from _of_trace(trace)
     for motion in summary.evidence.motions:
@@ -94,25 +80,6 @@ def _inconsistencies(summary: Summary) -> Iterator[str]:
     shape = summary.evidence.shape
     if shape and len(shape.anchors) != len(shape.attachments):
         yield "shape: expected as many attachments as anchors, found another number"
-
-
-def _of_body(body: EstimatedBody) -> Iterator[str]:
-    sizes = {len(body.value), len(body.covariance), len(body.labels)}
-    sizes |= {len(row) for row in body.covariance}
-    if sizes != {_TEN}:
-        yield (
-            f"body '{body.name[:60]}': expected {_TEN} values with their covariance, found"
-            f" {sorted(sizes)}"
-        )
-
-
-def _of_table(table: ParameterTable) -> Iterator[str]:
-    for column in table.columns:
-        given = (column.values, column.deviations, column.errors)
-        if any(values is not None and len(values) != _TEN for values in given):
-            yield (
-                f"table '{table.title[:60]}': expected {_TEN} values a column, found another number"
-            )
 
 
 def _of_trace(trace: Trace) -> Iterator[str]:

@@ -5,7 +5,7 @@ from.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.report.evidence.gather import body_of, evidence_of
 from steelyard.report.evidence.made import steelyard_version
-from steelyard.report.evidence.values import EstimatedBody, Evidence, Made, Number, numbers
+from steelyard.report.evidence.values import EstimatedBody, Evidence, Made, Ten, numbers
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class ParameterColumn:
     """Ten values under one heading, in the units of :data:`LABELS`."""
 
     heading: str
-    values: tuple[Number, ...]
-    deviations: tuple[Number, ...] | None
+    values: Ten
+    deviations: Ten | None
     """1-sigma; None where they are given without."""
-    errors: tuple[Number, ...] | None = None
+    errors: Ten | None = None
     """Difference from the truth, where that is known."""
 
 
@@ -53,10 +53,10 @@ class Summary:
     """Heading of the best estimate, which the report is about."""
     bodies: tuple[EstimatedBody, ...]
     """All that are shown."""
-    nominal: tuple[Number, ...] | None
+    nominal: Ten | None
     """The ten of :data:`steelyard.inertia.BODY_PARAMETERS`, SI."""
-    truth: tuple[Number, ...] | None
-    attainable: tuple[Number, ...] | None
+    truth: Ten | None
+    attainable: Ten | None
     """The smallest 1-sigma that any method could have."""
     evidence: Evidence
     made: Made
@@ -74,6 +74,8 @@ def summarise(
     title: str | None = None,
     suffix: str = "",
     made: Made | None = None,
+    *,
+    with_evidence: bool = True,
 ) -> Summary:
     """Gather all that a report shows.
 
@@ -84,20 +86,7 @@ def summarise(
         title: Heading; None: the name of the experiment.
         suffix: What to add to the names of the methods, where others stand beside them.
         made: How the result was made; None: by this version, nothing else is known.
-    """
-    shown = tabulate(identification, truth, beside, title, suffix)
-    return replace(shown, evidence=evidence_of(identification), made=made or shown.made)
-
-
-def tabulate(
-    identification: Identification,
-    truth: Inertia | None = None,
-    beside: Mapping[str, Estimate] | None = None,
-    title: str | None = None,
-    suffix: str = "",
-) -> Summary:
-    """The numbers and sentences alone, without what they rest on; arguments as of
-    :func:`summarise`.
+        with_evidence: Whether to gather what the numbers rest on, too.
     """
     nominal = None if identification.nominal is None else identification.nominal.body_parameters
     true = None if truth is None else truth.body_parameters
@@ -125,8 +114,8 @@ def tabulate(
         nominal=None if nominal is None else numbers(nominal),
         truth=None if true is None else numbers(true),
         attainable=None if bound is None else numbers(bound, 3),
-        evidence=Evidence(),
-        made=Made((("steelyard", steelyard_version()),), ()),
+        evidence=evidence_of(identification) if with_evidence else Evidence(),
+        made=made or Made((("steelyard", steelyard_version()),), ()),
     )
 
 
@@ -148,11 +137,8 @@ def _each_run(identification: Identification) -> Iterator[ParameterTable]:
             yield ParameterTable(f"{name}, each run alone", tuple(columns))
 
 
-def _scaled(values: Array | Sequence[float]) -> tuple[float | None, ...]:
-    return tuple(
-        float(value) * factor if np.isfinite(value) else None
-        for value, (_, _, factor) in zip(values, LABELS, strict=True)
-    )
+def _scaled(values: Array | Sequence[float]) -> Ten:
+    return numbers([v * factor for v, (_, _, factor) in zip(values, LABELS, strict=True)])
 
 
 def _given(heading: str, values: Array) -> ParameterColumn:

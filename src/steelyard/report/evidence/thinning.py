@@ -66,6 +66,11 @@ def thinned(size: Array, most: int) -> NDArray[np.intp]:
     return np.unique(np.concatenate([edges[:-1], out, [n - 1]]))
 
 
+def evenly(n: int, most: int) -> NDArray[np.intp]:
+    """Places to keep of n samples: the first, the last, and as many evenly between as that allows."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))
+
+
 def rounded(values: Array, digits: int) -> list[float]:
     """Numbers of so many digits."""
     return [float(f"{v:.{digits}g}") for v in values]

@@ -8,13 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 from pydantic import FiniteFloat as Real
 
 from steelyard.arrays import Array
 
 Number = Real | None
+_TEN = Field(min_length=10, max_length=10)
+Ten = Annotated[tuple[Number, ...], _TEN]
+"""Of the ten body parameters."""
 Vector = tuple[Real, Real, Real]
 
 
@@ -30,10 +35,10 @@ class EstimatedBody:
     name: str
     """Heading of its column."""
     method: str
-    value: tuple[Number, ...]
+    value: Ten
     """The ten of :data:`steelyard.inertia.BODY_PARAMETERS`."""
-    covariance: tuple[tuple[Number, ...], ...]
-    labels: tuple[str, ...]
+    covariance: Annotated[tuple[Ten, ...], _TEN]
+    labels: Annotated[tuple[str, ...], _TEN]
     """What determined each of the ten: ``data``, ``prior`` or ``unidentifiable``."""
     accepted: bool
     reasons: tuple[str, ...]

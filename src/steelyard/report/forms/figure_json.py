@@ -7,7 +7,7 @@ from __future__ import annotations
 import base64
 import html
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -125,24 +125,13 @@ def _list(values: Any, key: str = "", *, packed: bool, drawn: bool = False) -> A
 def _numbers(values: Any) -> Array | None:
     """Numbers in one or two dimensions, None as NaN; None where they are something else."""
     if not isinstance(values, np.ndarray):
-        if not all(_is_number(value) for value in _flat(values)):
+        every = np.array(values, dtype=object)
+        if not all(_is_number(value) for value in every.flat):
             return None
-        try:
-            values = np.array(values, dtype=np.float64)
-        except (TypeError, ValueError):  # rows of different lengths
-            return None
+        values = every.astype(np.float64)
     if values.dtype.kind not in "iuf" or values.ndim not in (1, 2):
         return None
     return np.where(np.isfinite(values), values, np.nan).astype(np.float64)
-
-
-def _flat(values: Iterable[Any]) -> Iterator[Any]:
-    """Values of one or two dimensions, one after the other."""
-    for row in values:
-        if isinstance(row, np.ndarray | list | tuple):
-            yield from row
-        else:
-            yield row
 
 
 def _is_number(value: Any) -> bool:

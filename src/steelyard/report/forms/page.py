@@ -10,7 +10,7 @@ import re
 from functools import cache
 from importlib.resources import files
 
-from steelyard.report.blocks.document import Block, Document, Figure, Grid, Scene, Statements
+from steelyard.report.blocks.document import Document, Figure, Scene
 from steelyard.report.forms.figure_json import figure_json
 
 _SIGNS = {"good": ("✓", "good"), "bad": ("✗", "problem"), "note": ("!", "note")}
@@ -34,7 +34,7 @@ def page(document: Document) -> str:
     scripts = _scripts() if any(isinstance(block, Figure | Scene) for block in blocks) else ()
     text = environment.from_string(_part("page.html.j2")).render(
         document=document,
-        kind=_kind,
+        kind=lambda block: type(block).__name__.lower(),
         signs=_SIGNS,
         json=figure_json,
         style=_part("page.css"),
@@ -44,18 +44,6 @@ def page(document: Document) -> str:
     # What is no character (a name of a file in no encoding) would be an error where the page is
     # written.
     return text.encode("utf-8", "replace").decode("utf-8")
-
-
-def _kind(block: Block) -> str:
-    match block:
-        case Statements():
-            return "statements"
-        case Grid():
-            return "grid"
-        case Figure():
-            return "figure"
-        case Scene():
-            return "scene"
 
 
 def palette() -> dict[str, str]:

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 from steelyard.digits import number
 from steelyard.report.blocks.document import Block, Figure, Grid, Section, Statement, Statements
-from steelyard.report.blocks.shown import scaled, shown_unit
+from steelyard.report.blocks.plot import NAMES_DOWNWARDS, points, stretch
+from steelyard.report.blocks.shown import Unit, scaled, shown_unit
 from steelyard.report.evidence.summary import Summary
 from steelyard.report.evidence.values import CalibrationEstimate
 
@@ -71,17 +72,21 @@ def _clocks(summary: Summary) -> Grid:
 
 def _value(each: CalibrationEstimate) -> str:
     """An estimate with its 1-sigma and unit."""
-    unit = shown_unit(each.unit, "error")
-    text = number(scaled(each.value, unit.factor), scaled(each.deviation, unit.factor))
+    text, unit = _estimate(each)
     return text if unit.name == "-" else f"{text} {unit.name}"
+
+
+def _estimate(each: CalibrationEstimate) -> tuple[str, Unit]:
+    """An estimate with its 1-sigma, and the unit that both are in."""
+    unit = shown_unit(each.unit, "error")
+    return number(scaled(each.value, unit.factor), scaled(each.deviation, unit.factor)), unit
 
 
 def _errors(errors: tuple[CalibrationEstimate, ...]) -> Grid:
     """Estimates of all calibration parameters beside their priors."""
     rows = []
     for each in errors:
-        unit = shown_unit(each.unit, "error")
-        found = number(scaled(each.value, unit.factor), scaled(each.deviation, unit.factor))
+        found, unit = _estimate(each)
         prior = "-"
         if each.expected is not None and each.prior is not None:
             prior = f"{each.expected * unit.factor:.4g} ± {each.prior * unit.factor:.3g}"
@@ -97,34 +102,12 @@ def _posteriors(errors: tuple[CalibrationEstimate, ...]) -> Figure:
     names = [f"{e.instrument}, {e.name}" for e in shown]
     off = [((e.value or 0.0) - (e.expected or 0.0)) / (e.prior or 1.0) for e in shown]
     left = [(e.deviation or 0.0) / (e.prior or 1.0) for e in shown]
-    data = (
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "name": "estimate, 1-sigma",
-            "x": off,
-            "y": names,
-            "marker": {"size": 7},
-            "error_x": {"type": "data", "array": left, "thickness": 1.5, "width": 4},
-        },
-    )
+    bars = {"type": "data", "array": left, "thickness": 1.5, "width": 4}
+    data = (points("estimate, 1-sigma", off, names, {"size": 7}, error_x=bars),)
     layout = {
         "xaxis": {"title": {"text": "estimate minus prior value, in prior 1-sigma"}},
-        "yaxis": {"autorange": "reversed", "automargin": True, "type": "category"},
-        "shapes": [
-            {
-                "type": "rect",
-                "xref": "x",
-                "yref": "paper",
-                "x0": -1,
-                "x1": 1,
-                "y0": 0,
-                "y1": 1,
-                "line": {"width": 0},
-                "opacity": 0.12,
-                "fillcolor": "#888888",
-            }
-        ],
+        "yaxis": NAMES_DOWNWARDS,
+        "shapes": [{**stretch(-1, 1, "#888888"), "opacity": 0.12}],
         "showlegend": False,
     }
     determined = sum(1 for each in left if each < _DETERMINED)

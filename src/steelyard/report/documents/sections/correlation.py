@@ -7,6 +7,7 @@ import numpy as np
 from steelyard.digits import LABELS
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.blocks.document import Figure, Grid, Section, Statement, Statements
+from steelyard.report.blocks.plot import NAMES_DOWNWARDS
 from steelyard.report.evidence.summary import Summary
 from steelyard.report.evidence.values import EstimatedBody
 
@@ -48,7 +49,7 @@ def correlation(summary: Summary) -> Section | None:
         },
     )
     layout = {
-        "yaxis": {"autorange": "reversed", "automargin": True, "type": "category"},
+        "yaxis": NAMES_DOWNWARDS,
         "xaxis": {"type": "category"},
     }
     figure = Figure(

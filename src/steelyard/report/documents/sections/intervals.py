@@ -7,6 +7,7 @@ from typing import Any
 
 from steelyard.digits import LABELS
 from steelyard.report.blocks.document import Figure
+from steelyard.report.blocks.plot import line, points
 from steelyard.report.blocks.shown import deviations_of, line_colour, scaled
 from steelyard.report.evidence.summary import Summary
 from steelyard.report.evidence.values import EstimatedBody, Number
@@ -135,33 +136,22 @@ def _interval(
 ) -> dict[str, Any]:
     """A value with its 95 % interval in the i-th panel."""
     bar = {"type": "data", "array": [COVERED * (deviation or 0.0)], "color": colour}
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "x": [value],
-        "y": [y],
-        "marker": {"size": 8, "color": colour},
-        "error_x": {**bar, "thickness": 2, "width": 5},
-        **_placed(name, i),
-    }
+    error = {**bar, "thickness": 2, "width": 5}
+    return points(
+        name, [value], [y], {"size": 8, "color": colour}, error_x=error, **_placed(name, i)
+    )
 
 
 def _line(name: str, value: Number, dash: str, lines: int, i: int) -> dict[str, Any]:
     """A line across all rows of the i-th panel."""
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "x": [value, value],
-        "y": [-0.6, lines - 0.4],
-        "line": {"dash": dash, "width": 1.5, "color": "var(--ink)"},
-        **_placed(name, i),
-    }
+    style = {"dash": dash, "width": 1.5, "color": "var(--ink)"}
+    return line(name, [value, value], [-0.6, lines - 0.4], style, **_placed(name, i))
 
 
 def _placed(name: str, i: int) -> dict[str, Any]:
     """The i-th panel; in the legend each name stands once."""
     axes = {"xaxis": f"x{_suffix(i)}", "yaxis": f"y{_suffix(i)}"}
-    return {"name": name, "legendgroup": name, "showlegend": i == 0, **axes}
+    return {"legendgroup": name, "showlegend": i == 0, **axes}
 
 
 def _suffix(i: int) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from steelyard.identification.residuals import PLATFORM
 from steelyard.report.blocks.document import Block, Figure, Grid, Section, Statement, Statements
-from steelyard.report.blocks.plot import axes, line
+from steelyard.report.blocks.plot import axes, line, points
 from steelyard.report.blocks.shown import Unit, line_colour, shown_unit, slug, words
 from steelyard.report.evidence.summary import Summary
 from steelyard.report.evidence.values import Number, Trace
@@ -240,15 +240,10 @@ def _residual_lines(each: Trace, residual: Any) -> Iterator[dict[str, Any]]:
         channels, samples = np.nonzero(out)
         # What is left out may be far off the scale: it is marked where it happened.
         limit = float(np.nanmax(np.abs(used), initial=1.0))
-        yield {
-            "type": "scatter",
-            "mode": "markers",
-            "name": "left out",
-            "x": np.array(each.time)[samples],
-            "y": np.clip(residual[channels, samples], -limit, limit),
-            "yaxis": "y2",
-            "marker": {"size": 7, "symbol": "x-thin-open", "color": "var(--bad)"},
-        }
+        cross = {"size": 7, "symbol": "x-thin-open", "color": "var(--bad)"}
+        at = np.array(each.time)[samples]
+        values = np.clip(residual[channels, samples], -limit, limit)
+        yield points("left out", at, values, cross, yaxis="y2")
 
 
 def _spectra(traces: Sequence[Trace]) -> Iterator[Figure]:
