@@ -44,7 +44,7 @@ INNER = {
         {"force_clock", "identify", "residuals", "synchronisation"},
     ],
     "report": [{"evidence"}, {"blocks"}, {"documents"}, {"forms"}, {"figures", "write"}],
-    "cli": [{"lazy_group", "options", "printing", "process", "progress", "truth"}, {"verbs"}],
+    "cli": [{"lazy_group", "options", "printing", "process", "truth"}, {"verbs"}],
 }
 """Within a room, from left to right; what is not named may be anywhere."""
 MOST_FILES = 30

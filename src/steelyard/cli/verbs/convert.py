@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from steelyard.cli.options import common, experiment_argument, force_option, out_option
-from steelyard.cli.printing import print_json, print_samples, samples_of
-from steelyard.cli.progress import progress
+from steelyard.cli.printing import print_json, print_samples, progress, samples_of
 from steelyard.cli.truth import LARGEST_TRUTH, TRUTH
 from steelyard.errors import InputError
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import click
 
 from steelyard.cli.options import common, force_option, out_option
-from steelyard.cli.printing import print_json, say
-from steelyard.cli.progress import progress
+from steelyard.cli.printing import print_json, progress, say
 
 _MOTIONS = {"paper": "the paper's eight moves", "multisine": "20 s on all six axes"}
 

@@ -16,8 +16,7 @@ from steelyard.cli.options import (
     seed_option,
     sensors_option,
 )
-from steelyard.cli.printing import print_json
-from steelyard.cli.progress import progress
+from steelyard.cli.printing import print_json, progress
 from steelyard.errors import InputError
 
 if TYPE_CHECKING:

@@ -17,8 +17,7 @@ from steelyard.cli.options import (
     runs_option,
     selected,
 )
-from steelyard.cli.printing import print_json
-from steelyard.cli.progress import progress
+from steelyard.cli.printing import print_json, progress
 from steelyard.cli.truth import known_truth
 from steelyard.errors import InputError
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from steelyard.cli.options import common, force_option, out_option
-from steelyard.cli.printing import print_json
-from steelyard.cli.progress import progress
+from steelyard.cli.printing import print_json, progress
 from steelyard.errors import InputError
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from steelyard.cli.options import (
     runs_option,
     selected,
 )
-from steelyard.cli.printing import print_json
-from steelyard.cli.progress import progress
+from steelyard.cli.printing import print_json, progress
 
 
 @click.command()

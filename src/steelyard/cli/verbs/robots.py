@@ -18,10 +18,14 @@ if TYPE_CHECKING:
 @common
 def robots(name: str | None, as_json: bool, quiet: bool) -> None:
     """List the bundled robots, or print NAME as a robot file."""
-    from steelyard.robot.file import bundled_names, read_robot
+    from steelyard.robot.file import bundled_names, bundled_text, read_robot, robot_file
 
     if name is not None:
-        _print_robot(name, as_json=as_json)
+        text = bundled_text(name)
+        if as_json:
+            print_json(robot_file(read_robot(name)))
+        else:
+            print(text.rstrip("\n"))
         return
     bundled = {each: read_robot(each) for each in bundled_names()}
     if as_json:
@@ -33,16 +37,6 @@ def robots(name: str | None, as_json: bool, quiet: bool) -> None:
         return
     for each, robot in bundled.items():
         print(f"{each:16} {robot.m} cables, nominal platform {_mass(robot) or 0:.3f} kg")
-
-
-def _print_robot(name: str, *, as_json: bool) -> None:
-    from steelyard.robot.file import bundled_text, read_robot, robot_file
-
-    text = bundled_text(name)
-    if as_json:
-        print_json(robot_file(read_robot(name)))
-    else:
-        print(text.rstrip("\n"))
 
 
 def _mass(robot: Robot) -> float | None:

@@ -7,8 +7,7 @@ from pathlib import Path
 import click
 
 from steelyard.cli.options import common, force_option, out_option, seed_option, sensors_option
-from steelyard.cli.printing import print_json, print_samples, samples_of
-from steelyard.cli.progress import progress
+from steelyard.cli.printing import print_json, print_samples, progress, samples_of
 from steelyard.cli.truth import TRUTH
 
 

@@ -41,6 +41,11 @@ def scaled(value: Number, factor: float) -> Number:
     return None if value is None else value * factor
 
 
+def short(value: Number, digits: int = 3) -> str:
+    """A number of so many digits; a dash where there is none."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
+
+
 def deviations_of(body: EstimatedBody) -> list[Number]:
     """1-sigma of the ten."""
     return [

@@ -66,10 +66,8 @@ def _precision(evaluation: MotionEvaluation) -> Grid:
 
 def _sigmas(deviations: Array) -> list[str]:
     """1-sigma of the ten in the units of :data:`LABELS`, from SI, shape (10,)."""
-    pairs = zip(deviations.tolist(), LABELS, strict=True)
-    return [
-        "not identifiable" if np.isnan(v) else f"{v * factor:.3g}" for v, (_, _, factor) in pairs
-    ]
+    factors = [factor for _, _, factor in LABELS]
+    return ["not identifiable" if np.isnan(v) else f"{v:.3g}" for v in deviations * factors]
 
 
 def drawn_over_time(shares: InformationShares, parameter: int) -> str:
@@ -113,16 +111,12 @@ def _rows_of(use: Use, real: Use | None) -> Iterator[tuple[str, ...]]:
         most = max(most, real.fraction)
     columns.append(_shown(use.limit))
     used = "" if use.limit is None else f"{most:.0%}"
-    labels = [use.name] if len(columns[0]) == 1 else _axes(use)
+    labels = use.name.split(", ")
+    if use.name == "position":
+        labels = [f"position {axis}" for axis in "xyz"]
     for i, label in enumerate(labels):
         cells = [column[i] if column else "" for column in columns]
         yield (label, use.unit, *cells, used if i == 0 else "")
-
-
-def _axes(use: Use) -> list[str]:
-    return (
-        [f"position {axis}" for axis in "xyz"] if use.name == "position" else use.name.split(", ")
-    )
 
 
 def _shown(values: Sequence[object] | None) -> list[str]:
@@ -170,11 +164,9 @@ def _reached(evaluation: MotionEvaluation) -> Iterator[Statement]:
     labels = [label for label, *_ in LABELS]
     parameter, ratio = evaluation.worst
     if np.isfinite(ratio):
-        verdict = (
-            "all targets are reached"
-            if ratio <= 1
-            else "not all targets are reached; a longer motion or more runs would"
-        )
+        verdict = "not all targets are reached; a longer motion or more runs would"
+        if ratio <= 1:
+            verdict = "all targets are reached"
         label = labels[BODY_PARAMETERS.index(parameter)]
         yield Statement(f"least certain: {label}, {ratio:.2f} of its target 1-sigma: {verdict}")
     lacking = np.isnan(evaluation.standard_deviation)

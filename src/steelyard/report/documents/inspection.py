@@ -14,6 +14,7 @@ from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
 from steelyard.report.blocks.document import Grid, Statement
 from steelyard.report.blocks.parameter_grid import ParameterTexts, parameter_grid
+from steelyard.report.blocks.shown import short, words
 
 _MOST_FAULTS = 12
 """Faults of one stream that are listed one by one."""
@@ -72,18 +73,15 @@ def _count(number: int) -> str:
 
 
 def _noise(found: Inspection) -> Grid:
+    """Noise of every quantity as estimated and as stated."""
     head = ("run", "instrument", "quantity", "unit", "at rest", "in motion", "stated")
     rows = []
     for each in found.streams:
         for q in each.quantities:
             if q.noise_at_rest is not None or q.noise_in_motion is not None:
-                numbers = (_number(q.noise_at_rest), _number(q.noise_in_motion), _number(q.stated))
-                rows.append((each.run, each.instrument, q.name.replace("_", " "), q.unit, *numbers))
+                numbers = (short(q.noise_at_rest), short(q.noise_in_motion), short(q.stated))
+                rows.append((each.run, each.instrument, words(q.name), q.unit, *numbers))
     return Grid("Noise of a sample, 1-sigma", head, tuple(rows), frozenset(range(4, 7)))
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None or not np.isfinite(value) else f"{value:.3g}"
 
 
 def _delays(found: Inspection) -> Grid:
@@ -102,6 +100,7 @@ def _delays(found: Inspection) -> Grid:
 
 
 def _agreements(found: Inspection) -> Grid:
+    """What instruments say of each other, a row a pair."""
     head = ("run", "between", "worst channel", "residual / allowed", "")
     rows = []
     for run, each in found.agreements:
@@ -116,8 +115,8 @@ def _body(found: Inspection) -> Grid:
     assert found.excitation is not None
     body = found.excitation.body
     factors = [factor for _, _, factor in LABELS]
-    values = [_number(each.value * factor) for each, factor in zip(body, factors, strict=True)]
-    sigmas = [_number(each.sigma * factor) for each, factor in zip(body, factors, strict=True)]
+    values = [short(each.value * factor) for each, factor in zip(body, factors, strict=True)]
+    sigmas = [short(each.sigma * factor) for each, factor in zip(body, factors, strict=True)]
     columns = [
         ParameterTexts("rough estimate", values),
         ParameterTexts("smallest 1-sigma", sigmas),
@@ -141,17 +140,17 @@ def _calibration(found: Inspection) -> Grid:
     return Grid(title, head, tuple(rows), frozenset({2, 3}))
 
 
-def _counted(words: Sequence[str]) -> str:
-    """Words with how often they stand; one alone without."""
-    counts = Counter(words)
+def _counted(texts: Sequence[str]) -> str:
+    """Texts with how often they stand; one alone without."""
+    counts = Counter(texts)
     if len(counts) == 1:
-        return words[0]
+        return texts[0]
     return ", ".join(f"{count} {word}" for word, count in counts.items())
 
 
 def _range(values: Iterable[float | None]) -> str:
     """One number, or the least and the largest of several."""
-    shown = [_number(value) for value in sorted(v for v in values if v is not None)]
+    shown = [short(value) for value in sorted(v for v in values if v is not None)]
     return "-" if not shown else shown[0] if shown[0] == shown[-1] else f"{shown[0]} to {shown[-1]}"
 
 
@@ -218,7 +217,7 @@ def fault_words(report: StreamReport) -> Iterator[str]:
         what = f" {fault.channel}" if fault.channel else ""
         when = f"{fault.start:.2f} to {fault.end:.2f} s of its clock"
         yield (
-            f"run '{report.run}': {report.instrument}{what.replace('_', ' ')}:"
+            f"run '{report.run}': {report.instrument}{words(what)}:"
             f" {_WORDS[fault.kind]}, {fault.count} samples, {when}"
         )
     if len(report.faults) > _MOST_FAULTS:

@@ -29,17 +29,13 @@ _MARKS = {"gap": "var(--muted)", "stuck": "var(--bad)"}
 
 def inspection_document(found: Inspection) -> Document:
     """Everything that there is to say and to see."""
-    said = Statements(tuple(statements(found)))
+    sections = []
+    if said := tuple(statements(found)):
+        sections.append(Section("found", "What was found", (Statements(said),)))
     tables = tuple(grid for grid in grids(found) if grid.rows)
-    return Document(
-        f"{found.experiment.name}: what is in the recordings",
-        _lead(found),
-        (
-            *((Section("found", "What was found", (said,)),) if said.items else ()),
-            Section("numbers", "Numbers", tables),
-            *_pictures(found),
-        ),
-    )
+    sections += [Section("numbers", "Numbers", tables), *_pictures(found)]
+    title = f"{found.experiment.name}: what is in the recordings"
+    return Document(title, _lead(found), tuple(sections))
 
 
 def _lead(found: Inspection) -> Statement:
@@ -67,40 +63,20 @@ def _pictures(found: Inspection) -> Iterator[Section]:
     by_name = {run.name: run for run in runs}
     agreements = [(name, each) for name, each in found.agreements if name in by_name]
     streams = [report for report in found.streams if report.run in by_name]
+    balances = [_balance(found, each, i) for i, each in enumerate(found.residuals[:_MOST_RUNS])]
+    pairs = [_agreement(name, each, i) for i, (name, each) in enumerate(agreements)]
+    over_time = [_stream(found, by_name[each.run], each, i) for i, each in enumerate(streams)]
+    has_spectra = any(len(q.frequency) for each in streams for q in each.quantities)
     shown = (
-        (
-            "attainable",
-            "Identifiability",
-            (_bars(found),) if found.excitation is not None else (),
-        ),
-        (
-            "balance",
-            "Residuals of the force balance",
-            tuple(_balance(found, each, i) for i, each in enumerate(found.residuals[:_MOST_RUNS])),
-        ),
-        (
-            "agreements",
-            "Measured against predicted",
-            tuple(_agreement(name, each, i) for i, (name, each) in enumerate(agreements)),
-        ),
-        (
-            "streams",
-            "Streams",
-            tuple(_stream(found, by_name[each.run], each, i) for i, each in enumerate(streams)),
-        ),
-        (
-            "spectra",
-            "Spectra",
-            (
-                (_spectra(streams),)
-                if any(len(q.frequency) for r in streams for q in r.quantities)
-                else ()
-            ),
-        ),
+        ("attainable", "Identifiability", [_bars(found)] if found.excitation else []),
+        ("balance", "Residuals of the force balance", balances),
+        ("agreements", "Measured against predicted", pairs),
+        ("streams", "Streams", over_time),
+        ("spectra", "Spectra", [_spectra(streams)] if has_spectra else []),
     )
     for name, title, figures in shown:
         if figures:
-            yield Section(name, title, figures)
+            yield Section(name, title, tuple(figures))
 
 
 def _lines(
@@ -175,23 +151,17 @@ def _stream(found: Inspection, run: Run, report: StreamReport, place: int) -> Fi
     for q in report.quantities:
         values = stream.values[q.name]
         flat = values.reshape(len(values), -1)
-        lines += _lines(
-            time, flat, [f"{q.name.replace('_', ' ')} {i + 1}" for i in range(flat.shape[1])]
-        )
+        lines += _lines(time, flat, [f"{words(q.name)} {i + 1}" for i in range(flat.shape[1])])
     shift = float(time[0] - stream.time[0])
     marked = [fault for fault in report.faults if fault.kind in _MARKS]
+    units = "; ".join(dict.fromkeys(q.unit for q in report.quantities))
+    shapes = [stretch(f.start + shift, f.end + shift, _MARKS[f.kind]) for f in marked]
     return Figure(
         f"stream-{place + 1}",
         f"run {run.name}: {report.instrument}",
         f"All channels over time; {len(marked)} gaps and stuck stretches are marked.",
         tuple(lines),
-        {
-            **axes("common time [s]", "; ".join(dict.fromkeys(q.unit for q in report.quantities))),
-            "shapes": [
-                stretch(fault.start + shift, fault.end + shift, _MARKS[fault.kind])
-                for fault in marked
-            ],
-        },
+        {**axes("common time [s]", units), "shapes": shapes},
     )
 
 

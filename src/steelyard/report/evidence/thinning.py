@@ -67,7 +67,7 @@ def thinned(size: Array, most: int) -> NDArray[np.intp]:
 
 
 def evenly(n: int, most: int) -> NDArray[np.intp]:
-    """Places to keep of n samples: the first, the last, and as many evenly between as that allows."""
+    """Places to keep of n samples: about so many at even distances, with the first and the last."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))
 
 

@@ -34,11 +34,10 @@ def _block(block: Block) -> Iterator[str]:
             yield from (f"- {_line(each.text)}" for each in items)
         case Grid():
             yield from _grid(block)
-        case (
-            Figure(title=title, alternative=alternative)
-            | Scene(figure=Figure(title=title, alternative=alternative))
-        ):
-            yield f"*Picture: {escaped(title)}. {escaped(alternative)}*"
+        case Figure():
+            yield f"*Picture: {escaped(block.title)}. {escaped(block.alternative)}*"
+        case Scene():
+            yield from _block(block.figure)
 
 
 def _grid(grid: Grid) -> Iterator[str]:
@@ -55,11 +54,5 @@ def _row(cells: tuple[str, ...]) -> str:
 
 def _line(text: str) -> str:
     """Text that begins a line."""
-    line = escaped(text)
-    start = _START.match(line)
     # The last character of the mark is what makes it one.
-    return (
-        line
-        if start is None
-        else f"{line[: start.end() - 1]}&#{ord(line[start.end() - 1])};{line[start.end() :]}"
-    )
+    return _START.sub(lambda mark: f"{mark[0][:-1]}&#{ord(mark[0][-1])};", escaped(text))

@@ -12,7 +12,7 @@ import numpy as np
 from steelyard.identification.residuals import PLATFORM
 from steelyard.report.blocks.document import Block, Figure, Grid, Section, Statement, Statements
 from steelyard.report.blocks.plot import axes, line, points
-from steelyard.report.blocks.shown import Unit, line_colour, shown_unit, slug, words
+from steelyard.report.blocks.shown import Unit, line_colour, scaled, short, shown_unit, slug, words
 from steelyard.report.evidence.summary import Summary
 from steelyard.report.evidence.values import Number, Trace
 
@@ -121,7 +121,7 @@ def _table(traces: Sequence[Trace]) -> Grid:
                 words(each.quantity),
                 unit.name,
                 str(each.samples),
-                ", ".join(_short(rms, unit) for rms in each.rms),
+                ", ".join(short(scaled(rms, unit.factor)) for rms in each.rms),
                 "-" if ratio is None else f"{ratio:.2f}",
                 "-" if each.worst is None else f"{each.worst:.1f}",
                 str(each.outliers),
@@ -147,14 +147,10 @@ def _noise(summary: Summary) -> Grid:
     rows = []
     for each in summary.evidence.noise:
         unit = shown_unit(each.unit, each.quantity)
-        values = [_short(v, unit) for v in (each.stated, each.used, each.found)]
+        values = [short(scaled(v, unit.factor)) for v in (each.stated, each.used, each.found)]
         rows.append((each.instrument, words(each.quantity), unit.name, *values))
     head = ("instrument", "quantity", "unit", "stated", "assumed", "estimated")
     return Grid("Noise of single samples, 1-sigma", head, tuple(rows), frozenset({3, 4, 5}))
-
-
-def _short(value: Number, unit: Unit) -> str:
-    return "-" if value is None else f"{value * unit.factor:.3g}"
 
 
 def _figure(each: Trace) -> Figure:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from steelyard.digits import LABELS, number
 from steelyard.report.blocks.document import Block, Grid, Section, Statement, Statements, Tone
 from steelyard.report.blocks.parameter_grid import ParameterTexts, parameter_grid
-from steelyard.report.blocks.shown import deviations_of, scaled
+from steelyard.report.blocks.shown import deviations_of, scaled, short
 from steelyard.report.documents.sections.intervals import intervals
 from steelyard.report.evidence.summary import ParameterTable, Summary
 from steelyard.report.evidence.values import EstimatedBody, Number
@@ -96,7 +96,7 @@ def grid_of(table: ParameterTable) -> Grid:
     for column in table.columns:
         deviations = column.deviations
         if deviations is None:
-            columns.append(ParameterTexts(column.heading, [_given(v) for v in column.values]))
+            columns.append(ParameterTexts(column.heading, [short(v, 6) for v in column.values]))
         else:
             pairs = zip(column.values, deviations, strict=True)
             texts = [number(value, deviation) for value, deviation in pairs]
@@ -106,10 +106,6 @@ def grid_of(table: ParameterTable) -> Grid:
             texts = [_error(error, deviation) for error, deviation in errors]
             columns.append(ParameterTexts("error", texts, secondary=True))
     return parameter_grid(table.title, columns)
-
-
-def _given(value: Number) -> str:
-    return "-" if value is None else f"{value:.6g}"
 
 
 def _error(value: Number, deviation: Number) -> str:
