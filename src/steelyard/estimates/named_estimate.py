@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.display import printable
-from steelyard.estimates.estimate import Estimate
+from steelyard.estimates.estimate import Estimate, named
 
 FILE_NAME = "estimate.json"
 """What `identify` writes into its folder."""
@@ -34,16 +34,13 @@ class NamedEstimate:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values: what a comparison says of one of its estimates."""
-        estimate = self.estimate.to_dict()
         return {
             "name": self.name,
             "experiment": self.experiment,
             "method": self.estimate.method,
             "file": self.source,
-            "mass": estimate["mass"],
-            "center_of_gravity": estimate["center_of_gravity"],
-            "inertia": estimate["inertia"],
-            "standard_deviation": estimate["standard_deviation"],
+            **named(self.estimate.value),
+            "standard_deviation": named(self.estimate.standard_deviation),
             "accepted": self.estimate.verdict.accepted,
         }
 

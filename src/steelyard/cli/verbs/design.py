@@ -141,13 +141,10 @@ def design(
         check_target(out, force=force)
     with progress(quiet=quiet) as tell:
         task = design_task(place, sensors, body, after, target)
+        found: Design | None = None
         if check is not None:
             evaluation = checked_motion(task, check, duration, margin, tell)
-            values, document = evaluation_dict(evaluation), design_document(evaluation)
-            if out is not None:
-                with results_folder(out, force=force) as folder:
-                    write_json(values, folder / RESULT)
-                    write_document(document, folder, REPORT)
+            values = evaluation_dict(evaluation)
         else:
             if duration is None:
                 raise InputError(
@@ -169,15 +166,20 @@ def design(
                 processes=processes or os.cpu_count() or 1,
                 progress=tell,
             )
-            values, document = design_dict(found), design_document(found.appraisal)
+            evaluation, values = found.appraisal, design_dict(found)
+        document = design_document(evaluation)
+        if out is not None:
             with results_folder(out, force=force) as folder:
-                write_design(found, folder, rate)
+                if found is None:
+                    write_json(values, folder / RESULT)
+                else:
+                    write_design(found, folder, rate)
                 write_document(document, folder, REPORT)
     if as_json:
         print_json(values)
         return
     show(document)
-    if check is None and out is not None:
+    if found is not None and out is not None:
         _print_next_steps(found, place, out)
 
 

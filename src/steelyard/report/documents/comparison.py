@@ -90,14 +90,12 @@ def payload_statements(payload: Payload) -> Iterator[Statement]:
     yield from _doubted((payload.before, payload.after))
     verdict, physical = payload.estimate.verdict, payload.estimate.physical
     if verdict.accepted:
-        can = {
-            True: ", of a body that can exist",
-            None: "; whether such a body can exist is not known",
-        }
-        within = (
-            f"; a body that can exist lies within {payload.settings.significant:g} sigmas of it"
-        )
-        yield Statement(f"payload: accepted{can.get(physical, within)}", "good")
+        can = f"; a body that can exist lies within {payload.settings.significant:g} sigmas of it"
+        if physical:
+            can = ", of a body that can exist"
+        elif physical is None:
+            can = "; whether such a body can exist is not known"
+        yield Statement(f"payload: accepted{can}", "good")
     for reason in verdict.reasons:
         yield Statement(f"payload: not accepted: {reason}", "bad")
     for note in payload.estimate.notes:

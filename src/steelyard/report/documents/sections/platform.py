@@ -30,7 +30,7 @@ from steelyard.report.blocks.robot_scene import (
 )
 from steelyard.report.blocks.shown import deviations_of
 from steelyard.report.evidence.summary import Summary
-from steelyard.report.evidence.values import EstimatedBody, MotionTrack, Shape
+from steelyard.report.evidence.values import EstimatedBody, MotionTrack, Shape, Ten
 
 _WITHIN = float(np.sqrt(7.815))
 """Of three normal variables: 95 % within an ellipsoid of so many 1-sigma."""
@@ -42,21 +42,8 @@ _BEYOND_BOX = 1.15
 """Length of the drawn axes over that of the box: their ends stand out."""
 _ROUND = 24
 """Points of a circle that looks round."""
-_EDGES = (
-    (0, 1),
-    (0, 2),
-    (0, 4),
-    (1, 3),
-    (1, 5),
-    (2, 3),
-    (2, 6),
-    (3, 7),
-    (4, 5),
-    (4, 6),
-    (5, 7),
-    (6, 7),
-)
-"""Of a box, between corners counted in binary by the signs of x, y, z."""
+_EDGES = tuple((i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit)
+"""Of a box: between corners, counted in binary by the signs of x, y, z, that differ in one sign."""
 _BARE = 0.1
 """Radius of what is drawn where there are no cables, at least [m]."""
 
@@ -64,28 +51,26 @@ _BARE = 0.1
 def platform(summary: Summary) -> Section | None:
     """The section; None where neither robot nor body is there to draw."""
     blocks: list[Block] = []
-    shape = summary.evidence.shape
+    shape, centre = summary.evidence.shape, _centre(summary.best.value)
     if shape is not None:
         courses = [_course(each) for each in summary.evidence.motions if len(each.time) > 1]
-        blocks.append(robot_scene(shape, courses, _centre(summary.best)))
-    centre = _centre(summary.best)
+        blocks.append(robot_scene(shape, courses, centre))
     if centre is not None:
         blocks.append(Scene(_body(summary, shape, centre)))
         blocks += list(_numbers(summary.best))
     return Section("platform", "The platform", tuple(blocks)) if blocks else None
 
 
-def _centre(body: EstimatedBody) -> Array | None:
-    found = [value for value in body.value[1:4] if value is not None]
-    return np.array(found) if len(found) == 3 else None
+def _centre(ten: Ten) -> Array | None:
+    """Centre of gravity of ten body parameters [m], shape (3,); None where it is not known."""
+    return None if None in ten[1:4] else np.array(ten[1:4], dtype=np.float64)
 
 
 def _whole(body: EstimatedBody) -> Inertia | None:
     """The body, where all ten are known and it can exist."""
-    known = [value for value in body.value if value is not None]
-    if len(known) < len(body.value):
+    if None in body.value:
         return None
-    found = Inertia.from_body_parameters(np.array(known))
+    found = Inertia.from_body_parameters(np.array(body.value, dtype=np.float64))
     return found if found.is_physical else None
 
 
@@ -117,16 +102,15 @@ def _body(summary: Summary, shape: Shape | None, centre: Array) -> Figure:
             title += f" (region of the centre {factor} times as large)"
         data.append(_ellipsoid(name, centre, region * factor))
     for name, given in (("nominal", summary.nominal), ("truth", summary.truth)):
-        place = [] if given is None else [v for v in given[1:4] if v is not None]
-        if len(place) == 3:
-            label = f"centre of gravity, {name}"
-            data.append(marks(label, np.array([place]), size=4, symbol="cross"))
+        place = None if given is None else _centre(given)
+        if place is not None:
+            data.append(marks(f"centre of gravity, {name}", place[None], size=4, symbol="cross"))
     data.append(marks("platform origin", np.zeros((1, 3)), size=4, symbol="circle-open"))
-    text = "The centre of gravity in the platform frame with its 95 % region" + (
-        ", the principal axes and a homogeneous box of the same mass and inertia."
-        if body is not None
-        else "; the inertia is not known well enough to draw a body."
-    )
+    text = "The centre of gravity in the platform frame with its 95 % region"
+    if body is None:
+        text += "; the inertia is not known well enough to draw a body."
+    else:
+        text += ", the principal axes and a homogeneous box of the same mass and inertia."
     return Figure("body", title, text, tuple(data), equal_scales(data), height=520)
 
 
