@@ -477,7 +477,7 @@ def test_the_margin_of_a_thin_body_is_calibrated(rng):
     assert np.mean([each.possible is True for each in found]) > 0.98
 
 
-def test_a_mass_without_uncertainty_is_not_told_from_nothing():
+def test_a_mass_without_uncertainty_is_not_distinguished_from_nothing():
     C = covariance_of(1)
     C[0, :] = C[:, 0] = np.nan
     found = payload(named(BEFORE.body_parameters, C, "a"), named(AFTER.body_parameters, C, "b"))

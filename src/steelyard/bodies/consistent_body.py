@@ -15,7 +15,7 @@ from steelyard.bodies.body_problem import BodyProblem as BodyProblem
 from steelyard.bodies.newton import SolverEnd, newton
 from steelyard.bodies.semidefinite_programme import semidefinite_programme
 from steelyard.bodies.settings import DEFAULT
-from steelyard.bodies.whitened_problem import WhitenedProblem, smat, svec
+from steelyard.bodies.whitened_problem import WhitenedProblem, lifted, smat, svec
 from steelyard.errors import InputError, SteelyardError
 from steelyard.inertia import Inertia
 
@@ -148,9 +148,7 @@ def _better(problem: WhitenedProblem, *ends: SolverEnd | None) -> SolverEnd | No
     found = []
     for end in ends:
         if end is not None and problem.is_feasible(end.z, problem.settings.feasibility):
-            value, vector = np.linalg.eigh(smat(end.z))
-            z = svec((vector * np.maximum(value, problem.margin)) @ vector.T)
-            found.append(end._replace(z=z))
+            found.append(end._replace(z=lifted(end.z, problem.margin)))
     return min(found, key=lambda end: problem.value(end.z), default=None)
 
 

@@ -34,6 +34,14 @@ def smat(vector: Array) -> Array:
     return matrix
 
 
+def lifted(vector: Array, least: float) -> Array:
+    """The nearest vector of :func:`svec` whose matrix has no eigenvalue below the least, shape
+    (10,).
+    """
+    values, axes = np.linalg.eigh(smat(vector))
+    return svec((axes * np.maximum(values, least)) @ axes.T)
+
+
 DIRECTIONS = np.stack([smat(e) for e in np.eye(10)])
 """Orthonormal basis of the symmetric matrices, shape (10, 4, 4)."""
 

@@ -80,20 +80,17 @@ def _remarks(summary: Summary, traces: Sequence[Trace]) -> Iterator[Statement]:
             "note",
         )
     for each in traces:
+        what = f"Run '{each.run}', {each.instrument}, {words(each.quantity)}"
         if each.outliers:
             yield Statement(
-                f"Run '{each.run}', {each.instrument}, {words(each.quantity)}: {each.outliers}"
-                f" sample{'s' if each.outliers > 1 else ''} beyond 5 sigma or left out, of"
-                f" {each.samples * len(each.channels)}.",
+                f"{what}: {each.outliers} sample{'s' if each.outliers > 1 else ''} beyond 5 sigma"
+                f" or left out, of {each.samples * len(each.channels)}.",
                 "note",
             )
         ratio = _ratio(each)
         if ratio is not None and ratio > _HIGH:
-            yield Statement(
-                f"Run '{each.run}', {each.instrument}, {words(each.quantity)}: the"
-                f" residuals are {ratio:.1f} times the assumed noise.",
-                "bad",
-            )
+            text = f"{what}: the residuals are {ratio:.1f} times the assumed noise."
+            yield Statement(text, "bad")
     if evidence.not_drawn:
         yield Statement(
             f"{evidence.not_drawn} further runs took part in the estimate; only the first ones are"
@@ -244,15 +241,13 @@ def _residual_lines(each: Trace, residual: Any) -> Iterator[dict[str, Any]]:
 
 def _spectra(traces: Sequence[Trace]) -> Iterator[Figure]:
     """Of every run one figure."""
-    for run in dict.fromkeys(each.run for each in traces):
-        data = []
-        for each in traces:
-            if each.run == run and each.spectrum is not None:
-                name = f"{each.instrument}, {words(each.quantity)}"
-                spectrum = each.spectrum
-                data.append(line(name, spectrum.frequency, spectrum.power, {"width": 1.5}))
-        if not data:
-            continue
+    by_run: dict[str, list[dict[str, Any]]] = {}
+    for each in traces:
+        if each.spectrum is not None:
+            name, spectrum = f"{each.instrument}, {words(each.quantity)}", each.spectrum
+            drawn = line(name, spectrum.frequency, spectrum.power, {"width": 1.5})
+            by_run.setdefault(each.run, []).append(drawn)
+    for run, data in by_run.items():
         text = (
             f"Spectra of the residuals in run {run}. White noise of the assumed size is flat at 1; a"
             " peak is a motion or a vibration that the model does not follow. Cables enter six"
