@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @experiment_argument
-@out_option("Folder for the experiment; must be new or empty.", required=True)
+@out_option(help="Folder for the experiment; must be new or empty.", required=True)
 @click.option(
     "--format",
     "tables",

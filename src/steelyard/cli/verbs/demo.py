@@ -14,8 +14,8 @@ _MOTIONS = {"paper": "the paper's eight moves", "multisine": "20 s on all six ax
 
 
 @click.command()
-@out_option("Folder for data and report.", default=Path("steelyard-demo"))
-@force_option("Replace what an earlier demo wrote.")
+@out_option(help="Folder for data and report.", default=Path("steelyard-demo"), show_default=True)
+@force_option(help="Replace what an earlier demo wrote.")
 @common
 def demo(out: Path, force: bool, as_json: bool, quiet: bool) -> None:
     """The whole story: simulate CoGiRo with the sensors of the paper, identify it, compare with the

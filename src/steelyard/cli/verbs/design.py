@@ -30,7 +30,7 @@ REPORT = "design"
 @click.argument("place", metavar="ROBOT|EXPERIMENT")
 @click.option("--duration", type=float, help="Of each motion [s].")
 @out_option(
-    "Folder for command.csv, design.json, design.html, design.md and motion.parquet; must be"
+    help="Folder for command.csv, design.json, design.html, design.md and motion.parquet; must be"
     " new or empty."
 )
 @click.option(
@@ -41,8 +41,8 @@ REPORT = "design"
         " move, repeated for --duration) or multisine."
     ),
 )
-@pose_option("--start", "Pose to begin in [m], [deg]. Default: a good one.")
-@pose_option("--end", "Pose to end in. Default: where it began.")
+@pose_option("--start", help="Pose to begin in [m], [deg]. Default: a good one.")
+@pose_option("--end", help="Pose to end in. Default: where it began.")
 @click.option(
     "--target",
     metavar="mass=…,cog=…,inertia=…",
@@ -79,7 +79,7 @@ REPORT = "design"
     metavar="ESTIMATE",
     help="Design for this body. Default: 'platform' of the robot file.",
 )
-@sensors_option("Of a robot alone: paper, ideal, or a YAML file with 'instruments'.")
+@sensors_option(help="Of a robot alone: paper, ideal, or a YAML file with 'instruments'.")
 @click.option(
     "--budget",
     type=float,
@@ -87,7 +87,7 @@ REPORT = "design"
     show_default=True,
     help="Time to spend [s]; more time, more starts.",
 )
-@seed_option("The same seed gives the same motion.")
+@seed_option(help="The same seed gives the same motion.")
 @click.option(
     "--rate", type=float, default=100.0, show_default=True, help="Of the rows of the commands [Hz]."
 )

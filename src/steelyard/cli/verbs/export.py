@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     help="Of the file: ROS, Pinocchio; Gazebo; MuJoCo; as in a robot file; the same; a C header.",
 )
 @click.option("--method", metavar="NAME", help="Which estimate of the file. Default: its result.")
-@out_option("The file to write.", required=True, metavar="FILE")
+@out_option(help="The file to write.", required=True, metavar="FILE")
 @click.option(
     "--anyway",
     is_flag=True,
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 )
 @pose_option(
     "--pose",
-    "--robot: where it hangs at rest [m], [deg]. Default: level, about the middle.",
+    help="--robot: where it hangs at rest [m], [deg]. Default: level, about the middle.",
 )
-@force_option("Replace a file of the same name.")
+@force_option(help="Replace a file of the same name.")
 @common
 def export(
     estimate: str,

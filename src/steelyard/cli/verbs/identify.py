@@ -52,7 +52,7 @@ NOT_ACCEPTED = 3
     show_default=True,
     help="two-step: the median over the runs, or one fit over all of them.",
 )
-@runs_option("Use this run only; may be repeated.", metavar="RUN")
+@runs_option(help="Use this run only; may be repeated.", metavar="RUN")
 @click.option(
     "--holdout",
     multiple=True,
@@ -82,7 +82,7 @@ NOT_ACCEPTED = 3
     ),
 )
 @out_option(
-    "Folder for estimate.json, the report (report.html, .md, .json) and motion.parquet; without"
+    help="Folder for estimate.json, the report (report.html, .md, .json) and motion.parquet; without"
     " it nothing is written."
 )
 @force_option()

@@ -16,7 +16,7 @@ from steelyard.errors import InputError
 @click.argument(
     "files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE..."
 )
-@out_option("The robot file to write.", required=True, metavar="ROBOT.yaml")
+@out_option(help="The robot file to write.", required=True, metavar="ROBOT.yaml")
 @click.option(
     "--products",
     type=click.Choice(["matrix", "integral"]),
@@ -40,7 +40,7 @@ from steelyard.errors import InputError
     metavar="NAME",
     help="CASPR: which set of cables. Default: the one that the file names.",
 )
-@force_option("Replace a file of the same name.")
+@force_option(help="Replace a file of the same name.")
 @common
 def import_(
     files: tuple[Path, ...],

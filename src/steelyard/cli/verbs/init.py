@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=click.Path(path_type=Path))
 @click.option("--robot", required=True, help="A bundled name or a robot file.")
-@out_option("Experiment file to write.", required=True)
-@force_option("Replace the file.")
+@out_option(help="Experiment file to write.", required=True)
+@force_option(help="Replace the file.")
 @common
 def init(
     logs: tuple[Path, ...], robot: str, out: Path, force: bool, as_json: bool, quiet: bool

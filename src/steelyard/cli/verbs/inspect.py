@@ -19,8 +19,10 @@ from steelyard.cli.printing import print_json, progress
 
 @click.command()
 @experiment_argument
-@runs_option("Look at this run only; may be repeated.", metavar="NAME")
-@out_option("Folder for inspection.json, inspection.md and inspection.html; must be new or empty.")
+@runs_option(help="Look at this run only; may be repeated.", metavar="NAME")
+@out_option(
+    help="Folder for inspection.json, inspection.md and inspection.html; must be new or empty."
+)
 @force_option()
 @common
 def inspect(

@@ -12,8 +12,8 @@ from steelyard.cli.options import force_option, out_option
 
 @click.command()
 @click.argument("which", type=click.Choice(["experiment", "robot"]), default="experiment")
-@out_option("File to write. Default: print it.")
-@force_option("Replace the file.")
+@out_option(help="File to write. Default: print it.")
+@force_option(help="Replace the file.")
 def schema(which: Any, out: Path | None, force: bool) -> None:
     """Print the JSON schema of experiment or robot files: editors complete and check YAML with
     it.

@@ -13,16 +13,16 @@ from steelyard.cli.truth import TRUTH
 
 @click.command()
 @click.argument("robot")
-@out_option("Folder for the experiment; must be new or empty.", required=True)
+@out_option(help="Folder for the experiment; must be new or empty.", required=True)
 @click.option(
     "--trajectory",
     default="multisine",
     show_default=True,
     help="paper, multisine, or a CSV file of kind 'command'.",
 )
-@sensors_option("paper, ideal, or a YAML file with 'instruments'.")
+@sensors_option(help="paper, ideal, or a YAML file with 'instruments'.")
 @click.option("--duration", type=float, help="Of the multisine, or of one move of the paper [s].")
-@seed_option("The same seed gives the same bytes.")
+@seed_option(help="The same seed gives the same bytes.")
 @force_option()
 @common
 def simulate(

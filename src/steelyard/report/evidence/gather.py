@@ -122,7 +122,7 @@ def _residuals(
 ) -> Iterator[Residuals]:
     """Measured and predicted readings of every quantity."""
     parameters = estimate.body.parameters if estimate.body else np.full(TEN, np.nan)
-    if identification.posterior is not None:
+    if identification.posterior:
         yield from residuals(shown, identification.posterior, parameters)
     elif estimate.body:
         for each in samples:
@@ -170,8 +170,8 @@ def _noise(experiment: Experiment, estimate: Estimate) -> Iterator[Noise]:
         }
         for quantity, found in quantities.items():
             unit = next((u for key, u in units.items() if quantity.startswith(key)), "")
-            numbers_ = [_number(found[key]) for key in ("stated", "used", "found")]
-            yield Noise(name, quantity, unit, *numbers_)
+            levels = [_number(found[key]) for key in ("stated", "used", "found")]
+            yield Noise(name, quantity, unit, *levels)
 
 
 def _number(value: float | None) -> Number:
@@ -180,12 +180,9 @@ def _number(value: float | None) -> Number:
 
 def _errors(posterior: Posterior) -> Iterator[CalibrationEstimate]:
     """Calibration parameters of the instruments that were not known exactly, but for clocks."""
-    calibration_parameters = posterior.calibration.calibration_parameters
-    deviations = posterior.deviations
-    for (place, unknown, _), name in zip(
-        calibration_parameters.components(), calibration_parameters.names, strict=True
-    ):
-        prior = float(calibration_parameters.deviation[place])
+    parameters, deviations = posterior.calibration.calibration_parameters, posterior.deviations
+    for (place, unknown, _), name in zip(parameters.components(), parameters.names, strict=True):
+        prior = float(parameters.deviation[place])
         if not prior or unknown.key in {"delay", LAG} or unknown.owner == ROBOT:
             continue
         yield CalibrationEstimate(
@@ -194,28 +191,22 @@ def _errors(posterior: Posterior) -> Iterator[CalibrationEstimate]:
             unknown.unit,
             float(posterior.calibration.values[place]),
             float(deviations[place]),
-            float(calibration_parameters.mean[place]),
+            float(parameters.mean[place]),
             prior,
         )
 
 
 def _clocks(identification: Identification, posterior: Posterior) -> Iterator[ClockDelay]:
     """Delays of all clocks, those of the instruments that share one together."""
-    experiment, calibration_parameters = (
-        posterior.experiment,
-        posterior.calibration.calibration_parameters,
-    )
-    deviations = posterior.deviations
-    runs = {run.name: run for run in experiment.runs}
-    for place, unknown, _ in calibration_parameters.components():
+    experiment, deviations = posterior.experiment, posterior.deviations
+    parameters = posterior.calibration.calibration_parameters
+    streams = {run.name: run.streams for run in experiment.runs}
+    for place, unknown, _ in parameters.components():
         if unknown.key != "delay" or unknown.run is None:
             continue
-        own = [
-            name
-            for name in runs[unknown.run].streams
-            if clock_of(experiment, name) == unknown.owner
-        ]
-        prior = float(calibration_parameters.deviation[place])
+        names = streams[unknown.run]
+        own = [name for name in names if clock_of(experiment, name) == unknown.owner]
+        prior = float(parameters.deviation[place])
         yield ClockDelay(
             unknown.run,
             ", ".join(own),
@@ -228,8 +219,7 @@ def _clocks(identification: Identification, posterior: Posterior) -> Iterator[Cl
 
 def _found(clocks: Mapping[str, tuple[Offset, ...]], run: str, instruments: Sequence[str]) -> str:
     """How far a clock was found to be from that of the forces before the fit."""
-    offsets = clocks.get(run, ())
-    for each in offsets:
+    for each in clocks.get(run, ()):
         if set(each.instruments) & set(instruments):
             return f"{each.value:+.4f} s ± {each.sigma * 1e3:.1f} ms"
     return ""
