@@ -66,11 +66,6 @@ class ConsistentBody:
     """Disagreement up to which the two count as one."""
 
     @property
-    def objective(self) -> float:
-        """What was minimised."""
-        return self.misfit / 2 + self.prior
-
-    @property
     def remark(self) -> str | None:
         """That the last digits are uncertain; None where the two solvers agree."""
         if self.disagreement <= self.agreement:

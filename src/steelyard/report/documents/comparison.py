@@ -65,15 +65,8 @@ def comparison_statements(
 
 def payload_document(payload: Payload) -> Document:
     """What was added between two estimates."""
-    named = (
-        (payload.before.name, payload.before.estimate),
-        (payload.after.name, payload.after.estimate),
-        ("added", payload.estimate),
-    )
-    columns = [
-        ParameterTexts(name, ten_numbers(each.value, each.standard_deviation))
-        for name, each in named
-    ]
+    added = NamedEstimate("added", payload.estimate)
+    columns = [_column(payload.before), _column(payload.after), _column(added)]
     grid = parameter_grid("payload: what was added", columns)
     statements = Statements(tuple(payload_statements(payload)))
     accepted = payload.estimate.verdict.accepted
@@ -104,18 +97,21 @@ def payload_statements(payload: Payload) -> Iterator[Statement]:
 
 def _difference(first: NamedEstimate, second: NamedEstimate, pair: Pair) -> Grid:
     """Two estimates and their difference, also in units of its 1-sigma."""
-    columns = [
-        ParameterTexts(
-            each.name, ten_numbers(each.estimate.value, each.estimate.standard_deviation)
-        )
-        for each in (first, second)
-    ]
     difference = ten_numbers(pair.difference, pair.standard_deviation, sign=True)
-    columns.append(ParameterTexts("difference", difference))
     sigmas = [_sigmas(float(z)) for z in pair.z]
     far = [bool(abs(z) > pair.agreement.settings.significant) for z in pair.z]
-    columns.append(ParameterTexts("in sigmas", sigmas, marked=far))
+    columns = [
+        _column(first),
+        _column(second),
+        ParameterTexts("difference", difference),
+        ParameterTexts("in sigmas", sigmas, marked=far),
+    ]
     return parameter_grid(f"{second.name}, compared with {first.name}", columns)
+
+
+def _column(named: NamedEstimate) -> ParameterTexts:
+    estimate = named.estimate
+    return ParameterTexts(named.name, ten_numbers(estimate.value, estimate.standard_deviation))
 
 
 def _sigmas(z: float) -> str:
