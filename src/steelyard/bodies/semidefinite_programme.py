@@ -1,4 +1,4 @@
-"""The best body that can exist, in whitened coordinates, as a semidefinite programme for Clarabel."""
+"""The best body that can exist, in whitened coordinates, as a semidefinite programme (Clarabel)."""
 
 from __future__ import annotations
 

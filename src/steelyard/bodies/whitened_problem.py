@@ -1,5 +1,5 @@
-"""The problem of the best body in coordinates without unit, and the vectors that stand for symmetric
-matrices there.
+"""The problem of the best body in coordinates without unit, and the vectors that stand for
+symmetric matrices there.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""What a report says, as plain values that every form of it (HTML, Markdown, terminal) is drawn from;
-nothing is computed after this.
+"""What a report says, as plain values that every form of it (HTML, Markdown, terminal) is drawn
+from; nothing is computed after this.
 
 All text is as people read it; the forms escape it.
 """

@@ -1,5 +1,5 @@
-"""A planned experiment for people: its expected uncertainty, the use of the robot's limits, and when
-each parameter is excited.
+"""A planned experiment for people: its expected uncertainty, the use of the robot's limits, and
+when each parameter is excited.
 """
 
 from __future__ import annotations

@@ -50,8 +50,8 @@ def _sentence(statement: Statement) -> Text:
 
 
 def _parts(grid: Grid, width: int) -> Iterator[Sequence[int]]:
-    """Columns of the tables that a wide table is split into: as few tables as fit, and about as many
-    columns in each.
+    """Columns of the tables that a wide table is split into: as few tables as fit, and about as
+    many columns in each.
     """
     if not grid.repeated:
         yield range(len(grid.head))
