@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from steelyard.experiment.model import Experiment
+    from steelyard.report.blocks.document import Document
 
 
 def print_json(values: Mapping[str, Any]) -> None:
@@ -16,6 +17,16 @@ def print_json(values: Mapping[str, Any]) -> None:
     from steelyard.output import to_json
 
     print(to_json(values, ascii_only=True))
+
+
+def print_result(values: Mapping[str, Any], document: Document, *, as_json: bool) -> None:
+    """Print the result as JSON alone, or as people read it."""
+    if as_json:
+        print_json(values)
+        return
+    from steelyard.report.forms.terminal import show
+
+    show(document)
 
 
 def say(text: str, *, quiet: bool) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import click
 
 from steelyard.cli.options import common
-from steelyard.cli.printing import print_json
+from steelyard.cli.printing import print_result
 from steelyard.errors import InputError
 
 EXCEEDED = 1
@@ -62,7 +62,6 @@ def _comparison(
     from steelyard.estimates.comparison import compare as compared
     from steelyard.estimates.estimate_file import read_estimates
     from steelyard.report.documents.comparison import comparison_document
-    from steelyard.report.forms.terminal import show
 
     if fail_above is not None and not (math.isfinite(fail_above) and fail_above > 0):
         raise InputError(
@@ -75,13 +74,10 @@ def _comparison(
         )
     comparison = compared(estimates)
     exceeding = comparison.exceeding(fail_above) if fail_above is not None else ()
-    if as_json:
-        values = comparison.to_dict()
-        if fail_above is not None:
-            values |= {"fail_above": fail_above, "exceeding": list(exceeding)}
-        print_json(values)
-    else:
-        show(comparison_document(comparison, fail_above=fail_above))
+    values = comparison.to_dict()
+    if fail_above is not None:
+        values |= {"fail_above": fail_above, "exceeding": list(exceeding)}
+    print_result(values, comparison_document(comparison, fail_above=fail_above), as_json=as_json)
     if exceeding:
         sys.exit(EXCEEDED)
 
@@ -93,7 +89,6 @@ def _payload(
     from steelyard.estimates.estimate_file import read_estimates
     from steelyard.estimates.payload import payload
     from steelyard.report.documents.comparison import payload_document
-    from steelyard.report.forms.terminal import show
 
     if fail_above is not None:
         raise InputError(
@@ -107,7 +102,4 @@ def _payload(
             " file or FILE:METHOD for each"
         )
     found = payload(*estimates)
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        show(payload_document(found))
+    print_result(found.to_dict(), payload_document(found), as_json=as_json)

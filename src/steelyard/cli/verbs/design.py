@@ -16,7 +16,7 @@ from steelyard.cli.options import (
     seed_option,
     sensors_option,
 )
-from steelyard.cli.printing import print_json, progress
+from steelyard.cli.printing import print_result, progress
 from steelyard.errors import InputError
 
 if TYPE_CHECKING:
@@ -133,7 +133,6 @@ def design(
     from steelyard.excitation.design_file import RESULT, design_dict, evaluation_dict, write_design
     from steelyard.output import check_target, results_folder, write_json
     from steelyard.report.documents.design_document import design_document
-    from steelyard.report.forms.terminal import show
     from steelyard.report.write import write_document
 
     check_numbers(margin, runs, budget, rate)
@@ -175,11 +174,8 @@ def design(
                 else:
                     write_design(found, folder, rate)
                 write_document(document, folder, REPORT)
-    if as_json:
-        print_json(values)
-        return
-    show(document)
-    if found is not None and out is not None:
+    print_result(values, document, as_json=as_json)
+    if not as_json and found is not None and out is not None:
         _print_next_steps(found, place, out)
 
 

@@ -17,7 +17,7 @@ from steelyard.cli.options import (
     runs_option,
     selected,
 )
-from steelyard.cli.printing import print_json, progress
+from steelyard.cli.printing import print_result, progress
 from steelyard.cli.truth import known_truth
 from steelyard.errors import InputError
 
@@ -113,7 +113,6 @@ def identify(
     from steelyard.report.documents.identification import brief_of
     from steelyard.report.evidence.made import made_of
     from steelyard.report.evidence.summary import summarise
-    from steelyard.report.forms.terminal import show
     from steelyard.report.write import write_identification
 
     regions = _regions(box, ellipsoid)
@@ -147,10 +146,7 @@ def identify(
         summary = summarise(found, truth, made=made_of(recorded, options))
         with results_folder(out, force=force) as folder:
             write_identification(found, summary, folder)
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        show(brief_of(summary))
+    print_result(found.to_dict(), brief_of(summary), as_json=as_json)
     if not found.estimate.verdict.accepted:
         sys.exit(NOT_ACCEPTED)
 

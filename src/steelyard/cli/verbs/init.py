@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from steelyard.cli.options import common, force_option, out_option
-from steelyard.cli.printing import print_json, progress
+from steelyard.cli.printing import print_result, progress
 from steelyard.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ def init(
     from steelyard.experiment.read import read_experiment
     from steelyard.output import check_file_target, results_file
     from steelyard.report.documents.draft import draft_document
-    from steelyard.report.forms.terminal import show
     from steelyard.robot.file import read_robot
 
     check_file_target(out, force=force)
@@ -58,10 +57,7 @@ def init(
             _text(found, model, robot, out, out.resolve().parent), encoding="utf-8", newline="\n"
         )
     values = _values(found, out)
-    if as_json:
-        print_json(values)
-    else:
-        show(draft_document(values))
+    print_result(values, draft_document(values), as_json=as_json)
 
 
 def _text(found: Draft, model: Robot, robot: str, out: Path, folder: Path) -> str:

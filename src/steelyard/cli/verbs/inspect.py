@@ -14,7 +14,7 @@ from steelyard.cli.options import (
     runs_option,
     selected,
 )
-from steelyard.cli.printing import print_json, progress
+from steelyard.cli.printing import print_result, progress
 
 
 @click.command()
@@ -42,7 +42,6 @@ def inspect(
     from steelyard.inspection.inspect import inspect as inspected
     from steelyard.output import check_target, results_folder, write_json
     from steelyard.report.documents.inspection_document import inspection_document
-    from steelyard.report.forms.terminal import show
     from steelyard.report.write import write_document
 
     if out is not None:
@@ -55,7 +54,4 @@ def inspect(
         with results_folder(out, force=force) as folder:
             write_json(values, folder / "inspection.json")
             write_document(document, folder, "inspection")
-    if as_json:
-        print_json(values)
-    else:
-        show(document)
+    print_result(values, document, as_json=as_json)
