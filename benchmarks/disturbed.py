@@ -15,7 +15,7 @@ from recordings import chi_square
 from verdicts import Recorder, with_stream
 
 from steelyard.arrays import Array
-from steelyard.estimates.estimate import Estimate, nothing_told
+from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.solve.beginning import NoBalanceError
@@ -68,7 +68,7 @@ def estimated(experiment: Experiment) -> tuple[Estimate, Posterior | None]:
     try:
         joint = fit_jointly(experiment)
     except NoBalanceError as error:
-        return nothing_told(MaximumLikelihood.name, str(error)), None
+        return no_estimate(MaximumLikelihood.name, str(error)), None
     return MaximumLikelihood().of(joint), joint
 
 

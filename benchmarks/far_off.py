@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.estimates.estimate import Estimate, nothing_told
+from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
@@ -124,7 +124,7 @@ def starts() -> None:
         try:
             found = MaximumLikelihood()(far_off)
         except InputError as error:
-            found = nothing_told(MaximumLikelihood.name, str(error))
+            found = no_estimate(MaximumLikelihood.name, str(error))
         except Exception:
             traceback.print_exc(file=sys.stdout)
             outcomes[kind]["crashed"] += 1

@@ -17,9 +17,9 @@ from hour import DURATION, write_long
 
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import AVAILABLE, identify
-from steelyard.report.made import made_of
-from steelyard.report.report_file import read_summary
-from steelyard.report.summary import summarise
+from steelyard.report.evidence.made import made_of
+from steelyard.report.evidence.report_file import read_summary
+from steelyard.report.evidence.summary import summarise
 from steelyard.report.write import draw_report, write_report
 
 MIB = 1 << 20

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from steelyard.report.document import (
+from steelyard.report.blocks.document import (
     Document,
     Figure,
     Grid,

@@ -49,6 +49,8 @@ INNER = {
         {"contact", "delays", "excitation", "part"},
         {"inspect"},
     ],
+    "report": [{"evidence"}, {"blocks"}, {"documents"}, {"forms"}, {"figures", "write"}],
+    "cli": [{"lazy_group", "options", "printing", "process", "truth"}, {"verbs"}],
 }
 """Within a room, from left to right; what is not named may be anywhere."""
 MOST_FILES = 30

@@ -73,7 +73,9 @@ def test_kuka_all_runs(kuka):
         name for name, label in estimate.verdict.parameters.items() if label == "unidentifiable"
     ]
     assert {"Jxx", "Jzz", "Jxz"} <= set(untold)
-    assert any("not told by these data" in note and "Jxx" in note for note in estimate.notes)
+    assert any(
+        "not identifiable from these data" in note and "Jxx" in note for note in estimate.notes
+    )
     offset = estimate.calibration["wrench"]["offset"]
     # The sign of the stored reading is that of the sensor: its own offset is the data set's with
     # the sign turned.

@@ -141,10 +141,11 @@ def test_the_optimum_is_that_of_scipy_on_a_plain_factor(seed):
     found = solve(problem)
     assert found.status == "boundary"
     oracle = slsqp(problem)
-    assert found.objective == pytest.approx(
+    objective = found.misfit / 2 + found.prior
+    assert objective == pytest.approx(
         oracle, rel=1e-4
     )  # SLSQP stops early where the factor is singular
-    assert found.objective <= oracle * (1 + 1e-9)
+    assert objective <= oracle * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -385,8 +386,7 @@ def test_distance_in_sigmas_and_without_reference(examples):
         nearest_body(estimate, nominal, covariance=np.zeros((10, 10)))
 
 
-def test_covariance_is_that_of_solutions_along_the_boundary():
-    # The estimate lies so little outside that the curvature of the boundary does not matter.
+def test_covariance_is_that_of_information_as_if_nothing_bound():
     rng = np.random.default_rng(7)
     reference, _ = cloud(rng, 10.0, 1.0)
     D = BodyProblem(reference.parameters, np.zeros((10, 10)), reference).to_whitened
@@ -396,25 +396,9 @@ def test_covariance_is_that_of_solutions_along_the_boundary():
     problem = BodyProblem(np.linalg.solve(D, edge), F.T @ F, reference)
     found = solve(problem)
     assert len(found.binding) == 1
-    projected = covariance(problem, found, projected=True)
-    whole = covariance(problem, found, projected=False)
+    whole = covariance(problem, found)
     np.testing.assert_allclose(
         D @ whole @ D.T, D @ np.linalg.inv(problem.information) @ D.T, rtol=1e-6, atol=1e-9
-    )
-    normal = svec(np.outer(found.binding[0].whitened, found.binding[0].whitened)) @ D
-    assert normal @ projected @ normal < 1e-12 * (normal @ whole @ normal)
-    assert np.linalg.eigvalsh(D @ (whole - projected) @ D.T)[0] > -1e-9
-    # By finite differences of the solution with respect to every component of the estimate, one
-    # sigma each.
-    step = 1e-4
-    root = np.linalg.inv(F)
-    moved = [
-        solve(BodyProblem(problem.estimate + step * s, problem.information, reference)).parameters
-        for s in root.T
-    ]
-    J = (np.array(moved) - found.parameters).T / step
-    np.testing.assert_allclose(
-        D @ J @ J.T @ D.T, D @ projected @ D.T, atol=1e-2 * np.abs(D @ projected @ D.T).max()
     )
 
 

@@ -453,7 +453,9 @@ def test_an_inertia_that_no_body_has_is_not_accepted(run, small, tmp_path):
     assert "no body has this inertia" in estimate["verdict"]["reasons"][0]
 
 
-def test_a_moment_below_zero_is_not_accepted_though_others_are_not_told(run, small, tmp_path):
+def test_a_moment_below_zero_is_not_accepted_though_others_are_not_identifiable(
+    run, small, tmp_path
+):
     change_cells(small.parent / "moving" / "cables.csv", CABLES, lambda f: 600.0)
     estimate = parsed(run("identify", small, "--json")[1])["estimates"]["two-step"]
     moments = [J for J in np.diag(np.array(estimate["inertia"], dtype=float)) if np.isfinite(J)]
@@ -521,7 +523,7 @@ def test_an_interrupt_leaves_nothing(run, small, tmp_path, monkeypatch, verb):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_full_disk_is_told_in_one_sentence(run, small, tmp_path, monkeypatch):
+def test_a_full_disk_is_said_in_one_sentence(run, small, tmp_path, monkeypatch):
     def fail(values, path):
         raise OSError(28, "No space left on device", str(path))
 

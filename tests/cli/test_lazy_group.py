@@ -47,10 +47,10 @@ def test_a_required_option_is_missed(words):
 ONE = """
 import sys
 from steelyard.cli import app
-assert not [name for name in sys.modules if name.startswith("steelyard.cli.robots")]
+assert not [name for name in sys.modules if name.startswith("steelyard.cli.verbs.robots")]
 app.main(["robots", "--help"], standalone_mode=False)
 loaded = {name for name in sys.modules if name.startswith("steelyard.cli.")}
-sys.exit(0 if "steelyard.cli.robots" in loaded and "steelyard.cli.design" not in loaded else 1)
+sys.exit(0 if "steelyard.cli.verbs.robots" in loaded and "steelyard.cli.verbs.design" not in loaded else 1)
 """
 
 

@@ -23,7 +23,7 @@ from steelyard.estimates.estimate_file import read_estimate_file, read_estimates
 from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.estimates.payload import payload
 from steelyard.inertia import BODY_PARAMETERS, Inertia
-from steelyard.report.comparison import comparison_statements, payload_statements
+from steelyard.report.documents.comparison import comparison_statements, payload_statements
 
 ROUNDING = 1e-9  # of sums and quotients of numbers up to a few hundred
 CHANCE = 1e-3  # p-value below which a fixed seed is not blamed any more
@@ -477,7 +477,7 @@ def test_the_margin_of_a_thin_body_is_calibrated(rng):
     assert np.mean([each.possible is True for each in found]) > 0.98
 
 
-def test_a_mass_without_uncertainty_is_not_told_from_nothing():
+def test_a_mass_without_uncertainty_is_not_distinguished_from_nothing():
     C = covariance_of(1)
     C[0, :] = C[:, 0] = np.nan
     found = payload(named(BEFORE.body_parameters, C, "a"), named(AFTER.body_parameters, C, "b"))

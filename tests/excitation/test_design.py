@@ -30,7 +30,7 @@ from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments import Wrench
 from steelyard.motion.limits import check_times, commanded_tensions, motion_extremes
 from steelyard.motion.trajectory import RestToRest, multisine
-from steelyard.report.design import statements
+from steelyard.report.documents.design import statements
 from steelyard.robot.file import read_robot, robot_file
 from steelyard.robot.model import Limits
 from steelyard.simulation.forward_dynamics import CablePlatform

@@ -9,8 +9,8 @@ from recordings import RUN, save, table, write_small
 from simulated import PAPER, RECORDER, changed, sound
 
 from steelyard.inspection.inspect import inspect
-from steelyard.report.inspection_document import inspection_document
-from steelyard.report.markdown import markdown
+from steelyard.report.documents.inspection_document import inspection_document
+from steelyard.report.forms.markdown import markdown
 
 pytestmark = pytest.mark.integration
 

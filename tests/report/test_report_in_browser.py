@@ -10,9 +10,9 @@ from recordings import write_small
 
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
-from steelyard.report.compose import document_of
-from steelyard.report.page import page
-from steelyard.report.summary import summarise
+from steelyard.report.documents.identification import document_of
+from steelyard.report.evidence.summary import summarise
+from steelyard.report.forms.page import page
 
 pytestmark = pytest.mark.browser
 

@@ -4,7 +4,7 @@ solved in two independent ways.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,7 +15,7 @@ from steelyard.bodies.body_problem import BodyProblem as BodyProblem
 from steelyard.bodies.newton import SolverEnd, newton
 from steelyard.bodies.semidefinite_programme import semidefinite_programme
 from steelyard.bodies.settings import DEFAULT
-from steelyard.bodies.whitened_problem import WhitenedProblem, smat, svec
+from steelyard.bodies.whitened_problem import WhitenedProblem, lifted, smat, svec
 from steelyard.errors import InputError, SteelyardError
 from steelyard.inertia import Inertia
 
@@ -31,8 +31,6 @@ class Binding:
     plane: Array | None = None
     """The plane (n, d) with n^T r = d [m] in which the body is flat, n of unit length in the
     platform frame, shape (4,). None: a region."""
-    whitened: Array | None = None
-    """The same as an eigenvector of the whitened pseudo-inertia, shape (4,)."""
 
     def __str__(self) -> str:
         if self.plane is None:
@@ -66,11 +64,6 @@ class ConsistentBody:
     nowhere."""
     agreement: float = DEFAULT.agreement
     """Disagreement up to which the two count as one."""
-
-    @property
-    def objective(self) -> float:
-        """What was minimised."""
-        return self.misfit / 2 + self.prior
 
     @property
     def remark(self) -> str | None:
@@ -150,9 +143,7 @@ def _better(problem: WhitenedProblem, *ends: SolverEnd | None) -> SolverEnd | No
     found = []
     for end in ends:
         if end is not None and problem.is_feasible(end.z, problem.settings.feasibility):
-            value, vector = np.linalg.eigh(smat(end.z))
-            z = svec((vector * np.maximum(value, problem.margin)) @ vector.T)
-            found.append(end._replace(z=z))
+            found.append(end._replace(z=lifted(end.z, problem.margin)))
     return min(found, key=lambda end: problem.value(end.z), default=None)
 
 
@@ -170,46 +161,23 @@ def _no_solution(problem: BodyProblem) -> SteelyardError:
     )
 
 
-def covariance(problem: BodyProblem, solution: ConsistentBody, *, projected: bool) -> Array:
-    """Covariance of a solution, to first order.
+def covariance(problem: BodyProblem, solution: ConsistentBody) -> Array:
+    """Covariance of a solution, to first order: the inverse of information and prior.
 
-    Projected, nothing varies across a constraint that binds (the errors are those along its
-    tangent), which is too little on its free side: an estimate from other data may lie inside. Not
-    projected, it is the inverse of information and prior, as if there were no constraint, which is
-    too much. The curvature of the boundary, which holds a solution the more the further outside the
-    estimate lies, is left out of both. Where the data are silent it holds the huge standard
-    deviation of :attr:`BodyProblem.whitened`.
+    That is as if there were no constraint, which is too much where one binds; along its tangent
+    alone it would be too little, since an estimate from other data may lie inside. Where the data
+    are silent it holds the huge standard deviation of :attr:`BodyProblem.whitened`.
 
     Args:
         problem: As it was solved.
         solution: Of it.
-        projected: Whether to project on the tangent of the constraints that bind.
 
     Returns:
         Of the ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10, 10).
     """
-    whitened, T = problem.whitened, problem.from_whitened
-    B = whitened.hessian_root(problem.to_whitened @ solution.parameters)
-    N = _tangent(problem, whitened, solution.binding) if projected else np.eye(10)
-    root = np.linalg.qr(B @ N, mode="r")
-    factor = T @ N @ np.linalg.inv(root)
+    B = problem.whitened.hessian_root(problem.to_whitened @ solution.parameters)
+    factor = problem.from_whitened @ np.linalg.inv(np.linalg.qr(B, mode="r"))
     return factor @ factor.T
-
-
-def _tangent(problem: BodyProblem, whitened: WhitenedProblem, binding: Sequence[Binding]) -> Array:
-    """Orthonormal directions along all constraints that bind, shape (10, k)."""
-    flat = [each.whitened for each in binding if each.whitened is not None]
-    normals = []
-    for i, u in enumerate(flat):
-        normals += [svec(np.outer(u, v) + np.outer(v, u)) for v in flat[i:]]
-    names = [each.name for each in binding if each.whitened is None]
-    for name, row in zip(problem.conditions, whitened.rows, strict=True):
-        if name in names:
-            normals.append(row)
-    if not normals:
-        return np.eye(10)
-    _, s, right = np.linalg.svd(np.array(normals))
-    return right[int((s > 1e-9 * s[0]).sum()) :].T
 
 
 def _distance(whitened: WhitenedProblem, first: Array, second: Array) -> float:
@@ -238,7 +206,7 @@ def _binding(
             # The mass within: u^T W u = integral of (q^T [r; 1])^2 dm with q = L^-T u.
             q = np.linalg.solve(L.T, u)
             plane = np.append(q[:3], -q[3]) / max(float(np.linalg.norm(q[:3])), 1e-300)
-            binding.append(Binding("pseudo-inertia", multiplier, plane, u))
+            binding.append(Binding("pseudo-inertia", multiplier, plane))
     for name, row, multiplier in zip(
         problem.conditions, whitened.rows, found.multipliers, strict=True
     ):

@@ -34,12 +34,9 @@ class Box:
         found = {}
         for i, (low, high) in enumerate(zip(self.lower, self.upper, strict=True)):
             Q = np.zeros((4, 4))
-            Q[i, i], Q[i, 3], Q[3, i], Q[3, 3] = (
-                -1.0,
-                (low + high) / 2,
-                (low + high) / 2,
-                -low * high,
-            )
+            Q[i, i] = -1.0
+            Q[i, 3] = Q[3, i] = (low + high) / 2
+            Q[3, 3] = -low * high
             found[f"{self.name}, {'xyz'[i]}"] = Q
         return found
 

@@ -1,4 +1,4 @@
-"""The best body that can exist, in whitened coordinates, as a semidefinite programme for Clarabel."""
+"""The best body that can exist, in whitened coordinates, as a semidefinite programme (Clarabel)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.bodies.newton import SolverEnd
-from steelyard.bodies.whitened_problem import DIRECTIONS, WhitenedProblem, smat, svec
+from steelyard.bodies.whitened_problem import DIRECTIONS, WhitenedProblem, lifted, svec
 from steelyard.errors import InputError
 
 
@@ -20,8 +20,7 @@ def semidefinite_programme(problem: WhitenedProblem) -> SolverEnd:
         InputError: No body has its mass in all the regions.
     """
     chosen = problem.settings
-    value, vector = np.linalg.eigh(smat(problem.center))
-    start = svec((vector * np.maximum(value, 10 * problem.margin)) @ vector.T)
+    start = lifted(problem.center, 10 * problem.margin)
     end = SolverEnd(start, np.zeros(len(problem.rows)), 0)
     # In units of the solution's distance, so that the solver's absolute tolerances mean something;
     # a guess at first.
@@ -46,8 +45,7 @@ def _quadratic(problem: WhitenedProblem, z: Array) -> WhitenedProblem:
     """With the prior replaced by its second-order model about z, for the digits that exponential
     cones do not give.
     """
-    value, vector = np.linalg.eigh(smat(z))
-    z = svec((vector * np.maximum(value, 0.5 * problem.margin)) @ vector.T)
+    z = lifted(z, 0.5 * problem.margin)
     _, s, right = np.linalg.svd(problem.hessian_root(z), full_matrices=False)
     center = z - right.T @ (right @ problem.gradient(z) / s**2)
     return replace(problem, weights=s[:, None] * right, center=center, prior=0.0)

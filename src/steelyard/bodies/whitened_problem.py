@@ -1,5 +1,5 @@
-"""The problem of the best body in coordinates without unit, and the vectors that stand for symmetric
-matrices there.
+"""The problem of the best body in coordinates without unit, and the vectors that stand for
+symmetric matrices there.
 """
 
 from __future__ import annotations
@@ -32,6 +32,14 @@ def smat(vector: Array) -> Array:
     matrix = np.empty((4, 4))
     matrix[ROW, COLUMN] = matrix[COLUMN, ROW] = vector / _SCALE
     return matrix
+
+
+def lifted(vector: Array, least: float) -> Array:
+    """The nearest vector of :func:`svec` whose matrix has no eigenvalue below the least, shape
+    (10,).
+    """
+    values, axes = np.linalg.eigh(smat(vector))
+    return svec((axes * np.maximum(values, least)) @ axes.T)
 
 
 DIRECTIONS = np.stack([smat(e) for e in np.eye(10)])

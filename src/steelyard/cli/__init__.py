@@ -11,19 +11,19 @@ from steelyard.cli.lazy_group import LazyGroup
 from steelyard.cli.process import run_process
 
 _VERBS = {
-    "compare": "steelyard.cli.compare:compare",
-    "convert": "steelyard.cli.convert:convert",
-    "demo": "steelyard.cli.demo:demo",
-    "design": "steelyard.cli.design:design",
-    "export": "steelyard.cli.export:export",
-    "identify": "steelyard.cli.identify:identify",
-    "import": "steelyard.cli.imports:import_",
-    "init": "steelyard.cli.init:init",
-    "inspect": "steelyard.cli.inspect:inspect",
-    "report": "steelyard.cli.report:report",
-    "robots": "steelyard.cli.robots:robots",
-    "schema": "steelyard.cli.schema:schema",
-    "simulate": "steelyard.cli.simulate:simulate",
+    "compare": "steelyard.cli.verbs.compare:compare",
+    "convert": "steelyard.cli.verbs.convert:convert",
+    "demo": "steelyard.cli.verbs.demo:demo",
+    "design": "steelyard.cli.verbs.design:design",
+    "export": "steelyard.cli.verbs.export:export",
+    "identify": "steelyard.cli.verbs.identify:identify",
+    "import": "steelyard.cli.verbs.imports:import_",
+    "init": "steelyard.cli.verbs.init:init",
+    "inspect": "steelyard.cli.verbs.inspect:inspect",
+    "report": "steelyard.cli.verbs.report:report",
+    "robots": "steelyard.cli.verbs.robots:robots",
+    "schema": "steelyard.cli.verbs.schema:schema",
+    "simulate": "steelyard.cli.verbs.simulate:simulate",
 }
 
 

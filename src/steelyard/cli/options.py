@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -29,75 +30,20 @@ def common(function: _Function) -> _Function:
     return as_json(quiet(function))
 
 
-def out_option(
-    text: str,
-    *,
-    required: bool = False,
-    metavar: str | None = None,
-    default: Path | None = None,
-) -> Callable[[_Function], _Function]:
-    """Where results go.
-
-    Args:
-        text: What is written there.
-        required: Whether nothing is done without.
-        metavar: How help calls it; None: the kind of its value.
-        default: Where they go without it.
-    """
-    # To Click a default of None is one: a required option would not be missed.
-    settings: dict[str, Any] = {"required": required, "metavar": metavar, "help": text}
-    if default is not None:
-        settings |= {"default": default, "show_default": True}
-    return click.option("--out", type=click.Path(path_type=Path), **settings)
-
-
-def force_option(
-    text: str = "Replace files of the same names.",
-) -> Callable[[_Function], _Function]:
-    """Whether results may replace others.
-
-    Args:
-        text: What is replaced.
-    """
-    return click.option("--force", is_flag=True, help=text)
-
-
-def pose_option(name: str, text: str) -> Callable[[_Function], _Function]:
-    """A pose of the platform: three lengths [m], three angles [deg].
-
-    Args:
-        name: Of the option.
-        text: What the platform does there.
-    """
-    return click.option(name, nargs=6, type=float, metavar="X Y Z ROLL PITCH YAW", help=text)
-
-
-def sensors_option(text: str) -> Callable[[_Function], _Function]:
-    """The sensors of a virtual experiment.
-
-    Args:
-        text: What may be named.
-    """
-    return click.option("--sensors", default="paper", show_default=True, help=text)
-
-
-def seed_option(text: str) -> Callable[[_Function], _Function]:
-    """The seed of whatever is drawn at random.
-
-    Args:
-        text: What follows from it.
-    """
-    return click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help=text)
-
-
-def runs_option(text: str, *, metavar: str) -> Callable[[_Function], _Function]:
-    """Some of the runs; see :func:`selected`.
-
-    Args:
-        text: What is done with them.
-        metavar: How help calls one.
-    """
-    return click.option("--run", "runs", multiple=True, metavar=metavar, help=text)
+out_option = partial(click.option, "--out", type=click.Path(path_type=Path))
+"""Where results go."""
+force_option = partial(
+    click.option, "--force", is_flag=True, help="Replace files of the same names."
+)
+"""Whether results may replace others."""
+pose_option = partial(click.option, nargs=6, type=float, metavar="X Y Z ROLL PITCH YAW")
+"""A pose of the platform: three lengths [m], three angles [deg]; the first argument is its name."""
+sensors_option = partial(click.option, "--sensors", default="paper", show_default=True)
+"""The sensors of a virtual experiment."""
+seed_option = partial(click.option, "--seed", type=click.IntRange(0), default=0, show_default=True)
+"""The seed of whatever is drawn at random."""
+runs_option = partial(click.option, "--run", "runs", multiple=True)
+"""Some of the runs; see :func:`selected`."""
 
 
 def selected(experiment: Experiment, names: Sequence[str]) -> Experiment:

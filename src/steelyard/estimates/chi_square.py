@@ -49,17 +49,19 @@ class ChiSquareTest:
                 " different values"
             )
         if not self.freedom:
-            return f"{self._words()}: the same exact values"
+            return f"{self.outcome}: the same exact values"
         least = self.settings.least_p
         p_value = f"p = {self.p_value:.2g}" if self.p_value > least else f"p < {least:g}"
-        text = f"{self._words()}: chi-square {self.chi_square:.1f} on {self.freedom}, {p_value}"
+        text = f"{self.outcome}: chi-square {self.chi_square:.1f} on {self.freedom}, {p_value}"
         if self.sigmas > self.settings.usual:
             text += f", as rare as {self.sigmas:.1f} sigmas"
         if len(self.parameters) < len(BODY_PARAMETERS):
             text += f" ({', '.join(self.parameters)})"
         return text
 
-    def _words(self) -> str:
+    @property
+    def outcome(self) -> str:
+        """Whether they agree, in words without numbers."""
         if self.sigmas <= self.settings.usual:
             return "agree within their uncertainty"
         if self.sigmas <= self.settings.significant:
@@ -94,7 +96,8 @@ def agreement(
         settings: Levels and tolerances.
     """
     k = len(values)
-    known = _known(values, covariances)
+    variances = [np.diag(covariance) for covariance in covariances]
+    known = np.isfinite([*values, *variances]).all(axis=0)
     block = np.ix_(known, known)
     d = np.concatenate([x[known] - values[0][known] for x in values[1:]])
     if difference is not None:
@@ -122,14 +125,6 @@ def agreement(
     return ChiSquareTest(
         chi_square, freedom, p_value, sigmas, names, contradicted, dropped, settings
     )
-
-
-def _known(values: Sequence[Array], covariances: Sequence[Array]) -> Any:
-    """Which of the ten all estimates know with a variance, shape (10,)."""
-    known = np.ones(len(BODY_PARAMETERS), dtype=bool)
-    for value, covariance in zip(values, covariances, strict=True):
-        known &= np.isfinite(value) & np.isfinite(np.diag(covariance))
-    return known
 
 
 def _of_independent(covariances: Sequence[Array]) -> Array:

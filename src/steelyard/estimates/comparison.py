@@ -96,8 +96,6 @@ class Comparison:
     """Names of those estimates: of the same recordings only the best method."""
     notes: tuple[str, ...]
     """What the numbers rest on."""
-    settings: ComparisonSettings = SETTINGS
-    """Levels and tolerances that it was made with."""
 
     def __repr__(self) -> str:
         return "\n".join(_display(pair).text() for pair in self.pairs)
@@ -199,7 +197,6 @@ def compare(
         whole=whole,
         whole_of=tuple(each.name for each in independent) if whole else (),
         notes=tuple(_notes(estimates, pairs, whole)),
-        settings=settings,
     )
 
 

@@ -41,11 +41,9 @@ class Verdict:
     """Body parameter -> what determined it."""
 
     def __str__(self) -> str:
-        return (
-            "accepted"
-            if self.accepted
-            else f"not accepted: {'; '.join(self.reasons) or 'no reason given'}"
-        )
+        if self.accepted:
+            return "accepted"
+        return f"not accepted: {'; '.join(self.reasons) or 'no reason given'}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +63,7 @@ class Estimate(Tabular):
     calibration: Mapping[str, Any] = field(default_factory=dict)
     """Instrument -> term -> ``value`` and ``standard_deviation``, as in the contract."""
     residuals: Mapping[str, Any] = field(default_factory=dict)
-    """What the model left unexplained, root mean square per axis."""
+    """Residuals of the model, root mean square per axis."""
     runs: Mapping[str, Estimate] = field(default_factory=dict)
     """The same from every run alone, where the method has that."""
     details: Mapping[str, Any] = field(default_factory=dict)
@@ -157,16 +155,14 @@ class Estimate(Tabular):
         numbers = ten_numbers(self.value, self.standard_deviation)
         labels = [self.verdict.parameters.get(name, "") for name in BODY_PARAMETERS]
         rows = zip(LABELS, numbers, labels, strict=True)
+        cells = [
+            (name, unit, shown, "" if label == "data" else label)
+            for (name, unit, _), shown, label in rows
+        ]
+        verdict = "accepted" if self.verdict.accepted else "not accepted"
+        count = (f"notes: {len(self.notes)}",) if self.notes else ()
         return Display(
-            f"{self.method}: {'accepted' if self.verdict.accepted else 'not accepted'}",
-            tuple(
-                (name, unit, shown, "" if label == "data" else label)
-                for (name, unit, _), shown, label in rows
-            ),
-            sentences=(
-                *self.verdict.reasons,
-                *([f"notes: {len(self.notes)}"] if self.notes else []),
-            ),
+            f"{self.method}: {verdict}", tuple(cells), sentences=(*self.verdict.reasons, *count)
         )
 
 
@@ -217,7 +213,7 @@ def plausible_sizes(mass: float, size: float) -> Array:
     return np.array([abs(mass), *[size] * 3, *[moment] * 3, *[moment / 2] * 3])
 
 
-def told_by(mass: float, covariance: Array, size: float) -> NDArray[np.bool_]:
+def identifiable_parameters(mass: float, covariance: Array, size: float) -> NDArray[np.bool_]:
     """Which of the ten are known better than half of their plausible size, shape (10,).
 
     Args:
@@ -225,14 +221,13 @@ def told_by(mass: float, covariance: Array, size: float) -> NDArray[np.bool_]:
         covariance: Of the ten of :data:`steelyard.inertia.BODY_PARAMETERS`, shape (10, 10).
         size: Plausible radius of the body [m].
     """
-    known: NDArray[np.bool_] = np.sqrt(np.diag(covariance)) < _IDENTIFIABLE * plausible_sizes(
-        mass, size
-    )
+    largest = _IDENTIFIABLE * plausible_sizes(mass, size)
+    known: NDArray[np.bool_] = np.sqrt(np.diag(covariance)) < largest
     # Without the mass there is no body to say anything about.
     return known if known[0] else np.zeros(10, dtype=bool)
 
 
-def nothing_told(method: str, reason: str) -> Estimate:
+def no_estimate(method: str, reason: str) -> Estimate:
     """An estimate of which every number is unknown."""
     return Estimate(
         method=method,
@@ -264,14 +259,12 @@ def judge(
         body = Inertia.from_body_parameters(value)
         if not body.is_physical:
             i1, i2, i3 = body.principal_moments
+            why = "the smallest not positive"
+            if i1 > 0:
+                why = f"the largest {-body.triangle_margin:.3g} kg m^2 beyond the sum of the others"
             found.append(
                 f"no body has this inertia: principal moments {i1:.4g}, {i2:.4g} and {i3:.4g} kg"
-                " m^2, "
-                + (
-                    f"the largest {-body.triangle_margin:.3g} kg m^2 beyond the sum of the others"
-                    if i1 > 0
-                    else "the smallest not positive"
-                )
+                f" m^2, {why}"
             )
     labels: dict[str, Label] = {
         name: "unidentifiable" if np.isnan(v) else "prior" if prior else "data"

@@ -16,8 +16,13 @@ from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.estimates.covariance_check import ROUNDED, covariance_problem
 from steelyard.estimates.estimate import FORMAT, Estimate, Label, Verdict
-from steelyard.estimates.estimate_names import FILE_NAME, LONGEST_NAME, short_names, shortened
-from steelyard.estimates.named_estimate import NamedEstimate
+from steelyard.estimates.named_estimate import (
+    FILE_NAME,
+    LONGEST_NAME,
+    NamedEstimate,
+    short_names,
+    shortened,
+)
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six
 from steelyard.json_file import read_json
 from steelyard.yaml_file import FileModel, YamlDocument, require_file, validate
@@ -32,6 +37,7 @@ _DEEPEST = 16
 
 Number = float | None
 Triple = tuple[Number, Number, Number]
+_Known = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +85,8 @@ class _BodyForm(_LenientForm):
 
 class _NominalForm(_LenientForm):
     mass: float
-    center_of_gravity: tuple[float, float, float]
-    inertia: tuple[
-        tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]
-    ]
+    center_of_gravity: _Known
+    inertia: tuple[_Known, _Known, _Known]
 
 
 class _CovarianceForm(_LenientForm):
@@ -293,9 +297,8 @@ def _estimate(document: YamlDocument, name: str, entry: _EntryForm) -> Estimate:
 def _ten(document: YamlDocument, key: tuple[str, ...], body: _BodyForm) -> Array:
     """The ten of :data:`BODY_PARAMETERS`, NaN for null."""
     inertia = np.array(body.inertia, dtype=np.float64)
-    if not np.allclose(
-        inertia, inertia.T, rtol=0, atol=ROUNDED * _largest(inertia), equal_nan=True
-    ):
+    largest = np.max(np.abs(inertia), initial=0.0, where=np.isfinite(inertia))
+    if not np.allclose(inertia, inertia.T, rtol=0, atol=ROUNDED * largest, equal_nan=True):
         raise document.error(
             (*key, "inertia"), f"expected a symmetric matrix, found {_rows(inertia)}; correct it"
         )
@@ -319,10 +322,6 @@ def _matrix(document: YamlDocument, key: tuple[str, ...], form: _CovarianceForm)
             f" {max(lengths - {10}, default=10)}; correct it",
         )
     return np.array(form.matrix, dtype=np.float64)
-
-
-def _largest(matrix: Array) -> float:
-    return float(np.max(np.abs(matrix), initial=0.0, where=np.isfinite(matrix)))
 
 
 def _rows(matrix: Array) -> str:

@@ -1,11 +1,20 @@
-"""An estimate among others: its name, and where it comes from."""
+"""An estimate among others: where it comes from, and the short name that distinguishes it."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from steelyard.estimates.estimate import Estimate
+from steelyard.display import printable
+from steelyard.estimates.estimate import Estimate, named
+
+FILE_NAME = "estimate.json"
+"""What `identify` writes into its folder."""
+LONGEST_NAME = 60
+"""Characters; longer names are cut."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,16 +34,13 @@ class NamedEstimate:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values: what a comparison says of one of its estimates."""
-        estimate = self.estimate.to_dict()
         return {
             "name": self.name,
             "experiment": self.experiment,
             "method": self.estimate.method,
             "file": self.source,
-            "mass": estimate["mass"],
-            "center_of_gravity": estimate["center_of_gravity"],
-            "inertia": estimate["inertia"],
-            "standard_deviation": estimate["standard_deviation"],
+            **named(self.estimate.value),
+            "standard_deviation": named(self.estimate.standard_deviation),
             "accepted": self.estimate.verdict.accepted,
         }
 
@@ -42,3 +48,51 @@ class NamedEstimate:
 def same_source(first: NamedEstimate, second: NamedEstimate) -> bool:
     """Whether two estimates stand on the same recordings."""
     return bool(first.source) and first.source == second.source
+
+
+def short_names(found: Sequence[NamedEstimate]) -> list[str]:
+    """A name for each: method, experiment, both, and where that is not enough the file."""
+    methods = [each.estimate.method for each in found]
+    experiments = [each.experiment for each in found]
+    files = [_file_name(each.source) for each in found]
+    forms = []
+    if len(set(experiments)) == 1:
+        forms.append(methods)
+    if len(set(methods)) == 1:
+        forms.append(experiments)
+    forms.append(_joined(experiments, methods))
+    if len(set(methods)) == 1:
+        forms.append(files)
+    forms.append(_joined(files, methods))
+    for form in forms:
+        names = [shortened(name) for name in form]
+        if names and all(names) and len(set(names)) == len(names):
+            return names
+    return _numbered(names)
+
+
+def _joined(first: Sequence[str], second: Sequence[str]) -> list[str]:
+    return [f"{a}, {b}" for a, b in zip(first, second, strict=True)]
+
+
+def _numbered(names: Sequence[str]) -> list[str]:
+    """Names of which those that stand several times are counted."""
+    total = Counter(names)
+    seen: Counter[str] = Counter()
+    found = []
+    for name in names:
+        seen[name] += 1
+        found.append(f"{name} #{seen[name]}" if total[name] > 1 else name)
+    return found
+
+
+def _file_name(source: str) -> str:
+    """A file as a person calls it: by its folder where it has the usual name."""
+    path = Path(source)
+    usual = path.name == FILE_NAME and path.parent.name
+    return printable(path.parent.name if usual else path.stem)
+
+
+def shortened(name: str) -> str:
+    """A name of at most :data:`LONGEST_NAME` characters."""
+    return name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}…"

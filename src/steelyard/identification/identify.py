@@ -13,7 +13,7 @@ from steelyard.clocks.offsets import Offset
 from steelyard.digits import LABELS, ten_numbers
 from steelyard.display import Display
 from steelyard.errors import InputError
-from steelyard.estimates.estimate import BEST_FIRST, FORMAT, Estimate, named, nothing_told
+from steelyard.estimates.estimate import BEST_FIRST, FORMAT, Estimate, named, no_estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.consistent import Consistent
 from steelyard.identification.methods.instrumental_variables import InstrumentalVariables
@@ -181,13 +181,13 @@ def identify(
         try:
             estimates.append(_estimate(method, used, posteriors, progress))
         except NoBalanceError as error:
-            estimates.append(nothing_told(method.name, str(error)))
+            estimates.append(no_estimate(method.name, str(error)))
         except InputError as error:
             if not method.is_baseline or len(chosen) == 1:
                 raise
             # The baseline needs more instruments than better methods do.
             baseline = error
-            estimates.append(nothing_told(method.name, str(error)))
+            estimates.append(no_estimate(method.name, str(error)))
     if baseline is not None and not any(np.isfinite(each.value).any() for each in estimates):
         raise baseline
     by_name = {each.method: each for each in estimates}

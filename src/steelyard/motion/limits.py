@@ -135,13 +135,8 @@ def extremes_of(
 def below(name: str, unit: str, vectors: Array, limit: float | None) -> Use:
     """Largest length of vectors, shape (n, k), against a limit."""
     largest = float(np.linalg.norm(vectors, axis=1).max())
-    return Use(
-        name,
-        unit,
-        (largest,),
-        None if limit is None else (limit,),
-        largest / limit if limit else 0.0,
-    )
+    allowed = None if limit is None else (limit,)
+    return Use(name, unit, (largest,), allowed, largest / limit if limit else 0.0)
 
 
 def within(name: str, unit: str, values: Array, box: Any) -> Use:

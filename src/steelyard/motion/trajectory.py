@@ -108,10 +108,8 @@ class Repeated:
         t = np.asarray(t)
         number = np.clip(np.floor(t / self.move.duration), 0, self.times - 1).astype(int)
         since = t - number * self.move.duration
-        there, back = (
-            self.move.derivative(since, order),
-            self.move.reversed().derivative(since, order),
-        )
+        there = self.move.derivative(since, order)
+        back = self.move.reversed().derivative(since, order)
         return np.where((number % 2 == 0)[:, None], there, back)
 
 
@@ -137,9 +135,8 @@ class Sampled:
         """
         if at_rest:
             still = [(1, np.zeros(6)), (2, np.zeros(6))]
-            return cls(
-                make_interp_spline(time, poses, k=5, bc_type=(still, still)), float(time[-1])
-            )
+            spline = make_interp_spline(time, poses, k=5, bc_type=(still, still))
+            return cls(spline, float(time[-1]))
         degree = min(5, len(time) - 1)
         degree -= 1 - degree % 2
         return cls(make_interp_spline(time, poses, k=degree), float(time[-1]))
@@ -149,11 +146,9 @@ class Sampled:
         t = np.asarray(t)
         inside = np.clip(t, 0.0, self.duration)
         # Some releases of SciPy read beyond their memory for derivatives above the degree.
-        values = (
-            np.zeros((len(t), 6))
-            if order > self.spline.k
-            else np.asarray(self.spline(inside, nu=order))
-        )
+        values = np.zeros((len(t), 6))
+        if order <= self.spline.k:
+            values = np.asarray(self.spline(inside, nu=order))
         if order:
             values[inside != t] = 0.0
         return values

@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from steelyard.errors import InputError
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
-from steelyard.report.compose import document_of
-from steelyard.report.document import Document, Figure, Replay, Scene
-from steelyard.report.page import palette
-from steelyard.report.summary import summarise
+from steelyard.report.blocks.document import Figure, Replay, Scene
+from steelyard.report.documents.identification import document_of
+from steelyard.report.evidence.summary import summarise
+from steelyard.report.forms.page import palette
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -32,10 +32,7 @@ def figures(found: Identification, truth: Inertia | None = None) -> dict[str, go
         Figures under the names ``intervals``, ``robot``, ``body``, ``learned``, ``correlation``,
         and ``trace-…`` and ``spectra-…`` of every run.
     """
-    return {
-        name: _plotly(block)
-        for name, block in _blocks(document_of(summarise(found, truth))).items()
-    }
+    return {name: _plotly(block) for name, block in _pictures(found, truth).items()}
 
 
 def figure(found: Identification, name: str, truth: Inertia | None = None) -> go.Figure:
@@ -50,25 +47,27 @@ def figure(found: Identification, name: str, truth: Inertia | None = None) -> go
     Raises:
         InputError: There is none of that name.
     """
-    blocks = _blocks(document_of(summarise(found, truth)))
-    chosen = (
-        name if name in blocks else next((each for each in blocks if each.startswith(name)), None)
-    )
+    pictures = _pictures(found, truth)
+    chosen = next((each for each in pictures if each.startswith(name)), None)
+    if name in pictures:
+        chosen = name
     if chosen is None or not name:
         raise InputError(
-            f"figure: expected one of {', '.join(blocks)}, found '{name}'; choose one of these"
+            f"figure: expected one of {', '.join(pictures)}, found '{name}'; choose one of these"
         )
-    return _plotly(blocks[chosen])
+    return _plotly(pictures[chosen])
 
 
-def _blocks(document: Document) -> dict[str, Figure | Scene]:
-    found = [
-        block
-        for section in document.sections
-        for block in section.blocks
-        if isinstance(block, Figure | Scene)
-    ]
-    return {(block.figure if isinstance(block, Scene) else block).name: block for block in found}
+def _pictures(found: Identification, truth: Inertia | None) -> dict[str, Figure | Scene]:
+    """Name -> picture of the report."""
+    pictures: dict[str, Figure | Scene] = {}
+    for section in document_of(summarise(found, truth)).sections:
+        for block in section.blocks:
+            if isinstance(block, Scene):
+                pictures[block.figure.name] = block
+            elif isinstance(block, Figure):
+                pictures[block.name] = block
+    return pictures
 
 
 def _plotly(block: Figure | Scene) -> go.Figure:

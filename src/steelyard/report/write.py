@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from steelyard.estimates.estimate_names import FILE_NAME as ESTIMATE
+from steelyard.estimates.named_estimate import FILE_NAME as ESTIMATE
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
-from steelyard.output import results_folder, write_json
-from steelyard.report.compose import document_of
-from steelyard.report.document import Document
-from steelyard.report.made import made_of
-from steelyard.report.markdown import markdown
-from steelyard.report.motion_table import FILE_NAME as MOTION
-from steelyard.report.motion_table import write_motion
-from steelyard.report.page import page
-from steelyard.report.report_file import FILE_NAME, write_summary
-from steelyard.report.summary import Summary, summarise
+from steelyard.output import results_folder, write_json, write_table
+from steelyard.report.blocks.document import Document
+from steelyard.report.documents.identification import document_of
+from steelyard.report.evidence.made import made_of
+from steelyard.report.evidence.report_file import FILE_NAME, write_summary
+from steelyard.report.evidence.summary import Summary, summarise
+from steelyard.report.forms.markdown import markdown
+from steelyard.report.forms.page import page
 
+MOTION = "motion.parquet"
+"""The fitted motion as a table that other programs read."""
 DRAWN = ("report.html", "report.md")
-"""What is drawn from :data:`steelyard.report.report_file.FILE_NAME`."""
+"""What is drawn from :data:`steelyard.report.evidence.report_file.FILE_NAME`."""
 
 
 def write_results(
@@ -51,7 +51,8 @@ def write_identification(found: Identification, summary: Summary, folder: Path) 
     write_json(found.to_dict(), folder / ESTIMATE)
     write_report(summary, folder)
     if found.motion:
-        write_motion(found.motion, folder / MOTION)
+        # A row per instant, the run in the first column, SI units.
+        write_table([(each.run, each.columns()) for each in found.motion], folder / MOTION)
 
 
 def write_report(summary: Summary, folder: Path) -> None:

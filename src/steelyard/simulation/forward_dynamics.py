@@ -223,17 +223,10 @@ class CablePlatform:
         Raises:
             InfeasibleError: There is none near.
         """
-        start = Rotation.from_euler("ZYX", pose[:2:-1])
-        still = np.zeros(self.robot.m)
-
-        def state(offset: Array) -> Array:
-            turned = start * Rotation.from_rotvec(offset[3:])
-            return np.concatenate(
-                [pose[:3] + offset[:3], turned.as_quat(scalar_first=True), np.zeros(6)]
-            )
+        start, still = Rotation.from_euler("ZYX", pose[:2:-1]), np.zeros(self.robot.m)
 
         def acceleration(offset: Array) -> Array:
-            return self._rate(state(offset), feed, still)[7:]
+            return self._rate(_at_rest(pose[:3], start, offset), feed, still)[7:]
 
         found = root(acceleration, np.zeros(6), tol=self.settings.equilibrium_step)
         if not np.abs(found.fun).max() < self.settings.equilibrium_acceleration:
@@ -241,7 +234,7 @@ class CablePlatform:
                 "expected a pose at rest near the start of the trajectory, found none; start"
                 " elsewhere"
             )
-        return state(found.x)
+        return _at_rest(pose[:3], start, found.x)
 
     def natural_frequencies(self, pose: Array, level: float | None = None) -> Array:
         """Of small swings about a pose at rest, ascending [Hz], shape (6,); a direction that does
@@ -259,10 +252,7 @@ class CablePlatform:
         turned = Rotation.from_quat(rest[3:7], scalar_first=True)
 
         def acceleration(offset: Array) -> Array:
-            quaternion = (turned * Rotation.from_rotvec(offset[3:])).as_quat(scalar_first=True)
-            return self._rate(
-                np.concatenate([rest[:3] + offset[:3], quaternion, np.zeros(6)]), feed, still
-            )[7:]
+            return self._rate(_at_rest(rest[:3], turned, offset), feed, still)[7:]
 
         moved = self.settings.displacement
         columns = [acceleration(step) - acceleration(-step) for step in moved * np.eye(6)]
@@ -317,6 +307,12 @@ class CablePlatform:
                 f" integrated ({result.message}); move more slowly or tilt less"
             )
         return ElasticMotion(self, feed, result.sol, duration)
+
+
+def _at_rest(position: Array, rotation: Rotation, offset: Array) -> Array:
+    """State at rest, displaced from a pose by an offset [m], [rad] of shape (6,); shape (13,)."""
+    turned = (rotation * Rotation.from_rotvec(offset[3:])).as_quat(scalar_first=True)
+    return np.concatenate([position + offset[:3], turned, np.zeros(6)])
 
 
 def feed_lengths(

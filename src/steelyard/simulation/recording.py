@@ -117,11 +117,10 @@ def record(
 
 
 def _noisy(value: Array, sigma: float, rng: np.random.Generator) -> Array:
+    """Readings with noise; rotations of shape (n, 3, 3) are turned by it."""
     if not sigma:
         return value
     if value.ndim == 3:
-        turned: Array = (
-            value @ Rotation.from_rotvec(rng.normal(0.0, sigma, (len(value), 3))).as_matrix()
-        )
-        return turned
+        turned = Rotation.from_rotvec(rng.normal(0.0, sigma, (len(value), 3)))
+        return np.asarray(value @ turned.as_matrix())
     return value + rng.normal(0.0, sigma, value.shape)

@@ -178,22 +178,20 @@ def _without_own_sync(document: YamlDocument) -> tuple[Any, dict[str, float]]:
     data = document.data
     if not isinstance(data, dict) or not isinstance(data.get("instruments"), dict):
         return data, {}
-    own = {}
+    own: dict[str, float] = {}
+    instruments = dict(data["instruments"])
     for name, keys in data["instruments"].items():
-        if isinstance(keys, dict) and "sync" in keys:
-            value = keys["sync"]
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not is_number or not 0 <= value < float("inf"):
-                raise document.error(
-                    ("instruments", name, "sync"),
-                    f"expected a number at least 0, found {value}; correct it",
-                )
-            own[name] = float(value)
-    instruments = {}
-    for name, keys in data["instruments"].items():
-        instruments[name] = keys
-        if isinstance(keys, dict):
-            instruments[name] = {key: value for key, value in keys.items() if key != "sync"}
+        if not isinstance(keys, dict) or "sync" not in keys:
+            continue
+        value = keys["sync"]
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or not 0 <= value < float("inf"):
+            raise document.error(
+                ("instruments", name, "sync"),
+                f"expected a number at least 0, found {value}; correct it",
+            )
+        own[name] = float(value)
+        instruments[name] = {key: keys[key] for key in keys if key != "sync"}
     return {**data, "instruments": instruments}, own
 
 

@@ -142,15 +142,19 @@ def repeated_move(duration: float | None) -> Repeated:
             f"--duration: expected {PAPER_MOVE:g} to {LONGEST:g} s for the paper's move, found"
             f" {length:g}; choose another"
         )
-    start, end = (np.concatenate([pose[:3], np.radians(pose[3:])]) for pose in _PAPER_MOVES["t1"])
-    return Repeated(RestToRest(start, end, PAPER_MOVE), int(length / PAPER_MOVE + 1e-9))
+    return Repeated(_paper_move("t1", PAPER_MOVE, 0.0), int(length / PAPER_MOVE + 1e-9))
+
+
+def _paper_move(name: str, move: float, pause: float) -> RestToRest:
+    """A move of the paper with its times [s]."""
+    start, end = (np.concatenate([pose[:3], np.radians(pose[3:])]) for pose in _PAPER_MOVES[name])
+    return RestToRest(start, end, move, pause)
 
 
 def _paper(move: float) -> dict[str, Trajectory]:
     runs: dict[str, Trajectory] = {}
-    for name, (start, end) in _PAPER_MOVES.items():
-        poses = [np.concatenate([pose[:3], np.radians(pose[3:])]) for pose in (start, end)]
-        forward = RestToRest(poses[0], poses[1], move, PAPER_PAUSE)
+    for name in _PAPER_MOVES:
+        forward = _paper_move(name, move, PAPER_PAUSE)
         runs[f"{name}-forward"] = forward
         runs[f"{name}-backward"] = forward.reversed()
     return runs
@@ -187,12 +191,9 @@ def feasible_multisine(
             return trajectory
         try:
             times = check_times(trajectory)
-            tensions = np.concatenate(
-                [
-                    commanded_tensions(careful, trajectory, times, still=still)
-                    for still in (False, True)
-                ]
-            )
+            moving = commanded_tensions(careful, trajectory, times)
+            at_rest = commanded_tensions(careful, trajectory, times, still=True)
+            tensions = np.concatenate([moving, at_rest])
         except InfeasibleError:
             continue
         # Where a limit binds, tensions have kinks, and kinks make the platform vibrate.

@@ -272,7 +272,8 @@ def test_translation_tells_nothing_of_the_inertia():
     assert told(estimate) == {"mass", "cx", "cy", "cz"}
     assert np.abs(z(estimate)[:4]).max() < 4
     assert any(
-        "not told by these data: Jxx, Jyy, Jzz, Jyz, Jxz, Jxy" in note for note in estimate.notes
+        "not identifiable from these data: Jxx, Jyy, Jzz, Jyz, Jxz, Jxy" in note
+        for note in estimate.notes
     )
     assert estimate.physical is None
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, complex_step_jacobian
-from steelyard.estimates.estimate import Estimate, judge, told_by
+from steelyard.estimates.estimate import Estimate, identifiable_parameters, judge
 from steelyard.inertia import point_inertia, six
 
 
@@ -139,7 +139,7 @@ def told(fit: BodyFit, size: float) -> NDArray[np.bool_]:
     Returns:
         Shape (10,).
     """
-    return told_by(float(fit.value[0]), fit.covariance, size)
+    return identifiable_parameters(float(fit.value[0]), fit.covariance, size)
 
 
 def finish(fit: BodyFit, size: float, method: str) -> Estimate:

@@ -16,7 +16,7 @@ from steelyard.arrays import Array
 from steelyard.bodies.consistent_body import BodyProblem, ConsistentBody, covariance, solve
 from steelyard.bodies.mass_region import Box, Ellipsoid
 from steelyard.errors import InputError
-from steelyard.estimates.estimate import Estimate, nothing_told
+from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.finished import finished
 from steelyard.identification.methods.method import HeldMotion
@@ -68,7 +68,7 @@ class Consistent:
         try:
             return self.of(self.fit(experiment, progress))
         except NoBalanceError as error:
-            return nothing_told(self.name, str(error))
+            return no_estimate(self.name, str(error))
 
     def of(self, found: Posterior, name: str = name) -> Estimate:
         """Estimate from a posterior that is there already; raises as a call does.
@@ -144,7 +144,7 @@ def _finished(
     J = body_jacobian(body.parameters)
     spread = found.solution.covariance[:TEN, :TEN]
     if problem.prior_weight:
-        spread = covariance(problem, body, projected=False)
+        spread = covariance(problem, body)
     details: dict[str, Any] = {
         "constraints": {
             "status": body.status,

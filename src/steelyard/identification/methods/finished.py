@@ -20,6 +20,13 @@ from steelyard.identification.verdict.assessment import (
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
+_ENLARGED_BECAUSE = {
+    "noise": "residuals of forces and motion are larger than the noise",
+    "blocks": "residuals are correlated in time beyond white noise",
+    "runs": "the runs scatter more than noise explains",
+}
+"""By the names of :attr:`Solution.inflation`."""
+
 
 def finished(
     found: Posterior,
@@ -47,13 +54,13 @@ def finished(
     solution, calibration_parameters = found.solution, found.calibration.calibration_parameters
     value = Inertia.from_parameters(found.parameters).body_parameters if value is None else value
     covariance = found.body_covariance if covariance is None else covariance
-    told = found.identifiable
-    value = np.where(told, value, np.nan)
+    known = found.identifiable
+    value = np.where(known, value, np.nan)
     tests = directed_tests(found, settings)
     return Estimate(
         method=method,
         value=value,
-        covariance=np.where(np.outer(told, told), covariance, np.nan),
+        covariance=np.where(np.outer(known, known), covariance, np.nan),
         verdict=judge(
             value,
             reasons=[*further, *reasons(found, tests, settings)],
@@ -100,15 +107,11 @@ def _residuals(found: Posterior) -> dict[str, Any]:
 def _notes(found: Posterior) -> list[str]:
     """What is not identifiable, and why the 1-sigma was enlarged, in words."""
     notes = []
-    untold = [
-        name for name, told in zip(BODY_PARAMETERS, found.identifiable, strict=True) if not told
-    ]
-    if untold:
-        notes.append(f"not told by these data: {', '.join(untold)} ({_motion(found)})")
+    lacking = np.array(BODY_PARAMETERS)[~found.identifiable]
+    if len(lacking):
+        notes.append(f"not identifiable from these data: {', '.join(lacking)} ({_motion(found)})")
     for name, factor in found.solution.inflation.items():
-        notes.append(
-            f"1-sigma enlarged by {np.sqrt(factor):.2f} for what the {name} show beyond noise"
-        )
+        notes.append(f"1-sigma enlarged by {np.sqrt(factor):.2f}: {_ENLARGED_BECAUSE[name]}")
     return notes
 
 

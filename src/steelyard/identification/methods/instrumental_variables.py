@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from steelyard.arrays import Array
-from steelyard.estimates.estimate import Estimate, nothing_told
+from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.methods.finished import finished
 from steelyard.identification.methods.method import HeldMotion
@@ -74,18 +74,18 @@ class InstrumentalVariables:
         """
         lack = _lack(experiment)
         if lack:
-            return nothing_told(self.name, lack)
+            return no_estimate(self.name, lack)
         try:
             return self.of(self.fit(experiment, progress))
         except NoBalanceError as error:
-            return nothing_told(self.name, str(error))
+            return no_estimate(self.name, str(error))
 
     def of(self, posterior: Posterior) -> Estimate:
         """Estimate from a posterior of :meth:`fit`."""
         experiment = posterior.experiment
         lack = _lack(experiment)
         if lack:
-            return nothing_told(self.name, lack)
+            return no_estimate(self.name, lack)
         products = _products(posterior)
         size = plausible(posterior.parameters, posterior.size)
         plain = solve(posterior.total, posterior.prior, posterior.solution.estimated, size)

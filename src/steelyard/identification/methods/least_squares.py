@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from steelyard.estimates.estimate import Estimate, nothing_told
+from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.finished import finished
 from steelyard.identification.methods.method import HeldMotion
@@ -45,7 +45,7 @@ class LeastSquares:
         try:
             return self.of(self.fit(experiment, progress))
         except NoBalanceError as error:
-            return nothing_told(self.name, str(error))
+            return no_estimate(self.name, str(error))
 
     def of(self, posterior: Posterior) -> Estimate:
         """Estimate from a posterior of :meth:`fit`."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from steelyard.bodies.mass_region import Box, Ellipsoid
-from steelyard.estimates.estimate import Estimate, nothing_told
+from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.consistent import Consistent
 from steelyard.identification.methods.method import JointMotion
@@ -56,7 +56,7 @@ class MaximumLikelihood:
         try:
             return self.of(self.fit(experiment, progress))
         except NoBalanceError as error:
-            return nothing_told(self.name, str(error))
+            return no_estimate(self.name, str(error))
 
     def of(self, posterior: Posterior) -> Estimate:
         """Estimate from a posterior of :meth:`fit`; raises as a call does."""

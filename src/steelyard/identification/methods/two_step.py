@@ -437,7 +437,7 @@ def _untold_notes(estimate: Estimate, moving: Sequence[Samples]) -> list[str]:
             "poses at rest say nothing about the inertia, and each says where the centre of gravity"
             " is only across gravity"
         )
-    return [f"not told by these data: {', '.join(untold)} ({why})"]
+    return [f"not identifiable from these data: {', '.join(untold)} ({why})"]
 
 
 def _block(runs: Sequence[Samples]) -> int:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_wrench
-from steelyard.estimates.estimate import plausible_radius, plausible_sizes, told_by
+from steelyard.estimates.estimate import identifiable_parameters, plausible_radius, plausible_sizes
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import Calibration
 from steelyard.identification.model.fitted_motion import FittedMotion
@@ -108,7 +108,7 @@ class Posterior:
     @property
     def identifiable(self) -> NDArray[np.bool_]:
         """Which of the ten body parameters the data tell, shape (10,)."""
-        return told_by(float(self.parameters[0]), self.body_covariance, self.size)
+        return identifiable_parameters(float(self.parameters[0]), self.body_covariance, self.size)
 
     @property
     def body_covariance(self) -> Array:

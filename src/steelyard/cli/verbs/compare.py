@@ -1,0 +1,105 @@
+"""The verb `compare`."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+
+import click
+
+from steelyard.cli.options import common
+from steelyard.cli.printing import print_result
+from steelyard.errors import InputError
+
+EXCEEDED = 1
+"""Exit status where differences exceed what was asked for."""
+_MOST = 20
+"""Estimates at once; every two of them are compared."""
+
+
+@click.command()
+@click.argument("estimates", nargs=-1, required=True, metavar="ESTIMATE ESTIMATE...")
+@click.option(
+    "--payload", is_flag=True, help="What was added between two estimates: before, after."
+)
+@click.option(
+    "--fail-above",
+    type=float,
+    metavar="SIGMAS",
+    help="Exit status 1 where a parameter, or all as a whole, differ by more.",
+)
+@click.option(
+    "--method", metavar="NAME", help="Which estimate of each file, or all. Default: its result."
+)
+@common
+def compare(
+    estimates: tuple[str, ...],
+    payload: bool,
+    fail_above: float | None,
+    method: str | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Put estimates side by side: differences in units of their uncertainty, and whether they
+    agree.
+
+    ESTIMATE is an estimate.json or a folder with one, with :METHOD behind it for one of its methods
+    (:all for every one).
+    """
+    if payload:
+        _payload(estimates, method, fail_above, as_json=as_json)
+    else:
+        _comparison(estimates, method, fail_above, as_json=as_json)
+
+
+def _comparison(
+    places: Sequence[str], method: str | None, fail_above: float | None, *, as_json: bool
+) -> None:
+    """Compare estimates; ends the process with status 1 where they differ by more sigmas than
+    ``fail_above``.
+    """
+    from steelyard.estimates.comparison import compare as compared
+    from steelyard.estimates.estimate_file import read_estimates
+    from steelyard.report.documents.comparison import comparison_document
+
+    if fail_above is not None and not (math.isfinite(fail_above) and fail_above > 0):
+        raise InputError(
+            f"--fail-above: expected a number of sigmas above 0, found {fail_above:g}; correct it"
+        )
+    estimates = read_estimates(places, method)
+    if len(estimates) > _MOST:
+        raise InputError(
+            f"compare: expected at most {_MOST} estimates, found {len(estimates)}; name fewer"
+        )
+    comparison = compared(estimates)
+    exceeding = comparison.exceeding(fail_above) if fail_above is not None else ()
+    values = comparison.to_dict()
+    if fail_above is not None:
+        values |= {"fail_above": fail_above, "exceeding": list(exceeding)}
+    print_result(values, comparison_document(comparison, fail_above=fail_above), as_json=as_json)
+    if exceeding:
+        sys.exit(EXCEEDED)
+
+
+def _payload(
+    places: Sequence[str], method: str | None, fail_above: float | None, *, as_json: bool
+) -> None:
+    """Say what was added between two estimates."""
+    from steelyard.estimates.estimate_file import read_estimates
+    from steelyard.estimates.payload import payload
+    from steelyard.report.documents.comparison import payload_document
+
+    if fail_above is not None:
+        raise InputError(
+            "--fail-above: expected none with --payload, whose estimates are meant to differ; leave"
+            " one out"
+        )
+    estimates = read_estimates(places, method)
+    if len(estimates) != 2:
+        raise InputError(
+            f"--payload: expected two estimates, before and after, found {len(estimates)}; name one"
+            " file or FILE:METHOD for each"
+        )
+    found = payload(*estimates)
+    print_result(found.to_dict(), payload_document(found), as_json=as_json)

@@ -1,0 +1,81 @@
+"""The verb `convert`."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from steelyard.cli.options import common, experiment_argument, force_option, out_option
+from steelyard.cli.printing import print_json, print_samples, progress, samples_of
+from steelyard.cli.truth import LARGEST_TRUTH, TRUTH
+from steelyard.errors import InputError
+
+if TYPE_CHECKING:
+    from steelyard.experiment.model import Experiment
+
+
+@click.command()
+@experiment_argument
+@out_option(help="Folder for the experiment; must be new or empty.", required=True)
+@click.option(
+    "--format",
+    "tables",
+    type=click.Choice(["parquet", "csv"]),
+    default="parquet",
+    show_default=True,
+    help="Of the streams.",
+)
+@force_option()
+@common
+def convert(
+    experiment: Path, out: Path, tables: Any, force: bool, as_json: bool, quiet: bool
+) -> None:
+    """Put EXPERIMENT with all its logs into one tidy form, on one clock and in SI units, to share
+    and to keep.
+    """
+    from steelyard.experiment.read import read_experiment
+    from steelyard.experiment.tidy import tidied
+    from steelyard.experiment.write import write_experiment
+    from steelyard.output import check_target, results_folder
+
+    check_target(out, force=force)
+    recorded = read_experiment(experiment)
+    _check_apart(recorded, experiment, out)
+    if any(run.unsynchronised for run in recorded.runs):
+        from steelyard.identification.synchronisation import synchronised
+
+        with progress(quiet=quiet) as tell:
+            recorded = synchronised(recorded, tell)
+    with results_folder(out, force=force) as folder:
+        write_experiment(tidied(recorded), folder, tables=tables, with_robot=True)
+        truth = experiment.parent / TRUTH
+        if truth.is_file() and truth.stat().st_size <= LARGEST_TRUTH:
+            shutil.copyfile(truth, folder / TRUTH)
+        written = [path for path in folder.rglob("*") if path.is_file()]
+        size = sum(path.stat().st_size for path in written)
+    samples = samples_of(recorded)
+    target = out / "experiment.yaml"
+    if as_json:
+        values = {"experiment": str(target), "samples": samples}
+        print_json({**values, "files": len(written), "bytes": size})
+        return
+    plural = "s" if len(samples) > 1 else ""
+    print(f"{target}: {len(samples)} run{plural}, {len(written)} files, {size / 1e6:.1f} MB")
+    print_samples(samples)
+
+
+def _check_apart(experiment: Experiment, place: Path, out: Path) -> None:
+    """See that nothing is written over what is read."""
+    target = out.resolve()
+    read = [place]
+    for run in experiment.runs:
+        read += [Path(stream.source) for stream in run.streams.values()]
+    for path in read:
+        if path.resolve().is_relative_to(target):
+            raise InputError(
+                f"{out}: expected a folder apart from the recordings, found {path} in it; choose"
+                " another with --out"
+            )

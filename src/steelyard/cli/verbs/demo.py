@@ -1,0 +1,74 @@
+"""The verb `demo`: the whole story in one command."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from steelyard.cli.options import common, force_option, out_option
+from steelyard.cli.printing import print_json, progress, say
+
+_MOTIONS = {"paper": "the paper's eight moves", "multisine": "20 s on all six axes"}
+
+
+@click.command()
+@out_option(help="Folder for data and report.", default=Path("steelyard-demo"), show_default=True)
+@force_option(help="Replace what an earlier demo wrote.")
+@common
+def demo(out: Path, force: bool, as_json: bool, quiet: bool) -> None:
+    """The whole story: simulate CoGiRo with the sensors of the paper, identify it, compare with the
+    truth.
+    """
+    from steelyard.identification.identify import identify
+    from steelyard.identification.methods.two_step import TwoStep
+    from steelyard.output import check_target, results_folder
+    from steelyard.report.documents.identification import brief_of
+    from steelyard.report.evidence.made import made_of
+    from steelyard.report.evidence.summary import summarise
+    from steelyard.report.forms.terminal import show
+    from steelyard.report.write import write_identification
+    from steelyard.simulation.simulate import simulate, write_virtual
+
+    check_target(out, force=force)
+    recorded = {}
+    with progress(quiet=quiet) as tell:
+        for motion, words in _MOTIONS.items():
+            say(f"simulating CoGiRo: {motion}", quiet=quiet)
+            recorded[motion] = simulate(
+                "cogiro", motion, seed=0, name=f"CoGiRo, {words}", progress=tell
+            )
+        say("identifying", quiet=quiet)
+        moves = identify(recorded["paper"].experiment, [TwoStep()], tell)
+        best = identify(recorded["multisine"].experiment, "all", tell)
+    truth = recorded["multisine"].body
+    made = {
+        name: made_of(virtual.experiment, {"demo": "seed 0"}) for name, virtual in recorded.items()
+    }
+    summary = summarise(
+        best,
+        truth,
+        beside={"two-step, the paper's eight moves": moves.estimates["two-step"]},
+        title="CoGiRo with the sensors of the paper, simulated: its eight moves, and 20 s on six"
+        " axes",
+        suffix=", six axes",
+        made=made["multisine"],
+    )
+    with results_folder(out, force=force) as folder:
+        write_virtual(recorded["multisine"], folder)
+        write_identification(best, summary, folder)
+        inner = folder / "paper-moves"
+        inner.mkdir()
+        write_virtual(recorded["paper"], inner)
+        write_identification(moves, summarise(moves, truth, made=made["paper"]), inner)
+    if as_json:
+        print_json(best.to_dict())
+        return
+    show(brief_of(replace(summary, runs=())))
+    print(
+        f"\nData, estimates and report are in {out}/ (the paper's moves in {out / 'paper-moves'}/)."
+        " Look at"
+    )
+    print(f"  {out / 'report.html'}\nin a browser, and try next:")
+    print(f"  steelyard identify {out / 'experiment.yaml'} --acceleration tracker")

@@ -1,0 +1,201 @@
+"""The verb `design`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from steelyard.cli.options import (
+    common,
+    force_option,
+    out_option,
+    pose_option,
+    seed_option,
+    sensors_option,
+)
+from steelyard.cli.printing import print_result, progress
+from steelyard.errors import InputError
+
+if TYPE_CHECKING:
+    from steelyard.excitation.design import Design
+
+REPORT = "design"
+"""Name of the pages, without their endings."""
+
+
+@click.command()
+@click.argument("place", metavar="ROBOT|EXPERIMENT")
+@click.option("--duration", type=float, help="Of each motion [s].")
+@out_option(
+    help="Folder for command.csv, design.json, design.html, design.md and motion.parquet; must be"
+    " new or empty."
+)
+@click.option(
+    "--check",
+    metavar="FILE.csv",
+    help=(
+        "Look at this motion instead of searching: a CSV file of kind 'command', paper (its own"
+        " move, repeated for --duration) or multisine."
+    ),
+)
+@pose_option("--start", help="Pose to begin in [m], [deg]. Default: a good one.")
+@pose_option("--end", help="Pose to end in. Default: where it began.")
+@click.option(
+    "--target",
+    metavar="mass=…,cog=…,inertia=…",
+    help=(
+        "Wanted 1-sigma [kg], [m], [kg m^2]; mass and inertia also in %. Default: 1 % of the mass,"
+        " 2 mm, 1 % of the largest moment."
+    ),
+)
+@click.option(
+    "--margin",
+    type=float,
+    default=0.2,
+    show_default=True,
+    help=(
+        "By which share mass and inertia may differ from the nominal ones; the centre of gravity by"
+        " 40 % of it, in radii of the platform."
+    ),
+)
+@click.option(
+    "--runs",
+    type=int,
+    default=1,
+    show_default=True,
+    help="How many motions, each to add what the others lack.",
+)
+@click.option(
+    "--after",
+    multiple=True,
+    metavar="ESTIMATE|EXPERIMENT",
+    help="What has been found already: the motion adds what it lacks; may be repeated.",
+)
+@click.option(
+    "--body",
+    metavar="ESTIMATE",
+    help="Design for this body. Default: 'platform' of the robot file.",
+)
+@sensors_option(help="Of a robot alone: paper, ideal, or a YAML file with 'instruments'.")
+@click.option(
+    "--budget",
+    type=float,
+    default=60.0,
+    show_default=True,
+    help="Time to spend [s]; more time, more starts.",
+)
+@seed_option(help="The same seed gives the same motion.")
+@click.option(
+    "--rate", type=float, default=100.0, show_default=True, help="Of the rows of the commands [Hz]."
+)
+@click.option(
+    "--processes", type=click.IntRange(1), help="That search at a time. Default: one per processor."
+)
+@force_option()
+@common
+def design(
+    place: str,
+    duration: float | None,
+    out: Path | None,
+    check: str | None,
+    start: tuple[float, ...] | None,
+    end: tuple[float, ...] | None,
+    target: str | None,
+    margin: float,
+    runs: int,
+    after: tuple[str, ...],
+    body: str | None,
+    sensors: str,
+    budget: float,
+    seed: int,
+    rate: float,
+    processes: int | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Find the motion within the robot's limits that makes the estimate most precise, and say
+    beforehand how precise.
+
+    Speeds, accelerations, workspace and tensions are those of 'limits' and 'tension' in the robot
+    file.
+    """
+    from steelyard.cli.verbs.design_request import (
+        check_numbers,
+        checked_motion,
+        design_task,
+        pose_of,
+    )
+    from steelyard.excitation.design import design as designed
+    from steelyard.excitation.design_file import RESULT, design_dict, evaluation_dict, write_design
+    from steelyard.output import check_target, results_folder, write_json
+    from steelyard.report.documents.design_document import design_document
+    from steelyard.report.write import write_document
+
+    check_numbers(margin, runs, budget, rate)
+    if out is not None:
+        check_target(out, force=force)
+    with progress(quiet=quiet) as tell:
+        task = design_task(place, sensors, body, after, target)
+        found: Design | None = None
+        if check is not None:
+            evaluation = checked_motion(task, check, duration, margin, tell)
+            values = evaluation_dict(evaluation)
+        else:
+            if duration is None:
+                raise InputError(
+                    "--duration: expected the length of the motion in seconds, found none; add it"
+                )
+            if out is None:
+                raise InputError("--out: expected a folder for the commands, found none; add it")
+            found = designed(
+                task.experiment,
+                duration,
+                start=pose_of(start),
+                end=pose_of(end),
+                target=task.target,
+                margin=margin,
+                runs=runs,
+                before=task.before,
+                budget=budget,
+                seed=seed,
+                processes=processes or os.cpu_count() or 1,
+                progress=tell,
+            )
+            evaluation, values = found.appraisal, design_dict(found)
+        document = design_document(evaluation)
+        if out is not None:
+            with results_folder(out, force=force) as folder:
+                if found is None:
+                    write_json(values, folder / RESULT)
+                else:
+                    write_design(found, folder, rate)
+                write_document(document, folder, REPORT)
+    print_result(values, document, as_json=as_json)
+    if not as_json and found is not None and out is not None:
+        _print_next_steps(found, place, out)
+
+
+def _print_next_steps(found: Design, place: str, out: Path) -> None:
+    """Say where the commands are and what to do with them."""
+    from steelyard.excitation.design_file import RESULT, command_names
+    from steelyard.excitation.plan import is_experiment
+
+    if not found.in_time:
+        print(
+            "The time was up before all searches had ended: another run may find another"
+            " motion; a larger --budget helps."
+        )
+    files = ", ".join(name for _, name in command_names(found.appraisal))
+    quoted = f"'{place}'" if " " in place else place
+    print(f"\n{files} and {RESULT} are in {out}/; {REPORT}.html shows the motion.")
+    if is_experiment(place):
+        print(f"Record the motion, add it as a run to {place}, then: steelyard identify {quoted}")
+        return
+    print("Try it on the simulated robot next:")
+    print(
+        f"  steelyard simulate {quoted} --trajectory {out / 'command.csv'} --out {out / 'virtual'}"
+    )

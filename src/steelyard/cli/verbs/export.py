@@ -1,0 +1,127 @@
+"""The verb `export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from steelyard.cli.options import common, force_option, out_option, pose_option
+from steelyard.cli.printing import print_json
+from steelyard.errors import InputError
+
+if TYPE_CHECKING:
+    from steelyard.exports.hanging import Hanging
+
+
+@click.command()
+@click.argument("estimate")
+@click.option(
+    "--format",
+    "format_",
+    type=click.Choice(["urdf", "sdf", "mjcf", "yaml", "json", "c"]),
+    required=True,
+    help="Of the file: ROS, Pinocchio; Gazebo; MuJoCo; as in a robot file; the same; a C header.",
+)
+@click.option("--method", metavar="NAME", help="Which estimate of the file. Default: its result.")
+@out_option(help="The file to write.", required=True, metavar="FILE")
+@click.option(
+    "--anyway",
+    is_flag=True,
+    help="Also an estimate that is not accepted or a body that cannot exist, with a comment.",
+)
+@click.option(
+    "--robot",
+    metavar="ROBOT",
+    help="mjcf: the robot with its cables too; a bundled name or a robot file.",
+)
+@pose_option(
+    "--pose",
+    help="--robot: where it hangs at rest [m], [deg]. Default: level, about the middle.",
+)
+@force_option(help="Replace a file of the same name.")
+@common
+def export(
+    estimate: str,
+    format_: str,
+    method: str | None,
+    out: Path,
+    anyway: bool,
+    robot: str | None,
+    pose: tuple[float, ...] | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Write the identified platform for a simulator or controller, with its verdict and the
+    convention as comments.
+
+    ESTIMATE is an estimate.json or a folder with one, with :METHOD behind it for one of its
+    methods.
+    """
+    import numpy as np
+
+    from steelyard.exports.exported import check, read_exported
+    from steelyard.exports.formats import FORMATS
+    from steelyard.exports.formats import export as exported_text
+    from steelyard.exports.hanging import hang
+    from steelyard.output import check_file_target, results_file
+    from steelyard.robot.file import read_robot
+
+    if robot is not None and format_ != "mjcf":
+        raise InputError(
+            f"--robot: expected --format mjcf, the only one with cables, found {format_}; leave"
+            " one out"
+        )
+    if pose is not None and robot is None:
+        raise InputError(
+            "--pose: expected --robot beside it, found none; leave --pose out or name the robot"
+        )
+    check_file_target(out, force=force)
+    exported = read_exported(estimate, method)
+    if exported.path is not None and out.exists() and out.samefile(exported.path):
+        raise InputError(
+            f"{out}: expected another file than the estimate that is read, found it; choose another"
+            " with --out"
+        )
+    form = FORMATS[format_]
+    check(exported, title=form.title, whole=form.whole, anyway=anyway)
+    hanging = None
+    if robot is not None:
+        radians = None if pose is None else [*pose[:3], *np.radians(pose[3:])]
+        hanging = hang(read_robot(robot), exported.body, radians)
+    text = exported_text(exported, format_, anyway=anyway, hanging=hanging)
+    with results_file(out, force=force) as path:
+        path.write_text(text, encoding="utf-8", newline="\n")
+    if as_json:
+        values = {
+            "written": str(out),
+            "format": format_,
+            "convention": form.convention,
+            "method": exported.estimate.method,
+            "experiment": exported.experiment,
+            "accepted": exported.estimate.verdict.accepted,
+            "physical": exported.estimate.physical,
+            "reasons": list(exported.doubts),
+            "unknown": list(exported.unidentifiable),
+        }
+        if hanging is not None:
+            values["robot"] = _robot(hanging)
+        print_json(values)
+        return
+    doubts = f"; NOT ACCEPTED: {'; '.join(exported.doubts)}" if exported.doubts else ""
+    on = "" if hanging is None else f" on the {hanging.robot.m} cables of {hanging.robot.name}"
+    print(f"{out}: '{exported.estimate.method}'{on} as {form.title}, {form.convention}{doubts}")
+
+
+def _robot(hanging: Hanging) -> dict[str, Any]:
+    """The robot at rest as plain values, SI."""
+    return {
+        "name": hanging.robot.name,
+        "position": hanging.position.tolist(),
+        "quaternion": hanging.quaternion.tolist(),
+        "tension": hanging.tension.tolist(),
+        "length": hanging.length.tolist(),
+        "stiffness": hanging.stiffness.tolist(),
+    }

@@ -1,0 +1,191 @@
+"""The verb `identify`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from steelyard.cli.options import (
+    common,
+    experiment_argument,
+    force_option,
+    out_option,
+    runs_option,
+    selected,
+)
+from steelyard.cli.printing import print_result, progress
+from steelyard.cli.truth import known_truth
+from steelyard.errors import InputError
+
+if TYPE_CHECKING:
+    from steelyard.bodies.mass_region import Box, Ellipsoid
+
+NOT_ACCEPTED = 3
+"""Exit status of an estimate that was made and written, but is not accepted."""
+
+
+@click.command()
+@experiment_argument
+@click.option(
+    "--method",
+    "methods",
+    multiple=True,
+    metavar="NAME",
+    help=(
+        "two-step, least-squares, instrumental-variables, consistent, maximum-likelihood, or all;"
+        " may be repeated. Default: maximum-likelihood, with two-step beside it."
+    ),
+)
+@click.option(
+    "--acceleration",
+    type=click.Choice(["imu", "tracker"]),
+    help="two-step: where the acceleration comes from.",
+)
+@click.option(
+    "--combine",
+    type=click.Choice(["median", "pooled"]),
+    default="median",
+    show_default=True,
+    help="two-step: the median over the runs, or one fit over all of them.",
+)
+@runs_option(help="Use this run only; may be repeated.", metavar="RUN")
+@click.option(
+    "--holdout",
+    multiple=True,
+    metavar="RUN",
+    help="Leave this run out and predict its forces; may be repeated.",
+)
+@click.option(
+    "--box",
+    nargs=6,
+    type=float,
+    metavar="X0 Y0 Z0 X1 Y1 Z1",
+    help="consistent, maximum-likelihood: corners of a box that holds all mass [m].",
+)
+@click.option(
+    "--ellipsoid",
+    nargs=6,
+    type=float,
+    metavar="X Y Z A B C",
+    help="consistent, maximum-likelihood: centre and semi-axes of an ellipsoid, likewise [m].",
+)
+@click.option(
+    "--towards-nominal",
+    is_flag=True,
+    help=(
+        "consistent, maximum-likelihood: pull towards the nominal body as far as that predicts runs"
+        " left out better."
+    ),
+)
+@out_option(
+    help="Folder for estimate.json, the report (report.html, .md, .json) and motion.parquet; without"
+    " it nothing is written."
+)
+@force_option()
+@common
+def identify(
+    experiment: Path,
+    methods: tuple[str, ...],
+    acceleration: Any,
+    combine: Any,
+    runs: tuple[str, ...],
+    holdout: tuple[str, ...],
+    box: tuple[float, ...] | None,
+    ellipsoid: tuple[float, ...] | None,
+    towards_nominal: bool,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Estimate mass, centre of gravity and inertia from the recordings that EXPERIMENT lists."""
+    from steelyard.experiment.read import read_experiment
+    from steelyard.identification.identify import chosen_methods
+    from steelyard.identification.identify import identify as identified
+    from steelyard.identification.methods.consistent import Consistent
+    from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+    from steelyard.identification.methods.two_step import TwoStep
+    from steelyard.output import check_target, results_folder
+    from steelyard.report.documents.identification import brief_of
+    from steelyard.report.evidence.made import made_of
+    from steelyard.report.evidence.summary import summarise
+    from steelyard.report.write import write_identification
+
+    regions = _regions(box, ellipsoid)
+    with_options: tuple[TwoStep | Consistent | MaximumLikelihood, ...] = (
+        TwoStep(acceleration=acceleration, combine=combine),
+        Consistent(regions=regions, towards_nominal=towards_nominal),
+        MaximumLikelihood(regions=regions, towards_nominal=towards_nominal),
+    )
+    chosen = chosen_methods(methods, {method.name: method for method in with_options})
+    if out is not None:
+        check_target(out, force=force)
+    recorded = selected(read_experiment(experiment), runs)
+    with progress(quiet=quiet) as tell:
+        found = identified(recorded, chosen, tell, holdout=holdout)
+    truth = known_truth(experiment.parent)
+    if out is None:
+        summary = summarise(found, truth, with_evidence=False)
+    else:
+        options = _in_words(
+            {
+                "method": methods or ["maximum-likelihood", "two-step"],
+                "acceleration": acceleration,
+                "combine": combine,
+                "run": runs,
+                "holdout": holdout,
+                "box": box,
+                "ellipsoid": ellipsoid,
+                "towards-nominal": towards_nominal,
+            }
+        )
+        summary = summarise(found, truth, made=made_of(recorded, options))
+        with results_folder(out, force=force) as folder:
+            write_identification(found, summary, folder)
+    print_result(found.to_dict(), brief_of(summary), as_json=as_json)
+    if not found.estimate.verdict.accepted:
+        sys.exit(NOT_ACCEPTED)
+
+
+def _in_words(given: Mapping[str, Any]) -> dict[str, str]:
+    """What was asked for; options that were not given are left out."""
+    options = {}
+    for name, value in given.items():
+        if value is True:
+            options[name] = "yes"
+        elif isinstance(value, str):
+            options[name] = value
+        elif value:
+            options[name] = ", ".join(map(str, value))
+    return options
+
+
+def _regions(
+    box: Sequence[float] | None, ellipsoid: Sequence[float] | None
+) -> tuple[Box | Ellipsoid, ...]:
+    """Where the mass lies, as the user says."""
+    import numpy as np
+
+    from steelyard.bodies.mass_region import Box, Ellipsoid
+
+    regions: list[Box | Ellipsoid] = []
+    if box:
+        lower, upper = box[:3], box[3:]
+        if not all(low < high for low, high in zip(lower, upper, strict=True)):
+            raise InputError(
+                "--box: expected the lower corner, then the upper one [m], found"
+                f" {' '.join(map(str, box))}; order them"
+            )
+        regions.append(Box(np.array(lower), np.array(upper)))
+    if ellipsoid:
+        if min(ellipsoid[3:]) <= 0:
+            raise InputError(
+                "--ellipsoid: expected the centre, then three semi-axes above 0 [m], found"
+                f" {' '.join(map(str, ellipsoid))}; correct it"
+            )
+        regions.append(Ellipsoid(np.array(ellipsoid[:3]), np.array(ellipsoid[3:])))
+    return tuple(regions)

@@ -1,0 +1,30 @@
+"""From the summary of an identification to the document that all forms of its report are drawn
+from.
+"""
+
+from __future__ import annotations
+
+from steelyard.report.blocks.document import Document
+from steelyard.report.documents.sections.calibration import calibration
+from steelyard.report.documents.sections.correlation import correlation
+from steelyard.report.documents.sections.made import made
+from steelyard.report.documents.sections.platform import platform
+from steelyard.report.documents.sections.residuals import residuals, wrench
+from steelyard.report.documents.sections.result import lead, result
+from steelyard.report.evidence.summary import Summary
+
+SECTIONS = (result, platform, wrench, residuals, calibration, correlation, made)
+"""In the order in which they are shown; each is left out where it has nothing to say."""
+
+
+def document_of(summary: Summary) -> Document:
+    """The report as values."""
+    found = (section(summary) for section in SECTIONS)
+    return Document(
+        summary.table.title, lead(summary), tuple(each for each in found if each is not None)
+    )
+
+
+def brief_of(summary: Summary) -> Document:
+    """What a terminal shows of a report: its first section."""
+    return Document(summary.table.title, lead(summary), (result(summary),))

@@ -1,0 +1,159 @@
+"""The ten parameters of every method as intervals: ten panels, a method a row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from steelyard.digits import LABELS
+from steelyard.report.blocks.document import Figure
+from steelyard.report.blocks.plot import line, points
+from steelyard.report.blocks.shown import deviations_of, line_colour, scaled
+from steelyard.report.evidence.summary import Summary
+from steelyard.report.evidence.values import EstimatedBody, Number
+
+COVERED = 1.96
+"""Of a normal distribution: 95 % within so many 1-sigma."""
+_WIDEST = 8.0
+"""Intervals of other methods are shown up to so many times the best one; wider ones run out of the
+picture."""
+_ROWS = 5
+"""Panels above each other, in two columns."""
+_ROW, _ENTRY, _MARGINS = 118, 18, 90
+"""Height of a row of panels, of an entry of the legend, which has a line of its own where the
+window is narrow, and of what is beside them [px]."""
+
+
+def intervals(summary: Summary) -> Figure:
+    """95 % intervals against nominal, truth and the smallest possible ones."""
+    bodies = [body for body in summary.bodies if any(v is not None for v in body.value)]
+    lines = len(bodies) + (summary.attainable is not None)
+    legend = {"orientation": "h", "y": 1.06, "yanchor": "bottom"}
+    layout: dict[str, Any] = {"annotations": [], "legend": legend}
+    data: list[dict[str, Any]] = []
+    for i in range(len(LABELS)):
+        _lay_out(layout, summary, bodies, i, lines)
+        data += _panel(summary, bodies, i, lines)
+    text = (
+        "95 % intervals of the ten parameters by every method, against nominal, truth and the"
+        " smallest possible where known; lines that run out of the picture are wider. The numbers"
+        " are in the table above."
+    )
+    return Figure(
+        "intervals",
+        "The ten parameters with their 95 % intervals",
+        text,
+        tuple(data),
+        layout,
+        height=_ROW * _ROWS + _MARGINS + _ENTRY * (lines + 2),
+    )
+
+
+def _lay_out(
+    layout: dict[str, Any],
+    summary: Summary,
+    bodies: Sequence[EstimatedBody],
+    i: int,
+    lines: int,
+) -> None:
+    """Add axes and title of the panel of a parameter."""
+    label, unit, factor = LABELS[i]
+    suffix = _suffix(i)
+    left, top = 0.54 * (i // _ROWS), 1 - i % _ROWS / _ROWS
+    identifiable = any(body.value[i] is not None for body in bodies)
+    layout[f"xaxis{suffix}"] = {
+        "visible": identifiable,
+        "domain": [left, left + 0.46],
+        "anchor": f"y{suffix}",
+        "nticks": 5,
+        "range": _range(summary, bodies, i, factor),
+    }
+    layout[f"yaxis{suffix}"] = {
+        "domain": [top - 0.125, top - 0.02],
+        "anchor": f"x{suffix}",
+        "range": [-0.7, lines - 0.3],
+        "showticklabels": False,
+        "visible": identifiable,
+        "zeroline": False,
+        "showgrid": False,
+    }
+    title = {
+        "text": f"{label} [{unit}]" if identifiable else f"{label}: not identifiable",
+        "x": left,
+        "y": top - 0.02,
+        "xref": "paper",
+        "yref": "paper",
+        "showarrow": False,
+        "xanchor": "left",
+        "yanchor": "bottom",
+    }
+    layout["annotations"].append(title)
+
+
+def _panel(
+    summary: Summary, bodies: Sequence[EstimatedBody], i: int, lines: int
+) -> Iterator[dict[str, Any]]:
+    """What the panel of a parameter shows, the first method at the top."""
+    factor = LABELS[i][2]
+    for j, body in enumerate(bodies):
+        value, deviation = scaled(body.value[i], factor), scaled(deviations_of(body)[i], factor)
+        yield _interval(body.name, line_colour(j), value, deviation, lines - 1 - j, i)
+    if summary.attainable is not None:
+        best = scaled(summary.best.value[i], factor)
+        attainable = None if best is None else scaled(summary.attainable[i], factor)
+        yield _interval("smallest possible", "var(--muted)", best, attainable, 0, i)
+    for name, given, dash in (
+        ("nominal", summary.nominal, "dot"),
+        ("truth", summary.truth, "solid"),
+    ):
+        if given is not None:
+            yield _line(name, scaled(given[i], factor), dash, lines, i)
+
+
+def _range(
+    summary: Summary, bodies: Sequence[EstimatedBody], i: int, factor: float
+) -> list[float] | None:
+    """What a panel shows: the best interval well, others as far as that allows; None: all there
+    is.
+    """
+    centre, sigma = summary.best.value[i], deviations_of(summary.best)[i]
+    if centre is None or not sigma:
+        return None
+    given = [ten[i] for ten in (summary.nominal, summary.truth) if ten is not None]
+    known = [abs(value - centre) for value in given if value is not None]
+    others = [0.0]
+    for body in bodies:
+        value, deviation = body.value[i], deviations_of(body)[i]
+        if value is not None:
+            others.append(abs(value - centre) + COVERED * (deviation or 0.0))
+    best = COVERED * sigma
+    reach = 1.1 * max(1.5 * best, *known, min(max(others), _WIDEST * best))
+    return [(centre - reach) * factor, (centre + reach) * factor]
+
+
+def _interval(
+    name: str, colour: str, value: Number, deviation: Number, y: float, i: int
+) -> dict[str, Any]:
+    """A value with its 95 % interval in the i-th panel."""
+    bar = {"type": "data", "array": [COVERED * (deviation or 0.0)], "color": colour}
+    error = {**bar, "thickness": 2, "width": 5}
+    return points(
+        name, [value], [y], {"size": 8, "color": colour}, error_x=error, **_placed(name, i)
+    )
+
+
+def _line(name: str, value: Number, dash: str, lines: int, i: int) -> dict[str, Any]:
+    """A line across all rows of the i-th panel."""
+    style = {"dash": dash, "width": 1.5, "color": "var(--ink)"}
+    return line(name, [value, value], [-0.6, lines - 0.4], style, **_placed(name, i))
+
+
+def _placed(name: str, i: int) -> dict[str, Any]:
+    """The i-th panel; in the legend each name stands once."""
+    axes = {"xaxis": f"x{_suffix(i)}", "yaxis": f"y{_suffix(i)}"}
+    return {"legendgroup": name, "showlegend": i == 0, **axes}
+
+
+def _suffix(i: int) -> str:
+    """As Plotly numbers its axes."""
+    return "" if i == 0 else str(i + 1)

@@ -1,0 +1,114 @@
+"""The result: in one sentence, verdicts and remarks, the ten of every method as a table and as
+intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from steelyard.digits import LABELS, number
+from steelyard.report.blocks.document import Block, Grid, Section, Statement, Statements, Tone
+from steelyard.report.blocks.parameter_grid import ParameterTexts, parameter_grid
+from steelyard.report.blocks.shown import deviations_of, scaled, short
+from steelyard.report.documents.sections.intervals import intervals
+from steelyard.report.evidence.summary import ParameterTable, Summary
+from steelyard.report.evidence.values import EstimatedBody, Number
+
+_PARTS = (
+    ("mass", slice(0, 1)),
+    ("centre of gravity", slice(1, 4)),
+    ("moments of inertia", slice(4, 7)),
+    ("products", slice(7, 10)),
+)
+
+
+def lead(summary: Summary) -> Statement:
+    """The result in one sentence."""
+    best = summary.best
+    known = ", ".join(_said(best, name, place) for name, place in _PARTS)
+    if not best.accepted:
+        return Statement(
+            f"Not accepted: {'; '.join(best.reasons)}. As estimated by {best.name}: {known}.", "bad"
+        )
+    return Statement(f"{known[:1].upper()}{known[1:]} (1-sigma), by {best.name}: accepted.", "good")
+
+
+def _said(body: EstimatedBody, name: str, place: slice) -> str:
+    """Parameters of one kind with their 1-sigma."""
+    _, unit, factor = LABELS[place.start]
+    values, deviations = body.value[place], deviations_of(body)[place]
+    if all(value is None for value in values):
+        return f"{name} not identifiable"
+    texts = []
+    for value, deviation in zip(values, deviations, strict=True):
+        shown = number(scaled(value, factor), scaled(deviation, factor))
+        texts.append("not identifiable" if value is None else shown)
+    return f"{name} {texts[0]} {unit}" if len(texts) == 1 else f"{name} ({', '.join(texts)}) {unit}"
+
+
+def result(summary: Summary) -> Section:
+    """The section."""
+    blocks: list[Block] = [Statements(tuple(_verdicts(summary))), grid_of(summary.table)]
+    if any(value is not None for body in summary.bodies for value in body.value):
+        blocks.append(intervals(summary))
+    remarks = tuple(_remarks(summary.best))
+    if remarks:
+        blocks.append(Statements(remarks))
+    blocks += [grid_of(table) for table in summary.runs]
+    return Section("result", "Result", tuple(blocks))
+
+
+def _remarks(best: EstimatedBody) -> Iterator[Statement]:
+    """Parameters that the data did not determine."""
+    unidentifiable = _labelled(best, "unidentifiable")
+    if unidentifiable:
+        yield Statement(
+            "Not identifiable from these data, and therefore left out:"
+            f" {', '.join(unidentifiable)}. Another motion would excite them: see 'steelyard"
+            " design'.",
+            "note",
+        )
+    prior = _labelled(best, "prior")
+    if prior:
+        text = f"Determined by prior knowledge rather than by the data: {', '.join(prior)}."
+        yield Statement(text, "note")
+
+
+def _labelled(body: EstimatedBody, label: str) -> list[str]:
+    """Names of the parameters that were determined in one way."""
+    return [name for (name, *_), each in zip(LABELS, body.labels, strict=True) if each == label]
+
+
+def _verdicts(summary: Summary) -> Iterator[Statement]:
+    """Verdicts and remarks with the tone that they are meant in."""
+    for text in summary.statements:
+        tone: Tone = "note"
+        if ": not accepted" in text:
+            tone = "bad"
+        elif text.endswith(": accepted"):
+            tone = "good"
+        yield Statement(text, tone)
+
+
+def grid_of(table: ParameterTable) -> Grid:
+    """A table of ten parameters, with the difference from the truth where that is known."""
+    columns = []
+    for column in table.columns:
+        deviations = column.deviations
+        if deviations is None:
+            columns.append(ParameterTexts(column.heading, [short(v, 6) for v in column.values]))
+        else:
+            pairs = zip(column.values, deviations, strict=True)
+            texts = [number(value, deviation) for value, deviation in pairs]
+            columns.append(ParameterTexts(f"{column.heading} ± 1-sigma", texts))
+        if column.errors is not None:
+            errors = zip(column.errors, deviations or (None,) * len(LABELS), strict=True)
+            texts = [_error(error, deviation) for error, deviation in errors]
+            columns.append(ParameterTexts("error", texts, secondary=True))
+    return parameter_grid(table.title, columns)
+
+
+def _error(value: Number, deviation: Number) -> str:
+    """A difference from the truth with the digits that its 1-sigma leaves."""
+    text, _, _ = number(value, deviation, sign=True).partition(" ± ")
+    return text

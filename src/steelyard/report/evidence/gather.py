@@ -1,0 +1,225 @@
+"""From an identification to what a report shows of it: readings are thinned here, and nowhere
+else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.clocks.offsets import Offset
+from steelyard.errors import InputError
+from steelyard.estimates.estimate import Estimate
+from steelyard.experiment.model import Experiment
+from steelyard.identification.identify import Identification
+from steelyard.identification.model.calibration_parameters import LAG, ROBOT, clock_of
+from steelyard.identification.model.preparation import Samples, prepare
+from steelyard.identification.residuals import Residuals, of_samples, residuals
+from steelyard.identification.solve.posterior import Posterior
+from steelyard.inertia import BODY_PARAMETERS, TEN
+from steelyard.report.evidence.thinning import THINNING, Thinning, evenly, rounded
+from steelyard.report.evidence.traces import traces
+from steelyard.report.evidence.values import (
+    CalibrationEstimate,
+    ClockDelay,
+    DirectedTest,
+    EstimatedBody,
+    Evidence,
+    MotionTrack,
+    Noise,
+    Number,
+    Shape,
+    numbers,
+)
+from steelyard.robot.model import Robot
+
+
+def body_of(name: str, estimate: Estimate) -> EstimatedBody:
+    """An estimate as plain values.
+
+    Args:
+        name: Heading of its column.
+        estimate: With NaN where the data do not determine a parameter.
+    """
+    verdict = estimate.verdict
+    return EstimatedBody(
+        name,
+        estimate.method,
+        numbers(estimate.value),
+        tuple(numbers(row) for row in estimate.covariance),
+        tuple(verdict.parameters.get(each, "data") for each in BODY_PARAMETERS),
+        verdict.accepted,
+        verdict.reasons,
+    )
+
+
+def evidence_of(identification: Identification, thinning: Thinning = THINNING) -> Evidence:
+    """What the estimate rests on, thinned for display.
+
+    Args:
+        identification: As :func:`steelyard.identification.identify.identify` gives it; one that
+            does not know what it was made of has nothing to show.
+        thinning: How much is kept.
+    """
+    experiment = identification.recorded
+    if experiment is None:
+        return Evidence()
+    shown = replace(experiment, runs=experiment.runs[: thinning.most_runs])
+    names = {run.name for run in shown.runs}
+    estimate = identification.estimate
+    posterior = identification.posterior
+    samples = posterior.samples if posterior else _prepared(shown)
+    motions: list[MotionTrack] = []
+    for each in samples:
+        if each.run in names:
+            motions += _motion(each, thinning)
+    found = _residuals(identification, shown, estimate, samples)
+    return Evidence(
+        shape=shape_of(experiment.robot),
+        motions=tuple(motions),
+        traces=tuple(traces(found, thinning)),
+        noise=tuple(_noise(experiment, estimate)),
+        errors=tuple(_errors(posterior)) if posterior else (),
+        tests=tuple(_tests(estimate)),
+        clocks=tuple(_clocks(identification, posterior)) if posterior else (),
+        contacts=tuple(_contacts(estimate)),
+        not_drawn=len(experiment.runs) - len(shown.runs),
+    )
+
+
+def _tests(estimate: Estimate) -> Iterator[DirectedTest]:
+    for test in estimate.details.get("directed_tests", {}).get("largest", ()):
+        yield DirectedTest(test["name"], test["z"], test["size"], test["unit"])
+
+
+def _contacts(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
+    """Run, beginning and end [s] of what touched the platform."""
+    for run, stretches in estimate.details.get("left_out", {}).get("contacts", {}).items():
+        for start, end in stretches:
+            yield run, float(start), float(end)
+
+
+def _prepared(experiment: Experiment) -> list[Samples]:
+    """Samples as the two steps take them, of the runs that have what they need."""
+    found = []
+    for run in experiment.runs:
+        try:
+            found.append(prepare(experiment, run, straight=True))
+        except InputError:
+            continue
+    return found
+
+
+def _residuals(
+    identification: Identification,
+    shown: Experiment,
+    estimate: Estimate,
+    samples: Sequence[Samples],
+) -> Iterator[Residuals]:
+    """Measured and predicted readings of every quantity."""
+    parameters = estimate.body.parameters if estimate.body else np.full(TEN, np.nan)
+    if identification.posterior:
+        yield from residuals(shown, identification.posterior, parameters)
+    elif estimate.body:
+        for each in samples:
+            yield from of_samples(each, parameters)
+
+
+def shape_of(robot: Robot) -> Shape | None:
+    """A robot as it is drawn; None without cables."""
+    if not robot.m:
+        return None
+    return Shape(robot.name, _vectors(robot.anchors), _vectors(robot.attachments))
+
+
+def _vectors(rows: Array) -> tuple[tuple[float, float, float], ...]:
+    return tuple((float(x), float(y), float(z)) for x, y, z in rows)
+
+
+def _motion(samples: Samples, thinning: Thinning) -> Iterator[MotionTrack]:
+    """Where the platform was; nothing where no instrument measures it."""
+    if samples.position is None or samples.rotation is None or not len(samples):
+        return
+    most = thinning.most_instants
+    if not samples.static:
+        length = float(samples.time[-1] - samples.time[0])
+        most = min(most, max(2, int(length * thinning.instants_per_second)))
+    few = evenly(len(samples), most)
+    turned = Rotation.from_matrix(samples.rotation[few]).as_quat(scalar_first=True, canonical=True)
+    x, y, z = (rounded(column, 6) for column in samples.position[few].T)
+    q = [rounded(column, 6) for column in turned.T]
+    yield MotionTrack(
+        run=samples.run,
+        static=samples.static,
+        time=tuple(rounded(samples.time[few], 7)),
+        position=tuple(zip(x, y, z, strict=True)),
+        rotation=tuple(zip(q[0], q[1], q[2], q[3], strict=True)),
+    )
+
+
+def _noise(experiment: Experiment, estimate: Estimate) -> Iterator[Noise]:
+    """Noise of every quantity, as it was stated, assumed and estimated."""
+    for name, quantities in estimate.details.get("noise", {}).items():
+        units = {
+            q.name: "rad" if q.rotation else q.unit
+            for q in experiment.instruments[name].quantities(experiment.robot.m)
+        }
+        for quantity, found in quantities.items():
+            unit = next((u for key, u in units.items() if quantity.startswith(key)), "")
+            levels = [_number(found[key]) for key in ("stated", "used", "found")]
+            yield Noise(name, quantity, unit, *levels)
+
+
+def _number(value: float | None) -> Number:
+    return None if value is None or not np.isfinite(value) else float(value)
+
+
+def _errors(posterior: Posterior) -> Iterator[CalibrationEstimate]:
+    """Calibration parameters of the instruments that were not known exactly, but for clocks."""
+    parameters, deviations = posterior.calibration.calibration_parameters, posterior.deviations
+    for (place, unknown, _), name in zip(parameters.components(), parameters.names, strict=True):
+        prior = float(parameters.deviation[place])
+        if not prior or unknown.key in {"delay", LAG} or unknown.owner == ROBOT:
+            continue
+        yield CalibrationEstimate(
+            unknown.owner,
+            name.removeprefix(f"{unknown.owner}."),
+            unknown.unit,
+            float(posterior.calibration.values[place]),
+            float(deviations[place]),
+            float(parameters.mean[place]),
+            prior,
+        )
+
+
+def _clocks(identification: Identification, posterior: Posterior) -> Iterator[ClockDelay]:
+    """Delays of all clocks, those of the instruments that share one together."""
+    experiment, deviations = posterior.experiment, posterior.deviations
+    parameters = posterior.calibration.calibration_parameters
+    streams = {run.name: run.streams for run in experiment.runs}
+    for place, unknown, _ in parameters.components():
+        if unknown.key != "delay" or unknown.run is None:
+            continue
+        names = streams[unknown.run]
+        own = [name for name in names if clock_of(experiment, name) == unknown.owner]
+        prior = float(parameters.deviation[place])
+        yield ClockDelay(
+            unknown.run,
+            ", ".join(own),
+            float(posterior.calibration.values[place]),
+            float(deviations[place]) if prior else 0.0,
+            prior,
+            _found(identification.clocks, unknown.run, own),
+        )
+
+
+def _found(clocks: Mapping[str, tuple[Offset, ...]], run: str, instruments: Sequence[str]) -> str:
+    """How far a clock was found to be from that of the forces before the fit."""
+    for each in clocks.get(run, ()):
+        if set(each.instruments) & set(instruments):
+            return f"{each.value:+.4f} s ± {each.sigma * 1e3:.1f} ms"
+    return ""

@@ -1,0 +1,190 @@
+"""What there is to show about an identification, as one value that every form of output is drawn
+from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.clocks.offsets import Offset
+from steelyard.digits import LABELS
+from steelyard.estimates.estimate import Estimate
+from steelyard.identification.identify import Identification
+from steelyard.inertia import Inertia
+from steelyard.report.evidence.gather import body_of, evidence_of
+from steelyard.report.evidence.made import steelyard_version
+from steelyard.report.evidence.values import EstimatedBody, Evidence, Made, Ten, numbers
+
+
+@dataclass(frozen=True)
+class ParameterColumn:
+    """Ten values under one heading, in the units of :data:`LABELS`."""
+
+    heading: str
+    values: Ten
+    deviations: Ten | None
+    """1-sigma; None where they are given without."""
+    errors: Ten | None = None
+    """Difference from the truth, where that is known."""
+
+
+@dataclass(frozen=True)
+class ParameterTable:
+    """Columns of ten values."""
+
+    title: str
+    columns: tuple[ParameterColumn, ...]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Everything that is shown."""
+
+    table: ParameterTable
+    runs: tuple[ParameterTable, ...]
+    """What each run says alone, a table per method."""
+    statements: tuple[str, ...]
+    """Verdicts, then remarks, one sentence each."""
+    result: str
+    """Heading of the best estimate, which the report is about."""
+    bodies: tuple[EstimatedBody, ...]
+    """All that are shown."""
+    nominal: Ten | None
+    """The ten of :data:`steelyard.inertia.BODY_PARAMETERS`, SI."""
+    truth: Ten | None
+    attainable: Ten | None
+    """The smallest 1-sigma that any method could have."""
+    evidence: Evidence
+    made: Made
+
+    @property
+    def best(self) -> EstimatedBody:
+        """The estimate that the report is about."""
+        return next(body for body in self.bodies if body.name == self.result)
+
+
+def summarise(
+    identification: Identification,
+    truth: Inertia | None = None,
+    beside: Mapping[str, Estimate] | None = None,
+    title: str | None = None,
+    suffix: str = "",
+    made: Made | None = None,
+    *,
+    with_evidence: bool = True,
+) -> Summary:
+    """Gather all that a report shows.
+
+    Args:
+        identification: Of one experiment.
+        truth: Where it is known.
+        beside: Further estimates to show in the table, heading -> estimate.
+        title: Heading; None: the name of the experiment.
+        suffix: What to add to the names of the methods, where others stand beside them.
+        made: How the result was made; None: by this version, nothing else is known.
+        with_evidence: Whether to gather what the numbers rest on, too.
+    """
+    nominal = None if identification.nominal is None else identification.nominal.body_parameters
+    true = None if truth is None else truth.body_parameters
+    bound = None if identification.bound is None else identification.bound.standard_deviation
+    shown = dict(beside or {})
+    for name, estimate in identification.estimates.items():
+        shown[f"{name}{suffix}"] = estimate
+    columns = [
+        *_beforehand(nominal, true),
+        *(_estimated(name, estimate, true) for name, estimate in shown.items()),
+    ]
+    if bound is not None:
+        columns.append(_attainable(bound, shown))
+    return Summary(
+        table=ParameterTable(title or identification.experiment, tuple(columns)),
+        runs=tuple(_each_run(identification)),
+        statements=(
+            *_statements(shown),
+            *identification.left_out,
+            *_clocks(identification),
+            *(str(prediction) for prediction in identification.predictions),
+        ),
+        result=f"{identification.result}{suffix}",
+        bodies=tuple(body_of(name, estimate) for name, estimate in shown.items()),
+        nominal=None if nominal is None else numbers(nominal),
+        truth=None if true is None else numbers(true),
+        attainable=None if bound is None else numbers(bound, 3),
+        evidence=evidence_of(identification) if with_evidence else Evidence(),
+        made=made or Made((("steelyard", steelyard_version()),), ()),
+    )
+
+
+def _beforehand(nominal: Array | None, truth: Array | None) -> Iterator[ParameterColumn]:
+    """Columns of the bodies that are known without the recordings."""
+    if nominal is not None and truth is not None and np.array_equal(nominal, truth):
+        yield _given("nominal = truth", truth)
+        return
+    for heading, values in (("nominal", nominal), ("truth", truth)):
+        if values is not None:
+            yield _given(heading, values)
+
+
+def _each_run(identification: Identification) -> Iterator[ParameterTable]:
+    """What each run says alone, a table a method that has that."""
+    for name, estimate in identification.estimates.items():
+        if estimate.runs:
+            columns = (_estimated(run, each, None) for run, each in estimate.runs.items())
+            yield ParameterTable(f"{name}, each run alone", tuple(columns))
+
+
+def _scaled(values: Array | Sequence[float]) -> Ten:
+    return numbers([v * factor for v, (_, _, factor) in zip(values, LABELS, strict=True)])
+
+
+def _given(heading: str, values: Array) -> ParameterColumn:
+    return ParameterColumn(heading, _scaled(values), None)
+
+
+def _attainable(deviations: Array, shown: Mapping[str, Estimate]) -> ParameterColumn:
+    """The smallest 1-sigma that any method could have, of what is identifiable; three digits are
+    plenty.
+    """
+    identifiable = np.any([np.isfinite(estimate.value) for estimate in shown.values()], axis=0)
+    pairs = zip(deviations, identifiable, strict=True)
+    rounded = [float(f"{d:.3g}") if known else np.nan for d, known in pairs]
+    return ParameterColumn("attainable 1-sigma", _scaled(rounded), None)
+
+
+def _estimated(heading: str, estimate: Estimate, truth: Array | None) -> ParameterColumn:
+    errors = None if truth is None else _scaled(estimate.value - truth)
+    return ParameterColumn(
+        heading, _scaled(estimate.value), _scaled(estimate.standard_deviation), errors
+    )
+
+
+def _clocks(identification: Identification) -> Iterator[str]:
+    """Clocks that were found from the data, relative to that of the forces."""
+    for run, (first, *others) in identification.clocks.items():
+        found = [_offset(each) for each in others]
+        if found:
+            yield (
+                f"run '{run}': clocks found from the data, against"
+                f" {' and '.join(first.instruments)}: {', '.join(found)}"
+            )
+
+
+def _offset(clock: Offset) -> str:
+    """A clock in words: whose it is, how late, and how fast it runs."""
+    text = f"{' and '.join(clock.instruments)} {clock.value:+.4f} s ± {clock.sigma * 1e3:.1f} ms"
+    if clock.drift:
+        text += f" (runs {clock.drift * 1e6:+.0f} parts per million fast)"
+    return text
+
+
+def _statements(estimates: Mapping[str, Estimate]) -> list[str]:
+    """Verdicts, then notes, each once."""
+    verdicts = [f"{name}: {estimate.verdict}" for name, estimate in estimates.items()]
+    notes: dict[str, None] = {}
+    for estimate in estimates.values():
+        notes |= dict.fromkeys(f"{estimate.method}: {note}" for note in estimate.notes)
+    return [*verdicts, *notes]
