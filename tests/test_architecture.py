@@ -55,7 +55,7 @@ INNER = {
 """Within a room, from left to right; what is not named may be anywhere."""
 MOST_FILES = 30
 """In one folder; a room that is read in one go has about fifteen."""
-SHARED_NAMES = {"Calibration"}
+SHARED_NAMES = {"CalibrationValues"}
 """Classes of one name, still to be renamed. With or without an underscore: a reader hears the
 same."""
 WITHOUT_DOCSTRING = 170

@@ -29,7 +29,7 @@ from steelyard.excitation.limits.motion_constraints import Margin, MotionConstra
 from steelyard.excitation.search.design_problem import DesignProblem
 from steelyard.excitation.settings import DEFAULT as SETTINGS
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.calibration_parameters import DRAG, Calibration
+from steelyard.identification.model.calibration_parameters import DRAG, CalibrationValues
 from steelyard.identification.model.calibration_parameters import ROBOT as FILE
 from steelyard.identification.model.force_residuals import Forces, balance_of, force_residuals
 from steelyard.identification.model.motion_residuals import Tally, holding_rows
@@ -336,7 +336,7 @@ class Plan:
         body = BODY.parameters * (1 + 0.1 * rng.normal(size=TEN))
         return replace(
             self.point,
-            calibration=Calibration(self.calibration_parameters, values),
+            calibration=CalibrationValues(self.calibration_parameters, values),
             parameters=body,
         )
 

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.model.calibration_parameters import Calibration, clock_of
+from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.force_residuals import Balance, Forces, balance_of
 from steelyard.identification.model.motion_residuals import (
     AT_ONCE,
@@ -201,7 +201,7 @@ def _motion(
     experiment: Experiment,
     run: Run,
     segments: list[Segment],
-    calibration: Calibration,
+    calibration: CalibrationValues,
     levels: Mapping[Source, float],
 ) -> Iterator[Residuals]:
     """Readings of the motion instruments, each quantity over all segments of the run."""
@@ -240,7 +240,7 @@ def _motion(
 
 
 def _residual(
-    experiment: Experiment, segment: Segment, reading: Reading, calibration: Calibration
+    experiment: Experiment, segment: Segment, reading: Reading, calibration: CalibrationValues
 ) -> Array:
     """Measured less predicted, NaN where nothing was read or the segment has no motion, shape (n,
     k).
@@ -270,7 +270,7 @@ def _angles(rotations: Array, residual: Array) -> tuple[Array, Array]:
 
 
 def _common(
-    experiment: Experiment, segment: Segment, calibration: Calibration, name: str, time: Array
+    experiment: Experiment, segment: Segment, calibration: CalibrationValues, name: str, time: Array
 ) -> Array:
     """Common time of samples of an instrument [s]."""
     return (

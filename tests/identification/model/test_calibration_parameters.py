@@ -8,7 +8,7 @@ from steelyard.identification.model.calibration_parameters import (
     DRAG,
     LAG,
     ROBOT,
-    Calibration,
+    CalibrationValues,
     as_tree,
     gather,
 )
@@ -394,7 +394,7 @@ def numbered():
     return (
         whole,
         calibration_parameters,
-        Calibration(calibration_parameters, np.arange(float(len(calibration_parameters)))),
+        CalibrationValues(calibration_parameters, np.arange(float(len(calibration_parameters)))),
     )
 
 
@@ -428,7 +428,7 @@ def test_delay_and_gravity_stand_where_they_are_named(numbered):
 
 
 def test_at_the_values_known_beforehand_gravity_is_that_of_the_robot(everything):
-    np.testing.assert_array_equal(Calibration(everything, everything.mean).gravity, GRAVITY)
+    np.testing.assert_array_equal(CalibrationValues(everything, everything.mean).gravity, GRAVITY)
 
 
 def test_the_tree_has_the_shape_of_the_contract(numbered):

@@ -12,7 +12,12 @@ from scipy.stats import chi2
 from simulated import BODY, EXACT, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.model.calibration_parameters import DRAG, LAG, Calibration, gather
+from steelyard.identification.model.calibration_parameters import (
+    DRAG,
+    LAG,
+    CalibrationValues,
+    gather,
+)
 from steelyard.identification.model.force_residuals import (
     BALANCE,
     Forces,
@@ -86,7 +91,7 @@ class Case:
         for key, place in self.calibration_parameters.places.items():
             if key[1] == LAG:
                 values[place] = 0.0
-        self.calibration = Calibration(self.calibration_parameters, values)
+        self.calibration = CalibrationValues(self.calibration_parameters, values)
         if static:
             coefficients, self.time = somewhere(n, rng), np.arange(float(n))
         else:
@@ -139,7 +144,9 @@ class Case:
             else replace(self.segment, coefficients=coefficients)
         )
         calibration = (
-            self.calibration if values is None else Calibration(self.calibration_parameters, values)
+            self.calibration
+            if values is None
+            else CalibrationValues(self.calibration_parameters, values)
         )
         own = self.parameters if parameters is None else parameters
         return balance_of(

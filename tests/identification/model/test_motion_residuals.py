@@ -13,7 +13,7 @@ from scipy.stats import chi2, norm
 from simulated import EXACT, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.model.calibration_parameters import Calibration, gather
+from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
 from steelyard.identification.model.motion_residuals import (
     PARTS,
     Border,
@@ -228,7 +228,7 @@ class Case:
         values = self.calibration_parameters.mean + 0.02 * rng.normal(
             size=len(self.calibration_parameters)
         )
-        self.calibration = Calibration(self.calibration_parameters, values)
+        self.calibration = CalibrationValues(self.calibration_parameters, values)
         if static:
             pose = np.hstack([[0.3, -0.2, 2.0], [1.0, 0.1, -0.05, 0.1]]) + 0.1 * rng.normal(
                 size=(SAMPLES, POSE)
@@ -256,7 +256,9 @@ class Case:
 
     def rows_of(self, segment, values=None, *, factors=None, tally=None):
         calibration = (
-            self.calibration if values is None else Calibration(self.calibration_parameters, values)
+            self.calibration
+            if values is None
+            else CalibrationValues(self.calibration_parameters, values)
         )
         columns = np.arange(len(self.calibration_parameters))
         found = motion_residuals(

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import Covariance, chi2, multivariate_normal, norm
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.model.calibration_parameters import Calibration, gather
+from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
 from steelyard.identification.model.motion_residuals import (
     Reading,
     Segment,
@@ -96,7 +96,7 @@ def arc_of(read, sigma, *, attitude=None, turning=1e-3, parts=("position",)):
 
 def read(segment):
     """Normal equations of an arc's readings alone."""
-    nowhere, calibration = np.full(len(UNKNOWNS), -1), Calibration(UNKNOWNS, UNKNOWNS.mean)
+    nowhere, calibration = np.full(len(UNKNOWNS), -1), CalibrationValues(UNKNOWNS, UNKNOWNS.mean)
     return accumulate(
         len(segment.coefficients),
         0,

@@ -25,7 +25,7 @@ from simulated import (
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.methods.least_squares import LeastSquares
-from steelyard.identification.model.calibration_parameters import Calibration, gather
+from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
 from steelyard.identification.model.force_residuals import Forces
 from steelyard.identification.model.motion_residuals import Reading, Segment
 from steelyard.identification.solve.bound import cramer_rao
@@ -142,7 +142,7 @@ class Problem:
             uncertainty=uncertainty,
         )
         self.calibration_parameters = gather(self.experiment)
-        self.calibration = Calibration(
+        self.calibration = CalibrationValues(
             self.calibration_parameters, self.calibration_parameters.mean
         )
         self.active = self.calibration_parameters.deviation > 0

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from simulated import EXACT, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.model.calibration_parameters import Calibration, gather
+from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
 from steelyard.identification.model.motion_residuals import Reading, Segment
 from steelyard.identification.solve.coherence import coherence
 from steelyard.instruments import Imu
@@ -41,7 +41,7 @@ def case(read, *, static=False):
     reading = Reading(("imu", "specific_force"), MOTION, gravity + MOUNTING.inv().apply(read), 0.05)
     segment = Segment("run", GRID, (reading,), still)
     assert BSpline(GRID, still, DEGREE)(4.0)[2] == pytest.approx(2.0)
-    return experiment, segment, Calibration(parameters, parameters.mean)
+    return experiment, segment, CalibrationValues(parameters, parameters.mean)
 
 
 def found(read, force):

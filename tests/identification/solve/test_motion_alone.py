@@ -9,7 +9,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.model.calibration_parameters import LAG, ROBOT, Calibration, gather
+from steelyard.identification.model.calibration_parameters import (
+    LAG,
+    ROBOT,
+    CalibrationValues,
+    gather,
+)
 from steelyard.identification.solve.beginning import motion_task, read
 from steelyard.identification.solve.joint_fit import FitState
 from steelyard.identification.solve.joint_fit import fit as fit_motion
@@ -94,7 +99,7 @@ def recorder():
 class MotionAlone:
     """What the motion instruments say, without any forces."""
 
-    calibration: Calibration
+    calibration: CalibrationValues
     covariance: np.ndarray  # of all calibration parameters, shape (u, u)
     ratios: dict  # rms of the residuals of each quantity in units of its stated noise
     converged: bool

@@ -10,7 +10,7 @@ from simulated import BODY, CENTER, EXACT, REACH, ROBOT
 
 from steelyard.arrays import joined_stretches
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.model.calibration_parameters import Calibration, gather
+from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
 from steelyard.identification.model.force_residuals import Forces, balance_of
 from steelyard.identification.model.motion_residuals import Reading, Segment
 from steelyard.identification.solve.outliers import look
@@ -44,7 +44,7 @@ class Case:
         run = Run("run", streams, dict.fromkeys(suite, 0.0))
         self.experiment = Experiment("forces", robot, suite, (run,), uncertainty=EXACT)
         calibration_parameters = gather(self.experiment)
-        self.calibration = Calibration(calibration_parameters, calibration_parameters.mean)
+        self.calibration = CalibrationValues(calibration_parameters, calibration_parameters.mean)
         pose = multisine(list(CENTER), list(REACH), LENGTH, 3).derivative(
             np.linspace(0, LENGTH, 300), 0
         )

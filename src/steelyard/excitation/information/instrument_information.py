@@ -36,8 +36,8 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import (
     DRAG,
     ROBOT,
-    Calibration,
     CalibrationParameters,
+    CalibrationValues,
     clock_of,
 )
 from steelyard.identification.model.force_residuals import derivatives_of_balance
@@ -119,7 +119,7 @@ class _RunExpressions:
         return self.point.experiment
 
     @property
-    def calibration(self) -> Calibration:
+    def calibration(self) -> CalibrationValues:
         """About which all is linearised."""
         return self.point.calibration
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import (
-    Calibration,
     CalibrationParameters,
+    CalibrationValues,
 )
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import TEN
@@ -48,7 +48,7 @@ class LinearisationPoint:
 
     experiment: Experiment
     run: Run
-    calibration: Calibration
+    calibration: CalibrationValues
     parameters: Array
     """The ten of the body, shape (10,)."""
     level: float

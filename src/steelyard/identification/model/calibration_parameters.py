@@ -124,7 +124,7 @@ class CalibrationParameters:
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class CalibrationValues:
     """Values of all systematic errors, and what each run needs of them."""
 
     calibration_parameters: CalibrationParameters

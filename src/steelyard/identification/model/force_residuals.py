@@ -23,7 +23,12 @@ from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler, platform_regressor
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.calibration_parameters import DRAG, LAG, ROBOT, Calibration
+from steelyard.identification.model.calibration_parameters import (
+    DRAG,
+    LAG,
+    ROBOT,
+    CalibrationValues,
+)
 from steelyard.identification.model.motion_residuals import (
     AT_ONCE,
     Border,
@@ -172,7 +177,7 @@ class _Geometry(NamedTuple):
         return cls(ca.SX.sym("anchors", 3, robot.m), ca.SX.sym("attachments", 3, robot.m))
 
 
-def _where(calibration: Calibration) -> dict[str, Array]:
+def _where(calibration: CalibrationValues) -> dict[str, Array]:
     """Values of the anchors and attachments, three numbers a cable."""
     places = calibration.calibration_parameters.places
     return {
@@ -257,7 +262,7 @@ def derivatives_of_balance(heavy: Robot) -> Batched:
 
 
 def _structure(
-    robot: Robot, calibration: Calibration, position: Array, rotation: Array, tension: Array
+    robot: Robot, calibration: CalibrationValues, position: Array, rotation: Array, tension: Array
 ) -> Array:
     """Structure matrices; how an error of the geometry changes the sag is of no account, shape (n,
     6, m).
@@ -278,7 +283,7 @@ def balance_of(
     experiment: Experiment,
     segment: Segment,
     force_samples: Forces,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     parameters: Array,
     factors: Mapping[Source, float],
 ) -> Balance:
@@ -366,7 +371,7 @@ def force_residuals(
     experiment: Experiment,
     segment: Segment,
     force_samples: Forces,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     column_of: NDArray[np.intp],
     parameters: Array,
     factors: Mapping[Source, float],
@@ -386,7 +391,7 @@ def whitened_balance(
     experiment: Experiment,
     segment: Segment,
     force_samples: Forces,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     column_of: NDArray[np.intp],
     parameters: Array,
     factors: Mapping[Source, float],
@@ -501,7 +506,7 @@ def whitened_balance(
 
 
 def regressor_at(
-    experiment: Experiment, segment: Segment, times: Array, calibration: Calibration
+    experiment: Experiment, segment: Segment, times: Array, calibration: CalibrationValues
 ) -> Array:
     """Regressor of the body along a motion, shape (n, 6, 10).
 

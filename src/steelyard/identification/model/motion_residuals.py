@@ -19,8 +19,8 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
-    Calibration,
     CalibrationParameters,
+    CalibrationValues,
     clock_of,
 )
 from steelyard.identification.model.segment import (
@@ -227,7 +227,7 @@ def robust_weight(size: Array, k: int) -> Array:
 def motion_residuals(
     experiment: Experiment,
     segment: Segment,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     column_of: NDArray[np.intp],
     factors: Mapping[Source, float],
     tally: Tally,
@@ -269,7 +269,7 @@ def motion_residuals(
 def time_of(
     experiment: Experiment,
     segment: Segment,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     references: Mapping[str, str],
     name: str,
     time: Array,
@@ -335,7 +335,7 @@ def looked_at(
     segment: Segment,
     reading: Reading,
     part: slice,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     references: Mapping[str, str],
 ) -> tuple[Array, Basis, tuple[Array, Array, Array, Array], Mapping[str, Array]]:
     """Readings against the motion: their times within the segment [s], the spline there, the motion,
@@ -369,7 +369,7 @@ def _of_reading(
     segment: Segment,
     reading: Reading,
     part: slice,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     column_of: NDArray[np.intp],
     references: Mapping[str, str],
     factors: Mapping[Source, float],

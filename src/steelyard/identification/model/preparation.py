@@ -18,7 +18,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.model.calibration_parameters import Calibration
+from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.reading import RunReader, SmoothPart
 from steelyard.identification.model.sources import Acceleration, Source, choose_sources
 from steelyard.motion.state import specific_force_of
@@ -118,7 +118,7 @@ def prepare(
     *,
     acceleration: Acceleration | None = None,
     straight: bool = False,
-    calibration: Calibration | None = None,
+    calibration: CalibrationValues | None = None,
     thin: bool = False,
     commanded: bool = False,
 ) -> Samples:

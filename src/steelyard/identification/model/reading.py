@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.model.calibration_parameters import Calibration, clock_of
+from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.sources import Source, Sources
 from steelyard.instruments.equations import linearised, means, needed_for, solve_for
 from steelyard.motion.state import motion_of_quaternions, specific_force_of
@@ -30,7 +30,7 @@ class RunReader:
     robot: Robot
     run: Run
     sources: Sources
-    calibration: Calibration | None = None
+    calibration: CalibrationValues | None = None
     """Values of the systematic errors; None: as known beforehand."""
 
     @property

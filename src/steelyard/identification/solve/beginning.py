@@ -16,8 +16,8 @@ from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
-    Calibration,
     CalibrationParameters,
+    CalibrationValues,
     clock_of,
     gather,
 )
@@ -50,7 +50,7 @@ class Readings:
     """The runs of an experiment, cut into segments."""
 
     experiment: Experiment
-    calibration: Calibration
+    calibration: CalibrationValues
     """Values to begin with."""
     runs: tuple[Run, ...]
     """That were looked at."""
@@ -92,7 +92,7 @@ class Beginning:
 
 def read(
     experiment: Experiment,
-    start: Calibration | None,
+    start: CalibrationValues | None,
     tell: Tell,
     runs: Sequence[Run] | None = None,
     settings: FitSettings = FIT,
@@ -110,7 +110,7 @@ def read(
         InputError: A run lacks what the fit needs.
     """
     parameters = gather(experiment)
-    calibration = start or Calibration(parameters, parameters.mean)
+    calibration = start or CalibrationValues(parameters, parameters.mean)
     runs = experiment.runs if runs is None else runs
     samples = []
     for i, run in enumerate(runs):
@@ -325,7 +325,9 @@ def _first_body(
     return np.asarray(parameters)
 
 
-def _by_force_clock(experiment: Experiment, segment: Segment, calibration: Calibration) -> Segment:
+def _by_force_clock(
+    experiment: Experiment, segment: Segment, calibration: CalibrationValues
+) -> Segment:
     """The same motion, told in the time of the forces."""
     if segment.static:
         return segment

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.calibration_parameters import Calibration
+from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.force_residuals import Forces, force_residuals
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
 from steelyard.identification.model.segment import Rows, accumulate
@@ -44,7 +44,7 @@ class Bound:
 
 def cramer_rao(
     experiment: Experiment,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     segments: Mapping[str, tuple[Segment, ...]],
     forces: Mapping[str, tuple[Forces, ...]],
     parameters: Array,
@@ -114,7 +114,7 @@ def _all_rows(
     experiment: Experiment,
     segment: Segment,
     force_samples: Forces,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     active: NDArray[np.bool_],
     parameters: Array,
 ) -> Iterator[Rows]:

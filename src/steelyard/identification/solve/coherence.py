@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.calibration_parameters import Calibration
+from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.force_residuals import Balance
 from steelyard.identification.model.motion_residuals import (
     Reading,
@@ -39,7 +39,7 @@ def coherence(
     experiment: Experiment,
     segment: Segment,
     at: Balance,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     mass: float,
     settings: FitSettings = FIT,
 ) -> Coherence:
@@ -76,7 +76,7 @@ def _largest(
     turn: Rotation,
     time: Array,
     force_samples: Array,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     settings: FitSettings,
 ) -> Coherence:
     """Largest correlation, at any lag, of the residuals of one accelerometer with those of the forces."""

@@ -18,7 +18,10 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.calibration_parameters import Calibration, CalibrationParameters
+from steelyard.identification.model.calibration_parameters import (
+    CalibrationParameters,
+    CalibrationValues,
+)
 from steelyard.identification.model.force_residuals import BALANCE, Forces, force_residuals
 from steelyard.identification.model.motion_residuals import (
     AT_REST,
@@ -39,7 +42,7 @@ class FitState:
     """Present values of everything."""
 
     segments: tuple[Segment, ...]
-    calibration: Calibration
+    calibration: CalibrationValues
     parameters: Array | None
     """The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,); None: forces are not
     looked at."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.calibration_parameters import Calibration, clock_of
+from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.motion_residuals import Segment
 from steelyard.identification.solve.beginning import (
     Beginning,
@@ -48,7 +48,7 @@ class _Vibration:
 def fit_jointly(
     experiment: Experiment,
     progress: Progress = None,
-    start: Calibration | None = None,
+    start: CalibrationValues | None = None,
     settings: FitSettings = FIT,
 ) -> Posterior:
     """Fit an experiment as a whole.

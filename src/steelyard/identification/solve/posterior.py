@@ -14,7 +14,7 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_wrench
 from steelyard.estimates.estimate import identifiable_parameters, plausible_radius, plausible_sizes
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.calibration_parameters import Calibration
+from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.fitted_motion import FittedMotion
 from steelyard.identification.model.force_residuals import Forces
 from steelyard.identification.model.preparation import Samples
@@ -74,7 +74,7 @@ class Posterior:
     notes: tuple[str, ...] = ()
 
     @property
-    def calibration(self) -> Calibration:
+    def calibration(self) -> CalibrationValues:
         """Values of the calibration parameters, as estimated."""
         return self.fit.state.calibration
 
@@ -131,7 +131,7 @@ def plausible(parameters: Array, size: float) -> Array:
 
 
 def prior_of(
-    experiment: Experiment, calibration: Calibration, parameters: Array, size: float
+    experiment: Experiment, calibration: CalibrationValues, parameters: Array, size: float
 ) -> BorderPrior:
     """What is known beforehand about the calibration parameters, and what the user knows about the
     body.

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.stuck import FEWEST_REPEATS, stuck_alone
-from steelyard.identification.model.calibration_parameters import Calibration, clock_of
+from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.force_noise import force_sigma, least_sigma
 from steelyard.identification.model.force_residuals import Forces
 from steelyard.identification.model.knot_spacing import Channelled, best_spacing
@@ -138,7 +138,7 @@ def recorded(
     experiment: Experiment,
     run: Run,
     samples: Samples,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     spacing: float | None = None,
     settings: MotionSettings = MOTION,
 ) -> Recorded:
@@ -212,7 +212,7 @@ def _moving(
     experiment: Experiment,
     run: Run,
     samples: Samples,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     spacing: float | None,
     settings: MotionSettings,
 ) -> Recorded:
@@ -349,7 +349,7 @@ class _MotionStream:
 def _streams(
     experiment: Experiment,
     run: Run,
-    calibration: Calibration,
+    calibration: CalibrationValues,
     samples: Samples,
     settings: MotionSettings,
 ) -> Iterator[_MotionStream]:
