@@ -53,13 +53,8 @@ INNER = {
     "cli": [{"lazy_group", "options", "printing", "process", "truth"}, {"verbs"}],
 }
 """Within a room, from left to right; what is not named may be anywhere."""
-MOST_FILES = 30
+MOST_FILES = 16
 """In one folder; a room that is read in one go has about fifteen."""
-SHARED_NAMES = {"CalibrationValues"}
-"""Classes of one name, still to be renamed. With or without an underscore: a reader hears the
-same."""
-WITHOUT_DOCSTRING = 170
-"""Private functions longer than ten lines that do not say what they do. May only become less."""
 
 
 def layer(room):
@@ -167,9 +162,8 @@ def test_no_two_classes_share_a_name():
             if isinstance(node, ast.ClassDef):
                 homes[node.name.lstrip("_")].add(".".join(module))
     shared = {name: sorted(where) for name, where in homes.items() if len(where) > 1}
-    assert set(shared) <= SHARED_NAMES, {
-        name: where for name, where in shared.items() if name not in SHARED_NAMES
-    }
+    # With or without an underscore: a reader hears the same.
+    assert not shared
 
 
 def test_long_private_functions_say_what_they_do():
@@ -182,4 +176,4 @@ def test_long_private_functions_say_what_they_do():
             long = node.end_lineno - node.lineno + 1 > 10
             if long and not magic and ast.get_docstring(node) is None:
                 silent.append(f"{'.'.join(module)}.{node.name}")
-    assert len(silent) <= WITHOUT_DOCSTRING, silent
+    assert not silent

@@ -45,6 +45,8 @@ from steelyard.robot.model import Robot
 from steelyard.simulation.sensors import paper_sensors
 from steelyard.smoothing import DEGREE
 
+pytestmark = pytest.mark.integration
+
 HEAVY = read_robot("cogiro")
 STRAIGHT = HEAVY.with_straight_cables()
 BODY = HEAVY.platform

@@ -268,6 +268,7 @@ def test_pieces_that_do_not_overlap_are_read_one_by_one():
         *((name, []) for name in ("a.tdms", "imu.npz")),
     ],
 )
+@pytest.mark.integration
 def test_topics_of_every_format(small, name, expected):
     path, _ = small[name]
     assert topics(path) == expected
@@ -343,6 +344,7 @@ def decoded(monkeypatch):
 
 @pytest.mark.parametrize("name", LONG)
 @pytest.mark.parametrize("column", ["header.stamp", "receive_time"])
+@pytest.mark.integration
 def test_a_window_does_not_decode_every_message(tmp_path, decoded, name, column):
     found = long_streams(lambda t: t)
     LONG[name](tmp_path / name, found)
@@ -371,6 +373,7 @@ def test_a_window_does_not_decode_every_message(tmp_path, decoded, name, column)
     ],
     ids=["epoch", "uneven", "coarse", "jump", "overtaken", "late"],
 )
+@pytest.mark.integration
 def test_a_window_of_any_stamps_is_the_part_of_all(tmp_path, stamps):
     """Clocks of their own, uneven ones, and messages that overtake each other a little."""
     found = long_streams(stamps)

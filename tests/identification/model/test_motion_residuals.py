@@ -314,6 +314,7 @@ def compared(request):
 @pytest.mark.parametrize(
     "source", [*READ, None], ids=lambda s: " ".join(s) if s else "what holds the motion"
 )
+@pytest.mark.integration
 def test_derivatives_by_the_motion_are_those_of_differences(compared, source):
     case, rows, (ways, by_motion), _ = compared
     found, expected = rows[case.label(source)], by_motion[case.label(source)]

@@ -28,6 +28,8 @@ from steelyard.simulation.sensors import ideal_sensors, paper_sensors
 from steelyard.simulation.trajectories import feasible_multisine
 from steelyard.smoothing import DEGREE
 
+pytestmark = pytest.mark.integration
+
 SEEDS = 12
 RARE = 1e-4  # of sound data that would fail; seeds are fixed, so that none of them does by chance
 DURATION = 8.0  # [s]
