@@ -114,6 +114,7 @@ WRITERS = {
 
 
 @pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.integration
 def test_reads_back_what_was_written(tmp_path, found, name):
     path = tmp_path / name
     WRITERS[name](path, found)

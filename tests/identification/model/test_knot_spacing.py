@@ -10,6 +10,8 @@ from scipy.stats import Covariance, multivariate_normal
 from steelyard.identification.model.knot_spacing import Channelled, best_spacing, evidence
 from steelyard.smoothing import DEGREE, knots
 
+pytestmark = pytest.mark.integration
+
 START, END = 0.0, 4.0  # [s]
 ENOUGH = 0.3  # of a log likelihood: where a search within a third of a logarithm ends
 CANDIDATES = [float(c) for c in np.geomspace(0.02, 0.45, 10)]  # [s]

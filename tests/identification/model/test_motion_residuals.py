@@ -29,6 +29,8 @@ from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations,
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension
 from steelyard.smoothing import DEGREE, knots
 
+pytestmark = pytest.mark.integration
+
 START, END, SPACING = 0.2, 3.0, 0.4  # [s]
 DIFFERENCES = 2e-6  # relative to the largest; central differences of what curves over a metre, a second, a radian
 STEP = 1e-5  # of them
