@@ -15,7 +15,6 @@ from steelyard.identification.methods.instrumental_variables import Instrumental
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.two_step import TwoStep
-from steelyard.identification.solve.bound import attainable
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.inertia import BODY_PARAMETERS
 
@@ -44,15 +43,13 @@ def draw(seed: int) -> tuple[dict[str, tuple[Array, Array, bool, bool | None]], 
     estimates = [
         TwoStep()(experiment),
         LeastSquares().of(found),
-        InstrumentalVariables()(experiment),
+        InstrumentalVariables().of(found),
         Consistent().of(found),
         MaximumLikelihood()(experiment),
     ]
-    bound = attainable(found)
-    assert bound is not None
     return {
         e.method: (e.value - truth, e.covariance, e.verdict.accepted, e.physical) for e in estimates
-    }, bound.standard_deviation
+    }, found.bound.standard_deviation
 
 
 def main(count: int, processes: int) -> None:

@@ -27,7 +27,7 @@ from steelyard.identification.model.motion_residuals import (
     motion_residuals,
 )
 from steelyard.identification.model.segment import POSE, Rows, basis
-from steelyard.identification.solve import joint_study as study_module
+from steelyard.identification.solve import joint_motion
 from steelyard.identification.solve.joint_fit import Fit, FitState, Task, fit
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.inertia import LINEAR_PARAMETERS, TEN
@@ -207,7 +207,7 @@ class Residuals:
 
 
 def noticed(experiment: Experiment) -> list[tuple[Task, FitState, Fit]]:
-    """Every fit that a study makes: what, from where, and where it ended."""
+    """Every joint fit that is made: what, from where, and where it ended."""
     fits: list[tuple[Task, FitState, Fit]] = []
 
     def noticing(task: Task, state: FitState, *tell: Callable[[float], None]) -> Fit:
@@ -215,11 +215,11 @@ def noticed(experiment: Experiment) -> list[tuple[Task, FitState, Fit]]:
         fits.append((task, state, found))
         return found
 
-    study_module.fit = noticing
+    joint_motion.fit = noticing
     try:
         fit_jointly(experiment)
     finally:
-        study_module.fit = fit
+        joint_motion.fit = fit
     return fits
 
 

@@ -22,7 +22,7 @@ import numpy as np
 import polars as pl
 
 from steelyard.errors import InputError
-from steelyard.experiment.streams import Place, read_stream
+from steelyard.experiment.streams import StreamPlace, read_stream
 from steelyard.instruments import Tension
 
 CABLES, RATE, DURATION = 12, 1000, 3600  # -, [Hz], [s]
@@ -137,7 +137,7 @@ def read(what: str, path: Path) -> None:
         try:
             span = WINDOW if what == "window" else None
             stream = read_stream(
-                Place(path), Tension(kind="tension"), CABLES, static=False, span=span
+                StreamPlace(path), Tension(kind="tension"), CABLES, static=False, span=span
             )
             assert stream.values["tension"].shape == (len(stream), CABLES)
         except InputError as error:

@@ -305,7 +305,8 @@ def test_same_seed_gives_the_same_motion_and_another_another(tmp_path, told, com
     found = []
     for i, seed in enumerate("001"):
         path = tmp_path / f"{i}.npy"
-        places = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+        here = Path(__file__).parent
+        places = os.pathsep.join([str(here), str(here.parent), os.environ.get("PYTHONPATH", "")])
         subprocess.run(
             [sys.executable, "-c", ONE_SEED, seed, str(path)],
             check=True,
