@@ -411,7 +411,7 @@ def test_the_truth_is_within_what_is_stated(method):
     assert rollers < chi2.ppf(1 - RARE, 8 * len(seeds))
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_the_bound_is_that_of_the_joint_fit():
     experiment, _, found = sound(1)
     alone = identify(experiment, [LeastSquares()]).bound.standard_deviation

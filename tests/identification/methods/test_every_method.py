@@ -192,8 +192,9 @@ RECORDED = [
     *((name, "points-02") for name in ("instrumental-variables", "consistent")),
     *(
         ("maximum-likelihood", recording)
-        for recording in ("points-00", "points-01", "points-02", "points-03", "ideal-points")
+        for recording in ("points-00", "points-01", "points-02", "points-03")
     ),
+    pytest.param("maximum-likelihood", "ideal-points", marks=pytest.mark.slow),
 ]
 
 
