@@ -209,9 +209,9 @@ def identify(
 def _estimate(
     method: Method, experiment: Experiment, posteriors: dict[Fit, Posterior], progress: Progress
 ) -> Estimate:
-    """By one method; a posterior that several draw from is fitted once."""
+    """By one method; a posterior that several draw from is fitted once, and not in vain."""
     fit = method.fit
-    if fit is None:
+    if fit is None or method.lack(experiment):
         return method(experiment, progress)
     if fit not in posteriors:
         posteriors[fit] = fit(experiment, progress)

@@ -16,16 +16,13 @@ from steelyard.arrays import Array
 from steelyard.bodies.consistent_body import BodyProblem, ConsistentBody, covariance, solve
 from steelyard.bodies.mass_region import Box, Ellipsoid
 from steelyard.errors import InputError
-from steelyard.estimates.estimate import Estimate, no_estimate
-from steelyard.experiment.model import Experiment
+from steelyard.estimates.estimate import Estimate
 from steelyard.identification.methods.finished import finished
-from steelyard.identification.methods.method import HeldMotion
-from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.methods.method import PosteriorMethod
 from steelyard.identification.solve.normal_equations import BorderEquations
 from steelyard.identification.solve.normal_equations import solve as solve_linear
-from steelyard.identification.solve.posterior import Posterior, Progress, plausible
-from steelyard.identification.solve.settings import FIT, FitSettings
-from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
+from steelyard.identification.solve.posterior import Posterior, plausible
+from steelyard.identification.verdict.settings import VerdictSettings
 from steelyard.inertia import TEN, Inertia, body_jacobian
 
 _FOLDS = 5
@@ -36,7 +33,7 @@ _TOO_MUCH = 1e-3
 
 
 @dataclass(frozen=True)
-class Consistent:
+class Consistent(PosteriorMethod):
     """Least squares under the condition that the pseudo-inertia matrix is positive definite."""
 
     regions: Sequence[Box | Ellipsoid] = ()
@@ -45,37 +42,18 @@ class Consistent:
     """Whether to pull towards the nominal body, as far as that predicts the runs left out
     better."""
 
-    settings: FitSettings = FIT
-    """How to fit."""
-    verdict: VerdictSettings = VERDICT
-    """When to accept."""
-
     name: ClassVar[str] = "consistent"
-    is_baseline: ClassVar[bool] = False
-
-    @property
-    def fit(self) -> HeldMotion:
-        """What the estimate is drawn from."""
-        return HeldMotion(self.settings)
-
-    def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
-        """Estimate.
-
-        Raises:
-            InputError: A run lacks what the method needs, no body has its mass in the regions, or
-                there is no nominal body to pull towards.
-        """
-        try:
-            return self.of(self.fit(experiment, progress))
-        except NoBalanceError as error:
-            return no_estimate(self.name, str(error))
 
     def of(self, found: Posterior, name: str = name) -> Estimate:
-        """Estimate from a posterior that is there already; raises as a call does.
+        """Estimate from a posterior that is there already.
 
         Args:
             found: The posterior.
             name: Of the method that it is the estimate of.
+
+        Raises:
+            InputError: No body has its mass in the regions, or there is no nominal body to pull
+                towards.
         """
         nominal = found.experiment.robot.platform
         if self.towards_nominal and nominal is None:

@@ -21,7 +21,7 @@ from steelyard.arrays import Array
 from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.methods.finished import finished
-from steelyard.identification.methods.method import HeldMotion
+from steelyard.identification.methods.method import PosteriorMethod
 from steelyard.identification.model.force_residuals import (
     Forces,
     WhitenedBalance,
@@ -31,12 +31,10 @@ from steelyard.identification.model.force_residuals import (
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
 from steelyard.identification.model.segment import Rows, accumulate
 from steelyard.identification.model.sources import Sources, choose_sources
-from steelyard.identification.solve.beginning import NoBalanceError, motion_task, read
+from steelyard.identification.solve.beginning import motion_task, read
 from steelyard.identification.solve.joint_fit import FitState, fit
 from steelyard.identification.solve.normal_equations import Solution, inverse_of, solve
-from steelyard.identification.solve.posterior import Posterior, Progress, plausible
-from steelyard.identification.solve.settings import FIT, FitSettings
-from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
+from steelyard.identification.solve.posterior import Posterior, plausible
 from steelyard.inertia import TEN
 from steelyard.instruments import Pose
 from steelyard.instruments.pose import PoseNoise
@@ -50,45 +48,38 @@ _COMMAND = Pose(kind="pose", noise=PoseNoise(position=1e-4, rotation=1e-4))
 
 
 @dataclass(frozen=True)
-class InstrumentalVariables:
+class InstrumentalVariables(PosteriorMethod):
     """Instrumental variables from independent kinematics."""
 
-    settings: FitSettings = FIT
-    """How to fit."""
-    verdict: VerdictSettings = VERDICT
-    """When to accept."""
-
     name: ClassVar[str] = "instrumental-variables"
-    is_baseline: ClassVar[bool] = False
 
-    @property
-    def fit(self) -> HeldMotion:
-        """What the estimate is drawn from."""
-        return HeldMotion(self.settings)
-
-    def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
-        """Estimate; nothing is told where no run has independent kinematics.
-
-        Raises:
-            InputError: A run lacks what the method needs.
-        """
-        lack = _lack(experiment)
-        if lack:
-            return no_estimate(self.name, lack)
-        try:
-            return self.of(self.fit(experiment, progress))
-        except NoBalanceError as error:
-            return no_estimate(self.name, str(error))
+    def lack(self, experiment: Experiment) -> str:
+        """Which run has no independent kinematics, in words; nothing where all have."""
+        moving = [run for run in experiment.runs if not run.static]
+        without = [run.name for run in moving if independent_sources(experiment, run) is None]
+        if moving and not without:
+            return ""
+        where = f"run '{without[0]}'" if without else "poses at rest"
+        return (
+            f"{where}: expected independent kinematics (a command, or a tracker or pose beside the"
+            " IMU), found none; use another method"
+        )
 
     def of(self, posterior: Posterior) -> Estimate:
-        """Estimate from a posterior of :meth:`fit`."""
+        """Estimate from a posterior of :attr:`fit`."""
         experiment = posterior.experiment
-        lack = _lack(experiment)
+        lack = self.lack(experiment)
         if lack:
             return no_estimate(self.name, lack)
         products = _products(posterior)
         size = plausible(posterior.parameters, posterior.size)
-        plain = solve(posterior.total, posterior.prior, posterior.solution.estimated, size)
+        plain = solve(
+            posterior.total,
+            posterior.prior,
+            posterior.solution.estimated,
+            size,
+            settings=self.settings,
+        )
         own = solved(posterior, products)
         found = replace(posterior, solution=own)
         chi, freedom = durbin_wu_hausman(found, products, plain)
@@ -121,19 +112,6 @@ class InstrumentalVariables:
             notes=[note],
             settings=self.verdict,
         )
-
-
-def _lack(experiment: Experiment) -> str:
-    """Which run has no independent kinematics, in words; nothing where all have."""
-    moving = [run for run in experiment.runs if not run.static]
-    without = [run.name for run in moving if independent_sources(experiment, run) is None]
-    if moving and not without:
-        return ""
-    where = f"run '{without[0]}'" if without else "poses at rest"
-    return (
-        f"{where}: expected independent kinematics (a command, or a tracker or pose beside the IMU),"
-        " found none; use another method"
-    )
 
 
 def independent_sources(experiment: Experiment, run: Run) -> Sources | None:

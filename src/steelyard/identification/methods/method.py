@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
-from steelyard.estimates.estimate import Estimate
+from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment
+from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 
 Fit = Callable[[Experiment, Progress], Posterior]
 """From an experiment to what estimates are drawn from; equal ones give the same."""
@@ -56,8 +58,53 @@ class Method(Protocol):
     def is_baseline(self) -> bool:
         """Whether it stands beside better ones, so that it need not succeed."""
 
+    def lack(self, experiment: Experiment) -> str:
+        """What the method needs and the experiment has not, in words, where that takes no fit to
+        see; nothing where all is there.
+        """
+
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
         """Estimate."""
 
     def of(self, posterior: Posterior) -> Estimate:
         """Estimate from a posterior of its :attr:`fit`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosteriorMethod:
+    """A method whose estimate is drawn from a posterior."""
+
+    settings: FitSettings = FIT
+    """How to fit."""
+    verdict: VerdictSettings = VERDICT
+    """When to accept."""
+
+    name: ClassVar[str]
+    is_baseline: ClassVar[bool] = False
+
+    @property
+    def fit(self) -> Fit:
+        """What the estimate is drawn from."""
+        return HeldMotion(self.settings)
+
+    def lack(self, experiment: Experiment) -> str:
+        """See :meth:`.Method.lack`."""
+        return ""
+
+    def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
+        """Estimate; without numbers where there is no posterior.
+
+        Raises:
+            InputError: A run lacks what the method needs, or see :meth:`of`.
+        """
+        lack = self.lack(experiment)
+        if lack:
+            return no_estimate(self.name, lack)
+        try:
+            return self.of(self.fit(experiment, progress))
+        except NoBalanceError as error:
+            return no_estimate(self.name, str(error))
+
+    def of(self, posterior: Posterior) -> Estimate:
+        """Estimate from a posterior of :attr:`fit`."""
+        raise NotImplementedError

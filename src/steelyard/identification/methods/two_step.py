@@ -56,6 +56,10 @@ class TwoStep:
     name: ClassVar[str] = "two-step"
     fit: ClassVar[None] = None
 
+    def lack(self, experiment: Experiment) -> str:
+        """Nothing that is seen before the samples are prepared."""
+        return ""
+
     @property
     def is_baseline(self) -> bool:
         """Whether it may fail beside better methods; not where one of its settings is asked for."""
