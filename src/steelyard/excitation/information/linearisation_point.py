@@ -15,6 +15,7 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import (
     CalibrationParameters,
     CalibrationValues,
+    columns_of,
 )
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import TEN
@@ -94,8 +95,7 @@ def border_columns(calibration_parameters: CalibrationParameters) -> NDArray[np.
     """Border parameter of each systematic error, after the ten of the body; -1: it is known
     exactly; shape (u,).
     """
-    uncertain = calibration_parameters.deviation > 0
-    return np.where(uncertain, TEN + np.cumsum(uncertain) - 1, -1)
+    return columns_of(calibration_parameters.deviation > 0, TEN)
 
 
 def prior_information(calibration_parameters: CalibrationParameters) -> Array:

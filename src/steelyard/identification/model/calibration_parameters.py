@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
@@ -219,6 +220,16 @@ def gather(experiment: Experiment) -> CalibrationParameters:
     share = np.full(1, _DRAGGED if drags else 0.0)
     entries.append(CalibrationParameter(ROBOT, DRAG, None, "1", share, share))
     return CalibrationParameters(tuple(entries), robot.m)
+
+
+def columns_of(active: NDArray[np.bool_], first: int) -> NDArray[np.intp]:
+    """Column of each calibration parameter in the border; -1: not there; shape (u,).
+
+    Args:
+        active: Those that are estimated, shape (u,).
+        first: Columns before them.
+    """
+    return np.where(active, first + np.cumsum(active) - 1, -1)
 
 
 def _from_data(experiment: Experiment, name: str, term: Term) -> Array:

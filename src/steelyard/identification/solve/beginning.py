@@ -70,6 +70,13 @@ class Readings:
         """Of each segment."""
         return tuple(forces for each in self.records for forces in each.force_samples)
 
+    def looked_at(self, held_out: frozenset[str]) -> tuple[Forces | None, ...]:
+        """Forces of each segment; None of runs that are held out."""
+        return tuple(
+            None if segment.run in held_out else forces
+            for segment, forces in zip(self.segments, self.force_samples, strict=True)
+        )
+
     @property
     def notes(self) -> list[str]:
         """What a reader should know of them."""
@@ -184,11 +191,7 @@ def with_body(
     experiment, state = readings.experiment, begun.state
     parameters = state.parameters
     if parameters is None:
-        looked_at = [
-            None if segment.run in held_out else forces
-            for segment, forces in zip(state.segments, readings.force_samples, strict=True)
-        ]
-        parameters = _first_body(experiment, state, looked_at)
+        parameters = _first_body(experiment, state, readings.looked_at(held_out))
     if not parameters[0] or not np.isfinite(parameters).all():
         raise np.linalg.LinAlgError
     size = plausible_radius(experiment.robot)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.calibration_parameters import CalibrationValues
+from steelyard.identification.model.calibration_parameters import CalibrationValues, columns_of
 from steelyard.identification.model.force_residuals import Forces, force_residuals
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
 from steelyard.identification.model.segment import Rows, accumulate
@@ -119,7 +119,7 @@ def _all_rows(
     parameters: Array,
 ) -> Iterator[Rows]:
     """Rows of all instruments of one segment, motion first."""
-    column_of = np.where(active, TEN + np.cumsum(active) - 1, -1)
+    column_of = columns_of(active, TEN)
     yield from motion_residuals(experiment, segment, calibration, column_of, {}, Tally())
     yield from force_residuals(
         experiment, segment, force_samples, calibration, column_of, parameters, {}, Tally()

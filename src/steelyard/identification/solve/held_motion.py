@@ -13,13 +13,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dtbtrs
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.calibration_parameters import columns_of
 from steelyard.identification.model.force_residuals import (
-    Forces,
     balance_of,
     force_residuals,
     tally_forces,
@@ -32,7 +31,6 @@ from steelyard.identification.model.segment import (
 )
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.beginning import (
-    Readings,
     Tell,
     begin,
     motion_task,
@@ -111,7 +109,7 @@ def _fitted(
     """The fit of an experiment that is not too long."""
     readings = read(experiment, None, tell, settings=settings)
     begun = begin(readings, tell, thorough=True, held_out=held_out)
-    task = replace(begun.task, force_samples=_looked_at(readings, begun.state, held_out))
+    task = replace(begun.task, force_samples=readings.looked_at(held_out))
     tell("balancing forces and motion", 0.5)
     alone = replace(task, active=np.zeros_like(task.active))
     body = fit_held(alone, begun.state, beginning=True)
@@ -120,16 +118,6 @@ def _fitted(
     )
     fitted = Fitted(task, found, begun.motion, readings.force_samples, begun.lost, {}, {}, held_out)
     return stretch_of(readings, fitted)
-
-
-def _looked_at(
-    readings: Readings, state: FitState, held_out: frozenset[str]
-) -> tuple[Forces | None, ...]:
-    """Forces of each segment; None of runs that are held out."""
-    return tuple(
-        None if segment.run in held_out else forces
-        for segment, forces in zip(state.segments, readings.force_samples, strict=True)
-    )
 
 
 def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch]:
@@ -153,14 +141,11 @@ def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch
     task = replace(
         part.task,
         experiment=experiment,
-        force_samples=_looked_at(readings, state, part.held_out),
+        force_samples=readings.looked_at(part.held_out),
     )
-    border, column_of = _columns(task)
-    parts, _ = linearise(_without_forces(task), state, column_of, border)
-    motions = _covariances(state, parts)
-    parts, _ = linearise(task, state, column_of, border, motions)
-    bias = gradient_bias(task, state, motions, parts)
-    fit = replace(part.fit, state=state, motions=motions, bias=bias)
+    parts, _ = _linearised(task, state)
+    bias = gradient_bias(task, state, parts)
+    fit = replace(part.fit, state=state, motions=_covariances(parts), bias=bias)
     fitted = replace(part, task=task, fit=fit, force_samples=readings.force_samples, lost=())
     return [without_knots(stretch_of(readings, fitted))]
 
@@ -196,24 +181,19 @@ def fit_held(
         numpy.linalg.LinAlgError: The motion is not determined.
     """
     settings = task.settings
-    border, column_of = _columns(task)
     unstated = Unstated(task, state)
-    parts, _ = linearise(_without_forces(task), state, column_of, border, None)
-    motions = _covariances(state, parts)
-    bias = np.zeros((len(state.segments), border))
+    bias = np.zeros((len(state.segments), _border(task)))
     share, last = 1.0, np.inf
     for turn in range(settings.bias_iterations if beginning else settings.held_iterations):
-        parts, tally = linearise(task, state, column_of, border, motions)
-        by_motion = smooth(state, [each.motion for each in parts])
+        parts, tally = _linearised(task, state)
         equations = smooth(state, [each.all for each in parts])
-        motions = tuple(each.inverse for each in by_motion)
         if turn < settings.bias_iterations and not beginning:
-            bias = gradient_bias(task, state, motions, parts)
+            bias = gradient_bias(task, state, parts)
         step = step_of(
             task,
             state,
             equations,
-            follow=by_motion,
+            follow=_motions(parts),
             further=bias.sum(axis=0),
             least=1 / settings.moving**2,
         )
@@ -248,7 +228,7 @@ def fit_held(
         step.covariance,
         task.stated,
         first_sigmas(task, state),
-        motions,
+        _covariances(parts),
         bias,
     )
 
@@ -260,19 +240,24 @@ def _distance(task: Task, step: NewtonStep) -> float:
     return float(np.max(np.abs(step.border[:TEN][known]) / deviation[known], initial=0.0))
 
 
-def _columns(task: Task) -> tuple[int, NDArray[np.intp]]:
-    """Number of columns of the border, and the column of each calibration parameter, shape (u,)."""
-    numbers = TEN + np.cumsum(task.active) - 1
-    return TEN + int(task.active.sum()), np.where(task.active, numbers, -1)
+def _border(task: Task) -> int:
+    """Number of columns of the border."""
+    return TEN + int(task.active.sum())
 
 
-def _without_forces(task: Task) -> Task:
-    return replace(task, force_samples=(None,) * len(task.force_samples))
+def _linearised(task: Task, state: FitState) -> tuple[tuple[Linearised, ...], Tally]:
+    """Normal equations of every segment about a state whose motion is held."""
+    return linearise(task, state, columns_of(task.active, TEN), _border(task), held=True)
 
 
-def _covariances(state: FitState, parts: Sequence[Linearised]) -> tuple[Array, ...]:
+def _motions(parts: Sequence[Linearised]) -> list[NormalEquations]:
+    """Equations of the motion of every segment by its instruments alone."""
+    return [each.held for each in parts if each.held is not None]
+
+
+def _covariances(parts: Sequence[Linearised]) -> tuple[Array, ...]:
     """Covariance of the motion of every segment as its instruments alone leave it."""
-    return tuple(each.inverse for each in smooth(state, [part.motion for part in parts]))
+    return tuple(each.inverse for each in _motions(parts))
 
 
 def _of_forces(task: Task, state: FitState, factors: Mapping[Source, float]) -> dict[Source, float]:
@@ -306,9 +291,7 @@ def _followed(task: Task, state: FitState, step: NewtonStep, tally: Tally) -> Ta
     )
 
 
-def gradient_bias(
-    task: Task, state: FitState, motions: Sequence[Array], parts: Sequence[Linearised]
-) -> Array:
+def gradient_bias(task: Task, state: FitState, parts: Sequence[Linearised]) -> Array:
     """What noise of the held motion does to the gradient by the border in the mean, with the
     opposite sign, segment by segment, shape (s, b).
 
@@ -319,19 +302,18 @@ def gradient_bias(
     Args:
         task: With forces.
         state: With the held motion.
-        motions: Its covariance, segment by segment.
         parts: Equations about it.
     """
-    border, column_of = _columns(task)
+    border, column_of = _border(task), columns_of(task.active, TEN)
     rng = np.random.default_rng(0)
     found = np.zeros((len(state.segments), border))
-    for i, (segment, samples, motion, part) in enumerate(
-        zip(state.segments, task.force_samples, motions, parts, strict=True)
+    for i, (segment, samples, part) in enumerate(
+        zip(state.segments, task.force_samples, parts, strict=True)
     ):
-        if samples is None or part.forces is None:
+        held = part.held
+        if samples is None or part.forces is None or held is None:
             continue
         assert state.parameters is not None
-        held = segment.smooth(part.motion)
         # The motion instruments are content with the motion that they have given.
         still = replace(
             held,
@@ -352,7 +334,7 @@ def gradient_bias(
                     state.parameters,
                     state.factors,
                     Tally(),
-                    motion,
+                    held.inverse,
                 )
                 size = len(segment.coefficients), border
                 there = still + accumulate(*size, rows, width=segment.width)

@@ -21,6 +21,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import (
     CalibrationParameters,
     CalibrationValues,
+    columns_of,
 )
 from steelyard.identification.model.force_residuals import BALANCE, Forces, force_residuals
 from steelyard.identification.model.motion_residuals import (
@@ -49,6 +50,11 @@ class FitState:
     factors: Mapping[Source, float] = field(default_factory=dict)
     """Quantity -> noise in units of what its readings say."""
 
+    @property
+    def ten(self) -> int:
+        """Columns of the border that belong to the body."""
+        return 0 if self.parameters is None else TEN
+
 
 @dataclass(frozen=True, eq=False)
 class Task:
@@ -67,6 +73,7 @@ class Task:
     least: Mapping[Source, float] = field(default_factory=dict)
     """Quantity -> least 1-sigma that its noise may be estimated at."""
     settings: FitSettings = FIT
+    """How to fit."""
     known: Callable[[Array], tuple[Array, Array]] | None = None
     """Parameters -> precision and pull of what is known about the body beforehand, shapes (10, 10)
     and (10,)."""
@@ -80,6 +87,8 @@ class Linearised:
     """Of the motion instruments and what is known of its smoothness."""
     forces: NormalEquations | None
     """Of the balance; None: it is not looked at."""
+    held: NormalEquations | None = None
+    """Of the motion with its smoothness, where it is held; None: it follows the forces."""
 
     @cached_property
     def all(self) -> NormalEquations:
@@ -117,7 +126,8 @@ def linearise(
     state: FitState,
     column_of: NDArray[np.intp],
     border: int,
-    motions: Sequence[Array] | None = None,
+    *,
+    held: bool = False,
 ) -> tuple[tuple[Linearised, ...], Tally]:
     """Normal equations of every segment about a state, over columns of the border that may be more
     than are estimated.
@@ -127,19 +137,18 @@ def linearise(
         state: Where to linearise.
         column_of: Column of each calibration parameter in the border; -1: not there; shape (u,).
         border: Number of columns of the border.
-        motions: Covariance of the motion of each segment where it is held, see
-            :func:`.force_residuals`; None: it follows the forces.
+        held: Whether the motion is held as its instruments alone give it, so that its covariance
+            weights the forces; else it follows them.
     """
     tally = Tally()
     found = []
-    for segment, force_samples, motion in zip(
-        state.segments, task.force_samples, motions or (None,) * len(state.segments), strict=True
-    ):
+    for segment, force_samples in zip(state.segments, task.force_samples, strict=True):
         size = len(segment.coefficients), border
         rows = motion_residuals(
             task.experiment, segment, state.calibration, column_of, state.factors, tally
         )
         by_motion = accumulate(*size, rows, width=segment.width)
+        alone = segment.smooth(by_motion) if held else None
         forces = None
         if force_samples is not None and state.parameters is not None:
             balanced = force_residuals(
@@ -151,10 +160,10 @@ def linearise(
                 state.parameters,
                 state.factors,
                 tally,
-                motion,
+                None if alone is None else alone.inverse,
             )
             forces = accumulate(*size, balanced, width=segment.width)
-        found.append(Linearised(by_motion, forces))
+        found.append(Linearised(by_motion, forces, alone))
     return tuple(found), tally
 
 
@@ -177,9 +186,8 @@ def fit(
         numpy.linalg.LinAlgError: The motion is not determined.
     """
     settings = task.settings
-    ten = TEN if state.parameters is not None else 0
-    border = ten + int(task.active.sum())
-    column_of = np.where(task.active, ten + np.cumsum(task.active) - 1, -1)
+    border = state.ten + int(task.active.sum())
+    column_of = columns_of(task.active, state.ten)
     accepted: tuple[FitState, NewtonStep, float] | None = None
     share, converged, searched = 1.0, False, False
     ratios: dict[Source, float] = {}
@@ -385,7 +393,7 @@ def border_system(task: Task, state: FitState, reduced: tuple[Array, Array]) -> 
     prior 1-sigma.
     """
     matrix, gradient = reduced[0].copy(), reduced[1].copy()
-    ten = TEN if state.parameters is not None else 0
+    ten = state.ten
     deviation = task.calibration_parameters.deviation[task.active]
     scale = np.concatenate([task.sizes[:ten], deviation])
     if ten and task.known is not None and state.parameters is not None:
@@ -418,7 +426,7 @@ class NewtonStep:
 
     def along(self, task: Task, state: FitState, share: float) -> FitState:
         """A state so much of the step further."""
-        ten = TEN if state.parameters is not None else 0
+        ten = state.ten
         values = state.calibration.values.copy()
         values[task.active] += share * self.border[ten:]
         segments = tuple(
@@ -455,7 +463,7 @@ def step_of(
     """
     reduced = [each.reduced() for each in equations]
     gradient = np.sum([g for _, g in reduced], axis=0)
-    ten = TEN if state.parameters is not None else 0
+    ten = state.ten
     gradient += further
     matrix, right = border_system(task, state, (np.sum([m for m, _ in reduced], axis=0), gradient))
     if least is not None and state.parameters is not None:

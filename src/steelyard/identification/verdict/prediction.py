@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, binned_means
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import plain
 from steelyard.experiment.model import Experiment
@@ -133,17 +133,12 @@ def _compared(
     if segment.static:
         return _Compared(at.wrench, at.left_over, np.sqrt(variance), 0.0)
     knots = np.searchsorted(segment.knots, at.time)
-    _, number, count = np.unique(knots, return_inverse=True, return_counts=True)
-
-    def mean(values: Array) -> Array:
-        total = np.zeros((len(count), values.shape[1]))
-        np.add.at(total, number, values)
-        return total / count[:, None]
-
+    means, count = binned_means(knots, np.hstack([at.wrench, at.left_over, variance]))
+    wrench, left_over, variance = np.split(means[count > 0], 3, axis=1)
     return _Compared(
-        mean(at.wrench),
-        mean(at.left_over),
-        np.sqrt(mean(variance) / count[:, None]),
+        wrench,
+        left_over,
+        np.sqrt(variance / count[count > 0, None]),
         float(segment.knots[DEGREE + 1] - segment.knots[DEGREE]),
     )
 
