@@ -249,13 +249,10 @@ def _rows(
             motion,
         )
         instruments = _instruments(posterior, segment, balance, independent)
-        rows.append(
-            replace(
-                balance.rows,
-                by_errors=np.concatenate([balance.rows.by_errors, instruments], axis=2),
-                columns=np.concatenate([_columns(balance.rows, k), k + np.arange(TEN)]),
-            )
-        )
+        for own, toward in zip(balance.rows, balance.by_origin(instruments), strict=True):
+            columns = np.concatenate([_columns(own, k), k + np.arange(TEN)])
+            by_errors = np.concatenate([own.by_errors, toward], axis=2)
+            rows.append(replace(own, by_errors=by_errors, columns=columns))
     return rows
 
 

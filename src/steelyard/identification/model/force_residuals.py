@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -23,6 +23,7 @@ from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler, platform_regressor
 from steelyard.experiment.model import Experiment
+from steelyard.identification.model.balance_noise import BalanceNoise, UnmodelledWrench
 from steelyard.identification.model.calibration_parameters import (
     DRAG,
     LAG,
@@ -50,6 +51,8 @@ from steelyard.robot.model import Robot
 
 BALANCE = "balance"
 """What the rows are of, beside the quantities of the instrument."""
+UNMODELLED = "unmodelled wrench"
+"""Quantity of the platform: what acts on it and nothing explains."""
 _LEFT_OUT = 1e2
 """1-sigma of a reading that is left out, in units of the largest reading: the balance goes on
 without it."""
@@ -69,6 +72,9 @@ class Forces:
     """1-sigma of single readings, shape (r,)."""
     left_out: NDArray[np.bool_]
     """Readings that stand alone against all others, shape (n, r)."""
+    unmodelled: Array | None = None
+    """1-sigma of the white part of the wrench that nothing explains, in units of its level [N],
+    [N m], shape (6,); None: the readings explain every wrench within their noise."""
 
     def parts(self) -> Iterator[Forces]:
         """The same, some samples at a time: rows take much memory."""
@@ -112,15 +118,25 @@ class Balance:
     """Wrench that the body does not explain [N], [N m], shape (n, 6)."""
     by_reading: Array
     """How it follows the readings, shape (n, 6, r)."""
-    whitener: Array
-    """Matrices that make its noise white with unit variance, shape (n, 6, 6)."""
-    correction: Array
-    """Of the readings, so that they balance, in their 1-sigma, shape (n, r)."""
+    noise: BalanceNoise
+    """Of what is left over."""
 
     @property
+    def whitener(self) -> Array:
+        """Matrices that make its noise white with unit variance, shape (n, 6, 6)."""
+        return self.noise.whitener
+
+    @cached_property
     def residual(self) -> Array:
         """What is left over, whitened, shape (n, 6)."""
         return np.asarray(np.einsum("nij,nj->ni", self.whitener, self.left_over))
+
+    @cached_property
+    def correction(self) -> Array:
+        """Of the readings, and then of the unmodelled wrench where there is one, so that they
+        balance, in their 1-sigma, shape (n, r) or (n, r + 6).
+        """
+        return self.noise.correction(self.residual)
 
 
 @lru_cache(maxsize=16)
@@ -338,23 +354,21 @@ def balance_of(
         solved if structure is None else structure @ solved,
         (len(times), 6, force_samples.left_out.shape[1]),
     )
-    left_over = wrench - moving
-    white = by_reading * force_samples.sigmas(segment, factors)[:, None, :]
-    # Rows are scaled first: forces and torques have different units and sizes.
-    scale = np.sqrt(np.sum(white**2, axis=2))
-    scaled = white / scale[:, :, None]
-    root = np.linalg.inv(np.linalg.cholesky(scaled @ scaled.transpose(0, 2, 1) + 1e-12 * np.eye(6)))
-    whitener = root / scale[:, None, :]
-    residual = np.einsum("nij,nj->ni", whitener, left_over)
-    correction = np.einsum("njr,nj->nr", whitener @ white, residual)
-    fitted = carried - np.einsum(
-        "nkr,nr->nk",
-        np.broadcast_to(solved, (len(times), *solved.shape[1:])),
-        correction * force_samples.sigmas(segment, factors),
-    )
-    return Balance(
-        times, found, fitted, wrench, structure, left_over, by_reading, whitener, correction
-    )
+    solved = np.broadcast_to(solved, (len(times), *solved.shape[1:]))
+    sigmas = force_samples.sigmas(segment, factors)
+    carries = None
+    level = np.zeros(6)
+    if force_samples.unmodelled is not None and structure is not None:
+        level = factors.get(segment.label(ROBOT, UNMODELLED), 1.0) * force_samples.unmodelled
+        carries = UnmodelledWrench.of(structure, solved)
+    noise = BalanceNoise.of(by_reading, sigmas, None if carries is None else carries.wrench * level)
+    measured = Balance(times, found, carried, wrench, structure, wrench - moving, by_reading, noise)
+    correction = measured.correction
+    off = correction[:, : sigmas.shape[1]] * sigmas
+    if carries is not None:
+        parts = correction[:, sigmas.shape[1] :] * level
+        off = off + np.einsum("nrk,nk->nr", carries.reading, parts)
+    return replace(measured, carried=carried - np.einsum("nkr,nr->nk", solved, off))
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,7 +378,20 @@ class WhitenedBalance:
     at: Balance
     root: Array
     """Square root of the weight of each sample, shape (n,)."""
-    rows: Rows
+    rows: tuple[Rows, ...]
+    """Of the readings, and of the unmodelled wrench where there is one."""
+
+    def by_origin(self, whitened: Array) -> tuple[Array, ...]:
+        """Whitened equations as the rows have them, shape (n, k, c) each.
+
+        Args:
+            whitened: Shape (n, 6, c).
+        """
+        return (
+            tuple(own @ whitened for own in _origins(self.at))
+            if len(self.rows) > 1
+            else (whitened,)
+        )
 
 
 def force_residuals(
@@ -382,7 +409,7 @@ def force_residuals(
     :func:`whitened_balance`.
     """
     for part in force_samples.parts():
-        yield whitened_balance(
+        yield from whitened_balance(
             experiment, segment, part, calibration, column_of, parameters, factors, tally, held
         ).rows
 
@@ -502,7 +529,32 @@ def whitened_balance(
         columns,
         segment.label(name, BALANCE),
     )
-    return WhitenedBalance(at, root, rows)
+    if force_samples.unmodelled is None:
+        return WhitenedBalance(at, root, (rows,))
+    return WhitenedBalance(at, root, tuple(_by_origin(rows, at, segment)))
+
+
+def _origins(at: Balance) -> tuple[Array, Array]:
+    """Corrections of the readings and parts of the unmodelled wrench by whitened equations, shapes (n,
+    r, 6) and (n, 6, 6).
+    """
+    shares, count = at.noise.shares.transpose(0, 2, 1), at.noise.readings
+    return shares[:, :count], shares[:, count:]
+
+
+def _by_origin(rows: Rows, at: Balance, segment: Segment) -> Iterator[Rows]:
+    """The same six equations as corrections of the readings and as parts of the unmodelled wrench,
+    so that each tells its own level.
+    """
+    labels = rows.label, segment.label(ROBOT, UNMODELLED)
+    for label, own in zip(labels, _origins(at), strict=True):
+        yield replace(
+            rows,
+            residual=np.einsum("nki,ni->nk", own, rows.residual),
+            by_motion=own @ rows.by_motion,
+            by_errors=own @ rows.by_errors,
+            label=label,
+        )
 
 
 def regressor_at(
@@ -544,7 +596,7 @@ def tally_forces(
     weight: Array,
     size: Array,
 ) -> None:
-    """Count the corrections of the readings, quantity by quantity."""
+    """Count the corrections of the readings and of the unmodelled wrench, quantity by quantity."""
     used_at_all = weight > 0
     usual = (
         float(np.median(size[used_at_all])) / np.sqrt(chi2.ppf(0.5, 6))
@@ -552,24 +604,36 @@ def tally_forces(
         else 1.0
     )
     near = used_at_all & (size <= limit(6) * max(1.0, usual))
-    column, readings = 0, at.correction.shape[1]
+    column = 0
+    correction, decided = at.correction, at.noise.decided
     for quantity, values in force_samples.readings.items():
         own = slice(column, column + values.shape[1])
         column = own.stop
         used = ~force_samples.left_out[:, own]
-        square = float(np.sum((at.correction[:, own] * used)[near] ** 2))
-        # Six equations for all readings together.
-        missing = np.sum(force_samples.left_out, axis=1)
-        count = float(np.sum(np.maximum(6 - missing, 0)[near])) * values.shape[1] / readings
         label = segment.label(force_samples.name, quantity)
-        tally.square[label] = tally.square.get(label, 0.0) + square
-        tally.count[label] = tally.count.get(label, 0.0) + count
-        whole, numbers = tally.held.get(label, (0.0, 0.0))
-        everything = np.sum((at.correction[:, own] * used) ** 2, axis=1) @ weight**2
-        share = values.shape[1] / readings
-        tally.held[label] = (
-            whole + float(everything),
-            numbers + float(np.sum(np.maximum(6 - missing, 0)[weight > 0])) * share,
-        )
-        tally.far[label] = tally.far.get(label, 0) + int(np.sum(~near)) + int(np.sum(~used))
+        _count(tally, label, correction[:, own] * used, decided[:, own] * used, weight, near)
+        tally.far[label] += int(np.sum(~used))
+    if force_samples.unmodelled is not None:
+        label = segment.label(ROBOT, UNMODELLED)
+        _count(tally, label, correction[:, column:], decided[:, column:], weight, near)
     tally.cost += float(np.sum(size**2 * weight * (2 - weight)))
+
+
+def _count(
+    tally: Tally,
+    label: Source,
+    correction: Array,
+    decided: Array,
+    weight: Array,
+    near: NDArray[np.bool_],
+) -> None:
+    """Add corrections of one quantity to a tally, and how many equations they are of."""
+    square, count = np.sum(correction**2, axis=1), np.sum(decided, axis=1)
+    tally.square[label] = tally.square.get(label, 0.0) + float(np.sum(square[near]))
+    tally.count[label] = tally.count.get(label, 0.0) + float(np.sum(count[near]))
+    tally.far[label] = tally.far.get(label, 0) + int(np.sum(~near))
+    whole, numbers = tally.held.get(label, (0.0, 0.0))
+    tally.held[label] = (
+        whole + float(square @ weight**2),
+        numbers + float(np.sum(count[weight > 0])),
+    )

@@ -13,6 +13,7 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Run
+from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.fitted_motion import FittedMotion, fitted_motion
 from steelyard.identification.model.force_residuals import (
     Balance,
@@ -274,7 +275,7 @@ def _part(
     rows = list(motion_residuals(*shared, state.calibration, column_of, state.factors, Tally()))
     looked_at = segment.run not in fitted.held_out
     if looked_at:
-        rows += [each.rows for each in balances]
+        rows += [part for each in balances for part in each.rows]
     functions = len(segment.coefficients)
     every = segment.smooth(accumulate(functions, border, rows, width=segment.width))
     normal, gradient = every.reduced()
@@ -322,7 +323,7 @@ def _motion_ratios(fitted: Fitted, forces: frozenset[Source]) -> dict[Source, fl
     fit = fitted.motion if fitted.fit.motions else fitted.fit
     found = {}
     for source, ratio in fit.ratios.items():
-        if source in forces:
+        if source in forces or source[0] == ROBOT:
             continue
         # A stated noise that did not hold counts as it is, but the verdict asks how it compares
         # with what was stated.

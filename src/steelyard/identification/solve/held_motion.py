@@ -17,7 +17,7 @@ from scipy.linalg.lapack import dtbtrs
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.model.calibration_parameters import columns_of
+from steelyard.identification.model.calibration_parameters import ROBOT, columns_of
 from steelyard.identification.model.force_residuals import (
     balance_of,
     force_residuals,
@@ -262,7 +262,7 @@ def _covariances(parts: Sequence[Linearised]) -> tuple[Array, ...]:
 
 def _of_forces(task: Task, state: FitState, factors: Mapping[Source, float]) -> dict[Source, float]:
     """Noise levels with those of the motion instruments as they are: forces tell nothing of them."""
-    names = {each.name for each in task.force_samples if each is not None}
+    names = {each.name for each in task.force_samples if each is not None} | {ROBOT}
     return {k: v if k[0] in names else state.factors.get(k, 1.0) for k, v in factors.items()}
 
 

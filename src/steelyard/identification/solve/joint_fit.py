@@ -19,11 +19,17 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import (
+    ROBOT,
     CalibrationParameters,
     CalibrationValues,
     columns_of,
 )
-from steelyard.identification.model.force_residuals import BALANCE, Forces, force_residuals
+from steelyard.identification.model.force_residuals import (
+    BALANCE,
+    UNMODELLED,
+    Forces,
+    force_residuals,
+)
 from steelyard.identification.model.motion_residuals import (
     AT_REST,
     Segment,
@@ -356,6 +362,8 @@ def first_sigmas(task: Task, state: FitState) -> dict[Source, float]:
     }
     for segment, force_samples in zip(state.segments, task.force_samples, strict=True):
         if force_samples is not None:
+            if force_samples.unmodelled is not None:
+                found[segment.label(ROBOT, UNMODELLED)] = float(force_samples.unmodelled[0])
             ends = np.cumsum([0, *(v.shape[1] for v in force_samples.readings.values())])
             found |= {
                 segment.label(force_samples.name, q): float(force_samples.sigma[i])

@@ -40,12 +40,12 @@ def look(
         sigmas: 1-sigma of every reading, shape (n, r).
         settings: With what stands out.
     """
-    white = at.whitener @ (at.by_reading * sigmas[:, None, :])
     size = np.sqrt(np.sum(at.residual**2, axis=1))
     # How much of a correction stays in the reading itself; the rest goes to those that share its
     # direction.
-    own = np.sum(white**2, axis=1)
-    alone = np.where(force_samples.left_out, 0.0, at.correction / np.sqrt(np.maximum(own, 1e-12)))
+    count = at.noise.readings
+    own, correction = at.noise.decided[:, :count], at.correction[:, :count]
+    alone = np.where(force_samples.left_out, 0.0, correction / np.sqrt(np.maximum(own, 1e-12)))
     worst = np.argmax(np.abs(alone), axis=1)
     rows = np.arange(len(worst))
     largest = np.abs(alone[rows, worst])

@@ -8,19 +8,26 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.stuck import FEWEST_REPEATS, stuck_alone
-from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
+from steelyard.identification.model.balance_noise import DIRECTIONS
+from steelyard.identification.model.calibration_parameters import (
+    ROBOT,
+    CalibrationValues,
+    clock_of,
+)
 from steelyard.identification.model.force_noise import force_sigma, least_sigma
-from steelyard.identification.model.force_residuals import Forces
+from steelyard.identification.model.force_residuals import UNMODELLED, Forces
 from steelyard.identification.model.knot_spacing import Channelled, best_spacing
 from steelyard.identification.model.motion_residuals import PARTS, Reading, Segment, jerk_matrices
 from steelyard.identification.model.preparation import Samples
 from steelyard.identification.model.segment import motion_at
 from steelyard.identification.model.settings import MOTION, MotionSettings
+from steelyard.identification.model.sources import Source
 from steelyard.instruments.base import Part
 from steelyard.instruments.equations import order_of
 from steelyard.rotations import quaternions_of
@@ -199,11 +206,10 @@ def _poses(
         reading.source: settings.at_rest(unit_of(reading.source)) / settings.best_at_rest
         for reading in readings
     }
-    names = zip(run.streams[force_samples.name].values, _least_forces(experiment, run), strict=True)
     return Recorded(
         (segment,),
         (force_samples,),
-        {**least, **{(force_samples.name, q): each for q, each in names}},
+        {**least, **_least_forces(experiment, run)},
         (),
     )
 
@@ -234,10 +240,7 @@ def _moving(
     if spacing is None:
         spacing, finest = _spacing(experiment, streams, stretches, settings)
     pose = poses_of(samples)
-    least = {
-        (force, q): float(each)
-        for q, each in zip(run.streams[force].values, _least_forces(experiment, run), strict=True)
-    }
+    least = _least_forces(experiment, run)
     segments, force_samples = [], []
     for start, end in stretches:
         first, last = start - settings.margin, end + settings.margin
@@ -514,14 +517,15 @@ def _steps(streams: Sequence[_MotionStream]) -> dict[str, float]:
     return steps
 
 
-def _least_forces(experiment: Experiment, run: Run) -> list[float]:
-    """Least 1-sigma of every quantity of the force instrument."""
+def _least_forces(experiment: Experiment, run: Run) -> dict[Source, float]:
+    """Least 1-sigma of every quantity of the force instrument, and of the unmodelled wrench."""
     name = experiment.force_instrument(run)
     assert name is not None
-    sizes = [v.shape[1] for v in run.streams[name].values.values()]
-    return [
-        float(part[0]) for part in np.split(least_sigma(experiment, run), np.cumsum(sizes)[:-1])
-    ]
+    values, least = run.streams[name].values, least_sigma(experiment, run)
+    sizes = [each.shape[1] for each in values.values()]
+    parts = np.split(least, np.cumsum(sizes)[:-1])
+    found = {(name, q): float(part[0]) for q, part in zip(values, parts, strict=True)}
+    return {**found, (ROBOT, UNMODELLED): float(np.min(least))}
 
 
 def _force_samples(
@@ -544,13 +548,29 @@ def _force_samples(
     missing = ~np.isfinite(stacked)
     filled = np.where(missing, np.nanmedian(stacked, axis=0) if len(stacked) else 0.0, stacked)
     ends = np.cumsum([v.shape[1] for v in values.values()])[:-1]
+    sigma = force_sigma(experiment, run, samples)[0]
     return Forces(
         name=name,
         time=time[inside],
         readings=dict(zip(values, np.split(filled, ends, axis=1), strict=True)),
-        sigma=force_sigma(experiment, run, samples)[0],
+        sigma=sigma,
         left_out=missing,
+        unmodelled=_unmodelled(experiment, name, missing, sigma),
     )
+
+
+def _unmodelled(
+    experiment: Experiment, name: str, missing: NDArray[np.bool_], sigma: Array
+) -> Array | None:
+    """1-sigma of the white part of the wrench that nothing explains, in units of its level, where
+    the cables with a sensor cannot carry every wrench, shape (6,); None: they can.
+    """
+    robot = experiment.robot
+    if experiment.instruments[name].measured_force != "tension":
+        return None
+    if int(np.sum(~missing.all(axis=0))) >= DIRECTIONS:
+        return None
+    return float(np.median(sigma)) * np.array([1.0] * 3 + [robot.size] * 3)
 
 
 def _without_stuck(experiment: Experiment, run: Run) -> tuple[Run, list[str]]:

@@ -1,0 +1,106 @@
+"""Noise of the balance of wrenches: that of the force readings, and a white wrench that nothing
+explains where the readings cannot tell every wrench.
+
+Fewer than six cables with a sensor span fewer than six directions. In the others the balance holds
+as exactly as the model of the robot does, which is a noise of its own and never zero. A reading of
+infinite noise, that of a cable without a sensor, takes its direction out of the balance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from steelyard.arrays import Array
+
+DIRECTIONS = 6
+"""Of a wrench."""
+_ROUNDING = 1e-12
+"""Added to scaled variances of order one, so that rounding leaves them positive."""
+
+
+@dataclass(frozen=True, eq=False)
+class UnmodelledWrench:
+    """How a wrench on the platform that nothing explains shows in readings and balance.
+
+    It is told in units of the readings: as wrong as their gains are, so wrong is its size. In
+    newtons of true tension, gains that grow would shrink tensions, body and residual against it,
+    and the likelihood would rise for nothing.
+    """
+
+    reading: Array
+    """By how much readings of nominal gain follow it, with the least of tensions, shape (n, m, 6)."""
+    wrench: Array
+    """What it makes of the balance; in directions that no cable carries itself, shape (n, 6, 6)."""
+
+    @classmethod
+    def of(cls, structure: Array, by_reading: Array) -> UnmodelledWrench:
+        """On n poses.
+
+        Args:
+            structure: Structure matrices, shape (n, 6, m).
+            by_reading: How the tensions follow the readings, shape (n, m, m).
+        """
+        reading = np.asarray(np.linalg.pinv(structure), dtype=np.float64)
+        across = np.eye(DIRECTIONS) - structure @ reading
+        usual = np.mean(np.diagonal(by_reading, axis1=1, axis2=2), axis=1)
+        wrench = structure @ by_reading @ reading + usual[:, None, None] * across
+        return cls(reading, wrench)
+
+
+@dataclass(frozen=True, eq=False)
+class BalanceNoise:
+    """Noise of the balance at n samples with r readings each."""
+
+    parts: Array
+    """Wrench that 1-sigma of every reading makes, and of every part of the unmodelled wrench where
+    there is one [N], [N m], shape (n, 6, r) or (n, 6, r + 6)."""
+    readings: int
+    """Number r of readings."""
+
+    @classmethod
+    def of(cls, by_reading: Array, sigmas: Array, unmodelled: Array | None) -> BalanceNoise:
+        """Of readings and of an unmodelled wrench.
+
+        Args:
+            by_reading: How the wrench follows the readings, shape (n, 6, r).
+            sigmas: 1-sigma of the readings, shape (n, r).
+            unmodelled: Wrench that 1-sigma of every part of the unmodelled wrench makes [N], [N m],
+                shape (n, 6, 6); None: there is none.
+        """
+        parts = by_reading * sigmas[:, None, :]
+        if unmodelled is not None:
+            parts = np.concatenate([parts, unmodelled], axis=2)
+        return cls(parts, by_reading.shape[2])
+
+    @cached_property
+    def whitener(self) -> Array:
+        """Matrices that make the noise white with unit variance, shape (n, 6, 6)."""
+        # Rows are scaled first: forces and torques have different units and sizes.
+        scale = np.sqrt(np.sum(self.parts**2, axis=2))
+        scaled = self.parts / scale[:, :, None]
+        variance = scaled @ scaled.transpose(0, 2, 1) + _ROUNDING * np.eye(DIRECTIONS)
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(variance)) / scale[:, None, :])
+
+    @cached_property
+    def shares(self) -> Array:
+        """The parts, whitened, shape as of ``parts``: the square of a column is how many of the six
+        equations that reading decides.
+        """
+        return np.asarray(self.whitener @ self.parts)
+
+    def correction(self, residual: Array) -> Array:
+        """What balances a whitened residual, of every reading and part in its 1-sigma, shape (n, r)
+        or (n, r + 6).
+
+        Args:
+            residual: Shape (n, 6).
+        """
+        return np.asarray(np.einsum("njr,nj->nr", self.shares, residual))
+
+    @cached_property
+    def decided(self) -> Array:
+        """How many of the six equations every reading and part decides, shape as of corrections."""
+        return np.asarray(np.sum(self.shares**2, axis=1))

@@ -1,0 +1,76 @@
+"""Noise of the balance: of readings and of a wrench that nothing explains."""
+
+import numpy as np
+import pytest
+
+from steelyard.identification.model.balance_noise import BalanceNoise, UnmodelledWrench
+
+
+def structures(rng, n, m):
+    """Structure matrices of cables from random directions at random points."""
+    along = rng.normal(size=(n, m, 3))
+    along /= np.linalg.norm(along, axis=2, keepdims=True)
+    at = rng.normal(size=(m, 3))
+    return np.concatenate([along, np.cross(at, along)], axis=2).transpose(0, 2, 1)
+
+
+def noise_of(m, level, gain=1.0, seed=0, n=5):
+    rng = np.random.default_rng(seed)
+    structure = structures(rng, n, m)
+    by_reading = np.broadcast_to(np.eye(m) / gain, (n, m, m))
+    unmodelled = UnmodelledWrench.of(structure, by_reading)
+    wrench = unmodelled.wrench * level if level is not None else None
+    return structure, BalanceNoise.of(structure @ by_reading, np.full((n, m), 2.0), wrench)
+
+
+@pytest.mark.parametrize(("m", "level"), [(3, 0.5), (4, 0.01), (5, 3.0), (8, None), (8, 0.5)])
+def test_the_whitener_makes_the_covariance_the_identity(m, level):
+    _, noise = noise_of(m, level)
+    covariance = noise.parts @ noise.parts.transpose(0, 2, 1)
+    white = noise.whitener @ covariance @ noise.whitener.transpose(0, 2, 1)
+    assert white == pytest.approx(np.broadcast_to(np.eye(6), white.shape), abs=1e-6)
+
+
+@pytest.mark.parametrize(("m", "level"), [(3, 0.5), (4, 0.1), (6, None), (8, None), (12, 0.5)])
+def test_six_equations_are_shared_out(m, level):
+    _, noise = noise_of(m, level)
+    assert noise.decided.sum(axis=1) == pytest.approx(6.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("m", [2, 3, 4, 5])
+def test_what_few_cables_cannot_carry_is_left_to_the_unmodelled_wrench(m):
+    _, noise = noise_of(m, 1e-3)
+    assert noise.decided[:, :m].sum(axis=1) == pytest.approx(m, abs=1e-3)
+    assert noise.decided[:, m:].sum(axis=1) == pytest.approx(6 - m, abs=1e-3)
+
+
+def test_a_correction_is_the_least_that_balances():
+    structure, noise = noise_of(4, 0.5)
+    left_over = np.random.default_rng(1).normal(size=(len(structure), 6))
+    residual = np.einsum("nij,nj->ni", noise.whitener, left_over)
+    correction = noise.correction(residual)
+    assert np.einsum("nir,nr->ni", noise.parts, correction) == pytest.approx(left_over)
+    least = np.stack([np.linalg.pinv(p) @ w for p, w in zip(noise.parts, left_over, strict=True)])
+    assert correction == pytest.approx(least)
+
+
+@pytest.mark.parametrize("m", [3, 4, 8])
+@pytest.mark.parametrize("level", [0.1, 1.0, 10.0])
+def test_gains_that_grow_gain_nothing(m, level):
+    """Gains, tensions, body and residual together in other units are no better and no worse."""
+    scaled = []
+    for gain in (0.9, 1.0, 1.1):
+        structure, noise = noise_of(m, level, gain)
+        left_over = np.random.default_rng(2).normal(size=(len(structure), 6)) / gain
+        scaled.append(np.sum(np.einsum("nij,nj->ni", noise.whitener, left_over) ** 2))
+    assert scaled == pytest.approx([scaled[0]] * 3)
+
+
+def test_cables_carry_what_they_can_of_an_unmodelled_wrench():
+    structure, _ = noise_of(4, 1.0)
+    unmodelled = UnmodelledWrench.of(structure, np.broadcast_to(np.eye(4), (5, 4, 4)))
+    assert unmodelled.wrench == pytest.approx(np.broadcast_to(np.eye(6), (5, 6, 6)))
+    wrench = np.random.default_rng(3).normal(size=6)
+    carried = structure @ (unmodelled.reading @ wrench)[:, :, None]
+    across = wrench - carried[:, :, 0]
+    assert np.einsum("nij,ni->nj", structure, across) == pytest.approx(0.0, abs=1e-9)
