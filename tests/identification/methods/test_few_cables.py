@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-
 from places import DATA
+
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
 from steelyard.inertia import Inertia
@@ -17,7 +17,9 @@ FOLDER = DATA / "rough-robots"
 
 def truth_of(name):
     stored = json.loads((FOLDER / "truth.json").read_text())[name]
-    return np.array(Inertia.from_dict(stored).body_parameters if isinstance(stored, dict) else stored)
+    return np.array(
+        Inertia.from_dict(stored).body_parameters if isinstance(stored, dict) else stored
+    )
 
 
 @pytest.mark.parametrize("name", ["three-cables-00", "four-cables-00"])
