@@ -26,7 +26,6 @@ from steelyard.identification.model.segment import (
     Basis,
     NormalEquations,
     Rows,
-    accumulate,
     spread,
 )
 from steelyard.inertia import TEN
@@ -83,9 +82,7 @@ class PredictedInformation:
             none = np.zeros((n, k))
             rows.append(Rows(local.first, none, by_coefficients, by_border, instrument.columns))
         rows.append(holding_rows(self.segment))
-        equations = self.segment.smooth(
-            accumulate(len(self.segment.coefficients), self.border, rows)
-        )
+        equations = self.segment.smooth(self.segment.equations(self.border, rows))
         return equations.reduced()[0], InformationTerms(commands, derivatives, equations)
 
     def gradient(self, terms: InformationTerms, weight: Array) -> Array:

@@ -29,7 +29,7 @@ from steelyard.identification.model.force_residuals import (
     whitened_balance,
 )
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
-from steelyard.identification.model.segment import Rows, accumulate
+from steelyard.identification.model.segment import Rows
 from steelyard.identification.model.sources import Sources, choose_sources
 from steelyard.identification.solve.beginning import motion_task, read
 from steelyard.identification.solve.joint_fit import FitState, fit
@@ -213,7 +213,7 @@ def _products(posterior: Posterior) -> Products:
         state.segments, posterior.force_samples, motions, strict=True
     ):
         rows = _rows(posterior, segment, forces, motion, independent.get(segment.run, ()))
-        equations = accumulate(len(segment.coefficients), k + TEN, rows, width=segment.width)
+        equations = segment.equations(k + TEN, rows)
         own, toward = segment.smooth(equations).reduced()
         normal, gradient = normal + own, gradient + toward
     assert state.parameters is not None

@@ -136,11 +136,14 @@ def _part(
     local = segment.basis(times)
     pose, rate, acceleration, _ = motion_at(local, segment.coefficients)
     found = _state()(pose=pose, rate=rate, acceleration=acceleration)
-    rows = spread(local, *(found[f"by_{name}"] for name in ("pose", "rate", "acceleration")))
-    variance = np.diagonal(covariance_of(inverse, rows, local.first), axis1=1, axis2=2).copy()
+    block = segment.block
+    by_order = (found[f"by_{name}"] for name in ("pose", "rate", "acceleration"))
+    rows = spread(local, *by_order, block=block)
+    covariance = covariance_of(inverse, rows, local.first, block)
+    variance = np.diagonal(covariance, axis1=1, axis2=2).copy()
     for first in np.unique(local.first):
         own = np.flatnonzero(local.first == first)
-        by_border = rows[own] @ (followed[first * POSE : first * POSE + rows.shape[2]] @ root)
+        by_border = rows[own] @ (followed[first * block : first * block + rows.shape[2]] @ root)
         variance[own] += np.sum(by_border**2, axis=2)
     sigma = np.sqrt(np.maximum(variance, 0.0))
     quaternion = Rotation.from_quat(pose[:, 3:], scalar_first=True).as_quat(

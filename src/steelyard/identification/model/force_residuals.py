@@ -511,10 +511,10 @@ def whitened_balance(
         border.put(calibration_parameters.places[ROBOT, DRAG, None], found["by_drag"][:, :, None])
     by_errors, columns = border.collected()
     residual = at.residual
-    by_motion = at.whitener @ spread(local, *by)
+    by_motion = at.whitener @ spread(local, *by, block=segment.block)
     size = np.sqrt(np.sum(residual**2, axis=1))
     if held is not None:
-        spread_of = np.eye(6) + covariance_of(held, by_motion, local.first)
+        spread_of = np.eye(6) + covariance_of(held, by_motion, local.first, segment.block)
         size = np.sqrt(
             np.sum(residual * np.linalg.solve(spread_of, residual[:, :, None])[:, :, 0], axis=1)
         )

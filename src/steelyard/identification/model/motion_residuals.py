@@ -8,7 +8,7 @@ that the data tell [Wahba1978]_, so that a spline of many knots is no freer than
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,7 +25,6 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.model.segment import (
     POSE,
-    WIDTH,
     Basis,
     NormalEquations,
     Rows,
@@ -79,7 +78,7 @@ class Segment:
     """Of the spline [s]; of poses at rest their numbers."""
     readings: tuple[Reading, ...]
     coefficients: Array
-    """Of the pose, shape (f, 7)."""
+    """Of the pose, and of processes beside it, shape (f, 7) or (f, block)."""
     smoothness: Mapping[str, float] | None = None
     """Part of the pose (see :data:`PARTS`) -> intensity of the white noise in its third derivative
     [m^2/s^5], [1/s^5], of the parts that are held smooth; None: no prior."""
@@ -104,7 +103,22 @@ class Segment:
     @property
     def width(self) -> int:
         """Coefficients that one instant depends on."""
-        return POSE if self.static else WIDTH
+        return self.block if self.static else self.block * (DEGREE + 1)
+
+    @property
+    def block(self) -> int:
+        """Coefficients of one spline function."""
+        return int(self.coefficients.shape[1])
+
+    def equations(self, border: int, rows: Iterable[Rows]) -> NormalEquations:
+        """Normal equations of rows along it.
+
+        Args:
+            border: Number of border parameters.
+            rows: All there are.
+        """
+        functions = len(self.coefficients)
+        return accumulate(functions, border, rows, width=self.width, block=self.block)
 
     def basis(self, times: Array) -> Basis:
         """Spline functions at times, those beyond the ends taken as at the ends."""
@@ -144,12 +158,13 @@ class Segment:
         }
 
 
-def jerk_matrices(grid: Array) -> dict[str, Array]:
+def jerk_matrices(grid: Array, block: int = POSE) -> dict[str, Array]:
     """Part of the pose -> matrix of the integral of its squared third derivative, lower banded
     form, shape (42, N).
 
     Args:
         grid: Knots of the spline [s].
+        block: Coefficients of one function.
     """
     inner = grid[DEGREE : len(grid) - DEGREE]
     nodes, weights = np.polynomial.legendre.leggauss(
@@ -167,10 +182,11 @@ def jerk_matrices(grid: Array) -> dict[str, Array]:
         rows = Rows(
             local.first,
             np.zeros((n, k)),
-            spread(local, nothing, nothing, nothing, by_jerk),
+            spread(local, nothing, nothing, nothing, by_jerk, block=block),
             np.zeros((n, k, 0)),
         )
-        found[part] = accumulate(len(grid) - DEGREE - 1, 0, [rows]).band
+        functions, width = len(grid) - DEGREE - 1, block * (DEGREE + 1)
+        found[part] = accumulate(functions, 0, [rows], width=width, block=block).band
     return found
 
 
@@ -425,7 +441,7 @@ def _of_reading(
     return Rows(
         local.first,
         root * residual,
-        spread(local, *(j * scale for j in by)),
+        spread(local, *(j * scale for j in by), block=segment.block),
         by_errors * scale,
         columns,
         label,
@@ -500,7 +516,7 @@ def holding_rows(segment: Segment) -> Rows:
     return Rows(
         local.first,
         residual,
-        spread(local, by_pose, by_rate),
+        spread(local, by_pose, by_rate, block=segment.block),
         np.zeros((n, 7, 0)),
         np.zeros(0, dtype=np.intp),
     )

@@ -129,6 +129,8 @@ class NormalEquations:
     """The same by the border parameters, shape (b,)."""
     parts: Mapping[Label, Array] = field(default_factory=dict)
     """Label of rows -> what they have added to the band."""
+    block: int = POSE
+    """Coefficients of one spline function: of the pose, and of processes beside it."""
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         """Of both kinds of readings."""
@@ -139,6 +141,7 @@ class NormalEquations:
             self.motion_gradient + other.motion_gradient,
             self.border_gradient + other.border_gradient,
             {**self.parts, **other.parts},
+            self.block,
         )
 
     @cached_property
@@ -199,7 +202,7 @@ class NormalEquations:
 
         Formed by recursion over blocks of the factor [Takahashi1973]_: linear in the length.
         """
-        return _selected_inverse(self.factor)
+        return _selected_inverse(self.factor, self.block)
 
     def spent(self) -> dict[Label, float]:
         """Label of rows -> degrees of freedom that the motion takes of them."""
@@ -210,27 +213,28 @@ class NormalEquations:
 
         Args:
             bands: Its matrices, lower banded form, shape (42, N) each; their sum counts.
-            coefficients: Present ones, shape (f, 7).
+            coefficients: Present ones, shape (f, block).
         """
         total = np.sum(list(bands), axis=0)
         pull = banded_product(total, coefficients.ravel())
         return replace(self, band=self.band + total, motion_gradient=self.motion_gradient - pull)
 
 
-def covariance_of(inverse: Array, rows: Array, first: NDArray[np.intp]) -> Array:
+def covariance_of(inverse: Array, rows: Array, first: NDArray[np.intp], block: int = POSE) -> Array:
     """Covariance of linear functions of the motion at n instants, each by itself, shape (n, k, k).
 
     Args:
         inverse: Covariance of the coefficients, lower banded form, shape (42, N).
         rows: Derivatives by the coefficients at that instant, shape (n, k, w).
         first: First coefficient function of each instant, shape (n,).
+        block: Coefficients of one function.
     """
     n, k, width = rows.shape
     found = np.empty((n, k, k))
     for function in np.unique(first):
         own = np.flatnonzero(first == function)
         J = rows[own]
-        found[own] = J @ banded_window(inverse, function * POSE, width) @ J.transpose(0, 2, 1)
+        found[own] = J @ banded_window(inverse, function * block, width) @ J.transpose(0, 2, 1)
     return found
 
 
@@ -257,12 +261,12 @@ def banded_trace(one: Array, other: Array) -> float:
     return float(2 * np.vdot(one, other) - np.vdot(one[0], other[0]))
 
 
-def _selected_inverse(factor: Array) -> Array:
+def _selected_inverse(factor: Array, of_function: int) -> Array:
     """Parts of the inverse of a banded matrix within its own band, from its Cholesky factor, lower
     banded form.
     """
     width, size = factor.shape
-    block = max(width - POSE, POSE)
+    block = max(width - of_function, of_function)
     count = -(-size // block)
     padded = np.zeros((width, (count + 1) * block))
     padded[:, :size] = factor
@@ -302,7 +306,12 @@ _AT_ONCE = 512
 
 
 def accumulate(
-    functions: int, border: int, rows: Iterable[Rows], *, width: int = WIDTH
+    functions: int,
+    border: int,
+    rows: Iterable[Rows],
+    *,
+    width: int = WIDTH,
+    block: int = POSE,
 ) -> NormalEquations:
     """Normal equations of linearised readings.
 
@@ -311,13 +320,14 @@ def accumulate(
         border: Number of border parameters.
         rows: All there are.
         width: Coefficients that one instant depends on.
+        block: Coefficients of one function.
     """
-    size = functions * POSE
+    size = functions * block
     parts: dict[Label, Array] = {}
-    side = np.zeros((functions, POSE, border))
+    side = np.zeros((functions, block, border))
     corner, by_motion, by_border = (
         np.zeros((border, border)),
-        np.zeros((functions, POSE)),
+        np.zeros((functions, block)),
         np.zeros(border),
     )
     for part in rows:
@@ -337,9 +347,9 @@ def accumulate(
                 continue
             origin, last = int(first[span.start]), int(first[span.stop - 1])
             products = _products(together[span], first[span] - origin, last - origin + 1)
-            _scatter(band, products, origin, width)
-            for function in range(width // POSE):
-                own = slice(function * POSE, (function + 1) * POSE)
+            _scatter(band, products, origin, block)
+            for function in range(width // block):
+                own = slice(function * block, (function + 1) * block)
                 target = slice(origin + function, last + function + 1)
                 side[target, :, columns] += products[:, own, width:-1]
                 by_motion[target] -= products[:, own, -1]
@@ -348,7 +358,7 @@ def accumulate(
             by_border[columns] -= total[:-1, -1]
     band = np.sum(list(parts.values()), axis=0) if parts else np.zeros((width, size))
     return NormalEquations(
-        band, side.reshape(size, border), corner, by_motion.ravel(), by_border, parts
+        band, side.reshape(size, border), corner, by_motion.ravel(), by_border, parts, block
     )
 
 
@@ -364,32 +374,34 @@ def _products(rows: Array, instant: NDArray[np.intp], count: int) -> Array:
     return products
 
 
-def _scatter(band: Array, products: Array, origin: int, width: int) -> None:
+def _scatter(band: Array, products: Array, origin: int, block: int) -> None:
     """Add products of consecutive instants to a banded matrix."""
-    count = len(products)
+    count, width = len(products), len(band)
     for column in range(width):
-        function, place = divmod(column, POSE)
-        start = (origin + function) * POSE + place
-        own = band[:, start : start + (count - 1) * POSE + 1 : POSE]
+        function, place = divmod(column, block)
+        start = (origin + function) * block + place
+        own = band[:, start : start + (count - 1) * block + 1 : block]
         own[: width - column] += products[:, column:width, column].T
 
 
-def spread(basis: Basis, *by_order: Array) -> Array:
+def spread(basis: Basis, *by_order: Array, block: int = POSE) -> Array:
     """Derivatives by pose, rate, acceleration as derivatives by the coefficients.
 
     Args:
         basis: At n times.
-        *by_order: Shape (n, k, 7) each, the first by the pose.
+        *by_order: Shape (n, k, 7) each, the first by the pose; wider where processes stand beside it.
+        block: Coefficients of one function.
 
     Returns:
-        Shape (n, k, 42); (n, k, 7) of poses at rest.
+        Shape (n, k, 6 block); (n, k, block) of poses at rest.
     """
     n, k, _ = by_order[0].shape
-    total = np.zeros((n, k, basis.values.shape[2], POSE))
+    total = np.zeros((n, k, basis.values.shape[2], block))
     for order, jacobian in enumerate(by_order):
         if not jacobian.any():
             continue
-        total += basis.values[order][:, None, :, None] * jacobian[:, :, None, :]
+        by_function = basis.values[order][:, None, :, None] * jacobian[:, :, None, :]
+        total[..., : jacobian.shape[2]] += by_function
     return total.reshape(n, k, -1)
 
 
@@ -398,8 +410,8 @@ def motion_at(basis: Basis, coefficients: Array) -> tuple[Array, Array, Array, A
 
     Args:
         basis: At n times.
-        coefficients: Of the spline, shape (f, 7).
+        coefficients: Of the spline, shape (f, 7); what stands beside the pose is left out.
     """
-    local = coefficients[basis.first[:, None] + np.arange(basis.values.shape[2])]
+    local = coefficients[:, :POSE][basis.first[:, None] + np.arange(basis.values.shape[2])]
     pose, rate, acceleration, jerk = np.einsum("oni,nid->ond", basis.values, local)
     return pose, rate, acceleration, jerk

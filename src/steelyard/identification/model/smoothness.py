@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.identification.model.motion_residuals import PARTS, Segment
-from steelyard.identification.model.segment import POSE, NormalEquations, banded_trace
+from steelyard.identification.model.segment import NormalEquations, banded_trace
 
 _SETTLED = 0.3
 """Largest logarithm of the ratio at which the intensity has settled: what passes follows it with a
@@ -94,7 +94,7 @@ def _search(
             evidence += 0.5 * (float(whole.motion_gradient @ whole.settled) - whole.log_determinant)
             evidence -= 0.5 * sum(bent.roughness[part] / each for part, each in level.items())
             rested = replace(
-                bent, coefficients=segment.coefficients + whole.settled.reshape(-1, POSE)
+                bent, coefficients=segment.coefficients + whole.settled.reshape(-1, segment.block)
             )
             for part in level:
                 rank = (PARTS[part].stop - PARTS[part].start) * (functions - 3)

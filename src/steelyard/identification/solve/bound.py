@@ -20,7 +20,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import CalibrationValues, columns_of
 from steelyard.identification.model.force_residuals import Forces, force_residuals
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
-from steelyard.identification.model.segment import Rows, accumulate
+from steelyard.identification.model.segment import Rows
 from steelyard.inertia import BODY_PARAMETERS, TEN, body_jacobian
 
 _EXACT = 1e-9
@@ -78,9 +78,7 @@ def cramer_rao(
     for name, own in segments.items():
         for segment, force_samples in zip(own, forces[name], strict=True):
             rows = _all_rows(experiment, segment, force_samples, calibration, active, parameters)
-            matrix += segment.smooth(
-                accumulate(len(segment.coefficients), count, rows, width=segment.width)
-            ).reduced()[0]
+            matrix += segment.smooth(segment.equations(count, rows)).reduced()[0]
     J = body_jacobian(parameters)
     matrix[:TEN, :TEN] += known_information(known or {}, J)
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))

@@ -24,7 +24,7 @@ from steelyard.identification.model.force_residuals import (
 )
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
 from steelyard.identification.model.preparation import Samples
-from steelyard.identification.model.segment import POSE, NormalEquations, Rows, accumulate
+from steelyard.identification.model.segment import NormalEquations, Rows
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.beginning import NoBalanceError, Readings
 from steelyard.identification.solve.bound import Bound
@@ -276,8 +276,7 @@ def _part(
     looked_at = segment.run not in fitted.held_out
     if looked_at:
         rows += [part for each in balances for part in each.rows]
-    functions = len(segment.coefficients)
-    every = segment.smooth(accumulate(functions, border, rows, width=segment.width))
+    every = segment.smooth(segment.equations(border, rows))
     normal, gradient = every.reduced()
     at = np.concatenate([state.parameters, np.zeros(border - TEN)])
     covariance = every.inverse if motion is None else motion
@@ -425,7 +424,7 @@ def _blocks(
     instants = (
         len(segment.coefficients)
         if segment.static
-        else len(segment.coefficients) - segment.width // POSE + 1
+        else len(segment.coefficients) - segment.width // segment.block + 1
     )
     length = float(segment.knots[-1] - segment.knots[0])
     spacing = length / max(instants, 1)
@@ -446,7 +445,7 @@ def _blocks(
         for i in np.flatnonzero(np.diff(edges)):
             own = order[edges[i] : edges[i + 1]]
             motion = part.by_motion[own].reshape(-1, segment.width)
-            E = -motion @ equations.followed[i * POSE : i * POSE + segment.width]
+            E = -motion @ equations.followed[i * segment.block : i * segment.block + segment.width]
             E[:, columns] += part.by_errors[own].reshape(-1, len(columns))
             normal[number[i]] += E.T @ E
             right[number[i]] -= E.T @ part.residual[own].ravel()

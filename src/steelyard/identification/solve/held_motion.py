@@ -25,9 +25,7 @@ from steelyard.identification.model.force_residuals import (
 )
 from steelyard.identification.model.motion_residuals import Tally, robust_weight
 from steelyard.identification.model.segment import (
-    POSE,
     NormalEquations,
-    accumulate,
 )
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.beginning import (
@@ -322,7 +320,7 @@ def gradient_bias(task: Task, state: FitState, parts: Sequence[Linearised]) -> A
         )
         here = _reduced_gradient(still + part.forces)
         for _ in range(task.settings.bias_draws):
-            noise = _drawn(held, rng).reshape(-1, POSE)
+            noise = _drawn(held, rng).reshape(-1, segment.block)
             for sign in (1, -1):
                 moved = replace(segment, coefficients=segment.coefficients + sign * noise)
                 rows = force_residuals(
@@ -336,8 +334,7 @@ def gradient_bias(task: Task, state: FitState, parts: Sequence[Linearised]) -> A
                     Tally(),
                     held.inverse,
                 )
-                size = len(segment.coefficients), border
-                there = still + accumulate(*size, rows, width=segment.width)
+                there = still + segment.equations(border, rows)
                 found[i] -= (_reduced_gradient(there) - here) / 2
     return found / task.settings.bias_draws
 

@@ -36,7 +36,7 @@ from steelyard.identification.model.motion_residuals import (
     Tally,
     motion_residuals,
 )
-from steelyard.identification.model.segment import POSE, Label, NormalEquations, accumulate
+from steelyard.identification.model.segment import Label, NormalEquations
 from steelyard.identification.model.smoothness import smoothness
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.normal_equations import weak_directions
@@ -149,11 +149,10 @@ def linearise(
     tally = Tally()
     found = []
     for segment, force_samples in zip(state.segments, task.force_samples, strict=True):
-        size = len(segment.coefficients), border
         rows = motion_residuals(
             task.experiment, segment, state.calibration, column_of, state.factors, tally
         )
-        by_motion = accumulate(*size, rows, width=segment.width)
+        by_motion = segment.equations(border, rows)
         alone = segment.smooth(by_motion) if held else None
         forces = None
         if force_samples is not None and state.parameters is not None:
@@ -168,7 +167,7 @@ def linearise(
                 tally,
                 None if alone is None else alone.inverse,
             )
-            forces = accumulate(*size, balanced, width=segment.width)
+            forces = segment.equations(border, balanced)
         found.append(Linearised(by_motion, forces, alone))
     return tuple(found), tally
 
@@ -438,7 +437,9 @@ class NewtonStep:
         values = state.calibration.values.copy()
         values[task.active] += share * self.border[ten:]
         segments = tuple(
-            replace(segment, coefficients=segment.coefficients + share * each.reshape(-1, POSE))
+            replace(
+                segment, coefficients=segment.coefficients + share * each.reshape(-1, segment.block)
+            )
             for segment, each in zip(state.segments, self.motion, strict=True)
         )
         parameters = (
