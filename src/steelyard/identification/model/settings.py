@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 
@@ -50,6 +51,26 @@ class MotionSettings:
     per_vibration: float = 3.0
     """The same of the accelerometer where it is to follow a vibration."""
 
+    # Likelihood of a spacing
+
+    undamped: float = 10.0
+    """Prior 1-sigma of the polynomials that a prior on the third derivative leaves free, in units
+    of how far the readings vary: it hardly holds them, and stays a proper prior."""
+    unstated_noise: float = 1e-3
+    """Noise that is not stated, to begin with, in the same units."""
+    first_jerk: float = 1e-3
+    """Intensity of the third derivative to begin with, in the same units and those of the spacing:
+    the search goes nine orders of magnitude to both sides."""
+    jerk_range: tuple[float, float] = (1e-9, 1e9)
+    """Of the intensity about that beginning: wider than any motion asks for."""
+    jerk_tolerance: float = 0.3
+    """Of the logarithm of the intensity: the likelihood is flat at its maximum."""
+    jerk_iterations: int = 20
+    """Evaluations of the likelihood in that search at most: it needs 6 to 16."""
+    as_likely: float = 2.0
+    """Log likelihood by which a wider spacing may be worse and is still taken: odds of 7 to 1,
+    which are no strong evidence for finer knots [Kass1995]_."""
+
     # Poses at rest
 
     place_at_rest: float = 1e-3
@@ -71,6 +92,36 @@ class MotionSettings:
     where it rings, its roughness sits in narrow bands, far above the mean, and a prior that is too
     stiff there takes from the acceleration what the forces measure. It widens what passes by
     30^(1/6), less than twofold."""
+    smoothness_settled: float = 0.3
+    """Largest logarithm of the ratio of two intensities at which they have settled: the frequency
+    that passes follows it with a sixth of that, 5 %."""
+    smoothness_iterations: int = 12
+    """At most: recordings need 1 to 7."""
+    smoothness_step: float = 4.0
+    """Longest step of the logarithm of an intensity: a factor of 55."""
+    smoothness_slopes: tuple[float, float] = (-1.5, -0.15)
+    """Of the logarithm of the ratio by that of the intensity, as far as a secant is believed: -1
+    where roughness and freedom do not depend on it."""
+    stiffer: float = 1e-3
+    """Second beginning of a search, as a part of the first: there may be two answers, one of them a
+    motion that follows the noise."""
+    least_freedom: float = 0.1
+    """Degrees of freedom that the readings use of a motion, at least, so that the ratio of its
+    roughness to them is finite."""
+    least_position_intensity: float = 1e-4
+    """Intensity that no motion is stiffer than [m^2/s^5]: within a second its acceleration may
+    always change by a centimetre per second squared. Where nothing seems to move, the readings
+    would else ask for none at all."""
+    least_rotation_intensity: float = 1e-5
+    """The same of the orientation [1/s^5]."""
+
+    @property
+    def least_intensity(self) -> Mapping[str, float]:
+        """Part of the pose -> intensity that it has at least."""
+        return {
+            "position": self.least_position_intensity,
+            "rotation": self.least_rotation_intensity,
+        }
 
     def at_rest(self, unit: str) -> float:
         """First guess of the noise of a quantity at rest, by its unit."""
