@@ -105,7 +105,7 @@ class MotionSettings:
     stiffer: float = 1e-3
     """Second beginning of a search, as a part of the first: there may be two answers, one of them a
     motion that follows the noise."""
-    least_freedom: float = 0.1
+    least_used_freedom: float = 0.1
     """Degrees of freedom that the readings use of a motion, at least, so that the ratio of its
     roughness to them is finite."""
     least_position_intensity: float = 1e-4

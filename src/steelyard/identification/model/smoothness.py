@@ -98,7 +98,7 @@ def _search(
                 evidence -= 0.5 * rank * float(np.log(level[part]))
         off = {}
         for part in level:
-            wanted = rough[part] / max(used[part], settings.least_freedom)
+            wanted = rough[part] / max(used[part], settings.least_used_freedom)
             off[part] = float(np.log(max(wanted, least[part]) / level[part]))
         if all(abs(each) < settings.smoothness_settled for each in off.values()):
             break
