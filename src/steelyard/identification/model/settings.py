@@ -1,4 +1,6 @@
-"""Numbers that decide how readings become a motion in continuous time, with the reason of each."""
+"""Numbers that decide how readings become samples on one time base, and a motion in continuous time,
+with the reason of each.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +9,56 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
+class PreparationSettings:
+    """Of samples on one time base: for ``two-step``, and for a motion to begin with."""
+
+    fewest: int = 10
+    """Samples of a run in motion."""
+    margin: float = 1.0
+    """Of a stream beside the window of its run [s]: clocks may still be moved."""
+
+    # The filter
+
+    finest: float = 0.02
+    """Least spacing of the knots of a motion to begin with [s]: it passes 25 Hz, which is all that
+    a platform on cables does."""
+    widest: float = 0.5
+    """Largest spacing of the knots [s]: it passes 1 Hz, which any motion worth recording has."""
+    fewest_knots: float = 8.0
+    """Spacings in a run, at least."""
+    samples_per_knot: float = 2.0
+    """Of the slowest stream, so that its samples determine every spline."""
+    judged: float = 30.0
+    """Length of the part on which the spacing is chosen [s]."""
+    evaluated_per_knot: float = 4.0
+    """Samples between two knots that hold all that the filter has let through."""
+
+    # What is a motion
+
+    least_turning: float = 1e-3
+    """Angular acceleration of a platform in motion, rms [rad/s^2]."""
+    beyond_noise: float = 3.0
+    """The same, in 1-sigma of its noise."""
+    least_moving: float = 0.05
+    """Change of the specific force of a platform in motion, rms [m/s^2]."""
+
+    # Gyro against attitude
+
+    least_compared: float = 0.05
+    """Angular velocity about an axis at which they are compared, rms [rad/s]."""
+    largest_factor: float = 0.5
+    """Difference of their ratio from one that neither misalignment nor vibration explains."""
+
+
+PREPARATION = PreparationSettings()
+
+
+@dataclass(frozen=True)
 class MotionSettings:
     """Of segments, their knots and their smoothness."""
+
+    preparation: PreparationSettings = PREPARATION
+    """Of the motion to begin with."""
 
     # Segments
 

@@ -121,7 +121,16 @@ def read(
     samples = []
     for i, run in enumerate(runs):
         tell(f"reading {run.name}", 0.2 * i / len(runs))
-        samples.append(prepare(experiment, run, thin=True, calibration=calibration, commanded=True))
+        samples.append(
+            prepare(
+                experiment,
+                run,
+                thin=True,
+                calibration=calibration,
+                commanded=True,
+                settings=settings.motion.preparation,
+            )
+        )
     records = tuple(
         recorded(experiment, run, each, calibration, settings=settings.motion)
         for run, each in zip(runs, samples, strict=True)
