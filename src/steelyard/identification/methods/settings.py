@@ -9,15 +9,15 @@ from steelyard.identification.model.settings import PREPARATION, PreparationSett
 
 @dataclass(frozen=True)
 class TwoStepSettings:
-    """Of :class:`steelyard.TwoStep`; none of them is the paper's, which does not state its own."""
+    """Of :class:`steelyard.TwoStep`."""
 
     preparation: PreparationSettings = PREPARATION
     """Of the samples."""
     block_spacings: float = 10.0
-    """Length of a block of correlated residuals, in knot spacings of the filter: beyond a few of
-    them what passes the filter is forgotten."""
+    """Length of a block of correlated residuals, in knot spacings of the filter, which correlates
+    neighbours over some of them."""
     least_blocks: int = 10
-    """That tell a covariance [Newey1987]_: with fewer, its own scatter is too large."""
+    """From which a covariance is taken, at least [Newey1987]_: that of fewer scatters too much."""
     least_force: float = 1e-6
     """Below it there is no force to speak of [N]."""
     rounding: float = 1e-9
