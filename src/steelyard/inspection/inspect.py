@@ -266,7 +266,7 @@ def _fitted(
     clean = [p for p in shown if p.run.name not in touched] or list(shown)
     few = [p for p in clean if not p.static][: settings.fitted] + [p for p in clean if p.static]
     progress("fitting everything at once", 0.55)
-    part = part_of(experiment, few)
+    part = part_of(experiment, few, settings)
     joint, remarks = _joint(
         part, lambda what, done: progress(what, 0.55 + 0.35 * done), settings.fit
     )

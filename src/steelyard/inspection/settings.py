@@ -332,6 +332,11 @@ class InspectionSettings:
     """Runs whose agreements are looked at: mistakes of a description show in each."""
     fitted: int = 3
     """Runs in motion that are fitted as a whole: enough to see what is identifiable."""
+    fastest: float = 130.0
+    """Rate on cables beyond which samples are averaged before that fit [Hz]: what platforms do on
+    purpose is slower."""
+    fastest_on_sensor: float = 30.0
+    """The same on a wrench sensor [Hz]."""
     synchronisation: SynchronisationSettings = SYNCHRONISATION
     """How clocks are found."""
     fit: FitSettings = FIT
