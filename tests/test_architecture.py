@@ -41,7 +41,7 @@ INNER = {
         {"solve"},
         {"verdict"},
         {"methods"},
-        {"force_clock", "identify", "residuals", "synchronisation"},
+        {"settings", "force_clock", "identify", "residuals", "synchronisation"},
     ],
     "inspection": [
         {"agreements", "remarks", "streams"},

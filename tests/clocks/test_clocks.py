@@ -20,10 +20,12 @@ from steelyard.clocks.clock_signals import (
 )
 from steelyard.clocks.offsets import Offset, chained, drift_of, joined
 from steelyard.clocks.search import candidates
+from steelyard.clocks.settings import OffsetSettings
 from steelyard.clocks.shift import Shift, refined
 from steelyard.errors import InputError
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.two_step import TwoStep
+from steelyard.identification.settings import SynchronisationSettings
 from steelyard.identification.synchronisation import offsets_of, synchronise
 from steelyard.simulation.recording import draw_errors
 
@@ -236,6 +238,22 @@ def test_clocks_of_an_experiment():
     run = exact.experiment.runs[0]
     assert not run.unsynchronised
     assert run.sync["cables"] == pytest.approx(experiment.runs[0].streams["cables"].time[0])
+
+
+def test_when_a_clock_counts_as_found_can_be_set():
+    experiment, _ = recorded(0)
+    auto = without_clocks(experiment)
+    forces_alone = SynchronisationSettings(least_gain=1e9)
+    others = SynchronisationSettings(offset=OffsetSettings(least_gain=1e9))
+    # The first motion clock needs the forces alone, the others need it too.
+    for settings, known, reason in (
+        (forces_alone, 0, "tells too little of where the cables pull"),
+        (others, 1, "the motion that both recorded is too small"),
+    ):
+        first, *rest = offsets_of(auto, auto.runs[0], settings=settings)
+        assert first.known
+        assert sum(each.known for each in rest) == known
+        assert any(reason in each.reason for each in rest)
 
 
 def test_instruments_of_one_file_keep_their_clock():

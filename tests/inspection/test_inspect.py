@@ -8,7 +8,13 @@ from mistaken import late
 from recordings import RUN, save, table, write_small
 from simulated import PAPER, RECORDER, changed, sound
 
+from steelyard.identification.solve.settings import FitSettings
 from steelyard.inspection.inspect import inspect
+from steelyard.inspection.settings import (
+    IdentifiabilitySettings,
+    InspectionSettings,
+    StreamSettings,
+)
 from steelyard.report.documents.inspection_document import inspection_document
 from steelyard.report.forms.markdown import markdown
 
@@ -52,6 +58,23 @@ def test_the_value_is_plain(whole):
     assert values["format"] == "steelyard-inspection/1"
     assert values["excitation"]["body"]["mass"]["told"] == "data"
     assert "all instruments agree" in markdown(inspection_document(whole))
+
+
+def test_levels_can_be_set(whole):
+    levels = InspectionSettings(
+        fitted=1,
+        fit=FitSettings(iterations=1, iterations_beginning=1),
+        streams=StreamSettings(fewest=10**9),
+        identifiability=IdentifiabilitySettings(data=1e-9),
+    )
+    found = inspect(sound(1), settings=levels)
+    assert any("did not converge" in remark for remark in found.remarks)
+    assert not any("did not converge" in remark for remark in whole.remarks)
+    noises = [
+        quantity.noise_in_motion for report in found.streams for quantity in report.quantities
+    ]
+    assert noises == [None] * len(noises)
+    assert "data" not in {each.told for each in found.excitation.body}
 
 
 def test_a_clock_that_is_late_beyond_its_prior_is_remarked():

@@ -10,9 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.clocks.settings import SMOOTHING
+from steelyard.clocks.settings import SMOOTHING, SmoothingSettings
 from steelyard.experiment.model import Experiment, Run
-from steelyard.instruments import Instrument
 from steelyard.motion.state import motion_of_quaternions
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import Samples1D, Smoothed, choose_spacing, fit, segments
@@ -71,7 +70,9 @@ class LogClock:
         return max(each.time[0] for each in signals), min(each.time[-1] for each in signals)
 
 
-def clocks_of(experiment: Experiment, run: Run) -> tuple[LogClock, ...]:
+def clocks_of(
+    experiment: Experiment, run: Run, settings: SmoothingSettings = SMOOTHING
+) -> tuple[LogClock, ...]:
     """The clocks of a run, that of the forces first."""
     groups: dict[str, list[str]] = {}
     for name, stream in run.streams.items():
@@ -79,30 +80,36 @@ def clocks_of(experiment: Experiment, run: Run) -> tuple[LogClock, ...]:
         # begin at a time of its own.
         groups.setdefault(stream.source, []).append(name)
     reference = experiment.force_instrument(run)
-    found = [_clock(experiment, run, tuple(names), reference) for names in groups.values()]
+    found = [
+        _clock(experiment, run, tuple(names), reference, settings) for names in groups.values()
+    ]
     return tuple(sorted((c for c in found if c.signals), key=lambda c: not c.forces))
 
 
 def _clock(
-    experiment: Experiment, run: Run, names: tuple[str, ...], reference: str | None
+    experiment: Experiment,
+    run: Run,
+    names: tuple[str, ...],
+    reference: str | None,
+    settings: SmoothingSettings,
 ) -> LogClock:
     """The signals of instruments that share a clock, in platform axes."""
     signals: dict[str, Signal] = {}
     # A command is not where the platform is; what has been measured goes first.
     for name in sorted(names, key=lambda n: experiment.instruments[n].commanded):
         stream = run.streams[name]
-        turned = _mounting(experiment.instruments[name])
+        R_platform_instrument = experiment.instruments[name].mounting.rotation
         for quantity, values in stream.values.items():
             flat = values.reshape(len(values), -1)
             use = np.isfinite(flat).all(axis=1) & (np.diff(stream.time, prepend=-np.inf) > 0)
-            if use.sum() < SMOOTHING.fewest:
+            if use.sum() < settings.fewest:
                 continue
             kind, readings = _KINDS.get(quantity, POSE), flat[use]
             if kind == ROTATION:
-                readings = quaternions_of(values[use] @ turned.T)
+                readings = quaternions_of(values[use] @ R_platform_instrument.T)
             elif kind in (RATE, SPECIFIC_FORCE):
                 # Vectors of the platform's axes; places and tensions have axes of their own.
-                readings = readings @ turned.T
+                readings = readings @ R_platform_instrument.T
             samples, there = Signal(stream.time[use], readings), signals.get(kind)
             if there is not None and kind == FORCE and experiment.is_force(name):
                 if len(there.time) == len(samples.time):
@@ -110,12 +117,6 @@ def _clock(
             elif there is None or samples.step < 0.5 * there.step:
                 signals[kind] = samples
     return LogClock(names, signals, reference in names)
-
-
-def _mounting(instrument: Instrument) -> Array:
-    """R_platform_instrument as the experiment file has it, shape (3, 3)."""
-    rpy = instrument.mounting.rpy_deg or (0.0, 0.0, 0.0)
-    return np.asarray(Rotation.from_euler("ZYX", rpy[::-1], degrees=True).as_matrix())
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,20 +135,22 @@ class Smooth:
         return found
 
 
-def smooth(signal: Signal, start: float, end: float) -> Smooth:
+def smooth(
+    signal: Signal, start: float, end: float, settings: SmoothingSettings = SMOOTHING
+) -> Smooth:
     """Fit a signal over an interval, but for its gaps."""
     own = signal.between(start, end)
     width = signal.values.shape[1]
-    if len(own.time) < SMOOTHING.fewest:
+    if len(own.time) < settings.fewest:
         return Smooth((), width)
     start, end = float(own.time[0]), float(own.time[-1])
-    finest = max(2 * own.step, SMOOTHING.finest)
-    candidates = np.geomspace(finest, max(finest, SMOOTHING.widest), SMOOTHING.candidates)
+    candidates = settings.spacings(2 * own.step)
+    finest = candidates[0]
     samples = Samples1D(own.time, own.values)
     # Judged on the longest stretch without a gap; uneven sampling alone makes none.
-    stretches = segments([own.time], start, end, max(finest, SMOOTHING.bridged))
+    stretches = segments([own.time], start, end, max(finest, settings.bridged))
     longest = max(stretches, key=lambda s: s[1] - s[0])
-    spacing = choose_spacing([samples], [float(c) for c in candidates], *longest, robust=True)
+    spacing = choose_spacing([samples], candidates, *longest, robust=True)
     parts = []
     for a, b in segments([own.time], start, end, spacing):
         fitted = fit(samples, a, b, spacing, robust=True)
@@ -160,8 +163,14 @@ def smooth(signal: Signal, start: float, end: float) -> Smooth:
 class ClockSignals:
     """Signals of a clock as smooth functions over an interval of its time."""
 
-    def __init__(self, clock: LogClock, start: float, end: float) -> None:
-        self.clock, self.start, self.end = clock, start, end
+    def __init__(
+        self,
+        clock: LogClock,
+        start: float,
+        end: float,
+        settings: SmoothingSettings = SMOOTHING,
+    ) -> None:
+        self.clock, self.start, self.end, self.settings = clock, start, end, settings
         self._smooth: dict[str, Smooth] = {}
 
     def has(self, *kinds: str) -> bool:
@@ -175,7 +184,8 @@ class ClockSignals:
     def at(self, kind: str, time: Array, order: int = 0) -> Array:
         """Smooth value or derivative, shape (n, k)."""
         if kind not in self._smooth:
-            self._smooth[kind] = smooth(self.clock.signals[kind], self.start, self.end)
+            signal = self.clock.signals[kind]
+            self._smooth[kind] = smooth(signal, self.start, self.end, self.settings)
         return self._smooth[kind].at(time, order)
 
     def turning(self, time: Array) -> tuple[Array, Array, Array]:

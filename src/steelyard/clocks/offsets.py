@@ -72,7 +72,7 @@ def joined(clocks: Sequence[LogClock], settings: OffsetSettings = OFFSET) -> lis
     if len(clocks) < 2:
         return [Offset(c.instruments, 0.0, 0.0, True) for c in clocks]
     links = [
-        Link(i, j, tuple(candidates(clocks[i], clocks[j], settings.tried)))
+        Link(i, j, tuple(candidates(clocks[i], clocks[j], settings.tried, settings.search)))
         for i, j in combinations(range(len(clocks)), 2)
     ]
     links.sort(key=lambda link: -link.gain)
@@ -157,7 +157,7 @@ def _overall(
     start, end = _common(first, second, guess)
     if end - start > 1.5 * settings.part:
         start, end = liveliest(first, start, end, settings)
-    return refined(first, second, guess, around=(start, end))
+    return refined(first, second, guess, around=(start, end), settings=settings.shift)
 
 
 def _common(first: LogClock, second: LogClock, shift: float) -> tuple[float, float]:
@@ -191,7 +191,9 @@ def _drift(
 
     def at(middle: float, reach: float) -> Shift | None:
         around = (middle - settings.part / 2, middle + settings.part / 2)
-        return refined(first, second, overall.value, around=around, reach=reach)
+        return refined(
+            first, second, overall.value, around=around, reach=reach, settings=settings.shift
+        )
 
     return drift_of(at, _common(first, second, overall.value), settings)
 

@@ -47,7 +47,7 @@ def candidates(
     one, other = (_thinned(c, step, settings) for c in (first, second))
     if not (one.signals and other.signals):
         return []
-    signals = [ClockSignals(c, *_bounds(c)) for c in (one, other)]
+    signals = [ClockSignals(c, *_bounds(c), settings.smoothing) for c in (one, other)]
     total = _total_gains(signals[0], signals[1], step, settings)
     if total is None:
         return []

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class SmoothingSettings:
@@ -21,11 +23,22 @@ class SmoothingSettings:
     fewest: int = 10
     """Samples of a signal that is used at all."""
 
+    def spacings(self, finest: float) -> list[float]:
+        """Spacings to compare [s], ascending, that are no finer than samples determine."""
+        least = max(self.finest, finest)
+        spacings = np.geomspace(least, max(least, self.widest), self.candidates)
+        return [float(spacing) for spacing in spacings]
+
+
+SMOOTHING = SmoothingSettings()
+
 
 @dataclass(frozen=True)
 class SearchSettings:
     """How all shifts between two clocks are looked at."""
 
+    smoothing: SmoothingSettings = SMOOTHING
+    """Of the signals."""
     step: float = 0.04
     """Of the grid of shifts [s]: well below the periods of the motion, above those of samples."""
     most_steps: int = 100_000
@@ -45,10 +58,15 @@ class SearchSettings:
     """Difference of shifts that are different ones [s]: below it they are one peak."""
 
 
+SEARCH = SearchSettings()
+
+
 @dataclass(frozen=True)
 class ShiftSettings:
     """How a shift is refined to a fraction of a sample."""
 
+    smoothing: SmoothingSettings = SMOOTHING
+    """Of the signals."""
     reach: float = 0.3
     """Beside the first guess [s]: several steps of the grid of the search."""
     grid: int = 41
@@ -71,10 +89,17 @@ class ShiftSettings:
     """Step of numerical derivatives by the shift [s]."""
 
 
+SHIFT = ShiftSettings()
+
+
 @dataclass(frozen=True)
 class OffsetSettings:
     """When the offset and the drift of a clock count as found."""
 
+    search: SearchSettings = SEARCH
+    """Of the candidates."""
+    shift: ShiftSettings = SHIFT
+    """Of their refinement."""
     least_gain: float = 8.0
     """Log likelihood that two clocks must share against none: odds of 3000 to 1, for thousands of
     shifts that were tried."""
@@ -105,7 +130,4 @@ class OffsetSettings:
     """Standard deviations by which a drift must differ from zero."""
 
 
-SMOOTHING = SmoothingSettings()
-SEARCH = SearchSettings()
-SHIFT = ShiftSettings()
 OFFSET = OffsetSettings()

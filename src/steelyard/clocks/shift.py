@@ -66,8 +66,10 @@ def refined(
     """
     reach = settings.reach if reach is None else reach
     start, end = around
-    one = ClockSignals(first, start, end)
-    other = ClockSignals(second, start + guess - 2 * reach, end + guess + 2 * reach)
+    one = ClockSignals(first, start, end, settings.smoothing)
+    other = ClockSignals(
+        second, start + guess - 2 * reach, end + guess + 2 * reach, settings.smoothing
+    )
     found = [(r, 1) for r in relations(one, other)] + [(r, -1) for r in relations(other, one)]
     if any(r.linear for r, _ in found):
         found = [(r, sign) for r, sign in found if r.linear]

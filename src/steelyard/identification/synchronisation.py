@@ -31,22 +31,15 @@ from steelyard.clocks.offsets import (
     uncertain,
 )
 from steelyard.clocks.search import candidates
-from steelyard.clocks.settings import OFFSET
 from steelyard.clocks.shift import Shift
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.force_clock import carrying, likeliest, near, scanned
+from steelyard.identification.force_clock import force_clock_problem, likeliest, near, scanned
 from steelyard.identification.model.calibration_parameters import gather
+from steelyard.identification.settings import SYNCHRONISATION, SynchronisationSettings
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.instruments import Instrument
-
-_LONG = 60.0
-"""Recordings longer than that are not looked at at every shift, and not as a whole [s]."""
-_BESIDE = 0.5
-"""Looked at beside a shift that the rough search has found [s]."""
-_MOVED = 0.01
-"""A correction of a clock after which the fit is made once more [s]."""
 
 
 @dataclass(frozen=True)
@@ -62,17 +55,28 @@ class Synchronised:
 Progress = Callable[[str, float], None] | None
 
 
-def synchronised(experiment: Experiment, progress: Progress = None) -> Experiment:
+def synchronised(
+    experiment: Experiment,
+    progress: Progress = None,
+    *,
+    settings: SynchronisationSettings = SYNCHRONISATION,
+) -> Experiment:
     """An experiment with numbers under ``sync``; see :func:`synchronise`."""
-    return synchronise(experiment, progress).experiment
+    return synchronise(experiment, progress, settings=settings).experiment
 
 
-def synchronise(experiment: Experiment, progress: Progress = None) -> Synchronised:
+def synchronise(
+    experiment: Experiment,
+    progress: Progress = None,
+    *,
+    settings: SynchronisationSettings = SYNCHRONISATION,
+) -> Synchronised:
     """Find how far the clocks of runs with ``sync: auto`` are apart; others stay as they are.
 
     Args:
         experiment: With at least one run.
         progress: Is told what is being done and the fraction that is done.
+        settings: When a clock counts as found.
 
     Raises:
         InputError: The motion of a run does not tell; the sentence says between which clocks, and
@@ -87,7 +91,7 @@ def synchronise(experiment: Experiment, progress: Progress = None) -> Synchronis
             runs.append(run)
             continue
         tell("finding the clocks", 0.5 * i / len(experiment.runs))
-        own = offsets_of(experiment, run)
+        own = offsets_of(experiment, run, settings=settings)
         lost = next((offset for offset in own if not offset.known), None)
         if lost is not None:
             raise InputError(
@@ -99,27 +103,30 @@ def synchronise(experiment: Experiment, progress: Progress = None) -> Synchronis
         runs.append(_with_offsets(experiment, run, own))
     tell("finding the clocks", 0.5)
     rough = replace(experiment, runs=tuple(runs), instruments=_own_clocks(experiment, offsets))
-    return _by_all_at_once(rough, offsets, tell)
+    return _by_all_at_once(rough, offsets, tell, settings)
 
 
-def offsets_of(experiment: Experiment, run: Run) -> tuple[Offset, ...]:
+def offsets_of(
+    experiment: Experiment, run: Run, *, settings: SynchronisationSettings = SYNCHRONISATION
+) -> tuple[Offset, ...]:
     """How the clocks of a run stand to that of the forces, whatever ``sync`` says.
 
     Args:
         experiment: With its instruments.
         run: One of its runs, in motion.
+        settings: When a clock counts as found.
 
     Returns:
         One for each clock, that of the forces first.
     """
-    clocks = clocks_of(experiment, run)
+    clocks = clocks_of(experiment, run, settings.offset.search.smoothing)
     if len(clocks) < 2:
-        return tuple(joined(clocks))
+        return tuple(joined(clocks, settings.offset))
     first = clocks[0]
     if not first.forces or any(kind in first.signals for kind in _MOTION):
-        return tuple(joined(clocks))
-    motion = joined(clocks[1:])
-    forces = _against_motion(experiment, run, clocks, motion)
+        return tuple(joined(clocks, settings.offset))
+    motion = joined(clocks[1:], settings.offset)
+    forces = _against_motion(experiment, run, clocks, motion, settings)
     return (
         Offset(first.instruments, 0.0, 0.0, True),
         *(chained(forces, each, each.instruments) for each in motion),
@@ -130,7 +137,11 @@ _MOTION = (POSITION, ROTATION, RATE, SPECIFIC_FORCE)
 
 
 def _against_motion(
-    experiment: Experiment, run: Run, clocks: tuple[LogClock, ...], motion: list[Offset]
+    experiment: Experiment,
+    run: Run,
+    clocks: tuple[LogClock, ...],
+    motion: list[Offset],
+    settings: SynchronisationSettings,
 ) -> Offset:
     """Time of the first motion clock less that of the forces."""
     first, reference = clocks[0], clocks[1]
@@ -140,7 +151,9 @@ def _against_motion(
     placed = replace(
         run, sync={**zero, **dict.fromkeys(first.instruments, 0.0)}, unsynchronised=False
     )
-    part = liveliest(reference, start, end) if end - start > _LONG else None
+    part = None
+    if end - start > settings.long:
+        part = liveliest(reference, start, end, settings.offset)
     names = f"{' and '.join(first.instruments)} against {' and '.join(reference.instruments)}"
     nothing = Offset(
         first.instruments,
@@ -149,36 +162,43 @@ def _against_motion(
         False,
         f"{names}: the motion tells too little of where the cables pull",
     )
-    task = carrying(experiment, placed, part)
-    if task is None:
+    problem = force_clock_problem(experiment, placed, part, settings=settings)
+    if problem is None:
         return nothing
-    shifts = scanned(task)
-    if np.ptp(shifts) > 2 * _LONG:
-        shifts = _near_candidates(first, clocks[1:], motion)
-    best, rival = likeliest(task, shifts)
+    shifts = scanned(problem)
+    if np.ptp(shifts) > 2 * settings.long:
+        shifts = _near_candidates(first, clocks[1:], motion, settings)
+    best, rival = likeliest(problem, shifts)
     if best is None:
         return nothing
     if rival is not None:
         return replace(nothing, reason=f"{names}: {ambiguous(best, rival)}")
-    if not best.sigma < OFFSET.largest_sigma:
+    if not best.sigma < settings.offset.largest_sigma:
         return replace(nothing, reason=f"{names}: {uncertain(best)}")
 
     def at(middle: float, reach: float) -> Shift | None:
-        there = carrying(experiment, placed, (middle - 20.0, middle + 20.0))
+        half = settings.offset.part / 2
+        around = (middle - half, middle + half)
+        there = force_clock_problem(experiment, placed, around, settings=settings)
         return None if there is None else near(there, best.value, reach)
 
-    drift, deviation = drift_of(at, (start, end))
+    drift, deviation = drift_of(at, (start, end), settings.offset)
     return Offset(first.instruments, best.value, best.sigma, True, "", drift, deviation)
 
 
-def _near_candidates(first: LogClock, others: tuple[LogClock, ...], motion: list[Offset]) -> Array:
+def _near_candidates(
+    first: LogClock,
+    others: tuple[LogClock, ...],
+    motion: list[Offset],
+    settings: SynchronisationSettings,
+) -> Array:
     """Shifts of a long recording that a rough look at forces and motion finds worth while [s]."""
-    found = [
-        c.shift - offset.value
-        for clock, offset in zip(others, motion, strict=True)
-        for c in candidates(first, clock, 3)
-    ]
-    around = np.arange(-_BESIDE, _BESIDE, 0.04)
+    search = settings.offset.search
+    found = []
+    for clock, offset in zip(others, motion, strict=True):
+        for candidate in candidates(first, clock, settings.offset.tried, search):
+            found.append(candidate.shift - offset.value)
+    around = np.arange(-settings.beside, settings.beside, search.step)
     return np.unique(np.concatenate([guess + around for guess in found])) if found else np.zeros(0)
 
 
@@ -233,11 +253,14 @@ def _own_clocks(
 
 
 def _by_all_at_once(
-    rough: Experiment, offsets: Mapping[str, tuple[Offset, ...]], tell: Callable[[str, float], None]
+    rough: Experiment,
+    offsets: Mapping[str, tuple[Offset, ...]],
+    tell: Callable[[str, float], None],
+    settings: SynchronisationSettings,
 ) -> Synchronised:
     """Correct the clocks by what the joint fit says of their delays."""
     experiment, found = rough, dict(offsets)
-    for _ in range(2):
+    for _ in range(settings.fits):
         try:
             posterior = fit_jointly(
                 experiment,
@@ -264,7 +287,8 @@ def _by_all_at_once(
                     posterior.calibration.values[place][0] - calibration_parameters.mean[place][0]
                 )
                 sigma = float(deviation[place][0])
-                if not 0 < sigma < 0.5 * calibration_parameters.deviation[place][0]:
+                prior = float(calibration_parameters.deviation[place][0])
+                if not 0 < sigma < settings.informed * prior:
                     own.append(offset)
                     continue
                 moved = max(moved, abs(delay))
@@ -274,6 +298,6 @@ def _by_all_at_once(
             found[run.name] = tuple(own)
             runs.append(replace(run, sync=sync))
         experiment = replace(experiment, runs=tuple(runs))
-        if moved < _MOVED:
+        if moved < settings.moved:
             break
     return Synchronised(experiment, found)

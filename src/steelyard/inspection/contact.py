@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array, joined_stretches
 from steelyard.identification.model.unknown_body import BODY, unknown_body
-from steelyard.inspection.agreements.agreement import SETTINGS as AGREEMENT
 from steelyard.inspection.agreements.excerpt import Excerpt
 from steelyard.inspection.agreements.motion import Relation
 from steelyard.inspection.agreements.wrench_balance import (
@@ -21,33 +20,9 @@ from steelyard.inspection.agreements.wrench_balance import (
     force_relations,
     has_body,
 )
+from steelyard.inspection.settings import CONTACTS, ContactSettings
 from steelyard.instruments.equations import predict
 from steelyard.motion.state import State
-
-
-@dataclass(frozen=True)
-class ContactSettings:
-    """What is taken for a contact."""
-
-    iterations: int = 40
-    """Of the weights; the body settles in ten to twenty."""
-    far: float = 4.0
-    """Ratio of what is left to what is allowed, of one instant, from which something has touched
-    the platform: sound recordings stay below two and a half."""
-    pause: float = 0.3
-    """Longest pause within one contact [s]."""
-    shortest: float = 0.15
-    """[s]; what is shorter is a spike."""
-    least_clean: float = 0.15
-    """Part of the run that one body must explain: else the forces are wrong, and nothing has
-    touched."""
-    known: float = 5.0
-    """By how much less a body of other runs is trusted than these say."""
-    share: float = 0.4
-    """Of the largest channel, that another one must show to be named."""
-
-
-SETTINGS = ContactSettings()
 
 
 @dataclass(frozen=True)
@@ -84,7 +59,7 @@ class Residual:
 
 
 def unexplained(
-    excerpts: Sequence[Excerpt], worst: Mapping[str, float], *, settings: ContactSettings = SETTINGS
+    excerpts: Sequence[Excerpt], worst: Mapping[str, float], *, settings: ContactSettings = CONTACTS
 ) -> tuple[list[Residual], list[Contact]]:
     """Forces that a body leaves over which explains most of all runs.
 
@@ -99,7 +74,10 @@ def unexplained(
         balance = None if relation is None else body_balance(excerpt, relation)
         if relation is not None and balance is not None:
             fits[excerpt.run.name] = (excerpt, relation, balance)
-    sound = [found for run, (_, _, found) in fits.items() if worst.get(run, 0.0) < AGREEMENT.bad]
+    sound = []
+    for run, (excerpt, _, found) in fits.items():
+        if worst.get(run, 0.0) < excerpt.settings.bad:
+            sound.append(found)
     residuals, contacts = [], []
     for excerpt, relation, found in fits.values():
         others = [each for each in sound if each is not found]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,36 +14,9 @@ from steelyard.identification.solve.posterior import Posterior
 from steelyard.inspection.agreements.excerpt import Excerpt, excerpt_of, instruments_by_clock
 from steelyard.inspection.agreements.motion import Relation, motion_agreement, motion_relations
 from steelyard.inspection.agreements.wrench_balance import body_balance, force_relations, has_body
+from steelyard.inspection.settings import AGREEMENT, DELAYS, AgreementSettings, DelaySettings
 from steelyard.smoothing import Samples1D, fit
 
-
-@dataclass(frozen=True)
-class DelaySettings:
-    """How a delay is looked for, and when the data determine it."""
-
-    finest: float = 0.03
-    """Spacing of the knots [s]: fine enough for vibrations, which determine a clock best."""
-    most: int = 800
-    """Instants that are looked at: two a knot over thirty seconds with room to spare."""
-    reach: float = 0.08
-    """By how much a clock is moved [s]: what `sync` is usually good to."""
-    step: float = 0.004
-    """Steps in which it is moved first [s]: several within the narrowest minimum."""
-    largest_sigma: float = 0.02
-    """Largest 1-sigma of a delay that the data determine [s]."""
-    prior_share: float = 0.5
-    """Part of the prior's 1-sigma, for the same."""
-    correlated: float = 0.5
-    """Time after which what a body leaves of the forces is something new [s]."""
-    per_knot: float = 3.0
-    """Samples between two knots of a vibration."""
-    shaken: float = 0.8
-    """Part of the changes of the force that may be left: else the two do not shake together."""
-    clear: float = 4.0
-    """1-sigmas by which a clock must be off to be worth a remark."""
-
-
-SETTINGS = DelaySettings()
 _JOINT, _SHAKEN_BY = "everything at once", "vibrations"
 _TRUSTED = frozenset({_JOINT, _SHAKEN_BY})
 """Ways to find a delay whose 1-sigma contains all that matters."""
@@ -66,14 +39,13 @@ class Delay:
     how: str
     """By what it was found, or why it was not."""
 
-    @property
-    def surprising(self) -> bool:
+    def is_surprising(self, settings: DelaySettings = DELAYS) -> bool:
         """Whether it is off by more than is stated of it."""
         value, sigma = self.prior
         return (
             self.told
             and self.how in _TRUSTED
-            and abs(self.value - value) > SETTINGS.clear * float(np.hypot(sigma, self.sigma))
+            and abs(self.value - value) > settings.clear * float(np.hypot(sigma, self.sigma))
         )
 
     @property
@@ -113,12 +85,13 @@ def _prior(experiment: Experiment, run: Run, names: tuple[str, ...]) -> tuple[fl
     return float(np.mean(best.value or 0.0)), float(np.mean(best.sigma or 0.0))
 
 
-def of_joint(joint: Posterior, name: str) -> list[Delay]:
+def of_joint(joint: Posterior, name: str, settings: DelaySettings = DELAYS) -> list[Delay]:
     """Delays that a fit of everything has found.
 
     Args:
         joint: Of the experiment, converged.
         name: Of one of its runs.
+        settings: When the data determine a delay.
     """
     experiment, calibration = joint.experiment, joint.calibration
     run = next(each for each in experiment.runs if each.name == name)
@@ -130,7 +103,7 @@ def of_joint(joint: Posterior, name: str) -> list[Delay]:
         )
         prior = _prior(experiment, run, names)
         own = float(sigma[place][0])
-        told = prior[1] > 0 and own < min(SETTINGS.largest_sigma, SETTINGS.prior_share * prior[1])
+        told = prior[1] > 0 and own < min(settings.largest_sigma, settings.prior_share * prior[1])
         how = _JOINT if told else "stated" if not prior[1] else "the readings do not determine it"
         found.append(
             Delay(run.name, names, float(calibration.values[place][0]), own, prior, told, how)
@@ -138,30 +111,41 @@ def of_joint(joint: Posterior, name: str) -> list[Delay]:
     return found
 
 
-def of_excerpt(experiment: Experiment, run: Run) -> list[Delay]:
+def of_excerpt(
+    experiment: Experiment,
+    run: Run,
+    settings: DelaySettings = DELAYS,
+    agreements: AgreementSettings = AGREEMENT,
+) -> list[Delay]:
     """Delays by moving each clock until what it shows agrees best with the forces, or with what
     agrees with them.
 
     Args:
         experiment: With its instruments.
         run: One in motion.
+        settings: How far clocks are moved, and when the data determine a delay.
+        agreements: What two accounts of the motion may differ by.
     """
-    view = excerpt_of(experiment, run, SETTINGS.finest, SETTINGS.most)
-    return [] if view is None else [_best(view, names) for names in _groups(experiment, run)]
+    fine = replace(agreements.excerpt, finest=settings.finest, most=settings.most)
+    view = excerpt_of(experiment, run, replace(agreements, excerpt=fine))
+    if view is None:
+        return []
+    return [_best(view, names, settings) for names in _groups(experiment, run)]
 
 
-def _best(view: Excerpt, names: tuple[str, ...]) -> Delay:
+def _best(view: Excerpt, names: tuple[str, ...], settings: DelaySettings) -> Delay:
     """Delay of one clock."""
     prior = _prior(view.experiment, view.run, names)
-    found = [_by_vibration(view, names)]
+    found = [_by_vibration(view, names, settings)]
     if found == [None]:
-        found = [_least(view, names, relation) for relation in _relations(view, names)]
+        relations = _relations(view, names)
+        found = [_least(view, names, relation, settings) for relation in relations]
     there = [each for each in found if each is not None]
     if not there:
         how = "nothing to compare it with"
         return Delay(view.run.name, names, prior[0], np.inf, prior, False, how)
     value, sigma, how = min(there, key=lambda each: each[1])
-    told = sigma < SETTINGS.largest_sigma
+    told = sigma < settings.largest_sigma
     # Times are counted from the delay that is known beforehand.
     return Delay(view.run.name, names, prior[0] + value, sigma, prior, told, how)
 
@@ -185,26 +169,26 @@ def _relations(view: Excerpt, names: tuple[str, ...]) -> list[Relation]:
 
 
 def _least(
-    view: Excerpt, names: tuple[str, ...], relation: Relation
+    view: Excerpt, names: tuple[str, ...], relation: Relation, settings: DelaySettings
 ) -> tuple[float, float, str] | None:
     """Delay of least residual, its 1-sigma, and by what."""
 
     def left(delay: float) -> float:
         return _left(view.delayed(dict.fromkeys(names, delay)), relation)
 
-    grid = np.arange(-SETTINGS.reach, SETTINGS.reach + SETTINGS.step / 2, SETTINGS.step)
+    grid = np.arange(-settings.reach, settings.reach + settings.step / 2, settings.step)
     cost = np.array([left(float(delay)) for delay in grid])
     i = int(np.argmin(cost))
     if not np.isfinite(cost).all() or i in {0, len(grid) - 1}:
         return None
     value = float(grid[i])
-    for width in (SETTINGS.step, SETTINGS.step / 4):
+    for width in (settings.step, settings.step / 4):
         three = np.array([left(value + width * each) for each in (-1.0, 0.0, 1.0)])
         value, bend = _lowest(value, width, three)
         if bend <= 0:
             return None
     # What is left is mostly imperfect models, which change slowly.
-    count = float(view.time[-1] - view.time[0]) / SETTINGS.correlated
+    count = float(view.time[-1] - view.time[0]) / settings.correlated
     sigma = float(np.sqrt(2 * three[1] / (bend * count)))
     return value, sigma, " and ".join(dict.fromkeys(n for n, _ in relation[1]))
 
@@ -218,7 +202,9 @@ def _lowest(middle: float, width: float, costs: Array) -> tuple[float, float]:
     return (middle - (high - low) / (2 * width) / bend if bend > 0 else middle), bend
 
 
-def _by_vibration(view: Excerpt, names: tuple[str, ...]) -> tuple[float, float, str] | None:
+def _by_vibration(
+    view: Excerpt, names: tuple[str, ...], settings: DelaySettings
+) -> tuple[float, float, str] | None:
     """Delay of an accelerometer against a six-axis sensor: whatever shakes the body shakes both, as
     fast as they are read.
 
@@ -233,9 +219,9 @@ def _by_vibration(view: Excerpt, names: tuple[str, ...]) -> tuple[float, float, 
         return None
     pair = ((shaken, "specific_force"), (force, "force"))
     times = [experiment.common_time(run, name) for name, _ in pair]
-    start = max(t[0] for t in times) + SETTINGS.reach
-    end = min(t[-1] for t in times) - SETTINGS.reach
-    spacing = SETTINGS.per_knot * max(float(np.median(np.diff(t))) for t in times)
+    start = max(t[0] for t in times) + settings.reach
+    end = min(t[-1] for t in times) - settings.reach
+    spacing = settings.per_knot * max(float(np.median(np.diff(t))) for t in times)
     if end - start < 40 * spacing:
         return None
     end = min(end, start + 30.0)
@@ -244,7 +230,7 @@ def _by_vibration(view: Excerpt, names: tuple[str, ...]) -> tuple[float, float, 
         values = run.streams[name].values[quantity]
         there = np.isfinite(values).all(axis=1)
         samples = Samples1D(t[there], values[there])
-        fits.append(fit(samples, start - SETTINGS.reach, end + SETTINGS.reach, spacing))
+        fits.append(fit(samples, start - settings.reach, end + settings.reach, spacing))
     acceleration, forces = fits
     if acceleration is None or forces is None:
         return None
@@ -256,10 +242,10 @@ def _by_vibration(view: Excerpt, names: tuple[str, ...]) -> tuple[float, float, 
         value, *_ = np.linalg.lstsq(columns, target, rcond=None)
         return float(np.sum((target - columns @ value) ** 2))
 
-    grid = np.arange(-0.6 * SETTINGS.reach, 0.6 * SETTINGS.reach, spacing / 12)
+    grid = np.arange(-0.6 * settings.reach, 0.6 * settings.reach, spacing / 12)
     cost = np.array([left(float(d)) for d in grid])
     i = int(np.argmin(cost))
-    if not 0 < i < len(grid) - 1 or cost[i] > SETTINGS.shaken * float(np.sum(target**2)):
+    if not 0 < i < len(grid) - 1 or cost[i] > settings.shaken * float(np.sum(target**2)):
         return None
     value, bend = _lowest(float(grid[i]), float(grid[1] - grid[0]), cost[i - 1 : i + 2])
     # What is left is correlated over a knot.

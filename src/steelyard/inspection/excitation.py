@@ -14,21 +14,9 @@ from steelyard.estimates.estimate import plausible_radius, plausible_sizes
 from steelyard.identification.model.calibration_parameters import ROBOT, CalibrationParameter
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS, Inertia
+from steelyard.inspection.settings import IDENTIFIABILITY, IdentifiabilitySettings
 
 Told = Literal["data", "data and prior", "prior", "not at all"]
-
-
-@dataclass(frozen=True)
-class IdentifiabilitySettings:
-    """When the data determine a number."""
-
-    data: float = 0.5
-    """Part of its plausible size, or of its prior 1-sigma, within which it is known by the data."""
-    mostly_prior: float = 0.9
-    """Part of its prior 1-sigma beyond which it is known by the prior."""
-
-
-SETTINGS = IdentifiabilitySettings()
 
 
 @dataclass(frozen=True)
@@ -58,11 +46,12 @@ class Excitation:
     """Every systematic error that is not known exactly."""
 
 
-def excitation(joint: Posterior) -> Excitation:
+def excitation(joint: Posterior, settings: IdentifiabilitySettings = IDENTIFIABILITY) -> Excitation:
     """From a fit of the experiment: its bound.
 
     Args:
         joint: Of it.
+        settings: When the data determine a number.
     """
     experiment = joint.experiment
     sizes = plausible_sizes(abs(float(joint.parameters[0])), plausible_radius(experiment.robot))
@@ -70,15 +59,17 @@ def excitation(joint: Posterior) -> Excitation:
     body = []
     for i, name in enumerate(BODY_PARAMETERS):
         sigma = float(joint.bound.standard_deviation[i])
-        told: Told = "data" if sigma < SETTINGS.data * sizes[i] else "not at all"
+        told: Told = "data" if sigma < settings.data * sizes[i] else "not at all"
         _, known = experiment.known.get(name, (None, None))
         if known is not None:
-            told = _determined_by(sigma, known)
+            told = _determined_by(sigma, known, settings)
         body.append(Identifiability(name, BODY_UNITS[i], float(values[i]), sigma, known, told))
-    return Excitation(tuple(body), tuple(_of_calibration(joint)))
+    return Excitation(tuple(body), tuple(_of_calibration(joint, settings)))
 
 
-def _of_calibration(joint: Posterior) -> Iterator[Identifiability]:
+def _of_calibration(
+    joint: Posterior, settings: IdentifiabilitySettings
+) -> Iterator[Identifiability]:
     """Of every systematic error that is not known exactly."""
     parameters = joint.calibration.calibration_parameters
     left = np.sqrt(np.maximum(np.diag(joint.bound.calibration), 0.0))
@@ -91,7 +82,7 @@ def _of_calibration(joint: Posterior) -> Iterator[Identifiability]:
                 float(joint.calibration.values[place]),
                 sigma,
                 prior,
-                _determined_by(sigma, prior),
+                _determined_by(sigma, prior, settings),
                 _group(unknown),
             )
 
@@ -101,7 +92,8 @@ def _group(unknown: CalibrationParameter) -> str:
     return f"{owner}{unknown.key}" + (f" of run '{unknown.run}'" if unknown.run else "")
 
 
-def _determined_by(sigma: float, prior: float) -> Told:
-    if sigma < SETTINGS.data * prior:
+def _determined_by(sigma: float, prior: float, settings: IdentifiabilitySettings) -> Told:
+    """By what a number is known whose 1-sigma was another one beforehand."""
+    if sigma < settings.data * prior:
         return "data"
-    return "data and prior" if sigma < SETTINGS.mostly_prior * prior else "prior"
+    return "data and prior" if sigma < settings.mostly_prior * prior else "prior"

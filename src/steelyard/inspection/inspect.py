@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,42 +15,27 @@ from steelyard.identification.model.preparation import prepare
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.synchronisation import synchronise
 from steelyard.inspection.agreements.agreement import InstrumentAgreement
 from steelyard.inspection.agreements.excerpt import Excerpt, excerpts
 from steelyard.inspection.agreements.judgement import Judged, judged
 from steelyard.inspection.contact import (
     Contact,
-    ContactSettings,
     Residual,
     contacts_of_fit,
     unexplained,
 )
 from steelyard.inspection.delays import Delay, of_excerpt, of_joint
 from steelyard.inspection.excitation import Excitation, Identifiability, excitation
-from steelyard.inspection.mistakes.search import Mistake, MistakeSettings, mistakes
+from steelyard.inspection.mistakes.search import Mistake, mistakes
 from steelyard.inspection.part import part_of
 from steelyard.inspection.remarks import constant_channels, of_noise, of_times
+from steelyard.inspection.settings import INSPECTION, InspectionSettings
 from steelyard.inspection.streams import StreamReport, as_dict, stream_reports
 
 FORMAT = "steelyard-inspection/1"
 
-
-@dataclass(frozen=True)
-class InspectionSettings:
-    """How much is looked at, and what is named."""
-
-    runs: int = 8
-    """Runs whose agreements are looked at: mistakes of a description show in each."""
-    fitted: int = 3
-    """Runs in motion that are fitted as a whole: enough to see what is identifiable."""
-    mistakes: MistakeSettings = field(default_factory=MistakeSettings)
-    """When a mistake is named."""
-    contacts: ContactSettings = field(default_factory=ContactSettings)
-    """What is taken for a contact."""
-
-
-SETTINGS = InspectionSettings()
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the fraction that is done."""
@@ -159,7 +144,7 @@ def inspect(
     experiment: Experiment,
     progress: Progress | None = None,
     *,
-    settings: InspectionSettings = SETTINGS,
+    settings: InspectionSettings = INSPECTION,
 ) -> Inspection:
     """Look at the recordings of an experiment.
 
@@ -173,17 +158,23 @@ def inspect(
     """
     progress = progress or (lambda what, fraction: None)
     progress("finding the clocks", 0.0)
-    hints = tuple(text for run in experiment.runs for text in of_times(experiment, run))
+    hints = tuple(
+        text for run in experiment.runs for text in of_times(experiment, run, settings.remarks)
+    )
     try:
-        experiment = synchronise(experiment, progress).experiment
+        experiment = synchronise(experiment, progress, settings=settings.synchronisation).experiment
         progress("reading the streams", 0.1)
         with np.errstate(all="ignore"):
-            shown = list(excerpts(experiment, settings.runs))
-        _enter(experiment, shown)
+            shown = list(excerpts(experiment, settings.runs, settings.agreements))
+        _enter(experiment, shown, settings)
     except InputError as error:
         # The sentence of the estimator, and what physics says of its cause.
         raise InputError("; ".join([str(error), *hints])) from error
-    reports = tuple(each for run in experiment.runs for each in stream_reports(experiment, run))
+    reports = tuple(
+        each
+        for run in experiment.runs
+        for each in stream_reports(experiment, run, settings.streams)
+    )
     with np.errstate(all="ignore"):
         described, amended, found = _judge(shown, progress, settings)
         named, runs_of = _merged(found)
@@ -193,7 +184,8 @@ def inspect(
         delays, joint, remarks = _fitted(
             experiment, shown, bool(named), contacts, progress, settings
         )
-    remarks = [*hints, *constant_channels(experiment), *of_noise(experiment, reports), *remarks]
+    noisy = of_noise(experiment, reports, settings.remarks)
+    remarks = [*hints, *constant_channels(experiment), *noisy, *remarks]
     if not named and any(j.bad for j in described) and not contacts:
         remarks.append(_unexplained(described))
     if joint is not None:
@@ -208,17 +200,23 @@ def inspect(
         runs_of=runs_of,
         contacts=tuple(sorted(contacts, key=lambda c: (c.run, c.start))),
         residuals=tuple(residuals),
-        excitation=None if joint is None else excitation(joint),
+        excitation=None if joint is None else excitation(joint, settings.identifiability),
         remarks=tuple(dict.fromkeys(remarks)),
     )
 
 
-def _enter(experiment: Experiment, shown: Sequence[Excerpt]) -> None:
+def _enter(experiment: Experiment, shown: Sequence[Excerpt], settings: InspectionSettings) -> None:
     """What every estimator begins with, on a part of long runs; raises what it would."""
     parts = {excerpt.run.name: excerpt for excerpt in shown if not excerpt.static}
     for run in experiment.runs:
         window = parts[run.name].window if run.name in parts else run.window
-        prepare(experiment, replace(run, window=window), thin=True, commanded=True)
+        prepare(
+            experiment,
+            replace(run, window=window),
+            thin=True,
+            commanded=True,
+            settings=settings.fit.motion.preparation,
+        )
 
 
 def _judge(
@@ -268,23 +266,28 @@ def _fitted(
     clean = [p for p in shown if p.run.name not in touched] or list(shown)
     few = [p for p in clean if not p.static][: settings.fitted] + [p for p in clean if p.static]
     progress("fitting everything at once", 0.55)
-    part = part_of(experiment, few)
-    joint, remarks = _joint(part, lambda what, done: progress(what, 0.55 + 0.35 * done))
+    part = part_of(experiment, few, settings)
+    joint, remarks = _joint(
+        part, lambda what, done: progress(what, 0.55 + 0.35 * done), settings.fit
+    )
     trusted = joint is not None and joint.fit.converged and experiment.robot.m > 0
     fitted = {p.run.name for p in few} if trusted else set[str]()
     progress("delays", 0.92)
     for run in moving[: settings.runs]:
         if joint is not None and run.name in fitted:
-            delays += of_joint(joint, run.name)
+            delays += of_joint(joint, run.name, settings.delays)
         else:
-            delays += of_excerpt(experiment, run)
-    return delays, joint, remarks + [each.remark for each in delays if each.surprising]
+            delays += of_excerpt(experiment, run, settings.delays, settings.agreements)
+    late = [each.remark for each in delays if each.is_surprising(settings.delays)]
+    return delays, joint, remarks + late
 
 
-def _joint(part: Experiment, progress: Progress) -> tuple[Posterior | None, list[str]]:
+def _joint(
+    part: Experiment, progress: Progress, settings: FitSettings
+) -> tuple[Posterior | None, list[str]]:
     """A fit of everything and remarks on it; None where there is none."""
     try:
-        joint = fit_jointly(part, progress)
+        joint = fit_jointly(part, progress, settings=settings)
     except (NoBalanceError, InputError) as error:
         return None, [f"identifiability was not evaluated: {error}"]
     if joint.fit.converged:

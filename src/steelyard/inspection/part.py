@@ -10,22 +10,23 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.inspection.agreements.excerpt import Excerpt
+from steelyard.inspection.settings import INSPECTION, InspectionSettings
 from steelyard.instruments import Instrument
 
-_FASTEST, _FASTEST_ON_SENSOR = 130.0, 30.0
-"""Rate beyond which samples are averaged [Hz]: what platforms do on purpose is slower."""
 
-
-def part_of(experiment: Experiment, excerpts: list[Excerpt]) -> Experiment:
+def part_of(
+    experiment: Experiment, excerpts: list[Excerpt], settings: InspectionSettings = INSPECTION
+) -> Experiment:
     """Some runs, of each what an excerpt shows, fast streams averaged.
 
     Args:
         experiment: The whole.
         excerpts: Of some of its runs.
+        settings: With the rates beyond which samples are averaged.
     """
     shown = {excerpt.run.name: excerpt for excerpt in excerpts}
     runs = [run for run in experiment.runs if run.name in shown]
-    fastest = _FASTEST if experiment.robot.m else _FASTEST_ON_SENSOR
+    fastest = settings.fastest if experiment.robot.m else settings.fastest_on_sensor
     often = {
         name: max(1, int(_rate(runs, name) / fastest))
         for name, instrument in experiment.instruments.items()

@@ -5,35 +5,19 @@ none of the stated one.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from steelyard.experiment.faults import channels
 from steelyard.experiment.model import Experiment, Run
+from steelyard.inspection.settings import REMARKS, RemarkSettings
 from steelyard.inspection.streams import StreamReport
 from steelyard.units import FACTORS
 
 _TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 
 
-@dataclass(frozen=True)
-class RemarkSettings:
-    """What of a single stream is worth a remark."""
-
-    like: float = 0.15
-    """Logarithm within which two lengths of recording are the same: streams seldom begin and end
-    together."""
-    far: float = 4.0
-    """Factor between stated and found noise."""
-    near_unit: float = 0.35
-    """Logarithm within which that factor may be one of a unit."""
-
-
-SETTINGS = RemarkSettings()
-
-
-def of_times(experiment: Experiment, run: Run) -> Iterator[str]:
+def of_times(experiment: Experiment, run: Run, settings: RemarkSettings = REMARKS) -> Iterator[str]:
     """Streams whose recording is a thousand times longer or shorter than that of the others."""
     if run.static or len(run.streams) < 2:
         return
@@ -44,12 +28,12 @@ def of_times(experiment: Experiment, run: Run) -> Iterator[str]:
             continue
         ratio = length / float(np.median(others))
         for unit, factor in _TIME_UNITS.items():
-            if abs(np.log(ratio * factor)) < SETTINGS.like:
+            if abs(np.log(ratio * factor)) < settings.like:
                 yield (
                     f"run '{run.name}': the time of {name} seems to be in {unit}, not in s: state"
                     f" units: {{t: {unit}}}"
                 )
-            elif abs(np.log(ratio / factor)) < SETTINGS.like:
+            elif abs(np.log(ratio / factor)) < settings.like:
                 yield (
                     f"run '{run.name}': the time of {name} seems to be in s, not in {unit}: correct"
                     " 'units' of its column t"
@@ -78,7 +62,9 @@ def constant_channels(experiment: Experiment) -> Iterator[str]:
                     )
 
 
-def of_noise(experiment: Experiment, reports: Sequence[StreamReport]) -> Iterator[str]:
+def of_noise(
+    experiment: Experiment, reports: Sequence[StreamReport], settings: RemarkSettings = REMARKS
+) -> Iterator[str]:
     """Noise that is far from what is stated, and whether a unit would explain it."""
     for report in reports:
         for q in report.quantities:
@@ -88,15 +74,15 @@ def of_noise(experiment: Experiment, reports: Sequence[StreamReport]) -> Iterato
             ratio = found / q.stated
             # A platform in motion may shake faster than its instruments read; less than the stated
             # noise it cannot do.
-            noisy = ratio >= SETTINGS.far and q.noise_at_rest is not None
-            quiet = ratio <= 1 / SETTINGS.far
+            noisy = ratio >= settings.far and q.noise_at_rest is not None
+            quiet = ratio <= 1 / settings.far
             if not (noisy or quiet):
                 continue
             factors = FACTORS.get(q.unit, {}) if quiet else {}
             units = [
                 unit
                 for unit, factor in factors.items()
-                if factor != 1 and abs(np.log(ratio * factor)) < SETTINGS.near_unit
+                if factor != 1 and abs(np.log(ratio * factor)) < settings.near_unit
             ]
             hint = f"; as if it read in {' or '.join(units[:3])}" if units else ""
             yield (

@@ -14,35 +14,13 @@ from scipy.signal import welch
 from steelyard.arrays import Array, binned_means, stretches
 from steelyard.experiment.faults import Timing, faults_of, timing
 from steelyard.experiment.model import Experiment, Fault, Run, Stream
+from steelyard.inspection.settings import STREAMS, StreamSettings
 from steelyard.instruments import Instrument, Quantity
 
 _THIRD = float(np.sqrt(20.0))
 """1-sigma of third differences of white noise of 1-sigma one."""
 _NORMAL = 0.6745
 """Median of the size of a standard normal number."""
-
-
-@dataclass(frozen=True)
-class StreamSettings:
-    """How noise and rest of a stream are found."""
-
-    most: int = 400_000
-    """Samples of which the noise is looked at: more do not change two digits of it."""
-    bin: float = 0.25
-    """Length of which means are compared to see whether the platform moves [s]."""
-    still: float = 5.0
-    """Change from one mean to the next that is rest, in units of what noise makes of it."""
-    still_share: float = 2e-3
-    """Part of all changes that is rest as well: a platform on cables never hangs quite still."""
-    fewest_still: int = 3
-    """Bins in a row that make a rest."""
-    fewest: int = 20
-    """Third differences that are enough to find the noise."""
-    segment: int = 512
-    """Samples of a noise spectrum: resolves a hundredth of the rate."""
-
-
-SETTINGS = StreamSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,26 +62,33 @@ class StreamReport:
     quantities: tuple[QuantityReport, ...]
 
 
-def stream_reports(experiment: Experiment, run: Run) -> list[StreamReport]:
+def stream_reports(
+    experiment: Experiment, run: Run, settings: StreamSettings = STREAMS
+) -> list[StreamReport]:
     """Look at every stream of a run.
 
     Args:
         experiment: With its instruments.
         run: One of its runs.
+        settings: What is noise, and what is rest.
     """
-    rest = {} if run.static else resting(experiment, run)
-    return [_report(experiment, run, name, rest.get(name)) for name in run.streams]
+    rest = {} if run.static else resting(experiment, run, settings)
+    return [_report(experiment, run, name, rest.get(name), settings) for name in run.streams]
 
 
 def _report(
-    experiment: Experiment, run: Run, name: str, rest: NDArray[np.bool_] | None
+    experiment: Experiment,
+    run: Run,
+    name: str,
+    rest: NDArray[np.bool_] | None,
+    settings: StreamSettings,
 ) -> StreamReport:
     """What one stream shows; ``rest``: samples at which the platform rests, shape (n,)."""
     instrument, stream = experiment.instruments[name], run.streams[name]
     stuck = tuple(fault for fault in run.excluded if fault.instrument == name)
     faults = () if run.static else _faults(instrument, name, stream, stuck)
     recorded = [q for q in instrument.quantities(experiment.robot.m) if q.name in stream.values]
-    quantities = tuple(_quantity(q, stream, rest) for q in recorded)
+    quantities = tuple(_quantity(q, stream, rest, settings) for q in recorded)
     times = None if run.static or len(stream) < 2 else timing(stream.time)
     return StreamReport(
         run.name,
@@ -133,7 +118,9 @@ def _faults(
     return tuple(found)
 
 
-def _quantity(quantity: Quantity, stream: Stream, rest: NDArray[np.bool_] | None) -> QuantityReport:
+def _quantity(
+    quantity: Quantity, stream: Stream, rest: NDArray[np.bool_] | None, settings: StreamSettings
+) -> QuantityReport:
     """Range, noise at rest and in motion, and spectrum of one quantity; without the spectrum where
     it is not known when the platform rests.
     """
@@ -144,11 +131,11 @@ def _quantity(quantity: Quantity, stream: Stream, rest: NDArray[np.bool_] | None
     at_rest, moving = None, None
     frequency, density = np.zeros(0), np.zeros(0)
     if rest is not None:
-        few, resting = flat[: SETTINGS.most], rest[: SETTINGS.most]
+        few, resting = flat[: settings.most], rest[: settings.most]
         # Nine elements of a rotation matrix scatter by sqrt(6 / 9) of the rotation vector.
         scale = float(np.sqrt(1.5)) if quantity.rotation else 1.0
-        at_rest, moving = _scatter(few, resting, scale), _scatter(few, ~resting, scale)
-        frequency, density = _spectrum(stream.time[: SETTINGS.most], few)
+        at_rest, moving = (_scatter(few, rows, scale, settings) for rows in (resting, ~resting))
+        frequency, density = _spectrum(stream.time[: settings.most], few, settings)
     return QuantityReport(
         name=quantity.name,
         unit=quantity.unit,
@@ -162,13 +149,15 @@ def _quantity(quantity: Quantity, stream: Stream, rest: NDArray[np.bool_] | None
     )
 
 
-def _scatter(flat: Array, rows: NDArray[np.bool_], scale: float) -> float | None:
+def _scatter(
+    flat: Array, rows: NDArray[np.bool_], scale: float, settings: StreamSettings
+) -> float | None:
     """1-sigma of samples about their neighbours, by third differences; None where there are too
     few.
     """
     third = np.diff(flat, 3, axis=0)[rows[3:] & rows[:-3]]
     third = third[np.isfinite(third).all(axis=1)]
-    if len(third) < SETTINGS.fewest:
+    if len(third) < settings.fewest:
         return None
     return scale * float(np.sqrt(np.mean(_sigma(third) ** 2)))
 
@@ -178,43 +167,46 @@ def _sigma(third: Array) -> Array:
     return np.asarray(np.median(np.abs(third), axis=0) / _NORMAL / _THIRD)
 
 
-def _spectrum(time: Array, flat: Array) -> tuple[Array, Array]:
+def _spectrum(time: Array, flat: Array, settings: StreamSettings) -> tuple[Array, Array]:
     """Amplitude density on an even grid [Hz], unit per root of Hz."""
     complete = np.isfinite(flat).all(axis=1)
     time, flat = time[complete], flat[complete]
     step = float(np.median(np.diff(time))) if len(time) >= 64 else 0.0
     if step <= 0:
         return np.zeros(0), np.zeros(0)
-    grid = time[0] + step * np.arange(min(len(time), SETTINGS.most))
+    grid = time[0] + step * np.arange(min(len(time), settings.most))
     even = np.column_stack([np.interp(grid, time, column) for column in flat.T])
     frequency, power = welch(
-        even, 1 / step, nperseg=min(SETTINGS.segment, len(grid)), axis=0, detrend="linear"
+        even, 1 / step, nperseg=min(settings.segment, len(grid)), axis=0, detrend="linear"
     )
     return frequency, np.sqrt(power.mean(axis=1))
 
 
-def resting(experiment: Experiment, run: Run) -> dict[str, NDArray[np.bool_]]:
+def resting(
+    experiment: Experiment, run: Run, settings: StreamSettings = STREAMS
+) -> dict[str, NDArray[np.bool_]]:
     """Samples of every stream at which the platform rests, as all motion instruments and commands
     see it.
 
     Args:
         experiment: With its instruments.
         run: One in motion.
+        settings: What is rest.
     """
     times = {name: experiment.common_time(run, name) for name in run.streams}
     start = max(float(t[0]) for t in times.values())
     end = min(float(t[-1]) for t in times.values())
-    edges = np.arange(start, end, SETTINGS.bin)
-    if len(edges) < 2 * SETTINGS.fewest_still:
+    edges = np.arange(start, end, settings.bin)
+    if len(edges) < 2 * settings.fewest_still:
         return {name: np.zeros(len(t), dtype=bool) for name, t in times.items()}
     still = np.ones(len(edges), dtype=bool)
     for name, stream in run.streams.items():
         if experiment.is_force(name):
             continue
         for values in stream.values.values():
-            still &= _still(times[name], values.reshape(len(values), -1), edges)
+            still &= _still(times[name], values.reshape(len(values), -1), edges, settings)
     for first, last in stretches(still):
-        if last - first < SETTINGS.fewest_still:
+        if last - first < settings.fewest_still:
             still[first:last] = False
     found = {}
     for name, t in times.items():
@@ -223,7 +215,7 @@ def resting(experiment: Experiment, run: Run) -> dict[str, NDArray[np.bool_]]:
     return found
 
 
-def _still(time: Array, flat: Array, edges: Array) -> NDArray[np.bool_]:
+def _still(time: Array, flat: Array, edges: Array, settings: StreamSettings) -> NDArray[np.bool_]:
     """Bins in which the means of a quantity do not move, shape (bins,)."""
     good = np.isfinite(flat).all(axis=1)
     bins = np.searchsorted(edges, time, side="right") - 1
@@ -233,8 +225,8 @@ def _still(time: Array, flat: Array, edges: Array) -> NDArray[np.bool_]:
     if not len(third):
         return still
     mean, count = binned_means(bins[use], flat[use], len(edges))
-    by_noise = SETTINGS.still * _sigma(third) * np.sqrt(2 / np.maximum(count[1:, None], 1))
-    by_motion = SETTINGS.still_share * mean.std(axis=0)
+    by_noise = settings.still * _sigma(third) * np.sqrt(2 / np.maximum(count[1:, None], 1))
+    by_motion = settings.still_share * mean.std(axis=0)
     step = np.abs(np.diff(mean, axis=0))
     moving = (step > by_noise + by_motion + 1e-9 * np.abs(mean).max(axis=0)).any(axis=1)
     still[1:] &= ~moving

@@ -15,6 +15,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import casadi as ca
 import numpy as np
 from pydantic import Field, model_serializer, model_validator
+from scipy.spatial.transform import Rotation
 
 from steelyard import rotations
 from steelyard.arrays import Array
@@ -142,6 +143,11 @@ class FrameForm(FileModel):
     rpy_deg: Vector = (0.0, 0.0, 0.0)
     """[deg]"""
 
+    @property
+    def rotation(self) -> Array:
+        """R_world_tracker, shape (3, 3)."""
+        return _matrix_of(self.rpy_deg)
+
 
 class TargetLimits(FileModel):
     """What the target may reach before the instrument loses it."""
@@ -166,6 +172,11 @@ class Mounting:
     """Key of that point."""
     frame: FrameForm | None = None
     """Frame that its readings stand in; key ``frame``; None: the world."""
+
+    @property
+    def rotation(self) -> Array:
+        """R_platform_instrument, shape (3, 3); that of a kind without the key is no rotation."""
+        return _matrix_of(self.rpy_deg or (0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -271,6 +282,11 @@ class Instrument(FileModel, ABC):
         """
 
 
+def _matrix_of(rpy_deg: Vector) -> Array:
+    """Rotation matrix of roll, pitch, yaw [deg], as experiment files have them, shape (3, 3)."""
+    return np.asarray(Rotation.from_euler("ZYX", rpy_deg[::-1], degrees=True).as_matrix())
+
+
 def mounting_rotation(rpy_deg: Vector, misalignment: Symbol) -> Symbol:
-    """R_platform_instrument = R(rpy) Exp(misalignment)."""
+    """R(rpy) Exp(misalignment): R_platform_instrument, or R_world_tracker of a frame."""
     return rotations.from_rpy(ca.DM(np.radians(rpy_deg))) @ rotations.exp(misalignment)

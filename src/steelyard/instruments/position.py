@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from typing import Literal
 
 import casadi as ca
-import numpy as np
 
-from steelyard import rotations
 from steelyard.batch import Symbol
 from steelyard.instruments.base import (
     Calibration,
@@ -21,6 +19,7 @@ from steelyard.instruments.base import (
     TargetLimits,
     Term,
     Vector,
+    mounting_rotation,
     sigma,
 )
 from steelyard.motion.state import State
@@ -98,7 +97,5 @@ def frame_terms(frame: FrameCalibration) -> tuple[Term, Term]:
 
 def tracker_frame(frame: FrameForm, calibration: Mapping[str, Symbol]) -> tuple[Symbol, Symbol]:
     """Origin of the tracker in the world [m] and R_world_tracker = R(rpy) Exp(error)."""
-    R = rotations.from_rpy(ca.DM(np.radians(frame.rpy_deg))) @ rotations.exp(
-        calibration["frame.rotation"]
-    )
+    R = mounting_rotation(frame.rpy_deg, calibration["frame.rotation"])
     return ca.DM(frame.position) + calibration["frame.position"], R

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.dynamics import platform_wrench
+from steelyard.identification.methods.settings import TwoStepSettings
 from steelyard.identification.methods.two_step import TwoStep, estimate_two_step
 from steelyard.identification.model.preparation import Samples
 from steelyard.inertia import BODY_PARAMETERS, Inertia
@@ -119,6 +120,13 @@ def test_rotation_about_one_axis_tells_what_couples_to_it(rng):
         assert estimate.verdict.parameters[name] == "unidentifiable"
         assert any(name in note for note in estimate.notes)
     np.testing.assert_allclose(estimate.value[6], BODY.inertia[2, 2], rtol=1e-6)
+
+
+def test_what_counts_as_excited_can_be_set():
+    noisy = replace(samples(), alpha_noise=1e-3)
+    assert told(estimate_two_step([noisy], SIZE)) == set(BODY_PARAMETERS)
+    strict = TwoStepSettings(noise_margin=1e12)
+    assert "cz" not in told(estimate_two_step([noisy], SIZE, settings=strict))
 
 
 def test_noise_in_the_regressor_is_not_taken_for_motion(rng):

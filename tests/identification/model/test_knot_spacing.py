@@ -8,6 +8,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import Covariance, multivariate_normal
 
 from steelyard.identification.model.knot_spacing import Channelled, best_spacing, evidence
+from steelyard.identification.model.settings import MotionSettings
 from steelyard.smoothing import DEGREE, knots
 
 pytestmark = pytest.mark.integration
@@ -270,3 +271,14 @@ def test_samples_may_repeat_and_leave_gaps():
     use = np.sort(np.concatenate([np.arange(0, 200), np.arange(0, 200), np.arange(400, 600)]))
     broken = Channelled(stream.time[use], stream.values[use], 0, 0.01)
     assert 0.1 < best_spacing([broken], CANDIDATES, 0.0, 6.0) < 0.4
+
+
+def test_how_much_likelier_finer_knots_must_be_can_be_set():
+    stream = [sine(1.2, 0.01)]
+    found = [
+        best_spacing(stream, CANDIDATES, 0.0, 6.0, settings=MotionSettings(as_likely=each))
+        for each in (0.0, CLOSE, 1e9)
+    ]
+    assert found == sorted(found)
+    assert found[1] == best_spacing(stream, CANDIDATES, 0.0, 6.0)
+    assert found[2] == CANDIDATES[-1] > found[1]

@@ -6,8 +6,12 @@ import pytest
 from steelyard.errors import InputError
 from steelyard.experiment.model import Stream
 from steelyard.experiment.read import read_experiment
+from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.methods.settings import TwoStepSettings
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.model.preparation import prepare
+from steelyard.identification.model.settings import MotionSettings, PreparationSettings
+from steelyard.identification.solve.settings import FitSettings
 from steelyard.motion.trajectory import RestToRest
 from steelyard.robot.file import read_robot
 from steelyard.simulation.sensors import Sensors, ideal_sensors
@@ -178,6 +182,18 @@ def test_a_platform_at_rest_is_refused_as_a_motion(robot):
     virtual = simulate(robot, {"still": RestToRest(pose, pose, 4.0)}, ideal_sensors(robot))
     with pytest.raises(InputError, match=r"run 'still': expected a motion.*static: true"):
         TwoStep()(virtual.experiment)
+
+
+def test_every_method_prepares_samples_with_its_own_settings(robot, trajectory):
+    experiment = simulate(robot, {"run": trajectory}, ideal_sensors(robot)).experiment
+    many = PreparationSettings(fewest=10**6)
+    methods = (
+        TwoStep(settings=TwoStepSettings(preparation=many)),
+        LeastSquares(settings=FitSettings(motion=MotionSettings(preparation=many))),
+    )
+    for method in methods:
+        with pytest.raises(InputError, match="expected at least 1000000 force samples"):
+            method(experiment)
 
 
 def test_a_body_on_a_wrench_sensor_needs_no_position(robot, trajectory):

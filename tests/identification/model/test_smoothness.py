@@ -20,7 +20,7 @@ from steelyard.identification.model.motion_residuals import (
     motion_residuals,
 )
 from steelyard.identification.model.segment import POSE, accumulate
-from steelyard.identification.model.settings import MOTION
+from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.model.smoothness import smoothness
 from steelyard.instruments import Attitude, Position
 from steelyard.robot.model import Robot
@@ -272,6 +272,13 @@ def test_a_motion_is_let_do_as_much_more_as_its_arc_wants(looser, factor):
     again, settled = smoothness([replace(segment, smoothness=level)], [read(segment)])
     assert settled
     assert np.log(again["position"]) == pytest.approx(np.log(level["position"]), abs=SETTLED)
+
+
+def test_the_least_intensity_can_be_set():
+    segment = arc_of(recording(0.1, 1e-2, 6), 1e-2)
+    loose = MotionSettings(least_position_intensity=1e3)
+    level, _ = smoothness([segment], [read(segment)], settings=loose)
+    assert level["position"] == pytest.approx(1e3 * segment.looser.get("position", 1.0))
 
 
 def test_inputs_stay_as_they_are():

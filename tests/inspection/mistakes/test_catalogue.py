@@ -3,7 +3,8 @@
 import pytest
 from pydantic import TypeAdapter
 
-from steelyard.inspection.mistakes.catalogue import OF_INSTRUMENTS, OF_READINGS
+from steelyard.inspection.mistakes.catalogue import OF_INSTRUMENTS, of_readings
+from steelyard.inspection.settings import PLACES
 from steelyard.instruments import AnyInstrument
 
 
@@ -33,7 +34,12 @@ from steelyard.instruments import AnyInstrument
 def test_the_table_says_which_instruments_may_have_a_mistake(kind, names):
     instrument = validated(kind)
     quantities = instrument.quantities(8)
-    found = {each.name for each in OF_READINGS for q in quantities if each.may_have(instrument, q)}
+    found = {
+        each.name
+        for each in of_readings(PLACES)
+        for q in quantities
+        if each.may_have(instrument, q)
+    }
     found |= {each.name for each in OF_INSTRUMENTS if each.may_have(instrument, quantities)}
     assert found == names
 

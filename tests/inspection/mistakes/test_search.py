@@ -8,7 +8,8 @@ from mistaken import MISTAKES, vector
 from simulated import sound
 
 from steelyard.inspection.agreements.excerpt import excerpts
-from steelyard.inspection.mistakes.search import MistakeSettings, mistakes
+from steelyard.inspection.mistakes.search import mistakes
+from steelyard.inspection.settings import MistakeSettings, PlaceSettings
 
 pytestmark = pytest.mark.integration
 
@@ -65,3 +66,11 @@ def test_what_is_named_can_be_set():
     assert not mistakes(excerpt, settings=MistakeSettings(least_gain=1e3))[0]
     with pytest.raises(FrozenInstanceError):
         MistakeSettings().most = 3
+
+
+def test_how_far_off_a_place_must_be_can_be_set():
+    (excerpt,) = excerpts(MISTAKES["target elsewhere"].make(sound(1)), 1)
+    assert mistakes(excerpt)[0][0].amendment.kind == "place on the platform"
+    far = MistakeSettings(places=PlaceSettings(least=1e3))
+    found, _ = mistakes(excerpt, settings=far)
+    assert all(each.amendment.kind != "place on the platform" for each in found)

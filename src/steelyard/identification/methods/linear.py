@@ -7,12 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-
-_ROUNDING = 1e-9
-"""Singular values below this part of the largest are rounding."""
-_NOISE_MARGIN = 4.0
-"""A direction counts as excited where its information is this many times what noise in the
-regressor alone would give."""
+from steelyard.identification.methods.settings import TWO_STEP, TwoStepSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +31,13 @@ class LinearFit:
     """Of the scaled regressor, over the directions that are excited."""
 
 
-def solve(regressor: Array, target: Array, scale: Array, noise: Array) -> LinearFit:
+def solve(
+    regressor: Array,
+    target: Array,
+    scale: Array,
+    noise: Array,
+    settings: TwoStepSettings = TWO_STEP,
+) -> LinearFit:
     """Solve ``regressor @ value = target`` in the least-squares sense.
 
     Args:
@@ -45,6 +46,7 @@ def solve(regressor: Array, target: Array, scale: Array, noise: Array) -> Linear
         scale: Plausible size of every parameter, shape (p,).
         noise: Mean square that noise alone leaves in each column, summed over the d equations,
             shape (p,).
+        settings: With what is excited.
 
     Returns:
         The solution over the directions that are excited beyond noise and rounding.
@@ -52,7 +54,8 @@ def solve(regressor: Array, target: Array, scale: Array, noise: Array) -> Linear
     n = len(regressor)
     _, singular, right = np.linalg.svd(_triangle(regressor) * scale)
     by_noise = right**2 @ (n * noise * scale**2)
-    excited = (singular > _ROUNDING * singular[0]) & (singular**2 > _NOISE_MARGIN * by_noise)
+    excited = singular > settings.rounding * singular[0]
+    excited &= singular**2 > settings.noise_margin * by_noise
     root = scale[:, None] * (right[excited].T / singular[excited])
     normal_inverse = root @ root.T
     value = normal_inverse @ np.einsum("ndp,nd->p", regressor, target)

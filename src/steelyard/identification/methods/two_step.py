@@ -24,6 +24,7 @@ from steelyard.estimates.estimate import Estimate, plausible_radius
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.body_fit import BodyFit, finish, from_two_steps, median, merge
 from steelyard.identification.methods.linear import LinearFit, block_sums, covariance_of, solve
+from steelyard.identification.methods.settings import TWO_STEP, TwoStepSettings
 from steelyard.identification.model.preparation import Samples, prepare
 from steelyard.identification.model.sources import Acceleration, choose_sources
 from steelyard.identification.solve.posterior import Posterior
@@ -31,13 +32,8 @@ from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments.equations import means, predict, terms_behind
 from steelyard.motion.state import State
 
-_BLOCK_SPACINGS = 10.0
-"""Length of a block of correlated residuals, in knot spacings of the filter."""
-_LEAST_BLOCKS = 10
 _ROWS = 20_000
 """Samples whose regressor is held at once."""
-_LEAST_FORCE = 1e-6
-"""Below it there is no force to speak of [N]."""
 
 Combine = Literal["median", "pooled"]
 
@@ -52,6 +48,8 @@ class TwoStep:
     combine: Combine = "median"
     """How runs in motion are brought together: the median of their estimates, or all samples in one
     fit."""
+    settings: TwoStepSettings = TWO_STEP
+    """Thresholds of filter and fit."""
 
     name: ClassVar[str] = "two-step"
     fit: ClassVar[None] = None
@@ -81,8 +79,16 @@ class TwoStep:
         for i, run in enumerate(experiment.runs):
             if progress:
                 progress(f"two-step: {run.name}", i / len(experiment.runs))
-            runs.append(prepare(experiment, run, acceleration=self.acceleration, straight=True))
-        estimate = estimate_two_step(runs, plausible_radius(experiment.robot), self.combine)
+            samples = prepare(
+                experiment,
+                run,
+                acceleration=self.acceleration,
+                straight=True,
+                settings=self.settings.preparation,
+            )
+            runs.append(samples)
+        size = plausible_radius(experiment.robot)
+        estimate = estimate_two_step(runs, size, self.combine, settings=self.settings)
         estimate = replace(
             estimate, notes=(*estimate.notes, *_not_in_sigma(experiment, self.acceleration))
         )
@@ -158,7 +164,11 @@ def _not_in_sigma(experiment: Experiment, acceleration: Acceleration | None) -> 
 
 
 def estimate_two_step(
-    runs: Sequence[Samples], size: float, combine: Combine = "median"
+    runs: Sequence[Samples],
+    size: float,
+    combine: Combine = "median",
+    *,
+    settings: TwoStepSettings = TWO_STEP,
 ) -> Estimate:
     """The two steps over prepared runs.
 
@@ -167,21 +177,22 @@ def estimate_two_step(
         size: Plausible radius of the body [m]: what is not known better than half of it is not
             known.
         combine: See :class:`TwoStep`.
+        settings: Thresholds of the fit.
     """
     moving = [run for run in runs if not run.static]
     static = [run for run in runs if run.static]
     if not runs:
         raise InputError("expected at least one run, found none; add recordings")
-    at_rest = _poses(static, size) if static else None
+    at_rest = _poses(static, size, settings) if static else None
     groups = (
         {"all runs pooled": moving}
         if combine == "pooled" and moving
         else {run.run: [run] for run in moving}
     )
-    alone = {name: _motion(group, size, None) for name, group in groups.items()}
+    alone = {name: _motion(group, size, None, settings) for name, group in groups.items()}
     # The inertia about the centre of gravity is had with the best centre of gravity there is.
     informed = (
-        [_motion(group, size, at_rest) for group in groups.values()]
+        [_motion(group, size, at_rest, settings) for group in groups.values()]
         if at_rest
         else list(alone.values())
     )
@@ -267,13 +278,14 @@ class _LinearStep:
         return moved
 
 
-def _step(target: Array, *groups: _Unknown) -> _LinearStep:
+def _step(target: Array, *groups: _Unknown, settings: TwoStepSettings) -> _LinearStep:
     """One linear step over groups of unknowns, solved in units of their plausible sizes."""
     columns = [g.columns for g in groups]
     regressor = columns[0] if len(columns) == 1 else np.concatenate(columns, axis=2)
     place = np.concatenate([g.place for g in groups])
     scale = np.concatenate([np.full(len(g.place), g.scale) for g in groups])
-    fit = solve(regressor, target, scale, np.concatenate([g.noise for g in groups]))
+    noise = np.concatenate([g.noise for g in groups])
+    fit = solve(regressor, target, scale, noise, settings)
     value, unknown = np.zeros(_UNKNOWNS), np.zeros((_UNKNOWNS, fit.unknown.shape[1]))
     value[place], unknown[place] = fit.value, scale[:, None] * fit.unknown
     if _INVERSE_MASS[0] in place and value[0] == 0:
@@ -328,10 +340,10 @@ def _equations(runs: Sequence[Samples]) -> _Equations:
     )
 
 
-def _forces(e: _Equations) -> list[_Unknown]:
+def _forces(e: _Equations, settings: TwoStepSettings) -> list[_Unknown]:
     """Unknowns of Eq. (6) without the centre of gravity: -F (1/m) + b/m = -s."""
     force_samples = _rms(e.specific_force)
-    inverse_mass = force_samples / max(_rms(e.force), _LEAST_FORCE)
+    inverse_mass = force_samples / max(_rms(e.force), settings.least_force)
     groups = [_Unknown(_INVERSE_MASS, -e.force[:, :, None], inverse_mass, np.zeros(1))]
     return [*groups, _free(_FORCE_OFFSET, len(e.force), force_samples)] if e.offset else groups
 
@@ -340,36 +352,41 @@ def _torque_offset(e: _Equations) -> list[_Unknown]:
     return [_free(_TORQUE_OFFSET, len(e.torque), _rms(e.torque) + 1e-12)] if e.offset else []
 
 
-def _motion(runs: Sequence[Samples], size: float, at_rest: BodyFit | None) -> BodyFit:
+def _motion(
+    runs: Sequence[Samples], size: float, at_rest: BodyFit | None, settings: TwoStepSettings
+) -> BodyFit:
     """Eq. (6), then Eq. (8), over the samples of one or more runs in motion."""
     e = _equations(runs)
     alpha_noise = float(np.sqrt(np.mean([run.alpha_noise**2 for run in runs])))
 
     # Step one, Eq. (6): -F (1/m) [+ b/m] + ([w']x + [w]x[w]x) c = -s.
     cog = _Unknown(_COG, e.force_of_cog, size, np.full(3, 2 * alpha_noise**2))
-    one = _with_better_cog(_step(-e.specific_force, cog, *_forces(e)), runs, at_rest)
+    one = _step(-e.specific_force, cog, *_forces(e, settings), settings=settings)
+    one = _with_better_cog(one, runs, at_rest)
 
     # Step two, Eq. (8): J_P from n - h x s, with h of step one; J_C follows by Eq. (7).
     mass, c = 1 / one.value[0], one.value[_COG]
     moments = _Unknown(
         _MOMENTS, e.torque_of_moments, mass * size**2, alpha_noise**2 * np.array([1, 1, 1, 2, 2, 2])
     )
-    two = _step(e.torque - e.torque_of_cog @ (mass * c), moments, *_torque_offset(e))
+    torque = e.torque - e.torque_of_cog @ (mass * c)
+    two = _step(torque, moments, *_torque_offset(e), settings=settings)
 
     # How step two follows step one, through h = c / (1/m).
     by_first = np.zeros((3, _UNKNOWNS))
     by_first[:, _INVERSE_MASS[0]], by_first[:, _COG] = -c * mass**2, mass * np.eye(3)
-    return _joined(one, two, two.following(e.torque_of_cog) @ by_first, _block(runs))
+    passed_on = two.following(e.torque_of_cog) @ by_first
+    return _joined(one, two, passed_on, _block(runs, settings))
 
 
-def _poses(runs: Sequence[Samples], size: float) -> BodyFit:
+def _poses(runs: Sequence[Samples], size: float, settings: TwoStepSettings) -> BodyFit:
     """Mass from the forces and centre of gravity from the torque balance of poses at rest."""
     e = _equations(runs)
-    one = _step(-e.specific_force, *_forces(e))
+    one = _step(-e.specific_force, *_forces(e, settings), settings=settings)
     mass = 1 / one.value[0]
     # n = h x s with h = m c, for c.
     cog = _Unknown(_COG, e.torque_of_cog * mass, size, np.zeros(3))
-    two = _step(e.torque, cog, *_torque_offset(e))
+    two = _step(e.torque, cog, *_torque_offset(e), settings=settings)
     # The torque balance gives h; c = h (1/m) moves with the mass.
     passed_on = np.zeros((_UNKNOWNS, _UNKNOWNS))
     passed_on[_COG, _INVERSE_MASS[0]] = two.value[_COG] * mass
@@ -444,14 +461,13 @@ def _untold_notes(estimate: Estimate, moving: Sequence[Samples]) -> list[str]:
     return [f"not identifiable from these data: {', '.join(untold)} ({why})"]
 
 
-def _block(runs: Sequence[Samples]) -> int:
+def _block(runs: Sequence[Samples], settings: TwoStepSettings) -> int:
     """Samples over which residuals may be correlated."""
     n = sum(len(run) for run in runs)
     step = float(np.median(np.concatenate([np.diff(run.time) for run in runs])))
     spacing = max(run.spacing for run in runs)
-    return int(
-        min(max(1.0, _BLOCK_SPACINGS * spacing / max(step, 1e-9)), max(1, n // _LEAST_BLOCKS))
-    )
+    correlated = max(1.0, settings.block_spacings * spacing / max(step, 1e-9))
+    return int(min(correlated, max(1, n // settings.least_blocks)))
 
 
 def _rms(vectors: Array) -> float:

@@ -18,17 +18,8 @@ from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array, dia_array
 
 from steelyard.arrays import Array
+from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.smoothing import DEGREE, knots
-
-_WIDE = 10.0
-"""Prior 1-sigma of what the prior of the derivative leaves open, in units of how far the readings
-vary."""
-_UNSTATED = 1e-3
-"""Noise that is not stated, to begin with, in the same units."""
-_CLOSE = 2.0
-"""Evidence, a log likelihood, by which a coarser spline may be worse and still do."""
-_RANGE = 1e-9, 1e9
-"""Of the intensity about the first guess."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +35,14 @@ class Channelled:
     """1-sigma per sample; None: not stated."""
 
 
-def evidence(stream: Channelled, grid: Array) -> float:
+def evidence(stream: Channelled, grid: Array, settings: MotionSettings = MOTION) -> float:
     """Largest log likelihood of a stream over the intensity of the noise in its derivative (and
     over its own noise, if unstated).
 
     Args:
         stream: Within the knots.
         grid: Knots of a quintic spline [s].
+        settings: Of the prior and the search.
     """
     n, k = stream.values.shape
     centred = stream.values - stream.values.mean(axis=0)
@@ -63,16 +55,16 @@ def evidence(stream: Channelled, grid: Array) -> float:
     gram, right = _band(design.T @ design), np.asarray(design.T @ values)
     square = float(np.sum(values**2))
     smooth = _integral(grid, 3 - stream.order)
-    flat = _integral(grid, 0) / (_WIDE**2 * (grid[-1] - grid[0]))
+    flat = _integral(grid, 0) / (settings.undamped**2 * (grid[-1] - grid[0]))
     # A first guess: derivatives as the range and the spacing have it.
     spacing = (grid[-1] - grid[0]) / max(len(grid) - 2 * DEGREE - 1, 1)
-    first = np.log(1e-3 / spacing ** (2 * (3 - stream.order) - 1))
+    first = np.log(settings.first_jerk / spacing ** (2 * (3 - stream.order) - 1))
 
     def minus(log_intensity: float) -> float:
         # With noise unstated, the intensity is in units of its variance.
         variance = 1.0 if sigma is None else sigma**2
         prior = smooth / np.exp(log_intensity) * variance + flat * (
-            _UNSTATED**2 if sigma is None else variance
+            settings.unstated_noise**2 if sigma is None else variance
         )
         try:
             prior_factor = cholesky_banded(prior, lower=True, check_finite=False)
@@ -87,16 +79,24 @@ def evidence(stream: Channelled, grid: Array) -> float:
         return float(0.5 * (misfit / variance + n * k * float(np.log(variance)) + volume))
 
     if sigma is None:
-        first -= 2 * np.log(_UNSTATED)
-    bounds = (first + np.log(_RANGE[0]), first + np.log(_RANGE[1]))
+        first -= 2 * np.log(settings.unstated_noise)
+    least, most = settings.jerk_range
     found = minimize_scalar(
-        minus, bounds=bounds, method="bounded", options={"xatol": 0.3, "maxiter": 20}
+        minus,
+        bounds=(first + np.log(least), first + np.log(most)),
+        method="bounded",
+        options={"xatol": settings.jerk_tolerance, "maxiter": settings.jerk_iterations},
     )
     return float(-found.fun - n * k * np.log(span))
 
 
 def best_spacing(
-    streams: Sequence[Channelled], candidates: Sequence[float], start: float, end: float
+    streams: Sequence[Channelled],
+    candidates: Sequence[float],
+    start: float,
+    end: float,
+    *,
+    settings: MotionSettings = MOTION,
 ) -> float:
     """The widest spacing of knots that is about as likely as the best.
 
@@ -105,6 +105,7 @@ def best_spacing(
         candidates: Spacings [s], ascending.
         start: Of the interval to judge on [s].
         end: Of the interval [s].
+        settings: With what is about as likely.
     """
     inside = []
     for stream in streams:
@@ -115,14 +116,12 @@ def best_spacing(
             )
     if not inside:
         return candidates[0]
-    found = [
-        sum(evidence(each, knots(start, end, spacing)) for each in inside) for spacing in candidates
-    ]
-    return max(
-        spacing
-        for spacing, each in zip(candidates, found, strict=True)
-        if each >= max(found) - _CLOSE
-    )
+    found = []
+    for spacing in candidates:
+        grid = knots(start, end, spacing)
+        found.append(sum(evidence(each, grid, settings) for each in inside))
+    least = max(found) - settings.as_likely
+    return max(spacing for spacing, each in zip(candidates, found, strict=True) if each >= least)
 
 
 def _integral(grid: Array, order: int) -> Array:

@@ -20,29 +20,12 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.reading import RunReader, SmoothPart
+from steelyard.identification.model.settings import PREPARATION, PreparationSettings
 from steelyard.identification.model.sources import Acceleration, Source, choose_sources
 from steelyard.motion.state import specific_force_of
 from steelyard.robot.cable_inertia import cable_inertia_wrench
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import Samples1D, choose_spacing, pieces, segments
-
-_FEWEST_SAMPLES = 10
-_WIDEST_SPACING = 0.5
-"""[s]"""
-_LEAST_TURNING = 1e-3
-"""Angular acceleration of a platform at rest, rms [rad/s^2]."""
-_LEAST_MOVING = 0.05
-"""Change of the specific force of a platform at rest, rms [m/s^2]."""
-_LEAST_COMPARED = 0.05
-"""Angular velocity about an axis at which gyro and attitude are compared, rms [rad/s]."""
-_LARGEST_FACTOR = 0.5
-"""Difference of their ratio from one that neither misalignment nor vibration explains."""
-_FASTEST = 0.02
-"""Knot spacing that follows all that a platform on cables does [s]: 25 Hz."""
-_MARGIN = 1.0
-"""Of a stream beside the window of its run [s]: clocks may still be moved."""
-_JUDGED = 30.0
-"""Length of the part on which the knot spacing is chosen [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +104,7 @@ def prepare(
     calibration: CalibrationValues | None = None,
     thin: bool = False,
     commanded: bool = False,
+    settings: PreparationSettings = PREPARATION,
 ) -> Samples:
     """Samples of one run.
 
@@ -133,6 +117,7 @@ def prepare(
         thin: Whether few samples between two knots of the filter will do, and samples far from all
             others be left out.
         commanded: Whether the commanded orientation will do where none is measured.
+        settings: Of the filter, and of what is a motion.
 
     Raises:
         InputError: A quantity that is needed is missing, the streams do not overlap, or nothing
@@ -141,7 +126,7 @@ def prepare(
     robot = experiment.robot.with_straight_cables() if straight else experiment.robot
     sources = choose_sources(experiment, run, acceleration, commanded=commanded)
     task = RunReader(experiment, robot, run, sources, calibration)
-    return _static(task) if run.static else _moving(task, thin=thin)
+    return _static(task) if run.static else _moving(task, settings, thin=thin)
 
 
 def _static(task: RunReader) -> Samples:
@@ -202,15 +187,15 @@ def _static(task: RunReader) -> Samples:
     )
 
 
-def _moving(task: RunReader, *, thin: bool) -> Samples:
+def _moving(task: RunReader, settings: PreparationSettings, *, thin: bool) -> Samples:
     """Samples of a run in motion, part by part between its gaps."""
     run, sources = task.run, task.sources
     everything = [
         *sources.used(),
         *((sources.force, quantity) for quantity in run.streams[sources.force].values),
     ]
-    raw = {source: samples_of(task, source) for source in everything}
-    plan = _planned(task, raw, thin=thin)
+    raw = {source: samples_of(task, source, settings) for source in everything}
+    plan = _planned(task, raw, settings, thin=thin)
     spacing = plan.spacing
 
     def state(part: tuple[float, float, Array]) -> tuple[dict[str, Array], dict[str, float]] | None:
@@ -225,9 +210,9 @@ def _moving(task: RunReader, *, thin: bool) -> Samples:
         states = [state(part) for part in plan.parts]
     parts = [state for state, _ in filter(None, states)]
     found = sum(len(p["time"]) for p in parts)
-    if found < _FEWEST_SAMPLES:
+    if found < settings.fewest:
         raise InputError(
-            f"{task.where}: expected at least {_FEWEST_SAMPLES} force samples where all streams"
+            f"{task.where}: expected at least {settings.fewest} force samples where all streams"
             f" have data, found {found}; record longer, or widen 'window'"
         )
     joined: dict[str, Any] = {key: np.concatenate([p[key] for p in parts]) for key in parts[0]}
@@ -241,8 +226,8 @@ def _moving(task: RunReader, *, thin: bool) -> Samples:
         for key in noises[0]
     }
     alpha_noise = noise.pop("alpha")
-    _check_motion(task.where, joined, alpha_noise)
-    notes = _gyro_notes(run.name, joined["omega"], joined.pop("omega_of_attitude"))
+    _check_motion(task.where, joined, alpha_noise, settings)
+    notes = _gyro_notes(run.name, joined["omega"], joined.pop("omega_of_attitude"), settings)
     for what, source in (("position", sources.position), ("orientation", sources.rotation)):
         if source and task.experiment.instruments[source[0]].commanded:
             notes.append(
@@ -267,11 +252,11 @@ def _moving(task: RunReader, *, thin: bool) -> Samples:
 
 
 _DRAGGING = ("position", "rotation", "specific_force", "omega", "alpha")
-_PER_KNOT = 4
-"""Samples between two knots that hold all that the filter has let through."""
 
 
-def _planned(task: RunReader, raw: Mapping[Source, Samples1D], *, thin: bool) -> Plan:
+def _planned(
+    task: RunReader, raw: Mapping[Source, Samples1D], settings: PreparationSettings, *, thin: bool
+) -> Plan:
     """Cut a run where streams have gaps, and choose the filter from the data."""
     start, end = task.run.window or (-np.inf, np.inf)
     start = max(start, *(float(s.time[0]) for s in raw.values()))
@@ -288,16 +273,15 @@ def _planned(task: RunReader, raw: Mapping[Source, Samples1D], *, thin: bool) ->
     )
     if sources.specific_force is None and not thin:
         differentiated.append(sources.position)
-    spacing = _spacing(
-        [raw[s] for s in differentiated if s], list(raw.values()), start, end, robust=thin
-    )
+    judged = [raw[s] for s in differentiated if s]
+    spacing = _spacing(judged, list(raw.values()), start, end, settings, robust=thin)
     times = task.time(sources.force)
     parts, gaps = [], -1
     for part_start, part_end in segments([s.time for s in raw.values()], start, end, spacing):
         gaps += 1
         for a, b, first, last in pieces(part_start, part_end, spacing):
             inside = times[(times >= first) & (times < last)]
-            enough = round(_PER_KNOT * (last - first) / spacing)
+            enough = round(settings.evaluated_per_knot * (last - first) / spacing)
             if thin and len(inside) > enough:
                 inside = np.asarray(first + (np.arange(enough) + 0.5) * ((last - first) / enough))
             if len(inside):
@@ -305,7 +289,9 @@ def _planned(task: RunReader, raw: Mapping[Source, Samples1D], *, thin: bool) ->
     return Plan(spacing, tuple(parts), gaps)
 
 
-def _gyro_notes(run: str, omega: Array, omega_of_attitude: Array) -> list[str]:
+def _gyro_notes(
+    run: str, omega: Array, omega_of_attitude: Array, settings: PreparationSettings
+) -> list[str]:
     """Say where gyro and attitude contradict each other: a wrong axis, sign or unit passes all
     other checks.
     """
@@ -313,10 +299,10 @@ def _gyro_notes(run: str, omega: Array, omega_of_attitude: Array) -> list[str]:
     for axis, name in enumerate("xyz"):
         own, other = omega[:, axis], omega_of_attitude[:, axis]
         own, other = own - own.mean(), other - other.mean()
-        if (
-            np.sqrt(np.mean(other**2)) > _LEAST_COMPARED
-            and abs(factor := float(own @ other / (other @ other)) - 1) > _LARGEST_FACTOR
-        ):
+        if np.sqrt(np.mean(other**2)) <= settings.least_compared:
+            continue
+        factor = float(own @ other / (other @ other)) - 1
+        if abs(factor) > settings.largest_factor:
             notes.append(
                 f"run '{run}': about {name} the gyro turns {factor + 1:.2g} times as fast as the"
                 " orientation; check axes, signs and units"
@@ -324,7 +310,9 @@ def _gyro_notes(run: str, omega: Array, omega_of_attitude: Array) -> list[str]:
     return notes
 
 
-def samples_of(task: RunReader, source: Source) -> Samples1D:
+def samples_of(
+    task: RunReader, source: Source, settings: PreparationSettings = PREPARATION
+) -> Samples1D:
     """A quantity with its complete samples on the common clock; rotations already of the platform,
     as quaternions.
     """
@@ -335,7 +323,7 @@ def samples_of(task: RunReader, source: Source) -> Samples1D:
     time = task.time(name)
     if task.run.window:
         start, end = task.run.window
-        valid &= (time >= start - _MARGIN) & (time <= end + _MARGIN)
+        valid &= (time >= start - settings.margin) & (time <= end + settings.margin)
     time, values = time[valid], values[valid]
     if len(time) < 2:
         raise InputError(
@@ -350,43 +338,45 @@ def samples_of(task: RunReader, source: Source) -> Samples1D:
 
 
 def _spacing(
-    judged: list[Samples1D], used: list[Samples1D], start: float, end: float, *, robust: bool
+    judged: list[Samples1D],
+    used: list[Samples1D],
+    start: float,
+    end: float,
+    settings: PreparationSettings,
+    *,
+    robust: bool,
 ) -> float:
     """Knot spacing from the data: at least two samples of the slowest stream, at most what the
     motion bears.
     """
     steps = [np.diff(s.time[(s.time >= start) & (s.time <= end)]) for s in used]
-    finest = 2.0 * max(
-        (float(np.median(step)) for step in steps if len(step)), default=_WIDEST_SPACING
-    )
-    widest = max(finest, min(_WIDEST_SPACING, (end - start) / 8))
+    slowest = max((float(np.median(step)) for step in steps if len(step)), default=settings.widest)
+    finest = settings.samples_per_knot * slowest
+    widest = max(finest, min(settings.widest, (end - start) / settings.fewest_knots))
     if robust:
-        finest = min(widest, max(finest, _FASTEST))
+        finest = min(widest, max(finest, settings.finest))
     candidates = np.geomspace(finest, widest, 1 + int(np.ceil(2 * np.log2(widest / finest))))
     # No spline crosses a gap: the longest part without one is looked at.
     parts = segments([s.time for s in used], start, end, finest)
     start, end = max(parts, key=lambda part: part[1] - part[0], default=(start, end))
-    return choose_spacing(
-        judged, [float(c) for c in candidates], start, min(end, start + _JUDGED), robust=robust
-    )
+    end = min(end, start + settings.judged)
+    return choose_spacing(judged, [float(c) for c in candidates], start, end, robust=robust)
 
 
-def _check_motion(where: str, state: Mapping[str, Array], alpha_noise: float) -> None:
+def _check_motion(
+    where: str, state: Mapping[str, Array], alpha_noise: float, settings: PreparationSettings
+) -> None:
     """Refuse a recording of a platform at rest: its place is among the static runs."""
-    turning = float(
-        np.sqrt(np.mean(np.sum((state["alpha"] - state["alpha"].mean(axis=0)) ** 2, axis=1)))
-    )
-    moving = float(
-        np.sqrt(
-            np.mean(
-                np.sum(
-                    (state["specific_force"] - state["specific_force"].mean(axis=0)) ** 2, axis=1
-                )
-            )
-        )
-    )
-    if turning < max(3 * alpha_noise, _LEAST_TURNING) and moving < _LEAST_MOVING:
+    turning, moving = _scatter(state["alpha"]), _scatter(state["specific_force"])
+    least_turning = max(settings.beyond_noise * alpha_noise, settings.least_turning)
+    if turning < least_turning and moving < settings.least_moving:
         raise InputError(
             f"{where}: expected a motion, found a platform (nearly) at rest: {turning:.2g} rad/s^2"
             f" and {moving:.2g} m/s^2 rms; record a motion, or list it under 'static: true'"
         )
+
+
+def _scatter(vectors: Array) -> float:
+    """Root mean square distance of vectors, shape (n, 3), from their mean."""
+    off = vectors - vectors.mean(axis=0)
+    return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))

@@ -1,13 +1,64 @@
-"""Numbers that decide how readings become a motion in continuous time, with the reason of each."""
+"""Numbers that decide how readings become samples on one time base, and a motion in continuous time,
+with the reason of each.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PreparationSettings:
+    """Of samples on one time base: for ``two-step``, and for a motion to begin with."""
+
+    fewest: int = 10
+    """Samples of a run in motion."""
+    margin: float = 1.0
+    """Of a stream beside the window of its run [s]: clocks may still be moved."""
+
+    # The filter
+
+    finest: float = 0.02
+    """Least spacing of the knots of a motion to begin with [s]: it passes 25 Hz, which is all that
+    a platform on cables does."""
+    widest: float = 0.5
+    """Largest spacing of the knots [s]: it passes 1 Hz, which any motion worth recording has."""
+    fewest_knots: float = 8.0
+    """Spacings in a run, at least."""
+    samples_per_knot: float = 2.0
+    """Of the slowest stream, so that its samples determine every spline."""
+    judged: float = 30.0
+    """Length of the part on which the spacing is chosen [s]."""
+    evaluated_per_knot: float = 4.0
+    """Samples between two knots that hold all that the filter has let through."""
+
+    # What is a motion
+
+    least_turning: float = 1e-3
+    """Angular acceleration of a platform in motion, rms [rad/s^2]."""
+    beyond_noise: float = 3.0
+    """The same, in 1-sigma of its noise."""
+    least_moving: float = 0.05
+    """Change of the specific force of a platform in motion, rms [m/s^2]."""
+
+    # Gyro against attitude
+
+    least_compared: float = 0.05
+    """Angular velocity about an axis at which they are compared, rms [rad/s]."""
+    largest_factor: float = 0.5
+    """Difference of their ratio from one that neither misalignment nor vibration explains."""
+
+
+PREPARATION = PreparationSettings()
 
 
 @dataclass(frozen=True)
 class MotionSettings:
     """Of segments, their knots and their smoothness."""
+
+    preparation: PreparationSettings = PREPARATION
+    """Of the motion to begin with."""
 
     # Segments
 
@@ -50,6 +101,26 @@ class MotionSettings:
     per_vibration: float = 3.0
     """The same of the accelerometer where it is to follow a vibration."""
 
+    # Likelihood of a spacing
+
+    undamped: float = 10.0
+    """Prior 1-sigma of the polynomials that a prior on the third derivative leaves free, in units
+    of how far the readings vary: it hardly holds them, and stays a proper prior."""
+    unstated_noise: float = 1e-3
+    """Noise that is not stated, to begin with, in the same units."""
+    first_jerk: float = 1e-3
+    """Intensity of the third derivative to begin with, in the same units and those of the spacing:
+    the search goes nine orders of magnitude to both sides."""
+    jerk_range: tuple[float, float] = (1e-9, 1e9)
+    """Of the intensity about that beginning: wider than any motion asks for."""
+    jerk_tolerance: float = 0.3
+    """Of the logarithm of the intensity: the likelihood is flat at its maximum."""
+    jerk_iterations: int = 20
+    """Evaluations of the likelihood in that search at most: it needs 6 to 16."""
+    as_likely: float = 2.0
+    """Log likelihood by which a wider spacing may be worse and is still taken: odds of 7 to 1,
+    which are no strong evidence for finer knots [Kass1995]_."""
+
     # Poses at rest
 
     place_at_rest: float = 1e-3
@@ -71,6 +142,36 @@ class MotionSettings:
     where it rings, its roughness sits in narrow bands, far above the mean, and a prior that is too
     stiff there takes from the acceleration what the forces measure. It widens what passes by
     30^(1/6), less than twofold."""
+    smoothness_settled: float = 0.3
+    """Largest logarithm of the ratio of two intensities at which they have settled: the frequency
+    that passes follows it with a sixth of that, 5 %."""
+    smoothness_iterations: int = 12
+    """At most: recordings need 1 to 7."""
+    smoothness_step: float = 4.0
+    """Longest step of the logarithm of an intensity: a factor of 55."""
+    smoothness_slopes: tuple[float, float] = (-1.5, -0.15)
+    """Of the logarithm of the ratio by that of the intensity, as far as a secant is believed: -1
+    where roughness and freedom do not depend on it."""
+    stiffer: float = 1e-3
+    """Second beginning of a search, as a part of the first: there may be two answers, one of them a
+    motion that follows the noise."""
+    least_used_freedom: float = 0.1
+    """Degrees of freedom that the readings use of a motion, at least, so that the ratio of its
+    roughness to them is finite."""
+    least_position_intensity: float = 1e-4
+    """Intensity that no motion is stiffer than [m^2/s^5]: within a second its acceleration may
+    always change by a centimetre per second squared. Where nothing seems to move, the readings
+    would else ask for none at all."""
+    least_rotation_intensity: float = 1e-5
+    """The same of the orientation [1/s^5]."""
+
+    @property
+    def least_intensity(self) -> Mapping[str, float]:
+        """Part of the pose -> intensity that it has at least."""
+        return {
+            "position": self.least_position_intensity,
+            "rotation": self.least_rotation_intensity,
+        }
 
     def at_rest(self, unit: str) -> float:
         """First guess of the noise of a quantity at rest, by its unit."""

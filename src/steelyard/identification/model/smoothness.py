@@ -15,22 +15,7 @@ import numpy as np
 
 from steelyard.identification.model.motion_residuals import PARTS, Segment
 from steelyard.identification.model.segment import NormalEquations, banded_trace
-
-_SETTLED = 0.3
-"""Largest logarithm of the ratio at which the intensity has settled: what passes follows it with a
-sixth of that."""
-_TURNS = 12
-_LONGEST_STEP = 4.0
-"""Of the logarithm of an intensity."""
-_SLOPES = -1.5, -0.15
-"""Of the logarithm of the ratio by that of the intensity, as far as a secant is believed."""
-_STIFFER = 1e-3
-"""Second beginning of a search, as a part of the first: there may be two answers, one of them a
-motion that follows the noise."""
-_LEAST = {"position": 1e-4, "rotation": 1e-5}
-"""Intensity that no motion is stiffer than [m^2/s^5], [1/s^5]: within a second its acceleration may
-always change by a centimetre per second squared. Where nothing seems to move, the readings would
-else ask for none at all."""
+from steelyard.identification.model.settings import MOTION, MotionSettings
 
 
 @dataclass(frozen=True)
@@ -41,7 +26,11 @@ class _Intensities:
 
 
 def smoothness(
-    segments: Sequence[Segment], equations: Sequence[NormalEquations], *, anew: bool = False
+    segments: Sequence[Segment],
+    equations: Sequence[NormalEquations],
+    *,
+    anew: bool = False,
+    settings: MotionSettings = MOTION,
 ) -> tuple[dict[str, float], bool]:
     """Intensities that the readings ask for, as much above the likeliest as the segments want it, and
     whether they had them already.
@@ -50,6 +39,7 @@ def smoothness(
         segments: With present motion; those with a smoothness share it.
         equations: Of their readings alone.
         anew: Whether to search from a stiffer motion too, and take what is likelier.
+        settings: Of the search.
     """
     moving = [
         (segment, each)
@@ -60,27 +50,32 @@ def smoothness(
     present = {
         part: value / looser[part] for part, value in (moving[0][0].smoothness or {}).items()
     }
-    found = _search(moving, present)
+    found = _search(moving, present, settings)
     if anew:
-        stiffer = _search(
-            moving, {part: max(value * _STIFFER, _LEAST[part]) for part, value in present.items()}
-        )
-        found = max(found, stiffer, key=lambda each: each.evidence)
+        least = settings.least_intensity
+        stiffer = {
+            part: max(value * settings.stiffer, least[part]) for part, value in present.items()
+        }
+        found = max(found, _search(moving, stiffer, settings), key=lambda each: each.evidence)
+    changes = [abs(np.log(found.level[part] / present[part])) for part in present]
     return (
         {part: value * looser[part] for part, value in found.level.items()},
-        all(abs(np.log(found.level[part] / present[part])) < _SETTLED for part in present),
+        all(change < settings.smoothness_settled for change in changes),
     )
 
 
 def _search(
-    moving: Sequence[tuple[Segment, NormalEquations]], start: Mapping[str, float]
+    moving: Sequence[tuple[Segment, NormalEquations]],
+    start: Mapping[str, float],
+    settings: MotionSettings,
 ) -> _Intensities:
     """Fixed point of intensity = roughness over the freedom that the readings have used of it, by
     secants.
     """
     level, last = dict(start), dict[str, tuple[float, float]]()
     evidence = -np.inf
-    for _ in range(_TURNS):
+    least, longest = settings.least_intensity, settings.smoothness_step
+    for _ in range(settings.smoothness_iterations):
         rough, used = dict.fromkeys(level, 0.0), dict.fromkeys(level, 0.0)
         evidence = 0.0
         for segment, each in moving:
@@ -101,19 +96,18 @@ def _search(
                 rough[part] += rested.roughness[part]
                 used[part] += rank - banded_trace(segment.jerks[part], inverse) / level[part]
                 evidence -= 0.5 * rank * float(np.log(level[part]))
-        off = {
-            part: float(np.log(max(rough[part] / max(used[part], 0.1), _LEAST[part]) / level[part]))
-            for part in level
-        }
-        if all(abs(each) < _SETTLED for each in off.values()):
+        off = {}
+        for part in level:
+            wanted = rough[part] / max(used[part], settings.least_used_freedom)
+            off[part] = float(np.log(max(wanted, least[part]) / level[part]))
+        if all(abs(each) < settings.smoothness_settled for each in off.values()):
             break
         for part, ratio in off.items():
             at, slope = float(np.log(level[part])), -1.0
             if part in last and abs(at - last[part][0]) > 1e-3:
-                slope = float(np.clip((ratio - last[part][1]) / (at - last[part][0]), *_SLOPES))
+                secant = (ratio - last[part][1]) / (at - last[part][0])
+                slope = float(np.clip(secant, *settings.smoothness_slopes))
             last[part] = at, ratio
-            level[part] = max(
-                float(np.exp(at + np.clip(-ratio / slope, -_LONGEST_STEP, _LONGEST_STEP))),
-                _LEAST[part],
-            )
+            step = np.clip(-ratio / slope, -longest, longest)
+            level[part] = max(float(np.exp(at + step)), least[part])
     return _Intensities(level, evidence)

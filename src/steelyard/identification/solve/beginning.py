@@ -38,7 +38,6 @@ from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.inertia import TEN
 
 Tell = Callable[[str, float], None]
-_BODY_ITERATIONS = 3
 
 
 class NoBalanceError(ArithmeticError):
@@ -122,7 +121,16 @@ def read(
     samples = []
     for i, run in enumerate(runs):
         tell(f"reading {run.name}", 0.2 * i / len(runs))
-        samples.append(prepare(experiment, run, thin=True, calibration=calibration, commanded=True))
+        samples.append(
+            prepare(
+                experiment,
+                run,
+                thin=True,
+                calibration=calibration,
+                commanded=True,
+                settings=settings.motion.preparation,
+            )
+        )
     records = tuple(
         recorded(experiment, run, each, calibration, settings=settings.motion)
         for run, each in zip(runs, samples, strict=True)
@@ -191,7 +199,7 @@ def with_body(
     experiment, state = readings.experiment, begun.state
     parameters = state.parameters
     if parameters is None:
-        parameters = _first_body(experiment, state, readings.looked_at(held_out))
+        parameters = _first_body(experiment, state, readings.looked_at(held_out), readings.settings)
     if not parameters[0] or not np.isfinite(parameters).all():
         raise np.linalg.LinAlgError
     size = plausible_radius(experiment.robot)
@@ -294,13 +302,16 @@ def _stated(experiment: Experiment) -> frozenset[Source]:
 
 
 def _first_body(
-    experiment: Experiment, state: FitState, force_samples: Sequence[Forces | None]
+    experiment: Experiment,
+    state: FitState,
+    force_samples: Sequence[Forces | None],
+    settings: FitSettings,
 ) -> Array:
     """The ten linear parameters that balance forces and a given motion, samples that stand far
     counting less.
     """
     parameters = np.zeros(TEN)
-    for _ in range(_BODY_ITERATIONS):
+    for _ in range(settings.first_body_iterations):
         normal, right = np.zeros((TEN, TEN)), np.zeros(TEN)
         for segment, forces in zip(state.segments, force_samples, strict=True):
             if forces is None:

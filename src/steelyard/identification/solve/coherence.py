@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
@@ -60,10 +59,9 @@ def coherence(
     for reading in segment.readings:
         instrument = experiment.instruments[reading.source[0]]
         if reading.source[1] == "specific_force" and len(reading.time) > 1:
-            rpy_deg = instrument.mounting.rpy_deg or (0.0, 0.0, 0.0)
-            turn = Rotation.from_euler("ZYX", np.radians(rpy_deg)[::-1])
+            R = instrument.mounting.rotation
             own = _largest(
-                experiment, segment, reading, turn, at.time, force_samples, calibration, settings
+                experiment, segment, reading, R, at.time, force_samples, calibration, settings
             )
             found = max(found, own, key=lambda each: each.correlation)
     return found
@@ -73,7 +71,7 @@ def _largest(
     experiment: Experiment,
     segment: Segment,
     reading: Reading,
-    turn: Rotation,
+    R_platform_instrument: Array,
     time: Array,
     force_samples: Array,
     calibration: CalibrationValues,
@@ -84,7 +82,7 @@ def _largest(
     times, *_, linear = looked_at(
         experiment, segment, reading, slice(None), calibration, references
     )
-    left = turn.apply(np.nan_to_num(linear["residual"]))
+    left = np.nan_to_num(linear["residual"]) @ R_platform_instrument.T
     step = float(np.median(np.diff(times)))
     largest, best = 0.0, 0.0
     for lag in np.arange(-settings.coherence_lag, settings.coherence_lag, max(step / 2, 1e-3)):

@@ -219,7 +219,9 @@ def fit(
             enough = settings.beginning_arrived if beginning else settings.arrived
             arrived = step.constant < settings.border_arrived and step.decrement < enough
             if any(segment.smoothness for segment in state.segments) and (arrived or not searched):
-                level, settled = smoothness(state.segments, readings, anew=not searched)
+                level, settled = smoothness(
+                    state.segments, readings, anew=not searched, settings=settings.motion
+                )
                 searched = True
                 if not settled:
                     state = replace(

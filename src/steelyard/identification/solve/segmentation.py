@@ -489,7 +489,7 @@ def _spacing(
     finest = max(limit, settings.per_knot * max(_steps(streams).values()))
     widest = max(finest, min(settings.widest, (end - start) / 8))
     candidates = np.geomspace(finest, widest, 1 + int(np.ceil(2 * np.log2(widest / finest))))
-    best = best_spacing(channelled, [float(c) for c in candidates], start, end)
+    best = best_spacing(channelled, [float(c) for c in candidates], start, end, settings=settings)
     force_samples = [
         float(np.median(np.diff(s.common)))
         for s in streams

@@ -24,6 +24,8 @@ class FitSettings:
     """At most: sound recordings need 5 to 12."""
     iterations_beginning: int = 12
     """The same where the fit is only a beginning for another one."""
+    first_body_iterations: int = 3
+    """Of the body that a fit begins with: each weighs samples that stand far anew."""
     shorter: float = 0.3
     """Part of a step that is tried where the whole one does not descend."""
     least_share: float = 1e-3

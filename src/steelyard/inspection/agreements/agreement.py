@@ -8,70 +8,15 @@ recording, ten or a hundred where a sign, an axis or a unit is wrong.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
 from steelyard.inspection.agreements.excerpt import Excerpt
-
-
-@dataclass(frozen=True)
-class AgreementSettings:
-    """What two accounts of one motion may differ by; chosen on simulated and real recordings
-    (docs/validation.md) so that sound ones stay below a ratio of one and a half.
-    """
-
-    bad: float = 1.8
-    """Ratio of what is left to what is allowed beyond which instruments contradict each other."""
-    measured: float = 0.05
-    """What may be left of a motion that two instruments measure, as a part of it: smoothing and
-    imperfect models."""
-    commanded: float = 0.1
-    """The same of a commanded motion, which a platform on elastic cables follows less well."""
-    cross: float = 0.3
-    """Part of these two, of the other axes: what misalignment takes from them."""
-    effective: float = 10.0
-    """Samples that count as independent when a calibration error is compared with its prior:
-    imperfect models change slowly."""
-    far_from_prior: float = 3.0
-    """1-sigmas that a calibration error may be off."""
-    late: float = 1.33
-    """1-sigmas that a clock may be off; clocks are as good as they are said to be."""
-    least: Mapping[str, float] = field(
-        default_factory=lambda: {"rad/s": 2e-3, "rad": 5e-3, "m/s^2": 0.05, "m": 5e-3}
-    )
-    """Unit -> difference that is always allowed, whatever the noise."""
-    least_sigma: Mapping[str, float] = field(
-        default_factory=lambda: {"rad/s": 0.005, "rad": 0.02, "m/s^2": 0.1, "m": 0.02}
-    )
-    """Unit -> 1-sigma of a calibration error that any description may have, whatever it states."""
-    least_reference: float = 0.03
-    """The same of the reference of an orientation [rad]."""
-    least_lever: float = 0.03
-    """The same of the place of an accelerometer [m]."""
-    least_clock: float = 0.02
-    """1-sigma that a clock is allowed at least [s]: half a knot of the fastest motion."""
-    clock: float = 0.05
-    """1-sigma of a clock whose error is taken from the data [s], the contract's default."""
-    command_clock: float = 0.3
-    """1-sigma of how late a platform follows its command [s]."""
-    command_place: float = 0.03
-    """1-sigma of how far the world of a controller is from that of the robot file [m]."""
-    scatter: float = 0.05
-    """What an orientation may scatter about a smooth motion [rad]."""
-    vibration: float = 0.3
-    """What a platform shakes beyond its commanded motion [m/s^2]."""
-    gravity: float = 0.15
-    """What the mean length of an accelerometer's reading may differ from gravity, as a
-    logarithm."""
-    unknown_motion: float = 0.5
-    """Part of the accelerometer's changes that may be left where no instrument gives the place."""
-
-
-SETTINGS = AgreementSettings()
+from steelyard.inspection.settings import AGREEMENT, AgreementSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +38,8 @@ class InstrumentAgreement:
     """The same, with what was allowed for added."""
     robot: bool = False
     """Whether it depends on the robot file."""
+    bad: float = AGREEMENT.bad
+    """Ratio beyond which they contradict each other."""
 
     @property
     def ratio(self) -> Array:
@@ -107,7 +54,7 @@ class InstrumentAgreement:
     @property
     def agrees(self) -> bool:
         """Whether nothing but noise and imperfect models is left."""
-        return self.worst <= SETTINGS.bad
+        return self.worst <= self.bad
 
     @property
     def cost(self) -> float:
@@ -167,22 +114,23 @@ def compare(
         robot: Whether the robot file matters.
         axes: Names of the k numbers; None: x, y, z of three, else their places.
     """
+    settings = excerpt.settings
     commanded = any(is_command(excerpt, source) for source in motion or sources)
-    tolerance = SETTINGS.commanded if commanded else SETTINGS.measured
+    tolerance = settings.commanded if commanded else settings.measured
     late = np.array([_clock_sigma(excerpt, sources)])
     freedoms = [*freedoms, Freedom(-rate[:, :, None], late, "delay")]
     spread = np.minimum(measured.std(axis=0), predicted.std(axis=0))
     allowed = np.sqrt(
         noise**2
         + (tolerance * spread) ** 2
-        + (SETTINGS.cross * tolerance) ** 2 * float(np.mean(spread**2))
-        + SETTINGS.least.get(unit, 0.0) ** 2
+        + (settings.cross * tolerance) ** 2 * float(np.mean(spread**2))
+        + settings.least.get(unit, 0.0) ** 2
     )
-    left, taken, far = _settled(measured - predicted, allowed, freedoms)
+    left, taken, far = _settled(measured - predicted, allowed, freedoms, settings)
     if axes is None:
         k = measured.shape[1]
         axes = "xyz" if k == 3 else [str(i + 1) for i in range(k)]
-    levels = [SETTINGS.late if f.name == "delay" else SETTINGS.far_from_prior for f in freedoms]
+    levels = [settings.late if f.name == "delay" else settings.far_from_prior for f in freedoms]
     return InstrumentAgreement(
         title(*sources),
         tuple(dict.fromkeys((*sources, *beside))),
@@ -193,24 +141,25 @@ def compare(
         measured,
         predicted + taken,
         robot,
+        settings.bad,
     )
 
 
 def _clock_sigma(excerpt: Excerpt, sources: Sequence[Source]) -> float:
     """How far clocks may be apart [s]."""
-    total = 0.0
+    settings, total = excerpt.settings, 0.0
     for source in sources:
         if is_command(excerpt, source):
-            total += SETTINGS.command_clock**2
+            total += settings.command_clock**2
             continue
         stated = excerpt.experiment.delay(excerpt.run, source[0]).sigma
-        own = float(np.mean(stated)) if stated is not None else SETTINGS.clock
-        total += max(SETTINGS.least_clock, own) ** 2
+        own = float(np.mean(stated)) if stated is not None else settings.clock
+        total += max(settings.least_clock, own) ** 2
     return float(np.sqrt(total))
 
 
 def _settled(
-    residual: Array, allowed: Array, freedoms: Sequence[Freedom]
+    residual: Array, allowed: Array, freedoms: Sequence[Freedom], settings: AgreementSettings
 ) -> tuple[Array, Array, Array]:
     """What is left once constants are chosen, what they took, and how many 1-sigmas each group of
     them is off, (n, k), (n, k), (groups,).
@@ -221,7 +170,7 @@ def _settled(
     sigma = np.concatenate([f.sigma for f in freedoms])
     A = (columns / allowed[:, None]).reshape(n * k, -1) * sigma
     b = (residual / allowed).ravel()
-    weight = SETTINGS.effective / n
+    weight = settings.effective / n
     value = np.linalg.solve(weight * A.T @ A + np.eye(len(sigma)), weight * A.T @ b)
     taken = (columns @ (value * sigma)).reshape(residual.shape)
     groups = np.split(np.abs(value), np.cumsum([len(f.sigma) for f in freedoms])[:-1])

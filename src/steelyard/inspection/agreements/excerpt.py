@@ -17,34 +17,10 @@ from steelyard.arrays import Array, binned_means
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.model.sources import Source
+from steelyard.inspection.settings import AGREEMENT, AgreementSettings, ExcerptSettings
 from steelyard.instruments import Instrument
 from steelyard.robot.model import Robot
 from steelyard.smoothing import Samples1D, fit, segments
-
-
-@dataclass(frozen=True)
-class ExcerptSettings:
-    """Which part of a run is looked at, and how smooth."""
-
-    longest: float = 30.0
-    """Of a run that is looked at [s]: enough for every sign and axis, and quick."""
-    shortest: float = 0.5
-    """Of a run that is looked at [s]."""
-    margin: float = 10.0
-    """Of a stream beside that part, so that clocks may be moved [s]."""
-    finest: float = 0.1
-    """Spacing of the knots [s]: what platforms do on purpose is slower."""
-    samples_per_knot: float = 3.0
-    """Of the slowest stream, so that its samples determine every spline."""
-    fewest_knots: float = 6.0
-    """Knots in the part."""
-    most: int = 160
-    """Instants that are looked at: all agreements of a description take milliseconds."""
-    bin: float = 0.25
-    """Length of which means are taken to see where most happens [s]."""
-
-
-SETTINGS = ExcerptSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +82,8 @@ class Excerpt:
     """Of the knots [s]; 0 of poses at rest."""
     unread: frozenset[int] = frozenset()
     """Cables whose sensors are not believed."""
+    settings: AgreementSettings = AGREEMENT
+    """What accounts of the motion may differ by."""
 
     @property
     def static(self) -> bool:
@@ -153,63 +131,66 @@ class Excerpt:
         if self.static:
             return _at_rest(values)
         common = self.experiment.common_time(self.run, source[0])
-        found = _smoothed(common, values, self.time, self.spacing)
+        found = _smoothed(common, values, self.time, self.spacing, self.settings.excerpt)
         return self.observations[source] if found is None else found
 
 
 def excerpt_of(
-    experiment: Experiment, run: Run, finest: float = SETTINGS.finest, most: int = SETTINGS.most
+    experiment: Experiment, run: Run, settings: AgreementSettings = AGREEMENT
 ) -> Excerpt | None:
     """Look at the liveliest part of a run; None where its streams have too little in common.
 
     Args:
         experiment: With its instruments.
         run: One of its runs.
-        finest: Least spacing of the knots [s].
-        most: Instants that are looked at.
+        settings: With the part of a run that is looked at.
     """
     if run.static:
-        return _poses(experiment, run)
+        return _poses(experiment, run, settings)
     times = {name: experiment.common_time(run, name) for name in run.streams}
-    part = _part(run, times, finest)
+    part = _part(run, times, settings.excerpt)
     if part is None:
         return None
     start, end, spacing = part
-    inside = np.linspace(
-        start + spacing / 2, end - spacing / 2, min(most, int(2 * (end - start) / spacing))
-    )
+    count = min(settings.excerpt.most, int(2 * (end - start) / spacing))
+    inside = np.linspace(start + spacing / 2, end - spacing / 2, count)
     seen = {}
     for name, stream in run.streams.items():
         for quantity, values in stream.values.items():
-            found = _smoothed(times[name], values, inside, spacing)
+            found = _smoothed(times[name], values, inside, spacing, settings.excerpt)
             if found is not None:
                 seen[name, quantity] = found
-    return Excerpt(experiment, run, inside, experiment.robot, experiment.instruments, seen, spacing)
+    robot, instruments = experiment.robot, experiment.instruments
+    return Excerpt(experiment, run, inside, robot, instruments, seen, spacing, settings=settings)
 
 
-def _part(run: Run, times: Mapping[str, Array], finest: float) -> tuple[float, float, float] | None:
+def _part(
+    run: Run, times: Mapping[str, Array], settings: ExcerptSettings
+) -> tuple[float, float, float] | None:
     """Beginning, end and spacing of the knots of what is looked at [s]."""
     first, last = run.window or (-np.inf, np.inf)
     start = max(first, *(float(t[0]) for t in times.values()))
     end = min(last, *(float(t[-1]) for t in times.values()))
-    if end - start < SETTINGS.shortest:
+    if end - start < settings.shortest:
         return None
     steps = [float(np.median(np.diff(t))) for t in times.values() if len(t) > 2]
-    spacing = max(finest, SETTINGS.samples_per_knot * max(steps))
+    spacing = max(settings.finest, settings.samples_per_knot * max(steps))
     parts = segments(list(times.values()), start, end, spacing)
     if not parts:
         return None
     start, end = max(parts, key=lambda part: part[1] - part[0])
-    if end - start > SETTINGS.longest:
-        start = _liveliest(run, times, start, end)
-        end = start + SETTINGS.longest
-    enough = end - start > max(SETTINGS.shortest, SETTINGS.fewest_knots * spacing)
+    if end - start > settings.longest:
+        start = _liveliest(run, times, start, end, settings)
+        end = start + settings.longest
+    enough = end - start > max(settings.shortest, settings.fewest_knots * spacing)
     return (start, end, spacing) if enough else None
 
 
-def _liveliest(run: Run, times: Mapping[str, Array], start: float, end: float) -> float:
+def _liveliest(
+    run: Run, times: Mapping[str, Array], start: float, end: float, settings: ExcerptSettings
+) -> float:
     """Where most happens within a long interval [s]."""
-    edges = np.arange(start, end, SETTINGS.bin)
+    edges = np.arange(start, end, settings.bin)
     happens = np.zeros(len(edges))
     for name, stream in run.streams.items():
         for values in stream.values.values():
@@ -219,21 +200,23 @@ def _liveliest(run: Run, times: Mapping[str, Array], start: float, end: float) -
             scale = float(flat[use].std()) or 1.0
             mean, _ = binned_means(bins[use], flat[use] / scale, len(edges))
             happens[1:] += np.sum(np.diff(mean, axis=0) ** 2, axis=1)
-    width = int(SETTINGS.longest / SETTINGS.bin)
+    width = int(settings.longest / settings.bin)
     total = np.concatenate([[0.0], np.cumsum(np.minimum(happens, 25 * np.median(happens) + 1e-12))])
     if len(total) <= width:
         return start
     return float(edges[int(np.argmax(total[width:] - total[:-width]))])
 
 
-def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Observation | None:
+def _smoothed(
+    time: Array, values: Array, inside: Array, spacing: float, settings: ExcerptSettings
+) -> Observation | None:
     """One quantity at instants; None where its samples do not determine it."""
     flat = values.reshape(len(values), -1)
     complete = np.isfinite(flat).all(axis=1)
     if complete.sum() < 4:
         return None
     time, flat = time[complete], flat[complete]
-    for margin in (SETTINGS.margin, spacing):
+    for margin in (settings.margin, spacing):
         start, end = max(time[0], inside[0] - margin), min(time[-1], inside[-1] + margin)
         if end <= start:
             continue
@@ -248,7 +231,7 @@ def _smoothed(time: Array, values: Array, inside: Array, spacing: float) -> Obse
     return None
 
 
-def _poses(experiment: Experiment, run: Run) -> Excerpt | None:
+def _poses(experiment: Experiment, run: Run, settings: AgreementSettings) -> Excerpt | None:
     """Poses at rest that all instruments have read; None of too few."""
     everything = [
         v.reshape(len(v), -1) for stream in run.streams.values() for v in stream.values.values()
@@ -262,7 +245,8 @@ def _poses(experiment: Experiment, run: Run) -> Excerpt | None:
         for quantity, values in stream.values.items()
     }
     numbers = np.flatnonzero(rows).astype(np.float64)
-    return Excerpt(experiment, run, numbers, experiment.robot, experiment.instruments, seen, 0.0)
+    robot, instruments = experiment.robot, experiment.instruments
+    return Excerpt(experiment, run, numbers, robot, instruments, seen, 0.0, settings=settings)
 
 
 def _at_rest(values: Array) -> Observation:
@@ -278,10 +262,13 @@ def instruments_by_clock(experiment: Experiment, run: Run) -> list[tuple[str, ..
     return [tuple(names) for names in shared.values()]
 
 
-def excerpts(experiment: Experiment, most: int) -> Sequence[Excerpt]:
+def excerpts(
+    experiment: Experiment, most: int, settings: AgreementSettings = AGREEMENT
+) -> Sequence[Excerpt]:
     """Of a few runs: those in motion first, spread over the experiment."""
     moving = [run for run in experiment.runs if not run.static]
     places = np.linspace(0, len(moving) - 1, min(most, len(moving))).round().astype(np.int64)
     still = [run for run in experiment.runs if run.static][:1]
-    found = (excerpt_of(experiment, run) for run in [*(moving[i] for i in places), *still])
+    chosen = [*(moving[i] for i in places), *still]
+    found = (excerpt_of(experiment, run, settings) for run in chosen)
     return [each for each in found if each is not None]

@@ -52,12 +52,7 @@ class OriginMotion:
 
 def mounting(excerpt: Excerpt, name: str) -> Array:
     """R_platform_instrument, shape (3, 3)."""
-    return _matrix_of(excerpt.instruments[name].mounting.rpy_deg or (0.0, 0.0, 0.0))
-
-
-def _matrix_of(rpy_deg: tuple[float, float, float]) -> Array:
-    """Rotation matrix of roll, pitch, yaw [deg], as experiment files have them."""
-    return np.asarray(Rotation.from_euler("ZYX", rpy_deg[::-1], degrees=True).as_matrix())
+    return excerpt.instruments[name].mounting.rotation
 
 
 def rpy_deg_of(matrix: Array) -> list[float]:
@@ -85,7 +80,7 @@ def tracker_frame(excerpt: Excerpt, name: str) -> tuple[Array, Array]:
     frame = excerpt.instruments[name].mounting.frame
     if frame is None:
         return np.zeros(3), np.eye(3)
-    return np.array(frame.position, dtype=np.float64), _matrix_of(frame.rpy_deg)
+    return np.array(frame.position, dtype=np.float64), frame.rotation
 
 
 @dataclass(frozen=True)

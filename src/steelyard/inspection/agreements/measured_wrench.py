@@ -25,13 +25,6 @@ from steelyard.instruments.equations import solve_for
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
 
-_ACCELEROMETER = 0.1
-"""1-sigma of an accelerometer beside the motion: bias, misalignment [m/s^2]."""
-_OFFSET = 0.02
-"""1-sigma of the offset of a force sensor that is not stated, as a part of the median tension."""
-_LEAST_OFFSET = 0.25
-"""Part of that, that a stated offset is allowed at least: imperfect models look like offsets."""
-
 
 @dataclass(frozen=True, eq=False)
 class MeasuredWrench:
@@ -115,8 +108,8 @@ def _by_accelerometer(
     force = specific_force_of_origin(excerpt, of_force, rotation, omega, alpha)
     lever = float(np.linalg.norm(point_of(excerpt, of_force[0])))
     # Bias and small misalignment are its own, and are allowed for elsewhere.
-    own = excerpt.observations[of_force].noise[0]
-    noise = float(np.sqrt(own**2 + (lever * jitter) ** 2 + _ACCELEROMETER**2))
+    own, error = excerpt.observations[of_force].noise[0], excerpt.settings.balance.accelerometer
+    noise = float(np.sqrt(own**2 + (lever * jitter) ** 2 + error**2))
     return force, noise
 
 
@@ -144,10 +137,11 @@ def of_cables(excerpt: Excerpt, source: Source, motion: PlatformMotion) -> Measu
         },
     )
     (stated,) = (term.deviation for term in instrument.terms(robot.m) if term.key == "offset")
-    usual = _OFFSET * float(np.median(np.abs(read.value)))
+    settings = excerpt.settings.balance
+    usual = settings.sensor_offset * float(np.median(np.abs(read.value)))
     sigma = np.full(robot.m, usual)
     if stated is not None:
-        sigma = np.maximum(stated, _LEAST_OFFSET * usual)
+        sigma = np.maximum(stated, settings.least_offset * usual)
     spread = np.sqrt(np.sum(W**2, axis=2).reshape(len(W), 2, 3).mean(axis=(0, 2)))
     noise = (read.noise[0] * float(spread[0]), read.noise[0] * float(spread[1]))
     return MeasuredWrench(np.einsum("nkm,nm->nk", W, tension), W, sigma, noise, W)

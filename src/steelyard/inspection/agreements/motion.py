@@ -11,7 +11,6 @@ from steelyard.arrays import Array
 from steelyard.dynamics import specific_force_at
 from steelyard.identification.model.sources import Source
 from steelyard.inspection.agreements.agreement import (
-    SETTINGS,
     Freedom,
     InstrumentAgreement,
     compare,
@@ -57,7 +56,7 @@ def _tilt(vectors: Array, sigma: Array) -> Freedom:
 
 def _gyro(excerpt: Excerpt, of_gyro: Source, of_attitude: Source) -> InstrumentAgreement:
     """Angular velocity against the derivative of an attitude."""
-    least = SETTINGS.least_sigma
+    least = excerpt.settings.least_sigma
     read, turned = angular_velocity(excerpt, of_gyro), attitude_motion(excerpt, of_attitude)
     misalignment = _sigma(excerpt, of_gyro[0], "misalignment", least["rad"])
     return compare(
@@ -83,8 +82,8 @@ def _attitudes(excerpt: Excerpt, first: Source, second: Source) -> InstrumentAgr
     # About the first instant, so that a figure of both shows the motion.
     begin = Rotation.from_matrix(back[0] @ other.rotation).as_rotvec()
     small = np.hypot(
-        _sigma(excerpt, first[0], "misalignment", SETTINGS.least_sigma["rad"]),
-        _sigma(excerpt, first[0], "reference", SETTINGS.least_reference),
+        _sigma(excerpt, first[0], "misalignment", excerpt.settings.least_sigma["rad"]),
+        _sigma(excerpt, first[0], "reference", excerpt.settings.least_reference),
     )
     return compare(
         excerpt,
@@ -104,8 +103,8 @@ def _places(
     """Two places, both turned into that of the platform origin."""
     turned = attitude_motion(excerpt, of_attitude)
     one, other = (origin_motion(excerpt, source, turned) for source in (first, second))
-    target = _sigma(excerpt, first[0], "target", SETTINGS.least_sigma["m"])
-    frame = np.full(3, np.hypot(SETTINGS.command_place, 0.01))
+    target = _sigma(excerpt, first[0], "target", excerpt.settings.least_sigma["m"])
+    frame = np.full(3, np.hypot(excerpt.settings.command_place, 0.01))
     return compare(
         excerpt,
         (first, second),
@@ -131,7 +130,7 @@ def _accelerometer(
     excerpt: Excerpt, of_force: Source, of_attitude: Source, of_position: Source | None = None
 ) -> InstrumentAgreement:
     """Specific force where an accelerometer sits against that of gravity and motion."""
-    least = SETTINGS.least_sigma
+    least = excerpt.settings.least_sigma
     turned = attitude_motion(excerpt, of_attitude)
     where = None if of_position is None else origin_motion(excerpt, of_position, turned)
     read = specific_force_there(excerpt, of_force, turned)
@@ -142,15 +141,15 @@ def _accelerometer(
     noise = np.sqrt(
         read.noise[0] ** 2
         + (9.81 * turned.noise[0]) ** 2
-        + (SETTINGS.vibration**2 if where is None else where.noise[2] ** 2)
+        + (excerpt.settings.vibration**2 if where is None else where.noise[2] ** 2)
         + (float(np.linalg.norm(point)) * turned.noise[2]) ** 2
     )
     if where is None:
         # What accelerates it is not known: whatever moves it back and forth.
-        noise = np.hypot(noise, SETTINGS.unknown_motion * read.value.std(axis=0).mean())
+        noise = np.hypot(noise, excerpt.settings.unknown_motion * read.value.std(axis=0).mean())
     bias = _sigma(excerpt, of_force[0], "accelerometer_bias", least["m/s^2"])
     misalignment = _sigma(excerpt, of_force[0], "misalignment", least["rad"])
-    position = _sigma(excerpt, of_force[0], "position", SETTINGS.least_lever)
+    position = _sigma(excerpt, of_force[0], "position", excerpt.settings.least_lever)
     return compare(
         excerpt,
         (of_force, of_attitude) if of_position is None else (of_force, of_attitude, of_position),
@@ -181,11 +180,12 @@ def _gravity(excerpt: Excerpt, of_force: Source) -> InstrumentAgreement:
         (of_force,),
         ("length",),
         np.array([abs(np.log(max(ratio, 1e-6)))]),
-        np.array([SETTINGS.gravity]),
+        np.array([excerpt.settings.gravity]),
         "1",
         length,
         gravity,
         True,
+        excerpt.settings.bad,
     )
 
 
@@ -202,10 +202,11 @@ def _scatter(excerpt: Excerpt, of_attitude: Source) -> InstrumentAgreement:
         (of_attitude,),
         ("scatter", "length"),
         np.array([read.noise[0] * np.sqrt(1.5), float(np.median(lost))]),
-        np.array([SETTINGS.scatter, SETTINGS.scatter]),
+        np.array([excerpt.settings.scatter, excerpt.settings.scatter]),
         "rad",
         flat,
         flat,
+        bad=excerpt.settings.bad,
     )
 
 
@@ -242,7 +243,7 @@ def _reading(
         predicted = predicted - predicted.mean(axis=0)
         axes, lever = None, robot.size
     else:
-        least = SETTINGS.least_sigma[stated.unit]
+        least = excerpt.settings.least_sigma[stated.unit]
         columns = term_columns(instrument, quantity, excerpt.experiment.robot, state)
         for term in instrument.terms(robot.m):
             sigma = np.full(term.size, least) if term.deviation is None else term.deviation

@@ -22,44 +22,7 @@ from steelyard.inspection.agreements.measured_wrench import (
     platform_motion,
 )
 from steelyard.inspection.agreements.motion import Relation
-
-
-@dataclass(frozen=True)
-class BalanceSettings:
-    """What a body may leave of measured forces, and how far it may be from the nominal one."""
-
-    measured: float = 0.05
-    """What may be left of the changes of a wrench, as a part of them: smoothing, elasticity."""
-    commanded: float = 0.1
-    """The same where the motion is a commanded one."""
-    cross: float = 0.5
-    """Part of these two, of the other axes."""
-    weight: float = 0.01
-    """What may be left as a part of the force itself: geometry, sag, gains."""
-    mass: float = 0.45
-    """How far a platform may be from its nominal mass, as a logarithm."""
-    center: float = 0.35
-    """How far its centre of gravity may be from the nominal one, in radii of the platform; without
-    cables in metres."""
-    center_unknown: float = 1.5
-    """The same from the origin, where no nominal body is stated."""
-    moments: float = 1.5
-    """1-sigmas that moments of inertia may be below what the first moment alone asks for."""
-    offsets: float = 3.0
-    """1-sigmas that offsets of sensors in the cables may be off."""
-    negative: float = 7.0
-    """Logarithm that stands for a mass below zero: a factor of a thousand."""
-    range: float = 1.0
-    """Logarithm by which tensions may lie beyond the limits of the robot file."""
-    slack: float = 0.02
-    """How far below zero a tension may read, as a part of the median: noise and offsets."""
-    off_center: float = 0.5
-    """Lever at which noise in the specific force becomes torque, in radii of the platform."""
-    effective: float = 30.0
-    """Samples that count as independent when a body is fitted."""
-
-
-SETTINGS = BalanceSettings()
+from steelyard.inspection.settings import BalanceSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +103,7 @@ def force_agreement(excerpt: Excerpt, relation: Relation) -> InstrumentAgreement
 
 def _tensions_alone(excerpt: Excerpt, source: Source) -> InstrumentAgreement:
     """Cables pull; and about as hard as the robot file allows."""
-    read = excerpt.observations[source].value
+    settings, read = excerpt.settings.balance, excerpt.observations[source].value
     size = float(np.median(np.abs(read))) or 1.0
     below = np.sqrt(np.mean(np.minimum(read, 0.0) ** 2, axis=0))
     low, high = excerpt.robot.tension_limits
@@ -152,11 +115,12 @@ def _tensions_alone(excerpt: Excerpt, source: Source) -> InstrumentAgreement:
         (source,),
         (*(f"f{i + 1} above zero" for i in range(read.shape[1])), "range"),
         np.concatenate([below, [beyond]]),
-        np.concatenate([np.full(read.shape[1], SETTINGS.slack * size), [SETTINGS.range]]),
+        np.concatenate([np.full(read.shape[1], settings.slack * size), [settings.range]]),
         "N",
         read,
         np.maximum(read, 0.0),
         True,
+        excerpt.settings.bad,
     )
 
 
@@ -172,11 +136,13 @@ def body_balance(excerpt: Excerpt, relation: Relation) -> BodyBalance | None:
         measured = of_sensor(excerpt, sources[0], sources[1])
     if measured is None:
         return None
+    settings = excerpt.settings.balance
     commanded = any(is_command(excerpt, source) for source in sources)
-    part = SETTINGS.commanded if commanded else SETTINGS.measured
+    part = settings.commanded if commanded else settings.measured
     size = _sizes(excerpt, measured)
     Y = platform_regressor(motion.force, motion.omega, motion.alpha)
-    return _fitted(excerpt, measured, Y, _allowed(measured, size, motion.noise, part), size)
+    allowed = _allowed(measured, size, motion.noise, part, settings)
+    return _fitted(excerpt, measured, Y, allowed, size)
 
 
 @dataclass(frozen=True)
@@ -202,16 +168,20 @@ def _sizes(excerpt: Excerpt, measured: MeasuredWrench) -> _Sizes:
 
 
 def _allowed(
-    measured: MeasuredWrench, size: _Sizes, noise: tuple[float, float], part: float
+    measured: MeasuredWrench,
+    size: _Sizes,
+    noise: tuple[float, float],
+    part: float,
+    settings: BalanceSettings,
 ) -> Array:
     """What noise and imperfect models would leave of a wrench, shape (6,)."""
     spread = measured.wrench.std(axis=0)
     common = np.repeat(np.mean(spread.reshape(2, 3) ** 2, axis=1), 3)
-    whole = np.repeat([SETTINGS.weight * size.force, SETTINGS.weight * size.force * size.radius], 3)
-    by_lever = np.hypot(SETTINGS.off_center * size.radius * noise[0], size.radius**2 * noise[1])
+    whole = np.repeat([settings.weight * size.force, settings.weight * size.force * size.radius], 3)
+    by_lever = np.hypot(settings.off_center * size.radius * noise[0], size.radius**2 * noise[1])
     by_motion = (size.mass * noise[0], size.mass * float(by_lever))
     noisy = np.repeat(np.hypot(measured.noise, by_motion), 3)
-    crossed = (SETTINGS.cross * part) ** 2 * common
+    crossed = (settings.cross * part) ** 2 * common
     return np.asarray(np.sqrt(noisy**2 + (part * spread) ** 2 + crossed + whole**2 + 1e-24))
 
 
@@ -231,7 +201,7 @@ def _fitted(
         out = _across(measured.structure[:, :, sorted(excerpt.unread)] / allowed[:, None])
         white, target = out @ white, np.einsum("nij,nj->ni", out, target)
     prior = np.ones(len(sigma))
-    fitted = unknown_body(white, target, prior, weight=SETTINGS.effective / n)
+    fitted = unknown_body(white, target, prior, weight=excerpt.settings.balance.effective / n)
     return BodyBalance(
         left=fitted.residual * allowed,
         explained=(columns @ (fitted.value * sigma)).reshape(n, 6),
@@ -260,7 +230,7 @@ def _agreement(excerpt: Excerpt, relation: Relation, found: BodyBalance) -> Inst
     rows += _plausibility(excerpt, found)
     if found.measured.structure is not None:
         offsets = float(np.sqrt(np.mean(found.constants**2)))
-        rows.append(("offsets", offsets, SETTINGS.offsets))
+        rows.append(("offsets", offsets, excerpt.settings.balance.offsets))
     channels, off, allowed = zip(*rows, strict=True)
     return InstrumentAgreement(
         title(*relation[1]),
@@ -272,6 +242,7 @@ def _agreement(excerpt: Excerpt, relation: Relation, found: BodyBalance) -> Inst
         found.measured.wrench,
         found.explained,
         True,
+        excerpt.settings.bad,
     )
 
 
@@ -279,26 +250,26 @@ def _plausibility(excerpt: Excerpt, found: BodyBalance) -> list[tuple[str, float
     """Mass, centre of gravity and moments of a body: by how much each is off, and what is allowed;
     nothing where the mass is not known.
     """
-    robot, p = excerpt.robot, found.parameters
+    settings, robot, p = excerpt.settings.balance, excerpt.robot, found.parameters
     mass, sigma = float(p[0]), float(found.sigma[0])
     if abs(mass) <= 3 * sigma:
         return []
     if mass <= 0:
-        return [("mass", SETTINGS.negative, SETTINGS.mass)]
+        return [("mass", settings.negative, settings.mass)]
     known = excerpt.experiment.known.get("mass")
-    expected, nominal, free = np.zeros(3), None, SETTINGS.center_unknown
+    expected, nominal, free = np.zeros(3), None, settings.center_unknown
     if robot.platform is not None:
         expected, nominal = robot.platform.center_of_gravity, robot.platform.mass
-        free = SETTINGS.center
+        free = settings.center
     if known is not None:
         nominal = known[0]
     off = abs(float(np.log(mass / nominal))) if nominal else 0.0
     reach = robot.size if robot.m else 1.0
     beyond = np.abs(p[1:4] / mass - expected) - 2 * found.sigma[1:4] / mass
     return [
-        ("mass", off, SETTINGS.mass),
+        ("mass", off, settings.mass),
         ("centre of gravity", float(np.linalg.norm(np.maximum(beyond, 0.0))), free * reach),
-        ("moments", _impossible(p, found.sigma), SETTINGS.moments),
+        ("moments", _impossible(p, found.sigma), settings.moments),
     ]
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 from steelyard.identification.model.sources import Source
 from steelyard.inspection.agreements.excerpt import Excerpt
@@ -23,6 +24,7 @@ from steelyard.inspection.mistakes.mounting import (
     of_point,
 )
 from steelyard.inspection.mistakes.orientation import of_orientation
+from steelyard.inspection.settings import MISTAKES, MistakeSettings, PlaceSettings
 from steelyard.instruments import Instrument, Quantity
 
 
@@ -65,20 +67,6 @@ def _shows_mounting(instrument: Instrument, recorded: tuple[Quantity, ...]) -> b
     return bool(others) or first.required or first.determines == ("position",)
 
 
-OF_READINGS = (
-    OfReading("order, signs and units of cables", lambda i, q: i.per_cable, of_cables),
-    OfReading(
-        "axes, signs and units of a wrench",
-        lambda i, q: i.measured_force == "wrench" and q.name == "force",
-        of_wrench,
-    ),
-    OfReading("how an orientation is written", lambda i, q: q.rotation, of_orientation),
-    OfReading("axes, signs and units of a vector", _is_vector, of_vector),
-    OfReading("tracker frame", _has_frame, of_frame),
-    OfReading(
-        "place on the platform", lambda i, q: q.name in {"position", "specific_force"}, of_point
-    ),
-)
 OF_INSTRUMENTS = (
     OfInstrument(
         "keys of two values", lambda i, recorded: bool(i.choices) and not i.is_force, of_choices
@@ -89,24 +77,48 @@ OF_INSTRUMENTS = (
 )
 
 
-def amendments(now: Judged, suspected: float) -> Iterator[Amendment]:
+def of_readings(places: PlaceSettings) -> tuple[OfReading, ...]:
+    """The table of mistakes of a reading."""
+    return (
+        OfReading("order, signs and units of cables", lambda i, q: i.per_cable, of_cables),
+        OfReading(
+            "axes, signs and units of a wrench",
+            lambda i, q: i.measured_force == "wrench" and q.name == "force",
+            of_wrench,
+        ),
+        OfReading("how an orientation is written", lambda i, q: q.rotation, of_orientation),
+        OfReading("axes, signs and units of a vector", _is_vector, of_vector),
+        OfReading("tracker frame", _has_frame, of_frame),
+        OfReading(
+            "place on the platform",
+            lambda i, q: q.name in {"position", "specific_force"},
+            partial(of_point, settings=places),
+        ),
+    )
+
+
+def amendments(
+    now: Judged, suspected: float, settings: MistakeSettings = MISTAKES
+) -> Iterator[Amendment]:
     """What could be wrong with instruments that contradict others.
 
     Args:
         now: What contradicts what.
         suspected: See :meth:`Judged.suspects`.
+        settings: Which delays and places are tried.
     """
     excerpt, m = now.excerpt, now.excerpt.robot.m
     suspects = now.suspects(suspected)
     names = list(dict.fromkeys(name for name, _ in suspects))
     if not excerpt.static:
-        yield from of_clocks(now, set(names))
+        yield from of_clocks(now, set(names), settings.clocks)
     if any(agreement.robot for agreement in now.bad):
         yield from of_gravity(excerpt)
+    readings = of_readings(settings.places)
     for source in suspects:
         instrument = excerpt.instruments[source[0]]
         quantity = instrument.quantity(source[1], m)
-        for each in OF_READINGS:
+        for each in readings:
             if each.may_have(instrument, quantity):
                 yield from each.amendments(excerpt, source)
     for name in names:

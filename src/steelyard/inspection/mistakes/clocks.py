@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -12,33 +11,18 @@ from steelyard.inspection.agreements.excerpt import Excerpt, instruments_by_cloc
 from steelyard.inspection.agreements.judgement import Judged, evaluated
 from steelyard.inspection.agreements.motion import is_of_motion
 from steelyard.inspection.mistakes.amendment import SIMPLE, USUAL, Amendment, Subject, shifted
+from steelyard.inspection.settings import CLOCKS, ClockSettings
 
 
-@dataclass(frozen=True)
-class ClockSettings:
-    """Which delays are tried."""
-
-    coarse: float = 0.2
-    """First step [s]: a fifth of the slowest motion that determines a clock."""
-    fine: float = 0.04
-    """Second step [s]: the delay itself is named to .01 s and found exactly by `identify`."""
-    largest: float = 10.0
-    """[s]; more is a wrong event, which shows in times that do not overlap."""
-    least: float = 0.15
-    """Of a clock that is named [s]: three 1-sigmas of the contract's default."""
-    relations: int = 2
-    """Agreements by which a delay is sought."""
-
-
-SETTINGS = ClockSettings()
-
-
-def of_clocks(now: Judged, suspects: set[str]) -> Iterator[Amendment]:
+def of_clocks(
+    now: Judged, suspects: set[str], settings: ClockSettings = CLOCKS
+) -> Iterator[Amendment]:
     """Clocks of suspected instruments.
 
     Args:
         now: What contradicts what.
         suspects: Instruments.
+        settings: Which delays are tried.
     """
     excerpt = now.excerpt
     experiment, run = excerpt.experiment, excerpt.run
@@ -49,11 +33,11 @@ def of_clocks(now: Judged, suspects: set[str]) -> Iterator[Amendment]:
     for names in groups:
         if force in names or not suspects & set(names):
             continue
-        delay = _best_delay(now, names)
+        delay = _best_delay(now, names, settings)
         if delay is not None:
             yield _late(excerpt, names, delay)
     if run.sync:
-        yield from _exchanged(excerpt, list(groups))
+        yield from _exchanged(excerpt, list(groups), settings)
 
 
 def _late(excerpt: Excerpt, names: tuple[str, ...], delay: float) -> Amendment:
@@ -68,7 +52,7 @@ def _late(excerpt: Excerpt, names: tuple[str, ...], delay: float) -> Amendment:
     return Subject(names[0], "t").amendment("clock", what, key, change, USUAL, beside=names)
 
 
-def _best_delay(now: Judged, names: tuple[str, ...]) -> float | None:
+def _best_delay(now: Judged, names: tuple[str, ...], settings: ClockSettings) -> float | None:
     """By how much a clock would have to be late, roughly, if at all [s]."""
     relations = []
     for relation in now.agreements:
@@ -78,7 +62,7 @@ def _best_delay(now: Judged, names: tuple[str, ...]) -> float | None:
     # Against other motion instruments where there are some: it is quicker, and no body needs to be
     # known.
     relations.sort(key=lambda r: (not is_of_motion(r), -now.agreements[r].worst))
-    relations = relations[: SETTINGS.relations]
+    relations = relations[: settings.relations]
     if not relations:
         return None
 
@@ -88,20 +72,22 @@ def _best_delay(now: Judged, names: tuple[str, ...]) -> float | None:
         return sum(np.inf if each is None else each.cost for each in found)
 
     length = float(now.excerpt.time[-1] - now.excerpt.time[0])
-    most, coarse, fine = min(SETTINGS.largest, length / 2), SETTINGS.coarse, SETTINGS.fine
+    most, coarse, fine = min(settings.largest, length / 2), settings.coarse, settings.fine
     grid = np.arange(-most, most + coarse / 2, coarse)
     best = float(grid[int(np.argmin([cost(float(d)) for d in grid]))])
     around = best + np.arange(-coarse, coarse + fine / 2, fine)
     best = float(around[int(np.argmin([cost(float(d)) for d in around]))])
-    return best if abs(best) > SETTINGS.least else None
+    return best if abs(best) > settings.least else None
 
 
-def _exchanged(excerpt: Excerpt, groups: Sequence[Sequence[str]]) -> Iterator[Amendment]:
+def _exchanged(
+    excerpt: Excerpt, groups: Sequence[Sequence[str]], settings: ClockSettings
+) -> Iterator[Amendment]:
     """Events of two clocks that were written for each other."""
     sync = excerpt.run.sync
     for first, second in combinations(groups, 2):
         apart = sync[first[0]] - sync[second[0]]
-        if abs(apart) < SETTINGS.least or set(first) & set(second):
+        if abs(apart) < settings.least or set(first) & set(second):
             continue
         delays = {**dict.fromkeys(first, -apart), **dict.fromkeys(second, apart)}
         what = f"the events of {first[0]} and {second[0]} under 'sync' are exchanged"

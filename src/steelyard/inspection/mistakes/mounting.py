@@ -41,18 +41,8 @@ from steelyard.inspection.mistakes.amendment import (
     with_keys,
 )
 from steelyard.inspection.mistakes.axes import axis_changes, rotations_by_right_angles
+from steelyard.inspection.settings import PLACES, PlaceSettings
 from steelyard.instruments.equations import needed_for
-
-_FARTHEST = 4.0
-"""Radii of the platform beyond which nothing sits on it."""
-_LEAST_RADIUS = 0.5
-"""Of a platform, for that [m]."""
-_LEAST_POINT = 0.05
-"""By which a place on the platform must be wrong to be named [m]."""
-_CLOSER = 0.4
-"""Part of the distance to where it should be that a place with other signs may leave."""
-_FREE = 1e-3
-"""Weight of what is not known about a constant that is solved for."""
 
 
 def of_choices(excerpt: Excerpt, name: str) -> Iterator[Amendment]:
@@ -158,14 +148,16 @@ def of_frame(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
     )
 
 
-def of_point(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
+def of_point(
+    excerpt: Excerpt, source: Source, settings: PlaceSettings = PLACES
+) -> Iterator[Amendment]:
     """Another place on the platform: where the instrument seems to be, or that which is stated with
     another sign.
     """
     name = source[0]
     key = excerpt.instruments[name].mounting.point_key
     point = point_of(excerpt, name)
-    farthest = _FARTHEST * max(excerpt.robot.size, _LEAST_RADIUS)
+    farthest = settings.farthest * max(excerpt.robot.size, settings.least_radius)
 
     def moved(place: Array, what: str, cost: float) -> Amendment:
         stated = place.tolist()
@@ -173,19 +165,20 @@ def of_point(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
         kind = "place on the platform"
         return Subject(name, key).amendment(kind, what, f"{key}: {stated}", change, cost)
 
-    for wanted in _wanted_points(excerpt, source):
+    for wanted in _wanted_points(excerpt, source, settings):
         off = float(np.linalg.norm(wanted - point))
-        if not _LEAST_POINT < off < farthest:
+        if not settings.least < off < farthest:
             continue
         what = f"sits elsewhere on the platform than stated, by {off:.2g} m"
         yield moved(np.round(wanted, 3), what, RARE)
         for turn in axis_changes():
             other = turn.matrix @ point
-            if turn.keeps_order and np.linalg.norm(other - wanted) < _CLOSER * off:
+            is_closer = np.linalg.norm(other - wanted) < settings.closer * off
+            if turn.keeps_order and is_closer:
                 yield moved(other + 0.0, f"has {key} stated with a wrong sign", SIMPLE)
 
 
-def _wanted_points(excerpt: Excerpt, source: Source) -> Iterator[Array]:
+def _wanted_points(excerpt: Excerpt, source: Source, settings: PlaceSettings) -> Iterator[Array]:
     """Where on the platform an instrument would have to sit [m], by every other one that it can be compared
     with.
     """
@@ -204,26 +197,26 @@ def _wanted_points(excerpt: Excerpt, source: Source) -> Iterator[Array]:
         read = excerpt.observations[source].mapped(R)
         for other in others:
             difference = read.value + origin - origin_motion(excerpt, other, turned).position
-            yield _solved(placed, difference)
+            yield _solved(placed, difference, settings)
         tracked = np.einsum("nji,nj->ni", turned.rotation, read.bend - excerpt.robot.gravity)
         for of_force in excerpt.quantity("specific_force"):
             own = specific_force_of_origin(
                 excerpt, of_force, turned.rotation, turned.omega, turned.alpha
             )
-            yield _solved(accelerated, tracked - own)
+            yield _solved(accelerated, tracked - own, settings)
     else:
         there = specific_force_there(excerpt, source, turned)
         for other in others:
             force = specific_force(excerpt, turned, origin_motion(excerpt, other, turned))
-            yield _solved(accelerated, there.value - force)
+            yield _solved(accelerated, there.value - force, settings)
 
 
-def _solved(columns: Array, target: Array) -> Array:
+def _solved(columns: Array, target: Array, settings: PlaceSettings) -> Array:
     """The point, shape (3,), of which columns, shape (n, 3, 6), with a constant beside make a
     target.
     """
     A = columns.reshape(-1, 6)
-    held = _FREE * np.linalg.norm(A, axis=0).max() * np.eye(6)
+    held = settings.free * np.linalg.norm(A, axis=0).max() * np.eye(6)
     wanted = np.concatenate([target.ravel(), np.zeros(6)])
     value, *_ = np.linalg.lstsq(np.vstack([A, held]), wanted, rcond=None)
     return np.asarray(value[:3])

@@ -19,38 +19,7 @@ from steelyard.inspection.agreements.judgement import Judged, evaluated, judged
 from steelyard.inspection.agreements.motion import Relation, is_of_motion
 from steelyard.inspection.mistakes.amendment import ROBOT, Amendment
 from steelyard.inspection.mistakes.catalogue import amendments
-
-
-@dataclass(frozen=True)
-class MistakeSettings:
-    """When a mistake is named; chosen so that no sound recording of ``make bench`` has one."""
-
-    most: int = 6
-    """Mistakes that are looked for in one run."""
-    least_gain: float = 2.5
-    """By how much the whole must get better: of one channel, that it is left with less than a third
-    of what was too much."""
-    share: float = 0.25
-    """Of what is bad altogether, that a mistake must explain."""
-    enough: float = 30.0
-    """Cost of all that is bad from which that share grows no more."""
-    much_better: float = 0.4
-    """Ratio to the present one that is left where it is worst, at most."""
-    good: float = 1.25
-    """Ratio of an agreement that nothing but noise is left of."""
-    wider: float = 2.0
-    """By how much more may be allowed to the amended description, as a part of what is compared."""
-    equal: float = 0.5
-    """Gain by which the next best explanation is about as good."""
-    suspect: float = 0.5
-    """Share of bad agreements, as a part of the largest, from which a source is suspected."""
-    considered: int = 5
-    """Amendments of the largest gain among which one must do much better somewhere."""
-    others: int = 3
-    """Other explanations that are named."""
-
-
-SETTINGS = MistakeSettings()
+from steelyard.inspection.settings import MISTAKES, MistakeSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +96,7 @@ def _comparable(
 
 
 def mistakes(
-    excerpt: Excerpt, *, settings: MistakeSettings = SETTINGS
+    excerpt: Excerpt, *, settings: MistakeSettings = MISTAKES
 ) -> tuple[list[Mistake], Judged]:
     """Find the mistakes of one run, and how everything agrees once they are taken back.
 
@@ -154,7 +123,7 @@ def _best(
     total = sum(a.cost for a in now.bad)
     wanted = max(settings.least_gain, settings.share * min(total, settings.enough))
     tried: list[_Trial] = []
-    for amendment in amendments(now, suspected):
+    for amendment in amendments(now, suspected, settings):
         best = max((trial.gain for trial in tried), default=0.0)
         trial = _tried(now, amendment, max(wanted, best - 2 * settings.equal), settings)
         if trial is not None:
