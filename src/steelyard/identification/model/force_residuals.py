@@ -40,7 +40,15 @@ from steelyard.identification.model.motion_residuals import (
     robust_weight,
     time_of,
 )
-from steelyard.identification.model.segment import Rows, covariance_of, motion_at, spread
+from steelyard.identification.model.segment import (
+    POSE,
+    Basis,
+    Rows,
+    covariance_of,
+    motion_at,
+    spread,
+    values_at,
+)
 from steelyard.identification.model.sources import Source
 from steelyard.inertia import TEN
 from steelyard.instruments.equations import following, sensitivity, solve_for
@@ -53,6 +61,11 @@ BALANCE = "balance"
 """What the rows are of, beside the quantities of the instrument."""
 UNMODELLED = "unmodelled wrench"
 """Quantity of the platform: what acts on it and nothing explains."""
+UNMODELLED_PARTS: Mapping[Source, slice] = {
+    (ROBOT, "unmodelled force"): slice(0, 3),
+    (ROBOT, "unmodelled torque"): slice(3, 6),
+}
+"""Processes that are parts of it -> where they stand in a wrench."""
 _LEFT_OUT = 1e2
 """1-sigma of a reading that is left out, in units of the largest reading: the balance goes on
 without it."""
@@ -120,6 +133,10 @@ class Balance:
     """How it follows the readings, shape (n, 6, r)."""
     noise: BalanceNoise
     """Of what is left over."""
+    disturbance: Array | None = None
+    """Unmodelled wrench of the processes of the segment [N], [N m], shape (n, 6)."""
+    by_disturbance: Array | None = None
+    """How what is left over follows an unmodelled wrench, with the opposite sign, shape (n, 6, 6)."""
 
     @property
     def whitener(self) -> Array:
@@ -324,7 +341,8 @@ def balance_of(
             force_samples.name,
             times,
         )
-    pose, rate, acceleration, _ = motion_at(segment.basis(times), segment.coefficients)
+    local = segment.basis(times)
+    pose, rate, acceleration, _ = motion_at(local, segment.coefficients)
     found = _moved(robot)(
         pose=pose,
         rate=rate,
@@ -356,19 +374,53 @@ def balance_of(
     )
     solved = np.broadcast_to(solved, (len(times), *solved.shape[1:]))
     sigmas = force_samples.sigmas(segment, factors)
-    carries = None
-    level = np.zeros(6)
-    if force_samples.unmodelled is not None and structure is not None:
+    disturbance = _disturbance(segment, local)
+    shows, level = None, np.zeros(6)
+    if force_samples.unmodelled is not None:
         level = factors.get(segment.label(ROBOT, UNMODELLED), 1.0) * force_samples.unmodelled
-        carries = UnmodelledWrench.of(structure, solved)
-    noise = BalanceNoise.of(by_reading, sigmas, None if carries is None else carries.wrench * level)
-    measured = Balance(times, found, carried, wrench, structure, wrench - moving, by_reading, noise)
+    if level.any() or disturbance is not None:
+        carrying = (
+            np.broadcast_to(np.eye(6), (len(times), 6, 6)) if structure is None else structure
+        )
+        shows = UnmodelledWrench.of(carrying, solved)
+    white = None if shows is None or not level.any() else shows.wrench * level
+    left_over = wrench - moving
+    if shows is not None and disturbance is not None:
+        left_over -= np.einsum("nij,nj->ni", shows.wrench, disturbance)
+    noise = BalanceNoise.of(by_reading, sigmas, white)
+    measured = Balance(
+        times,
+        found,
+        carried,
+        wrench,
+        structure,
+        left_over,
+        by_reading,
+        noise,
+        disturbance,
+        None if shows is None else shows.wrench,
+    )
+    # The tension that the body alone asks for: what nothing explains tells no gain.
     correction = measured.correction
     off = correction[:, : sigmas.shape[1]] * sigmas
-    if carries is not None:
-        parts = correction[:, sigmas.shape[1] :] * level
-        off = off + np.einsum("nrk,nk->nr", carries.reading, parts)
+    if shows is not None:
+        unmodelled = np.zeros((len(times), 6)) if disturbance is None else disturbance
+        if white is not None:
+            unmodelled = unmodelled + correction[:, sigmas.shape[1] :] * level
+        off = off + np.einsum("nrk,nk->nr", shows.reading, unmodelled)
     return replace(measured, carried=carried - np.einsum("nkr,nr->nk", solved, off))
+
+
+def _disturbance(segment: Segment, local: Basis) -> Array | None:
+    """Unmodelled wrench along a segment [N], [N m], shape (n, 6); None: there is none."""
+    own = [each for each in segment.processes if each.source in UNMODELLED_PARTS]
+    if not own:
+        return None
+    found = np.zeros((len(local.first), 6))
+    for each in own:
+        values = values_at(local, segment.coefficients[:, segment.process_places[each.source]])
+        found[:, UNMODELLED_PARTS[each.source]] = each.sizes * values
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -511,6 +563,8 @@ def whitened_balance(
         border.put(calibration_parameters.places[ROBOT, DRAG, None], found["by_drag"][:, :, None])
     by_errors, columns = border.collected()
     residual = at.residual
+    if at.disturbance is not None:
+        by = (_by_state(by[0], segment, at), *by[1:])
     by_motion = at.whitener @ spread(local, *by, block=segment.block)
     size = np.sqrt(np.sum(residual**2, axis=1))
     if held is not None:
@@ -532,6 +586,19 @@ def whitened_balance(
     if force_samples.unmodelled is None:
         return WhitenedBalance(at, root, (rows,))
     return WhitenedBalance(at, root, tuple(_by_origin(rows, at, segment)))
+
+
+def _by_state(by_pose: Array, segment: Segment, at: Balance) -> Array:
+    """Derivative of the balance by pose and processes, shape (n, 6, block)."""
+    found = np.zeros((*by_pose.shape[:2], segment.block))
+    found[:, :, :POSE] = by_pose
+    assert at.by_disturbance is not None
+    for each in segment.processes:
+        part = UNMODELLED_PARTS.get(each.source)
+        if part is not None:
+            place = segment.process_places[each.source]
+            found[:, :, place] = -at.by_disturbance[:, :, part] * each.sizes
+    return found
 
 
 def _origins(at: Balance) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
     clock_of,
 )
+from steelyard.identification.model.processes import Process, embedded, places
 from steelyard.identification.model.segment import (
     POSE,
     Basis,
@@ -34,6 +36,7 @@ from steelyard.identification.model.segment import (
     basis,
     motion_at,
     spread,
+    values_at,
 )
 from steelyard.identification.model.sources import Source
 from steelyard.instruments.equations import linearised
@@ -93,6 +96,8 @@ class Segment:
     :func:`reference_clocks`."""
     jerks: Mapping[str, Array] = field(default_factory=dict)
     """Part of the pose -> :func:`jerk_matrices` of its knots, where it has a smoothness."""
+    processes: tuple[Process, ...] = ()
+    """Disturbances along it, whose coefficients stand behind those of the pose."""
 
     def label(self, name: str, quantity: str) -> Source:
         """Under which the noise of a quantity is kept: at rest instruments are quieter than in
@@ -109,6 +114,31 @@ class Segment:
     def block(self) -> int:
         """Coefficients of one spline function."""
         return int(self.coefficients.shape[1])
+
+    @cached_property
+    def process_places(self) -> Mapping[Source, slice]:
+        """What the processes disturb -> where its coefficients stand in those of a function."""
+        return places(self.processes)
+
+    def process_of(self, source: Source) -> tuple[Process, slice] | None:
+        """The process that disturbs something, and where its coefficients stand in those of a
+        function; None: there is none.
+        """
+        own = [each for each in self.processes if each.source == source]
+        return (own[0], self.process_places[source]) if own else None
+
+    def disturbed(self, processes: tuple[Process, ...]) -> Segment:
+        """The same motion with these processes beside it; those that it has not had are nothing yet."""
+        count = sum(each.components for each in processes)
+        coefficients = np.zeros((len(self.coefficients), POSE + count))
+        coefficients[:, :POSE] = self.coefficients[:, :POSE]
+        for source, place in places(processes).items():
+            if source in self.process_places:
+                coefficients[:, place] = self.coefficients[:, self.process_places[source]]
+        jerks = self.jerks
+        if jerks and POSE + count != self.block:
+            jerks = jerk_matrices(self.knots, POSE + count)
+        return replace(self, coefficients=coefficients, jerks=jerks, processes=processes)
 
     def equations(self, border: int, rows: Iterable[Rows]) -> NormalEquations:
         """Normal equations of rows along it.
@@ -131,11 +161,25 @@ class Segment:
         return np.asarray((times >= self.knots[0]) & (times <= self.knots[-1]))
 
     def smooth(self, equations: NormalEquations) -> NormalEquations:
-        """Normal equations of the readings with what is known of the motion's smoothness."""
-        if self.smoothness is None or self.static:
-            return equations
-        bands = [self.jerks[part] / intensity for part, intensity in self.smoothness.items()]
-        return equations.stiffened(bands, self.coefficients)
+        """Normal equations of the readings with what is known of the motion's smoothness, and of the
+        processes.
+        """
+        smoothness = {} if self.smoothness is None or self.static else self.smoothness
+        bands = [self.jerks[part] / intensity for part, intensity in smoothness.items()]
+        for each in self.processes:
+            own = self.process_places[each.source]
+            bands += [embedded(each.precision, i, self.block) for i in range(own.start, own.stop)]
+        return equations.stiffened(bands, self.coefficients) if bands else equations
+
+    @property
+    def prior_cost(self) -> float:
+        """Cost of the motion by its smoothness, and of the processes by their levels."""
+        smoothness = {} if self.smoothness is None or self.static else self.smoothness
+        motion = sum(self.roughness[part] / intensity for part, intensity in smoothness.items())
+        return motion + sum(
+            each.roughness(self.coefficients[:, self.process_places[each.source]])
+            for each in self.processes
+        )
 
     @property
     def wandering(self) -> Segment:
@@ -275,10 +319,7 @@ def motion_residuals(
             )
     held = holding_rows(segment)
     tally.cost += float(np.sum(held.residual**2))
-    if segment.smoothness is not None and not segment.static:
-        tally.cost += sum(
-            segment.roughness[part] / intensity for part, intensity in segment.smoothness.items()
-        )
+    tally.cost += segment.prior_cost
     yield held
 
 
@@ -403,8 +444,13 @@ def _of_reading(
     sigma = reading.sigma * factors.get(label, 1.0)
     # A channel without a number is no sample of it.
     there = np.isfinite(linear["residual"])
-    residual = np.where(there, linear["residual"], 0.0) / sigma
-    n, k = residual.shape
+    found = linear["residual"]
+    n, k = found.shape
+    disturbance = segment.process_of(reading.source)
+    if disturbance is not None:
+        process, place = disturbance
+        found = found + process.sizes * values_at(local, segment.coefficients[:, place])
+    residual = np.where(there, found, 0.0) / sigma
     border = Border(column_of, n, k)
     column = 0
     for term in instrument.terms(calibration_parameters.m):
@@ -436,16 +482,28 @@ def _of_reading(
         # A spike in one channel leaves the others as they are.
         weight = inside * robust_weight(np.abs(residual), 1)
         tally.add(label, np.abs(residual), weight, 1)
+    by_state = by
+    if disturbance is not None:
+        by_state = _with_process(by[0], *disturbance, segment.block), *by[1:]
     root = np.sqrt(weight)
     scale = (np.broadcast_to(root, residual.shape) / sigma)[:, :, None]
     return Rows(
         local.first,
         root * residual,
-        spread(local, *(j * scale for j in by), block=segment.block),
+        spread(local, *(j * scale for j in by_state), block=segment.block),
         by_errors * scale,
         columns,
         label,
     )
+
+
+def _with_process(by_pose: Array, process: Process, place: slice, block: int) -> Array:
+    """Derivative by the pose and by a process that is added to the reading, shape (n, k, block)."""
+    n, k, _ = by_pose.shape
+    found = np.zeros((n, k, block))
+    found[:, :, :POSE] = by_pose
+    found[:, :, place] = np.diag(process.sizes)
+    return found
 
 
 def reference_clocks(

@@ -415,3 +415,14 @@ def motion_at(basis: Basis, coefficients: Array) -> tuple[Array, Array, Array, A
     local = coefficients[:, :POSE][basis.first[:, None] + np.arange(basis.values.shape[2])]
     pose, rate, acceleration, jerk = np.einsum("oni,nid->ond", basis.values, local)
     return pose, rate, acceleration, jerk
+
+
+def values_at(basis: Basis, coefficients: Array) -> Array:
+    """Values of splines, shape (n, p).
+
+    Args:
+        basis: At n times.
+        coefficients: Shape (f, p).
+    """
+    local = coefficients[basis.first[:, None] + np.arange(basis.values.shape[2])]
+    return np.asarray(np.einsum("ni,nip->np", basis.values[0], local))

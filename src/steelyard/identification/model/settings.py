@@ -182,6 +182,26 @@ class MotionSettings:
             "rad/s": self.rate_at_rest,
         }[unit]
 
+    # Processes
+
+    shortest_correlation: float = 0.02
+    """Correlation time [s] below which a disturbance is white noise at the rates of real sensors."""
+    longest_correlation: float = 1000.0
+    """Correlation time [s] above which it is a constant."""
+    first_correlation: float = 0.5
+    """Correlation time [s] with which a search begins: friction, creep and hoses take tenths of
+    seconds to seconds."""
+    level_accuracy: float = 0.1
+    """Of the logarithm of a level or correlation time: their own 1-sigma is larger."""
+    level_step: float = -1.5
+    """Of these logarithms, first step of a search."""
+    level_trials: int = 60
+    """Evaluations of the marginal likelihood at most."""
+    level_sweeps: int = 2
+    """Over several processes, which may stand in for each other."""
+    no_level: float = 1e-4
+    """Part of the first level that is as good as none."""
+
 
 MOTION = MotionSettings()
 """What is used where nothing is given."""

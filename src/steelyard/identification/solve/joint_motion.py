@@ -26,6 +26,7 @@ from steelyard.identification.solve.beginning import (
 )
 from steelyard.identification.solve.coherence import coherence
 from steelyard.identification.solve.conclusion import Fitted, concluded, sound, stretch_of
+from steelyard.identification.solve.disturbances import with_disturbances
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.outliers import look
 from steelyard.identification.solve.posterior import Posterior, Progress
@@ -78,6 +79,8 @@ def _posterior(readings: Readings, tell: Tell) -> Posterior:
         readings = _finer(readings, vibrations)
         begun = with_body(readings, _again(readings, found, vibrations))
         found = _fitted(readings, begun, tell, vibrations)
+    tell("what nothing explains", 0.8)
+    found = replace(found, fit=with_disturbances(found.task, found.fit))
     tell("how well it is known", 0.85)
     return concluded([stretch_of(readings, found)])
 

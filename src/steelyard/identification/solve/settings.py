@@ -132,6 +132,22 @@ class FitSettings:
     coherence_chance: float = 6.0
     """Correlation that chance reaches at any lag, times the root of the number of samples."""
 
+    # Disturbances along the motion
+
+    correlations: tuple[float, ...] = (0.02, 0.05, 0.2, 1.0, 5.0)
+    """Correlation times at which residuals are tested for colour [s]."""
+    coloured: float = 4.0
+    """Standard normal score of their correlation from which a process is tried: one in a thousand
+    sound recordings, over all axes and times. Whether it stays is decided by its likelihood."""
+    asked_for: float = 6.9
+    """Gain of the log likelihood by which a process stays: half the chi-square of two at 1e-3."""
+    most_processes: int = 4
+    """That are tried one after the other."""
+    level_fits: int = 3
+    """Of motion and levels in turn, for each of them."""
+    level_settled: float = 0.2
+    """Largest logarithm of a change of level at which these have settled."""
+
     # Blocks of residuals and long recordings
 
     block: float = 1.0

@@ -1,0 +1,134 @@
+"""Disturbances along a segment that nothing explains: Gauss-Markov processes beside the motion.
+
+A process is a spline on the knots of the motion, so that the normal matrix stays banded. What is
+known of it is its level and its correlation time: the prior of a stationary Gauss-Markov process
+(Ornstein and Uhlenbeck), which is the constant at one end and the random walk at the other
+[Rasmussen2006]_.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky_banded
+
+from steelyard.arrays import Array
+from steelyard.identification.model.segment import POSE, banded_product, basis
+from steelyard.identification.model.sources import Source
+from steelyard.smoothing import DEGREE
+
+_NODES = DEGREE + 1
+"""Of the quadrature between two knots: exact for squares of the spline."""
+
+
+@dataclass(frozen=True, eq=False)
+class Process:
+    """A disturbance of several components with one level and one correlation time."""
+
+    source: Source
+    """What it disturbs: owner and quantity."""
+    sizes: Array
+    """Units that the components are told in: 1-sigma at level 1, shape (p,)."""
+    level: float
+    """1-sigma in these units."""
+    time: float
+    """Correlation time [s]."""
+    integrals: tuple[Array, Array, Array]
+    """Of the squared value [s], of the squared rate [1/s] and of the squared ends of a spline on
+    these knots, lower banded form, shape (6, f) each."""
+
+    @property
+    def components(self) -> int:
+        """Number p of components."""
+        return len(self.sizes)
+
+    @cached_property
+    def precision(self) -> Array:
+        """Of the coefficients of one component, lower banded form, shape (6, f)."""
+        value, rate, ends = self.integrals
+        return (value / self.time + rate * self.time + ends) / (2 * self.level**2)
+
+    @property
+    def log_determinant(self) -> float:
+        """Of the precision of all components."""
+        factor = cholesky_banded(self.precision, lower=True, check_finite=False)
+        return float(2 * self.components * np.sum(np.log(factor[0])))
+
+    def roughness(self, coefficients: Array) -> float:
+        """Cost of the coefficients of all components, shape (f, p)."""
+        return float(
+            sum(column @ banded_product(self.precision, column) for column in coefficients.T)
+        )
+
+    def at(self, level: float, time: float) -> Process:
+        """The same of another level and correlation time."""
+        return replace(self, level=level, time=time)
+
+
+def process(source: Source, sizes: Array, level: float, time: float, grid: Array) -> Process:
+    """A disturbance on the knots of a spline.
+
+    Args:
+        source: What it disturbs: owner and quantity.
+        sizes: Units that the components are told in, shape (p,).
+        level: 1-sigma in these units.
+        time: Correlation time [s].
+        grid: Knots [s].
+    """
+    return Process(source, sizes, level, time, _integrals(grid))
+
+
+def _integrals(grid: Array) -> tuple[Array, Array, Array]:
+    """See :attr:`Process.integrals`."""
+    inner = grid[DEGREE : len(grid) - DEGREE]
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    half = np.diff(inner) / 2
+    times = ((inner[1:] + inner[:-1]) / 2)[:, None] + half[:, None] * nodes
+    local = basis(grid, times.ravel())
+    weight = (half[:, None] * weights).ravel()
+    ends = basis(grid, inner[[0, -1]])
+    functions = len(grid) - DEGREE - 1
+    return (
+        _squares(local.values[0], local.first, weight, functions),
+        _squares(local.values[1], local.first, weight, functions),
+        _squares(ends.values[0], ends.first, np.ones(2), functions),
+    )
+
+
+def _squares(values: Array, first: NDArray[np.intp], weight: Array, functions: int) -> Array:
+    """Weighted sum of products of spline functions, lower banded form, shape (6, f)."""
+    width = values.shape[1]
+    band = np.zeros((width, functions))
+    for column in range(width):
+        for row in range(column, width):
+            product = weight * values[:, row] * values[:, column]
+            np.add.at(band[row - column], first + column, product)
+    return band
+
+
+def embedded(band: Array, place: int, block: int) -> Array:
+    """A banded matrix of one component among the coefficients of all, lower banded form, shape (6
+    block, f block).
+
+    Args:
+        band: Shape (6, f).
+        place: Of the component among the coefficients of one function.
+        block: Coefficients of one function.
+    """
+    width, functions = band.shape
+    found = np.zeros((width * block, functions * block))
+    found[::block, place::block] = band
+    return found
+
+
+def places(processes: Sequence[Process]) -> Mapping[Source, slice]:
+    """Where each stands among the coefficients of one function."""
+    found, start = {}, POSE
+    for each in processes:
+        found[each.source] = slice(start, start + each.components)
+        start += each.components
+    return found

@@ -1,0 +1,210 @@
+"""Disturbances that nothing explains: coloured noise of an instrument, an unmodelled wrench on the
+platform.
+
+Residuals of a fit that follow each other ask for a process beside the motion. The one that is
+asked for most is tried first; it stays where the marginal likelihood says so, and what the others
+still ask for is looked at again. Where nothing is asked for, nothing changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from steelyard.arrays import Array
+from steelyard.identification.model.calibration_parameters import columns_of
+from steelyard.identification.model.force_residuals import (
+    UNMODELLED_PARTS,
+    Forces,
+    balance_of,
+)
+from steelyard.identification.model.motion_residuals import (
+    Segment,
+    Tally,
+    limit,
+    motion_residuals,
+)
+from steelyard.identification.model.process_levels import ProcessLevel, likeliest, on_levels
+from steelyard.identification.model.processes import Process, process
+from steelyard.identification.model.sources import Source
+from steelyard.identification.solve.joint_fit import Fit, FitState, Task, fit, linearise
+from steelyard.identification.solve.settings import FitSettings
+
+
+def with_disturbances(
+    task: Task, found: Fit, tell: Callable[[float], None] = lambda fraction: None
+) -> Fit:
+    """A fit with the processes that its residuals ask for.
+
+    Args:
+        task: What has been fitted.
+        found: How.
+        tell: Is called with the fraction that is done, roughly.
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined.
+    """
+    refused: set[Source] = set()
+    for i in range(task.settings.most_processes):
+        scores = colours(task, found.state)
+        present = {each.source for s in found.state.segments for each in s.processes}
+        asked = {
+            source: score
+            for source, score in scores.items()
+            if score > task.settings.coloured and source not in present | refused
+        }
+        if not asked:
+            break
+        tell(i / task.settings.most_processes)
+        source = max(asked, key=lambda each: asked[each])
+        tried = _settled(task, _with(task, found.state, source))
+        if tried is None:
+            refused.add(source)
+        else:
+            found = tried
+    return found
+
+
+def colours(task: Task, state: FitState) -> dict[Source, float]:
+    """What may be disturbed -> how surely its residuals follow each other, a standard normal score,
+    the largest over axes and correlation times.
+    """
+    sums: dict[Source, list[tuple[Array, Array]]] = {}
+    for segment, forces in zip(state.segments, task.force_samples, strict=True):
+        if segment.static:
+            continue
+        pieces = [*_of_motion(task, state, segment), *_of_forces(task, state, segment, forces)]
+        for source, time, score, information in pieces:
+            own = _correlation(time, score, information, task.settings)
+            sums.setdefault(source, []).append(own)
+    return {
+        source: float(np.max(_score(*(np.sum(each, axis=0) for each in zip(*own, strict=True)))))
+        for source, own in sums.items()
+    }
+
+
+def _score(product: Array, variance: Array) -> Array:
+    return np.asarray(product / np.sqrt(np.maximum(variance, 1e-300)))
+
+
+def _of_motion(
+    task: Task, state: FitState, segment: Segment
+) -> Iterator[tuple[Source, Array, Array, Array]]:
+    """Of every quantity of the motion instruments: times, residuals in units of their variance,
+    information.
+    """
+    nothing = np.full(len(task.calibration_parameters), -1, dtype=np.intp)
+    rows = motion_residuals(
+        task.experiment, segment, state.calibration, nothing, state.factors, Tally()
+    )
+    by_label: dict[Source, list[Array]] = {}
+    for each in rows:
+        if each.label is not None:
+            by_label.setdefault(each.label, []).append(each.residual)
+    for reading in segment.readings:
+        if task.experiment.instruments[reading.source[0]].commanded:
+            continue
+        white = np.concatenate(by_label[segment.label(*reading.source)])
+        near = np.abs(white) < limit(1)
+        yield reading.source, reading.time, np.where(near, white, 0.0), near.astype(np.float64)
+
+
+def _of_forces(
+    task: Task, state: FitState, segment: Segment, forces: Forces | None
+) -> Iterator[tuple[Source, Array, Array, Array]]:
+    """The same of the wrench on the platform."""
+    if forces is None or state.parameters is None:
+        return
+    at = balance_of(
+        task.experiment, segment, forces, state.calibration, state.parameters, state.factors
+    )
+    use = segment.holds(at.time) & (np.sum(at.residual**2, axis=1) < limit(6) ** 2)
+    score = np.einsum("nji,nj->ni", at.whitener, at.residual) * use[:, None]
+    information = np.sum(at.whitener**2, axis=1) * use[:, None]
+    for source, part in UNMODELLED_PARTS.items():
+        yield source, at.time, score[:, part], information[:, part]
+
+
+def _correlation(
+    time: Array, score: Array, information: Array, settings: FitSettings
+) -> tuple[Array, Array]:
+    """Products of a residual with what has been before it, exponentially forgotten, and their
+    variance where it is white, for every correlation time and axis, shape (t, k) each.
+
+    It is the derivative of the likelihood by the variance of a Gauss-Markov process, but for the
+    products of every residual with itself [Rao1948]_.
+    """
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    products, variances = [], []
+    for each in settings.correlations:
+        kept = np.exp(-step / each)
+        before = lfilter([0.0, kept], [1.0, -kept], score, axis=0)
+        known = lfilter([0.0, kept**2], [1.0, -(kept**2)], information, axis=0)
+        products.append(np.sum(score * before, axis=0))
+        variances.append(np.sum(information * known, axis=0))
+    return np.array(products), np.array(variances)
+
+
+def _with(task: Task, state: FitState, source: Source) -> FitState:
+    """A state with one process more; of an unmodelled wrench force and torque come together."""
+    sources = list(UNMODELLED_PARTS) if source in UNMODELLED_PARTS else [source]
+    segments = []
+    for segment, forces in zip(state.segments, task.force_samples, strict=True):
+        new = tuple(
+            own
+            for each in sources
+            if (own := _process(task, state, segment, forces, each)) is not None
+        )
+        segments.append(segment.disturbed((*segment.processes, *new)) if new else segment)
+    return replace(state, segments=tuple(segments))
+
+
+def _process(
+    task: Task, state: FitState, segment: Segment, forces: Forces | None, source: Source
+) -> Process | None:
+    """A process of a segment to begin with; None: what it disturbs is not in it."""
+    if segment.static:
+        return None
+    if source in UNMODELLED_PARTS:
+        if forces is None:
+            return None
+        arm = 1.0 if source == next(iter(UNMODELLED_PARTS)) else task.experiment.robot.size
+        sizes = np.full(3, arm * float(np.median(forces.sigma)))
+    else:
+        own = [each for each in segment.readings if each.source == source]
+        if not own:
+            return None
+        sigma = own[0].sigma * state.factors.get(source, 1.0)
+        width = 3 if own[0].values.ndim == 3 else own[0].values.shape[1]
+        sizes = np.full(width, sigma)
+    return process(source, sizes, 1.0, task.settings.motion.first_correlation, segment.knots)
+
+
+def _settled(task: Task, state: FitState) -> Fit | None:
+    """Motion, body and levels in turn; None: the new process is not asked for."""
+    settings = task.settings
+    column_of = columns_of(task.active, state.ten)
+    border = state.ten + int(task.active.sum())
+    newest = next(s.processes[-1].source for s in reversed(state.segments) if s.processes)
+    last: Mapping[Source, ProcessLevel] = {}
+    found: Fit | None = None
+    for _ in range(settings.level_fits):
+        parts, _tally = linearise(task, state, column_of, border)
+        levels = likeliest(state.segments, [each.all for each in parts], settings.motion)
+        new = UNMODELLED_PARTS if newest in UNMODELLED_PARTS else (newest,)
+        if max(levels[each].gain for each in new) < settings.asked_for:
+            return None
+        segments = tuple(on_levels(each, levels) for each in state.segments)
+        found = fit(task, replace(state, segments=segments))
+        state = found.state
+        if last and all(
+            abs(np.log(each.level / last[source].level)) < settings.level_settled
+            for source, each in levels.items()
+            if each.gain > settings.asked_for
+        ):
+            break
+        last = levels
+    return found
