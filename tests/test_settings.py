@@ -90,6 +90,7 @@ def test_a_workspace_without_limits_is_a_part_of_the_frame():
     np.testing.assert_allclose(wider, 2 * reach)
 
 
+@pytest.mark.integration
 def test_a_multisine_is_as_fast_as_asked():
     times = np.linspace(0, 20, 1001)
     frequency = np.fft.rfftfreq(1001, 0.02)

@@ -1400,7 +1400,11 @@ def test_hostile_bags(tmp_path, compression, size, packed, sentence):
             "UPDATE topics SET type = 'my_msgs/msg/Unknown'",
             "expected a definition of the type my_msgs/msg/Unknown",
         ),
-        ("UPDATE messages SET data = zeroblob(3000000)", "expected one of type"),
+        pytest.param(
+            "UPDATE messages SET data = zeroblob(3000000)",
+            "expected one of type",
+            marks=pytest.mark.integration,
+        ),
     ],
 )
 def test_hostile_databases(small, tmp_path, script, sentence):
