@@ -72,8 +72,13 @@ def nodes(path):
     return list(ast.walk(ast.parse(path.read_text())))
 
 
+@cache
 def imported(path):
     """Modules of the package that a file imports, wherever in it the import stands."""
+    return tuple(each_import(path))
+
+
+def each_import(path):
     for node in nodes(path):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
