@@ -29,7 +29,8 @@ ROBOT = read_robot("cogiro")
 
 def settings_classes():
     for path in sorted(PACKAGE.rglob("*.py")):
-        for node in ast.parse(path.read_text()).body:
+        text = path.read_text()
+        for node in ast.parse(text).body if "Settings" in text else ():
             if isinstance(node, ast.ClassDef) and node.name.endswith("Settings"):
                 yield node
 
