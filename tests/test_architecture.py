@@ -69,7 +69,15 @@ def modules():
 
 @cache
 def nodes(path):
-    return list(ast.walk(ast.parse(path.read_text())))
+    """All statements of a file, however deep."""
+    return list(statements(ast.parse(path.read_text()).body))
+
+
+def statements(body):
+    for each in body:
+        yield each
+        for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+            yield from statements(getattr(each, part, ()))
 
 
 @cache
