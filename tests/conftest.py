@@ -1,8 +1,13 @@
-"""What several test files need: where recordings are, and experiments that were simulated once."""
+"""What several test files need: where recordings are, and experiments that were simulated once;
+and that collecting them is quick.
+"""
 
+import gc
 import json
 import os
+import re
 import sys
+from itertools import combinations
 
 # Many small matrices: threads of their own cost more than they do, the more so beside other work.
 # Before NumPy is loaded.
@@ -15,6 +20,43 @@ from places import DATA, ROOT
 
 from steelyard.cli import main
 from steelyard.inertia import Inertia
+
+TIERS = ("integration", "mujoco", "browser", "slow")
+MARK_OF_A_FILE = re.compile(r"^pytestmark = \[?pytest\.mark\.(\w+)", re.MULTILINE)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Look for no garbage meanwhile: millions of objects are made that stay."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Do not even import a file whose mark, alone or with others, is not asked for by ``-m``."""
+    expression = config.getoption("markexpr")
+    if not expression or collection_path.suffix != ".py":
+        return None
+    mark = MARK_OF_A_FILE.search(collection_path.read_text(encoding="utf-8"))
+    if mark is None or mark[1] not in TIERS:
+        return None
+    return not any(asked_for(expression, {mark[1], *others}) for others in sets_of(TIERS))
+
+
+def asked_for(expression, marks):
+    """Whether an expression of ``-m`` takes tests with these marks, so far as that is known."""
+    try:
+        return eval(expression, {"__builtins__": {}}, {name: name in marks for name in TIERS})
+    except (NameError, SyntaxError, TypeError):
+        return True
+
+
+def sets_of(names):
+    return (chosen for n in range(len(names) + 1) for chosen in combinations(names, n))
 
 
 @pytest.fixture(scope="session")

@@ -69,11 +69,24 @@ def modules():
 
 @cache
 def nodes(path):
-    return list(ast.walk(ast.parse(path.read_text())))
+    """All statements of a file, however deep."""
+    return list(statements(ast.parse(path.read_text()).body))
 
 
+def statements(body):
+    for each in body:
+        yield each
+        for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+            yield from statements(getattr(each, part, ()))
+
+
+@cache
 def imported(path):
     """Modules of the package that a file imports, wherever in it the import stands."""
+    return tuple(each_import(path))
+
+
+def each_import(path):
     for node in nodes(path):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"

@@ -2,7 +2,10 @@
 
 ``R_a_b`` maps coordinates in frame b to coordinates in frame a. Tait-Bryan angles are (roll, pitch,
 yaw) with ``R = Rz(yaw) Ry(pitch) Rx(roll)``, Eq. (3) of [Tempel2017]_; quaternions are (w, x, y,
-z). All other conversions of recorded numbers use :class:`scipy.spatial.transform.Rotation`.
+z) in Hamilton's convention, q and -q are one rotation.
+
+In CasADi every argument is one vector or matrix: rotation matrices have shape (3, 3), quaternions
+(4,), all else (3,). In NumPy time is the first axis of each, n samples long. All other conversions of recorded numbers use :class:`scipy.spatial.transform.Rotation`.
 """
 
 from __future__ import annotations
@@ -32,7 +35,8 @@ def from_rpy(rpy: Symbol) -> Symbol:
 
 
 def rate_matrix(rpy: Symbol) -> Symbol:
-    """Matrix that takes rates of roll, pitch, yaw to the angular velocity in world axes.
+    """Matrix that takes rates of roll, pitch, yaw to the angular velocity in world axes, shape
+    (3, 3).
 
     Eq. (4a) of [Tempel2017]_ with its third column corrected to [0, 0, 1].
     """
@@ -65,14 +69,16 @@ def quaternion_of_rpy(rpy: Symbol) -> Symbol:
 
 
 def quaternion_rate(q: Symbol, omega: Symbol) -> Symbol:
-    """Time derivative of a quaternion (w, x, y, z) for an angular velocity in body axes [rad/s]."""
+    """Time derivative of a quaternion (w, x, y, z) for an angular velocity in body axes [rad/s]:
+    ``q (0, omega) / 2``, the inverse of :func:`quaternion_omega` at unit length.
+    """
     w, v = q[0], q[1:4]
     return ca.vertcat(-ca.dot(v, omega), w * omega + ca.cross(v, omega)) / 2
 
 
 def quaternion_omega(q: Symbol, dq: Symbol) -> Symbol:
     """Angular velocity in body axes [rad/s] of a quaternion (w, x, y, z) of any length, not zero,
-    and its derivative.
+    and its derivative: the vector of ``2 q^-1 dq``.
     """
     w, v, dw, dv = q[0], q[1:4], dq[0], dq[1:4]
     return 2 * (w * dv - dw * v - ca.cross(v, dv)) / ca.dot(q, q)
@@ -80,7 +86,7 @@ def quaternion_omega(q: Symbol, dq: Symbol) -> Symbol:
 
 def exp(theta: Symbol) -> Symbol:
     """Rotation matrix of a rotation vector [rad] (Rodrigues), exact to rounding near zero and
-    smooth there.
+    smooth there; the inverse of :func:`log`.
     """
     square = ca.dot(theta, theta)
     small = square < 1e-6
@@ -140,11 +146,14 @@ def quaternions_of(matrices: Array) -> Array:
 
 
 def sign_continuous(quaternions: Array) -> Array:
-    """Quaternions over time without jumps of sign: q and -q are one rotation; of the two, the one
-    closer to the sample before. The first stays as it is.
+    """Quaternions over time without jumps of sign: of q and -q, each the one closer to the sample
+    before; the first stays as it is.
 
     Args:
         quaternions: Of unit length, shape (n, 4).
+
+    Returns:
+        The same rotations, shape (n, 4).
     """
     jumps = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
     signs = np.cumprod(np.where(jumps, -1.0, 1.0))

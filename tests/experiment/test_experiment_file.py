@@ -28,10 +28,10 @@ def small(tmp_path):
     return write_small(tmp_path / "small")
 
 
-@pytest.fixture
-def original(small):
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
     """The small experiment as it is."""
-    return read_experiment(small)
+    return read_experiment(write_small(tmp_path_factory.mktemp("original")))
 
 
 def change(path, old, new):

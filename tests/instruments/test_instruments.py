@@ -498,18 +498,23 @@ DIFFERENCE = 1e-6  # step of central differences
 DIFFERENCED = 1e-7  # relative to the largest number compared: what such differences are right to
 
 
+def dot(a, b):
+    """Scalar product of vectors over time, shape (n, 1)."""
+    return np.sum(a * b, axis=1, keepdims=True)
+
+
 def hamilton(a, b):
-    """Product of quaternions (w, x, y, z)."""
-    return np.array(
-        [a[0] * b[0] - a[1:] @ b[1:], *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))]
-    )
+    """Product of quaternions (w, x, y, z) over time, shape (n, 4)."""
+    scalar = a[:, :1] * b[:, :1] - dot(a[:, 1:], b[:, 1:])
+    vector = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])
+    return np.hstack([scalar, vector])
 
 
 def unit(q, dq, ddq):
-    """Quaternion of length one and its two time derivatives."""
-    s = np.linalg.norm(q)
-    ds = q @ dq / s
-    dds = (dq @ dq + q @ ddq - ds**2) / s
+    """Quaternions of length one and their two time derivatives."""
+    s = np.linalg.norm(q, axis=1, keepdims=True)
+    ds = dot(q, dq) / s
+    dds = (dot(dq, dq) + dot(q, ddq) - ds**2) / s
     return (
         q / s,
         dq / s - q * ds / s**2,
@@ -524,17 +529,14 @@ def turning(q, dq, ddq):
     back = u * [1, -1, -1, -1]
     return (
         Rotation.from_quat(u, scalar_first=True).as_matrix(),
-        2 * hamilton(back, du)[1:],
-        2 * hamilton(back, ddu)[1:],
+        2 * hamilton(back, du)[:, 1:],
+        2 * hamilton(back, ddu)[:, 1:],
     )
 
 
 def state_along(pose, rate, acceleration, gravity):
-    """The platform's state, sample by sample."""
-    turns = [
-        turning(*(x[3:] for x in motion)) for motion in zip(pose, rate, acceleration, strict=True)
-    ]
-    R, omega, alpha = (np.array(each) for each in zip(*turns, strict=True))
+    """The platform's state over time."""
+    R, omega, alpha = turning(pose[:, 3:], rate[:, 3:], acceleration[:, 3:])
     force_samples = np.einsum("nji,nj->ni", R, acceleration[:, :3] - gravity)
     return State(
         pose[:, :3],

@@ -861,6 +861,7 @@ def test_variables_of_matlab_7_3(tmp_path):
     np.testing.assert_array_equal(values["row"], np.arange(4))
 
 
+@pytest.mark.integration
 def test_objects_of_matlab_are_named(tmp_path):
     path = tmp_path / "a.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
@@ -1066,7 +1067,10 @@ def test_changed(small, tmp_path, name, seed):
     attempt(changed, topic)
 
 
-@pytest.mark.parametrize("name", [*HERE, *IN_SUBPROCESS])
+@pytest.mark.parametrize(
+    "name",
+    [*HERE, *(pytest.param(name, marks=pytest.mark.integration) for name in IN_SUBPROCESS)],
+)
 def test_noise_behind_the_beginning(small, tmp_path, name):
     path, topic = small[name]
     noisy = tmp_path / path.name
@@ -1400,7 +1404,11 @@ def test_hostile_bags(tmp_path, compression, size, packed, sentence):
             "UPDATE topics SET type = 'my_msgs/msg/Unknown'",
             "expected a definition of the type my_msgs/msg/Unknown",
         ),
-        ("UPDATE messages SET data = zeroblob(3000000)", "expected one of type"),
+        pytest.param(
+            "UPDATE messages SET data = zeroblob(3000000)",
+            "expected one of type",
+            marks=pytest.mark.integration,
+        ),
     ],
 )
 def test_hostile_databases(small, tmp_path, script, sentence):
@@ -1614,6 +1622,7 @@ def tdms_object(path, number, kind=10):
     return struct.pack("<I", len(name)) + name + struct.pack("<IIIQI", 20, kind, 1, number, 0)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     "content",
     [
@@ -1631,6 +1640,7 @@ def test_hostile_tdms_files(tmp_path, content):
     hostile(tmp_path / "a.tdms")
 
 
+@pytest.mark.integration
 def test_segments_that_repeat_many_objects(tmp_path):
     """Every segment of a few bytes goes on with thousands of channels."""
     objects = [tdms_object(f"/'a'/'x{i}'", 1) for i in range(5000)]

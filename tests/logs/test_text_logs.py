@@ -307,8 +307,12 @@ LONG_HEADER = "".join(f"# line {i}\n" for i in range(40)) + "t,f1\n\ns,N\n"
         ("sep=;\nt;f1\n0;1,5\n1;high\n2;3\n", 4),
         ("t  f1\n0  1\n1  high\n2  3\n", 3),
         ('"t","f1"\n"0","1"\n"1","high"\n"2","3"\n', 3),
-        ("t,f1\n" + "0,1.5\n" * 1_500_000 + "0,high\n" + "0,1.5\n" * 10, 1_500_002),
-        (
+        pytest.param(
+            "t,f1\n" + "0,1.5\n" * 1_500_000 + "0,high\n" + "0,1.5\n" * 10,
+            1_500_002,
+            marks=pytest.mark.integration,
+        ),
+        pytest.param(
             "t,f1\n"
             + "0,1.5\n" * 1_000_000
             + "\n\n"
@@ -316,6 +320,7 @@ LONG_HEADER = "".join(f"# line {i}\n" for i in range(40)) + "t,f1\n\ns,N\n"
             + "0,high\n"
             + "0,1.5\n" * 10,
             1_500_004,
+            marks=pytest.mark.integration,
         ),
     ],
     ids=lambda value: "" if isinstance(value, str) else None,

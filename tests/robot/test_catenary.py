@@ -1,3 +1,4 @@
+from functools import cache
 from itertools import product
 
 import casadi as ca
@@ -56,12 +57,21 @@ def cable_spec(
     )
 
 
-def solved(form, cable, value, points=POINT[None]):
+@cache
+def function_of(form, numbers):
+    """A form over points and values, built once for all who ask for a cable of these numbers."""
+    anchor, axis, radius, up, weight, compliance = numbers
+    cable = CableSpec(ca.DM(list(anchor)), np.array(axis), radius, np.array(up), weight, compliance)
     point, given = ca.SX.sym("point", 3), ca.SX.sym("value")
     shape = form(cable, point, given)
-    values = Batched("cable", {"point": point, "value": given}, shape._asdict())(
-        point=points, value=[value]
-    )
+    return Batched("cable", {"point": point, "value": given}, shape._asdict())
+
+
+def solved(form, cable, value, points=POINT[None]):
+    vectors = (cable.anchor, cable.axis, cable.up)
+    anchor, axis, up = (tuple(np.asarray(each, dtype=float).ravel()) for each in vectors)
+    numbers = anchor, axis, cable.radius, up, cable.weight, cable.compliance
+    values = function_of(form, numbers)(point=points, value=[value])
     return {key: v[0] if v.shape[1] > 1 else v.item() for key, v in values.items()}
 
 

@@ -33,8 +33,12 @@ class WrappedCable:
     def __init__(self, axis, radius, point):
         self.axis, self.radius, self.point = unit(axis), radius, point
         self.outward = unit(np.cross(self.axis, np.cross(point - ANCHOR, self.axis)))
-        self.hinge = np.cross(self.axis, self.outward)
+        hinge = np.cross(self.axis, self.outward)
         self.centre = ANCHOR + radius * self.outward
+        # Vectors square to the hinge, each with itself a quarter turn ahead.
+        self.ahead = self.axis, np.cross(hinge, self.axis)
+        self.away = self.outward, np.cross(hinge, self.outward)
+        self.spoke = ANCHOR - self.centre, np.cross(hinge, ANCHOR - self.centre)
         grid = np.linspace(0, 2 * np.pi, 180)
         miss, ahead = self.miss_and_ahead(grid)
         (found,) = np.flatnonzero((miss[:-1] * miss[1:] <= 0) & (ahead[:-1] > 0))
@@ -42,20 +46,20 @@ class WrappedCable:
         self.leave = self.contact(self.wrap)
         self.length = radius * self.wrap + np.linalg.norm(point - self.leave)
 
-    def turned(self, vector, angle):
+    @staticmethod
+    def turned(vector, angle):
         """A vector square to the hinge, turned about it."""
-        return np.multiply.outer(np.cos(angle), vector) + np.multiply.outer(
-            np.sin(angle), np.cross(self.hinge, vector)
-        )
+        start, quarter = vector
+        along = np.multiply.outer(np.cos(angle), start)
+        return along + np.multiply.outer(np.sin(angle), quarter)
 
     def contact(self, angle):
-        return self.centre + self.turned(ANCHOR - self.centre, angle)
+        return self.centre + self.turned(self.spoke, angle)
 
     def miss_and_ahead(self, angle):
         rest = self.point - self.contact(angle)
-        return np.sum(self.turned(self.outward, angle) * rest, -1), np.sum(
-            self.turned(self.axis, angle) * rest, -1
-        )
+        miss = np.sum(self.turned(self.away, angle) * rest, -1)
+        return miss, np.sum(self.turned(self.ahead, angle) * rest, -1)
 
     def bisect(self, low, high):
         """Forty-way section: each round looks at forty angles at once."""

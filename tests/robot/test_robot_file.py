@@ -261,7 +261,17 @@ NO_ROBOTS = {
 }
 
 
-@pytest.mark.parametrize("case", NO_ROBOTS)
+LONG = {"alias bomb"}
+"""Of these, those that take about a second."""
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=pytest.mark.integration if case in LONG else ())
+        for case in NO_ROBOTS
+    ],
+)
 def test_what_is_no_robot_file_is_refused_in_one_sentence(case, tmp_path):
     text, message = NO_ROBOTS[case]
     with pytest.raises(InputError, match=message):

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from pydantic import field_validator
 
+from steelyard.arrays import Array
 from steelyard.batch import Symbol
 from steelyard.instruments.base import (
     Calibration,
@@ -27,7 +28,7 @@ from steelyard.yaml_file import FileModel
 
 
 class PlaneForm(FileModel):
-    """A plane of the world: all points x with normal . x = offset, for a normal of length one."""
+    """A plane of the world: all points x with n . x = offset, n the normal of length one."""
 
     normal: Vector
     """Points to the side on which distances are positive, world frame; its length does not
@@ -43,10 +44,10 @@ class PlaneForm(FileModel):
         return normal
 
     @property
-    def direction(self) -> Vector:
-        """Unit normal, shape (3,)."""
-        length = float(np.linalg.norm(self.normal))
-        return self.normal[0] / length, self.normal[1] / length, self.normal[2] / length
+    def unit_normal(self) -> Array:
+        """The normal n of length one, world frame, shape (3,)."""
+        normal = np.array(self.normal)
+        return np.asarray(normal / np.linalg.norm(normal))
 
 
 class DistanceCalibration(Calibration):
@@ -88,7 +89,13 @@ class Distance(Instrument):
     def predict(
         self, state: State, calibration: Mapping[str, Symbol], robot: Robot
     ) -> dict[str, Symbol]:
-        """The point's coordinate along the normal, counted from the plane."""
-        point = state.position + state.rotation @ (ca.DM(self.point) + calibration["target"])
-        height = ca.dot(ca.DM(self.plane.direction), point) - self.plane.offset
+        r"""The point's coordinate along the normal, counted from the plane.
+
+        :math:`d = n \cdot (p + R (b + \delta b)) - h + o` with the plane's unit normal n and
+        offset h, the platform's position p and rotation R, the point b and its error, and the
+        offset o of the reading.
+        """
+        target = ca.DM(self.point) + calibration["target"]  # in the platform
+        point = state.position + state.rotation @ target  # in the world
+        height = ca.dot(ca.DM(self.plane.unit_normal), point) - self.plane.offset
         return {"distance": height + calibration["offset"]}

@@ -92,6 +92,8 @@ _BEGINNINGS: dict[bytes, tuple[str, ...]] = {
     b"\x1f\x8b": (".csv.gz", ".txt.gz", ".tsv.gz", ".dat.gz"),
 }
 """How files of these endings begin; text begins otherwise."""
+_LONGEST_BEGINNING = max(map(len, _BEGINNINGS))
+"""Bytes."""
 
 
 @contextmanager
@@ -133,6 +135,12 @@ def topics(path: Path) -> list[str]:
     return _format(path).topics(path)
 
 
+def ending_of(path: Path) -> str | None:
+    """Ending of a path as the table of formats has it; None: of no format."""
+    name = path.name.lower()
+    return max((ending for ending in FORMATS if name.endswith(ending)), key=len, default=None)
+
+
 def _format(path: Path) -> LogFormat:
     """The format of a log by its ending, if the file begins as such files do."""
     try:
@@ -147,18 +155,17 @@ def _format(path: Path) -> LogFormat:
             f"{path}: expected a log in one of the formats {', '.join(FORMATS)}, found"
             f" '{path.suffix}'; convert it to CSV"
         )
+    _check_beginning(path, ending)
+    return FORMATS[ending]
+
+
+def _check_beginning(path: Path, ending: str) -> None:
+    """Refuse a file that begins as those of other endings do."""
     with readable(path), path.open("rb") as file:
-        beginning = file.read(16)
+        beginning = file.read(_LONGEST_BEGINNING)
     for magic, endings in _BEGINNINGS.items():
         if beginning.startswith(magic) and ending not in endings:
             raise InputError(
                 f"{path}: expected a {ending} file, found one that begins as {' or '.join(endings)}"
                 " do; correct its ending"
             )
-    return FORMATS[ending]
-
-
-def ending_of(path: Path) -> str | None:
-    """Ending of a path as the table of formats has it; None: of no format."""
-    name = path.name.lower()
-    return max((ending for ending in FORMATS if name.endswith(ending)), key=len, default=None)

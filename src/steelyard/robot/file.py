@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
@@ -158,14 +159,20 @@ def read_robot(name_or_path: str | Path, folder: Path = Path()) -> Robot:
     """
     name_or_path = str(name_or_path)
     if name_or_path in bundled_names():
-        with resources.as_file(_LIBRARY / f"{name_or_path}.yaml") as path:
-            return robot_of(read_yaml(path))
+        return _bundled_robot(name_or_path)
     if not name_or_path.endswith((".yaml", ".yml")) and not (folder / name_or_path).exists():
         raise InputError(
             f"robot '{name_or_path}': expected the path of a robot file or one of"
             f" {', '.join(bundled_names())}, found neither; check the name"
         )
     return robot_of(read_yaml(folder / name_or_path))
+
+
+@cache
+def _bundled_robot(name: str) -> Robot:
+    """A robot of the library, which does not change: one value for all who ask."""
+    with resources.as_file(_LIBRARY / f"{name}.yaml") as path:
+        return robot_of(read_yaml(path))
 
 
 def robot_of(document: YamlDocument) -> Robot:

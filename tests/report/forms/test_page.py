@@ -1,5 +1,5 @@
-"""What a page and Markdown say of a document, read by others than those who wrote it: parsers of
-HTML and JSON, NumPy, formulas of colour."""
+"""What a page says of a document, read by others than those who wrote it: parsers of HTML and
+JSON, NumPy, formulas of colour."""
 
 import base64
 import hashlib
@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 from documents import TIME, heat, hostile, lines, sample, table, view
 
-from steelyard.report.blocks.document import Document, Figure, Section, Statement, Statements
+from steelyard.report.blocks.document import Document, Figure, Section, Statement
 from steelyard.report.forms.figure_json import figure_json
-from steelyard.report.forms.markdown import escaped, markdown
 from steelyard.report.forms.page import page
 
 ONLY_TEXT = Document("t", Statement("all is well", "good"), (Section("a", "A", (table(),)),))
@@ -243,46 +242,6 @@ class TestFigureJson:
             TypeError, match="'x': expected text, a number, a list or a mapping, found set"
         ):
             figure_json(Figure("a", "a", "a", ({"x": {1}},), {}))
-
-
-class TestMarkdown:
-    def test_the_whole(self):
-        lines = markdown(sample()).splitlines()
-        assert lines[0] == "# cogiro, twenty seconds"
-        assert lines[2].startswith("The platform has 161.18 ± 0.38 kg")
-        assert [line for line in lines if line.startswith("## ")] == [
-            "## Verdict",
-            "## Motion",
-            "## Residuals",
-        ]
-        assert "- maximum-likelihood: accepted" in lines
-        assert "**All ten parameters**" in lines
-        assert (
-            "| centre of gravity x | mm | -1 | 32 ± 19 | 2.4 ± 2.0 | -2.4 ± 1.7 | 1.66 | 0.4 |"
-            in lines
-        )
-        assert "|---|---|---:|---:|---:|---:|---:|---:|" in lines
-        assert "*Picture: The robot in motion. A platform on eight cables.*" in lines
-        assert markdown(sample()) == "\n".join(lines) + "\n"
-
-    def test_hostile_names_are_text(self):
-        document, names = hostile()
-        text = markdown(document)
-        assert not re.search(r"[<>`]|!\[|\]\(", text)
-        rows = [line for line in text.splitlines() if line.startswith("|")]
-        assert {line.count("|") for line in rows} == {len(names) + 2}
-
-    @pytest.mark.parametrize("text", ["1. first", "- dash", "+ plus", "12) twelve", "=== rule"])
-    def test_a_line_is_no_list(self, text):
-        said = Document(
-            "t", Statement(text), (Section("a", "A", (Statements((Statement(text),)),)),)
-        )
-        _, _, lead, _, _, _, bullet = markdown(said).splitlines()
-        assert bullet == f"- {lead}"
-        assert not re.match(r"[-+=]|\d+[.)]", lead)
-
-    def test_ends_of_lines_do_not_end_them(self):
-        assert escaped("a\n\n# b|c") == "a &#35; b&#124;c"
 
 
 STYLE = (files("steelyard.report.forms") / "web" / "page.css").read_text(encoding="utf-8")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,19 +52,32 @@ def convert(
             recorded = synchronised(recorded, tell)
     with results_folder(out, force=force) as folder:
         write_experiment(tidied(recorded), folder, tables=tables, with_robot=True)
-        truth = experiment.parent / TRUTH
-        if truth.is_file() and truth.stat().st_size <= LARGEST_TRUTH:
-            shutil.copyfile(truth, folder / TRUTH)
-        written = [path for path in folder.rglob("*") if path.is_file()]
-        size = sum(path.stat().st_size for path in written)
-    samples = samples_of(recorded)
-    target = out / "experiment.yaml"
+        _copy_truth(experiment.parent, folder)
+        sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
+    _say(out / "experiment.yaml", samples_of(recorded), sizes, as_json=as_json)
+
+
+def _copy_truth(source: Path, target: Path) -> None:
+    """Copy the true body from one folder to another, where there is one."""
+    truth = source / TRUTH
+    if truth.is_file() and truth.stat().st_size <= LARGEST_TRUTH:
+        shutil.copyfile(truth, target / TRUTH)
+
+
+def _say(
+    experiment: Path,
+    samples: Mapping[str, Mapping[str, int]],
+    sizes: Sequence[int],
+    *,
+    as_json: bool,
+) -> None:
+    """Say what was written: an experiment file, its samples, and files of these sizes [bytes]."""
     if as_json:
-        values = {"experiment": str(target), "samples": samples}
-        print_json({**values, "files": len(written), "bytes": size})
+        values = {"experiment": str(experiment), "samples": samples}
+        print_json({**values, "files": len(sizes), "bytes": sum(sizes)})
         return
-    plural = "s" if len(samples) > 1 else ""
-    print(f"{target}: {len(samples)} run{plural}, {len(written)} files, {size / 1e6:.1f} MB")
+    runs = f"{len(samples)} run{'s' if len(samples) > 1 else ''}"
+    print(f"{experiment}: {runs}, {len(sizes)} files, {sum(sizes) / 1e6:.1f} MB")
     print_samples(samples)
 
 

@@ -1,7 +1,12 @@
-"""What a method of estimation is."""
+"""What a method of estimation is: an experiment in, an estimate out, settings as fields.
+
+Most methods fit first and estimate then: a :data:`Fit` takes the experiment to a posterior, which
+several methods may share, and each draws its own estimate from it.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
@@ -17,28 +22,6 @@ from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 
 Fit = Callable[[Experiment, Progress], Posterior]
 """From an experiment to what estimates are drawn from; equal ones give the same."""
-
-
-@dataclass(frozen=True)
-class JointMotion:
-    """Motion, body and calibration at once; see :func:`.fit_jointly`."""
-
-    settings: FitSettings = FIT
-
-    def __call__(self, experiment: Experiment, progress: Progress = None) -> Posterior:
-        """Fit."""
-        return fit_jointly(experiment, progress, settings=self.settings)
-
-
-@dataclass(frozen=True)
-class HeldMotion:
-    """Body and calibration over a motion that is held; see :func:`.fit_with_held_motion`."""
-
-    settings: FitSettings = FIT
-
-    def __call__(self, experiment: Experiment, progress: Progress = None) -> Posterior:
-        """Fit."""
-        return fit_with_held_motion(experiment, progress, settings=self.settings)
 
 
 class Method(Protocol):
@@ -60,19 +43,24 @@ class Method(Protocol):
 
     def lack(self, experiment: Experiment) -> str:
         """What the method needs and the experiment has not, in words, where that takes no fit to
-        see; nothing where all is there.
+        see; empty where all is there.
         """
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
-        """Estimate."""
+        """Estimate the ten parameters; without numbers, and with a reason, where that fails."""
 
     def of(self, posterior: Posterior) -> Estimate:
         """Estimate from a posterior of its :attr:`fit`."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class PosteriorMethod:
-    """A method whose estimate is drawn from a posterior."""
+class PosteriorMethod(ABC):
+    """A method whose estimate is drawn from a posterior.
+
+    A method of its own has a :attr:`name` and says in :meth:`of` how it estimates; where the
+    motion is not to be held, it has another :attr:`fit`, where it needs more than forces and
+    motion, a :meth:`lack`.
+    """
 
     settings: FitSettings = FIT
     """How to fit."""
@@ -84,7 +72,7 @@ class PosteriorMethod:
 
     @property
     def fit(self) -> Fit:
-        """What the estimate is drawn from."""
+        """What the estimate is drawn from; methods with an equal one share its posterior."""
         return HeldMotion(self.settings)
 
     def lack(self, experiment: Experiment) -> str:
@@ -105,6 +93,28 @@ class PosteriorMethod:
         except NoBalanceError as error:
             return no_estimate(self.name, str(error))
 
+    @abstractmethod
     def of(self, posterior: Posterior) -> Estimate:
         """Estimate from a posterior of :attr:`fit`."""
-        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """Motion, body and calibration at once; see :func:`.fit_jointly`."""
+
+    settings: FitSettings = FIT
+
+    def __call__(self, experiment: Experiment, progress: Progress = None) -> Posterior:
+        """Posterior of an experiment; raises as :func:`.fit_jointly` does."""
+        return fit_jointly(experiment, progress, settings=self.settings)
+
+
+@dataclass(frozen=True)
+class HeldMotion:
+    """Body and calibration over a motion that is held; see :func:`.fit_with_held_motion`."""
+
+    settings: FitSettings = FIT
+
+    def __call__(self, experiment: Experiment, progress: Progress = None) -> Posterior:
+        """Posterior of an experiment; raises as :func:`.fit_with_held_motion` does."""
+        return fit_with_held_motion(experiment, progress, settings=self.settings)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +97,9 @@ def _common(ros1: bool) -> dict[str, Any]:
     return {name: fields for name, (_, fields) in store.fielddefs.items()}
 
 
+@lru_cache(maxsize=32)
 def _parsed_msg(definition: str, name: str) -> dict[str, Any]:
+    """Types of a definition, never changed: every stream of a recording asks for them again."""
     from rosbags.typesys import get_types_from_msg
 
     return get_types_from_msg(definition.replace("\r\n", "\n"), full_name(name))

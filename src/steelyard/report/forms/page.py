@@ -9,9 +9,13 @@ import hashlib
 import re
 from functools import cache
 from importlib.resources import files
+from typing import TYPE_CHECKING
 
 from steelyard.report.blocks.document import Document, Figure, Scene
 from steelyard.report.forms.figure_json import figure_json
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 _SIGNS = {"good": ("✓", "good"), "bad": ("✗", "problem"), "note": ("!", "note")}
 """Tone -> sign, and the word for those who hear the page."""
@@ -25,14 +29,10 @@ def page(document: Document) -> str:
     ``var(--line-1)`` to ``var(--line-8)``, the palette. Traces of WebGL other than 3-D ones are not
     drawn: they would need scripts that write scripts, which the page forbids.
     """
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
     blocks = [block for section in document.sections for block in section.blocks]
-    scripts = _scripts() if any(isinstance(block, Figure | Scene) for block in blocks) else ()
-    text = environment.from_string(_part("page.html.j2")).render(
+    has_pictures = any(isinstance(block, Figure | Scene) for block in blocks)
+    scripts = _scripts() if has_pictures else ()
+    text = _template().render(
         document=document,
         kind=lambda block: type(block).__name__.lower(),
         signs=_SIGNS,
@@ -52,12 +52,24 @@ def palette() -> dict[str, str]:
     return dict(re.findall(r"--([a-z0-9-]+): (#[0-9a-f]{6})", light))
 
 
+def _template() -> Template:
+    """The template of the page: it escapes all it is given, and takes no name that is missing."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(_part("page.html.j2"))
+
+
 def _part(name: str) -> str:
+    """A file of the folder ``web/``."""
     return (files("steelyard.report.forms") / "web" / name).read_text(encoding="utf-8")
 
 
 @cache
 def _scripts() -> tuple[str, ...]:
+    """Scripts that draw pictures, in the order in which they run."""
     from plotly.offline import get_plotlyjs
 
     return get_plotlyjs(), f"\n{_part('scenes.js')}", f"\n{_part('figures.js')}"
