@@ -38,6 +38,7 @@ LAYERS = [
 INNER = {
     "identification": [
         {"model"},
+        {"samples"},
         {"solve"},
         {"verdict"},
         {"methods"},

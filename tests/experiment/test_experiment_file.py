@@ -12,7 +12,7 @@ from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.identify import identify
-from steelyard.identification.model.preparation import prepare
+from steelyard.identification.samples.preparation import prepare
 from steelyard.instruments import Attitude, Imu, Position, Tension, Wrench
 from steelyard.robot.file import read_robot
 

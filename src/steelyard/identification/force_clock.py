@@ -18,10 +18,10 @@ from steelyard.arrays import Array
 from steelyard.clocks.shift import Shift, least
 from steelyard.dynamics import platform_regressor
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.model.preparation import samples_of
-from steelyard.identification.model.reading import RunReader, SmoothPart, UndeterminedError
 from steelyard.identification.model.sources import choose_sources
 from steelyard.identification.model.unknown_body import BODY, unknown_body
+from steelyard.identification.samples.preparation import samples_of
+from steelyard.identification.samples.reading import RunReader, SmoothPart, UndeterminedError
 from steelyard.identification.settings import SYNCHRONISATION, SynchronisationSettings
 from steelyard.robot.kinematics import cables_at
 from steelyard.smoothing import choose_spacing

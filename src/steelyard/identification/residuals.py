@@ -26,8 +26,8 @@ from steelyard.identification.model.motion_residuals import (
     looked_at,
     reference_clocks,
 )
-from steelyard.identification.model.preparation import Samples
 from steelyard.identification.model.sources import Source
+from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.joint_fit import FitState
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.instruments import Instrument

@@ -11,7 +11,7 @@ import numpy as np
 from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.preparation import prepare
+from steelyard.identification.samples.preparation import prepare
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior

@@ -28,7 +28,7 @@ from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.two_step import TwoStep
-from steelyard.identification.model.force_noise import force_sigma, least_sigma
+from steelyard.identification.samples.force_noise import force_sigma, least_sigma
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.long_recording import lively_parts
 from steelyard.identification.solve.settings import FitSettings

@@ -20,12 +20,14 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.model.force_residuals import (
     BALANCE,
+    UNMODELLED_PARTS,
     Forces,
     balance_of,
     sample_weight,
     whitened_balance,
 )
 from steelyard.identification.model.motion_residuals import Reading, Segment, Tally, limit
+from steelyard.identification.model.processes import process
 from steelyard.identification.model.segment import POSE
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.robot.file import read_robot
@@ -70,7 +72,9 @@ class Case:
     """An arc, forces along it, a body, and systematic errors that are not zero; forces and motion
     balance exactly."""
 
-    def __init__(self, force, robot=None, *, n=6, static=False, reference=None, seed=5):
+    def __init__(
+        self, force, robot=None, *, n=6, static=False, reference=None, disturbed=False, seed=5
+    ):
         rng = np.random.default_rng(seed)
         instrument = FORCES[force]
         self.robot = robot or (POINTS if instrument.kind == "tension" else BARE)
@@ -91,6 +95,10 @@ class Case:
         for key, place in self.calibration_parameters.places.items():
             if key[1] == LAG:
                 values[place] = 0.0
+            if disturbed and "gain" in key[1]:
+                # How an error of a gain changes the sight of an unmodelled wrench as the platform
+                # moves is of no account.
+                values[place] = 1.0
         self.calibration = CalibrationValues(self.calibration_parameters, values)
         if static:
             coefficients, self.time = somewhere(n, rng), np.arange(float(n))
@@ -106,6 +114,16 @@ class Case:
         self.segment = Segment(
             "run", grid, (attitude,), coefficients, static=static, reference=reference
         )
+        if disturbed:
+            self.segment = self.segment.disturbed(
+                tuple(
+                    process(source, np.array([1.0, 2.0, 3.0]), 1.0, 0.5, GRID)
+                    for source in UNMODELLED_PARTS
+                )
+            )
+            coefficients = self.segment.coefficients.copy()
+            coefficients[:, POSE:] = 5 * rng.normal(size=coefficients[:, POSE:].shape)
+            self.segment = replace(self.segment, coefficients=coefficients)
         self.parameters = BODY.parameters
         if self.robot.m:
             guess = {"tension": 700 + 150 * rng.normal(size=(n, self.robot.m))}
@@ -192,6 +210,8 @@ CASES = {
     "in the time of the forces": {"force": "platform end", "reference": "recorder"},
     "platform end at rest": {"force": "platform end", "static": True},
     "wrench at rest": {"force": "wrench", "static": True},
+    "disturbed": {"force": "platform end", "disturbed": True},
+    "disturbed wrench": {"force": "wrench", "disturbed": True},
 }
 
 
@@ -216,7 +236,7 @@ def test_derivatives_by_the_motion_are_those_of_differences(case):
     expected = whitener @ central_differences(
         lambda c: found.balance(coefficients=c).left_over, x, ways
     )
-    own = rows.first[:, None] + np.arange(rows.by_motion.shape[2] // POSE)
+    own = rows.first[:, None] + np.arange(rows.by_motion.shape[2] // found.segment.block)
     along = np.einsum("nki,dni->nkd", rows.by_motion, ways[:, own].reshape(len(ways), len(own), -1))
     assert_derivatives(along, expected)
 

@@ -25,6 +25,7 @@ from steelyard.identification.model.motion_residuals import (
     motion_residuals,
     robust_weight,
 )
+from steelyard.identification.model.processes import process
 from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations, banded_product
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension
 from steelyard.smoothing import DEGREE, knots
@@ -215,7 +216,7 @@ def readings(times, rng):
 class Case:
     """An arc, all instruments along it, and systematic errors that are not zero."""
 
-    def __init__(self, *, static=False, reference=None):
+    def __init__(self, *, static=False, reference=None, disturbed=False):
         rng = np.random.default_rng(11)
         numbers = np.arange(SAMPLES)
         streams = {name: Stream(numbers.astype(float), {}, name) for name in SUITE}
@@ -246,6 +247,17 @@ class Case:
                 motion_of(EVEN, rng),
                 reference=reference,
             )
+        if disturbed:
+            quantities = {each.source: each.values[0].shape[-1] for each in self.segment.readings}
+            self.segment = self.segment.disturbed(
+                tuple(
+                    process(source, 0.1 + np.arange(k), 0.1, 0.5, EVEN)
+                    for source, k in quantities.items()
+                )
+            )
+            coefficients = self.segment.coefficients.copy()
+            coefficients[:, POSE:] = 0.1 * rng.normal(size=coefficients[:, POSE:].shape)
+            self.segment = replace(self.segment, coefficients=coefficients)
 
     def rows(self, coefficients=None, values=None, **keys):
         """Label -> rows; None is what holds the motion."""
@@ -276,6 +288,7 @@ CASES = {
     "in motion": Case(),
     "at rest": Case(static=True),
     "in the time of the forces": Case(reference="recorder"),
+    "disturbed": Case(disturbed=True),
 }
 
 
@@ -320,7 +333,7 @@ def compared(request):
 def test_derivatives_by_the_motion_are_those_of_differences(compared, source):
     case, rows, (ways, by_motion), _ = compared
     found, expected = rows[case.label(source)], by_motion[case.label(source)]
-    own = found.first[:, None] + np.arange(found.by_motion.shape[2] // POSE)
+    own = found.first[:, None] + np.arange(found.by_motion.shape[2] // case.segment.block)
     along = np.einsum(
         "nki,dni->nkd", found.by_motion, ways[:, own].reshape(len(ways), len(own), -1)
     )

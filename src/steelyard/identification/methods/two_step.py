@@ -25,8 +25,8 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.body_fit import BodyFit, finish, from_two_steps, median, merge
 from steelyard.identification.methods.linear import LinearFit, block_sums, covariance_of, solve
 from steelyard.identification.methods.settings import TWO_STEP, TwoStepSettings
-from steelyard.identification.model.preparation import Samples, prepare
 from steelyard.identification.model.sources import Acceleration, choose_sources
+from steelyard.identification.samples.preparation import Samples, prepare
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments.equations import means, predict, terms_behind

@@ -123,6 +123,8 @@ class Balance:
     platform."""
     carried: Array
     """``tension`` or ``wrench`` of the fitted readings, shape (n, m) or (n, 6)."""
+    asked: Array
+    """The part of it that the body asks for: what nothing explains tells no gain."""
     wrench: Array
     """On the platform, of the measured readings [N], [N m], shape (n, 6)."""
     structure: Array | None
@@ -392,6 +394,7 @@ def balance_of(
         times,
         found,
         carried,
+        carried,
         wrench,
         structure,
         left_over,
@@ -400,25 +403,29 @@ def balance_of(
         disturbance,
         None if shows is None else shows.wrench,
     )
-    # The tension that the body alone asks for: what nothing explains tells no gain.
     correction = measured.correction
     off = correction[:, : sigmas.shape[1]] * sigmas
+    fitted = carried - np.einsum("nkr,nr->nk", solved, off)
+    asked = fitted
     if shows is not None:
         unmodelled = np.zeros((len(times), 6)) if disturbance is None else disturbance
         if white is not None:
             unmodelled = unmodelled + correction[:, sigmas.shape[1] :] * level
-        off = off + np.einsum("nrk,nk->nr", shows.reading, unmodelled)
-    return replace(measured, carried=carried - np.einsum("nkr,nr->nk", solved, off))
+        asked = fitted - np.einsum("nkr,nri,ni->nk", solved, shows.reading, unmodelled)
+    return replace(measured, carried=fitted, asked=asked)
 
 
-def _disturbance(segment: Segment, local: Basis) -> Array | None:
-    """Unmodelled wrench along a segment [N], [N m], shape (n, 6); None: there is none."""
+def _disturbance(segment: Segment, local: Basis, order: int = 0) -> Array | None:
+    """Unmodelled wrench along a segment [N], [N m], or a derivative of it by time, shape (n, 6); None:
+    there is none.
+    """
     own = [each for each in segment.processes if each.source in UNMODELLED_PARTS]
     if not own:
         return None
     found = np.zeros((len(local.first), 6))
     for each in own:
-        values = values_at(local, segment.coefficients[:, segment.process_places[each.source]])
+        own_place = segment.process_places[each.source]
+        values = values_at(local, segment.coefficients[:, own_place], order)
         found[:, UNMODELLED_PARTS[each.source]] = each.sizes * values
     return found
 
@@ -513,7 +520,7 @@ def whitened_balance(
     )
     unknown = "wrench" if at.structure is None else "tension"
     state, errors = (
-        {**at.motion, unknown: at.carried},
+        {**at.motion, unknown: at.asked},
         calibration.of(name, instrument, segment.run),
     )
     _, by_terms = sensitivity(
@@ -555,7 +562,11 @@ def whitened_balance(
         by_delay = -sum(
             np.einsum("nki,ni->nk", j, r)
             for j, r in zip(by, (rate, acceleration, jerk), strict=True)
-        )[:, :, None]
+        )
+        changes = _disturbance(segment, local, 1)
+        if changes is not None and at.by_disturbance is not None:
+            by_delay += np.einsum("nij,nj->ni", at.by_disturbance, changes)
+        by_delay = by_delay[:, :, None]
         if clock != origin:
             border.put(clock, by_delay)
             border.put(origin, -by_delay)

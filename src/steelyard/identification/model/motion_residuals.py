@@ -467,7 +467,11 @@ def _of_reading(
         # A later clock looks at an earlier instant of the motion.
         by_delay = -sum(
             np.einsum("nki,ni->nk", j, rate) for j, rate in zip(by, motion[1:], strict=True)
-        )[:, :, None]
+        )
+        if disturbance is not None:
+            process, place = disturbance
+            by_delay -= process.sizes * values_at(local, segment.coefficients[:, place], 1)
+        by_delay = by_delay[:, :, None]
         border.put(clock, by_delay)
         border.put(origin, -by_delay)
     border.put(calibration_parameters.places[ROBOT, "gravity", None], linear["by_gravity"])

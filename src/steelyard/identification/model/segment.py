@@ -417,12 +417,13 @@ def motion_at(basis: Basis, coefficients: Array) -> tuple[Array, Array, Array, A
     return pose, rate, acceleration, jerk
 
 
-def values_at(basis: Basis, coefficients: Array) -> Array:
-    """Values of splines, shape (n, p).
+def values_at(basis: Basis, coefficients: Array, order: int = 0) -> Array:
+    """Values of splines or of their derivatives, shape (n, p).
 
     Args:
         basis: At n times.
         coefficients: Shape (f, p).
+        order: Of the derivative by time.
     """
     local = coefficients[basis.first[:, None] + np.arange(basis.values.shape[2])]
-    return np.asarray(np.einsum("ni,nip->np", basis.values[0], local))
+    return np.asarray(np.einsum("ni,nip->np", basis.values[order], local))

@@ -28,8 +28,8 @@ from steelyard.identification.model.motion_residuals import (
     reference_clocks,
     time_of,
 )
-from steelyard.identification.model.preparation import Samples, prepare
 from steelyard.identification.model.sources import Source
+from steelyard.identification.samples.preparation import Samples, prepare
 from steelyard.identification.solve.joint_fit import Fit, FitState, Task, fit
 from steelyard.identification.solve.lost_readings import without_lost
 from steelyard.identification.solve.posterior import known_body, plausible

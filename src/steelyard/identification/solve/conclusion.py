@@ -23,9 +23,9 @@ from steelyard.identification.model.force_residuals import (
     whitened_balance,
 )
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
-from steelyard.identification.model.preparation import Samples
 from steelyard.identification.model.segment import NormalEquations, Rows
 from steelyard.identification.model.sources import Source
+from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.beginning import NoBalanceError, Readings
 from steelyard.identification.solve.bound import Bound
 from steelyard.identification.solve.joint_fit import Fit, FitState, Task

@@ -73,6 +73,7 @@ def fit_jointly(
 
 
 def _posterior(readings: Readings, tell: Tell) -> Posterior:
+    """Motion and forces, what vibrates followed more closely, and what nothing explains."""
     found = _fitted(readings, begin(readings, tell, thorough=False), tell, {})
     if vibrations := _vibrations(readings, found):
         tell("following a vibration", 0.4)

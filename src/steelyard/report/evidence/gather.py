@@ -17,8 +17,8 @@ from steelyard.estimates.estimate import Estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.identify import Identification
 from steelyard.identification.model.calibration_parameters import LAG, ROBOT, clock_of
-from steelyard.identification.model.preparation import Samples, prepare
 from steelyard.identification.residuals import Residuals, of_samples, residuals
+from steelyard.identification.samples.preparation import Samples, prepare
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import BODY_PARAMETERS, TEN
 from steelyard.report.evidence.thinning import THINNING, Thinning, evenly, rounded

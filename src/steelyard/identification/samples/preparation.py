@@ -19,9 +19,9 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import CalibrationValues
-from steelyard.identification.model.reading import RunReader, SmoothPart
 from steelyard.identification.model.settings import PREPARATION, PreparationSettings
 from steelyard.identification.model.sources import Acceleration, Source, choose_sources
+from steelyard.identification.samples.reading import RunReader, SmoothPart
 from steelyard.motion.state import specific_force_of
 from steelyard.robot.cable_inertia import cable_inertia_wrench
 from steelyard.rotations import quaternions_of

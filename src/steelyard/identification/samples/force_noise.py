@@ -6,7 +6,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.model.preparation import Samples
+from steelyard.identification.samples.preparation import Samples
 from steelyard.instruments import Quantity
 
 _TYPICAL_SIZE = 1e-12

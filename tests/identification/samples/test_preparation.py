@@ -9,8 +9,8 @@ from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.settings import TwoStepSettings
 from steelyard.identification.methods.two_step import TwoStep
-from steelyard.identification.model.preparation import prepare
 from steelyard.identification.model.settings import MotionSettings, PreparationSettings
+from steelyard.identification.samples.preparation import prepare
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.motion.trajectory import RestToRest
 from steelyard.robot.file import read_robot
