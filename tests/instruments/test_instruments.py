@@ -120,11 +120,12 @@ def imu(i, c, robot, state):
     p = np.array(i.position) + c["position"]
     angular_velocity, specific_force, orientation = [], [], []
     for _, R_world_platform, w, s, dw, _, _ in rows(state):
-        angular_velocity.append(R.T @ w + c["gyro_bias"])
+        angular_velocity.append((1 + c["gyro_scale"]) * (R.T @ w) + c["gyro_bias"])
         there = s + np.cross(dw, p) + np.cross(w, np.cross(w, p))
         if i.gravity == "removed":
             there = there + R_world_platform.T @ state.gravity
-        specific_force.append(R.T @ there + c["accelerometer_bias"])
+        scaled = (1 + c["accelerometer_scale"]) * (R.T @ there)
+        specific_force.append(scaled + c["accelerometer_bias"])
         orientation.append(Exp(c["reference"]).T @ R_world_platform @ R)
     return {
         "angular_velocity": angular_velocity,
@@ -262,14 +263,21 @@ def test_a_perfect_instrument_has_gains_of_one_and_no_other_error(kind):
 
 # Default 1-sigma by the table of the contract; None: taken from the data.
 DEFAULTS = {
-    "tension": {"offset": None, "gain": 0.01, "common_gain": 0.005},
+    "tension": {"offset": None, "gain": 0.01, "common_gain": 0.005, "time_constant": 0.0},
     "tension at the winch of straight cables": {
         "offset": None,
         "gain": 0.01,
         "common_gain": 0.005,
+        "time_constant": 0.0,
         "friction": 0.02,
     },
-    "wrench": {"offset.force": None, "offset.torque": None, "position": 0.0, "misalignment": 0.0},
+    "wrench": {
+        "offset.force": None,
+        "offset.torque": None,
+        "position": 0.0,
+        "misalignment": 0.0,
+        "time_constant": 0.0,
+    },
     "length": {"offset": 1.0},
     "imu": {
         "gyro_bias": 0.02,
@@ -277,6 +285,8 @@ DEFAULTS = {
         "position": 0.005,
         "misalignment": 0.05,
         "reference": 0.02,
+        "gyro_scale": 0.0,
+        "accelerometer_scale": 0.0,
     },
     "attitude": {"misalignment": 0.05, "reference": 0.02},
     "position": {"target": 0.005, "frame.position": 0.002, "frame.rotation": 0.0005},
@@ -745,12 +755,14 @@ def test_a_tension_follows_its_own_reading_gain_and_offset(state):
     np.testing.assert_allclose(
         by_reading, np.broadcast_to(eye / (common * gain), by_reading.shape), rtol=1e-12
     )
-    whole = np.broadcast_to(by_errors, (N, M, 2 * M + 1))
+    whole = np.broadcast_to(by_errors, (N, M, 2 * M + 2))
     np.testing.assert_allclose(
         whole[:, :, :M], np.broadcast_to(-eye / (common * gain), (N, M, M)), rtol=1e-12
     )
     np.testing.assert_allclose(whole[:, :, M : 2 * M], -eye * (t / gain)[:, None, :], rtol=1e-12)
     np.testing.assert_allclose(whole[:, :, 2 * M], -t / common, rtol=1e-12)
+    # A filter acts on the time of a reading.
+    np.testing.assert_array_equal(whole[:, :, 2 * M + 1], 0.0)
 
 
 # What an instrument says of itself

@@ -96,6 +96,9 @@ class Term:
     prior: Prior
     nominal: float = 0.0
     """Of a perfect instrument: 1 for gains, 0 for everything else."""
+    suspected: float | None = None
+    """1-sigma of devices that have such an error at all, taken where the readings ask for it and
+    nobody has stated one; None: the prior stays."""
 
     @property
     def mean(self) -> Array:
@@ -194,11 +197,32 @@ class Choice:
     """The mistake in words: what the readings would be instead."""
 
 
+TIME_CONSTANT = "time_constant"
+"""Key of the time constant of a force amplifier's filter: how far forces lag behind the motion."""
+_FILTERED = 0.03
+"""1-sigma of the time constant of amplifiers that filter visibly [s]: 5 Hz and more."""
+
+
 class Calibration(FileModel):
     """Systematic errors of an instrument, 1-sigma; every kind adds its own."""
 
     delay: Prior | None = None
     """Of its clock against the common time [s]; None: not stated."""
+
+
+class ForceCalibration(Calibration):
+    """Systematic errors of force sensors, 1-sigma."""
+
+    time_constant: Prior = exact()
+    """Of the first-order filter of the amplifier [s]; not stated: none, unless the readings ask for
+    one."""
+
+    @property
+    def filter_term(self) -> Term:
+        """The time constant; it acts on the time of a reading, not on the reading."""
+        stated = TIME_CONSTANT in self.model_fields_set
+        suspected = None if stated else _FILTERED
+        return Term(TIME_CONSTANT, 1, "s", self.time_constant, suspected=suspected)
 
 
 class Instrument(FileModel, ABC):

@@ -21,12 +21,16 @@ from steelyard.instruments.base import (
     Sigma,
     Term,
     Vector,
+    exact,
     mounting_rotation,
     sigma,
 )
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 from steelyard.yaml_file import FileModel
+
+_POOR_SCALE = 0.02
+"""1-sigma of the scale of cheap sensors, as their data sheets state it."""
 
 
 class ImuNoise(FileModel):
@@ -53,6 +57,10 @@ class ImuCalibration(Calibration):
     """Small rotation of the instrument in the platform [rad]."""
     reference: Prior = sigma(0.02)
     """Small rotation of its reference frame against the world [rad]."""
+    gyro_scale: Prior = exact()
+    """Relative error of each axis; not stated: none, unless the readings ask for one."""
+    accelerometer_scale: Prior = exact()
+    """The same."""
 
 
 class Imu(Instrument):
@@ -125,7 +133,19 @@ class Imu(Instrument):
             Term("position", 3, "m", c.position),
             Term("misalignment", 3, "rad", c.misalignment),
             Term("reference", 3, "rad", c.reference),
+            Term("gyro_scale", 3, "1", c.gyro_scale, suspected=self._suspected("gyro_scale")),
+            Term(
+                "accelerometer_scale",
+                3,
+                "1",
+                c.accelerometer_scale,
+                suspected=self._suspected("accelerometer_scale"),
+            ),
         )
+
+    def _suspected(self, key: str) -> float | None:
+        """1-sigma of a scale that is not as good as usual; None where one is stated."""
+        return None if key in self.calibration.model_fields_set else _POOR_SCALE
 
     def predict(
         self, state: State, calibration: Mapping[str, Symbol], robot: Robot
@@ -140,7 +160,8 @@ class Imu(Instrument):
         if self.gravity == "removed":
             force = force + state.rotation.T @ state.gravity
         return {
-            "angular_velocity": R.T @ state.omega + c["gyro_bias"],
-            "specific_force": R.T @ force + c["accelerometer_bias"],
+            "angular_velocity": (1 + c["gyro_scale"]) * (R.T @ state.omega) + c["gyro_bias"],
+            "specific_force": (1 + c["accelerometer_scale"]) * (R.T @ force)
+            + c["accelerometer_bias"],
             "orientation": rotations.exp(c["reference"]).T @ state.rotation @ R,
         }

@@ -10,7 +10,15 @@ import numpy as np
 from pydantic import model_validator
 
 from steelyard.batch import Symbol
-from steelyard.instruments.base import Calibration, Instrument, Prior, Quantity, Sigma, Term, sigma
+from steelyard.instruments.base import (
+    ForceCalibration,
+    Instrument,
+    Prior,
+    Quantity,
+    Sigma,
+    Term,
+    sigma,
+)
 from steelyard.motion.state import State
 from steelyard.robot.kinematics import paid_out, shapes
 from steelyard.robot.model import Robot
@@ -25,7 +33,7 @@ _STEPS = 0
 already, and with it the weight."""
 
 
-class TensionCalibration(Calibration):
+class TensionCalibration(ForceCalibration):
     """Systematic errors, 1-sigma."""
 
     offset: Prior = Prior.model_construct(value=None, sigma=None, per="experiment")
@@ -73,6 +81,7 @@ class Tension(Instrument):
             Term("offset", m, "N", c.offset),
             Term("gain", m, "1", c.gain, nominal=1.0),
             Term("common_gain", 1, "1", c.common_gain, nominal=1.0),
+            c.filter_term,
         )
         return (
             always

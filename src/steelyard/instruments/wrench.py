@@ -9,8 +9,8 @@ import casadi as ca
 
 from steelyard.batch import Symbol
 from steelyard.instruments.base import (
-    Calibration,
     Choice,
+    ForceCalibration,
     Instrument,
     Mounting,
     Prior,
@@ -46,7 +46,7 @@ class WrenchOffset(FileModel):
     """[N m]; default: the largest reading."""
 
 
-class WrenchCalibration(Calibration):
+class WrenchCalibration(ForceCalibration):
     """Systematic errors, 1-sigma."""
 
     offset: WrenchOffset = WrenchOffset()
@@ -99,6 +99,7 @@ class Wrench(Instrument):
             Term("offset.torque", 3, "N m", c.offset.torque),
             Term("position", 3, "m", c.position),
             Term("misalignment", 3, "rad", c.misalignment),
+            c.filter_term,
         )
 
     def predict(

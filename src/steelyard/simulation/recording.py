@@ -12,10 +12,13 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Stream
 from steelyard.instruments import Instrument
+from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import predict
 from steelyard.robot.model import Robot
 from steelyard.simulation.response import Response
 
+_PAST = 4
+"""Instants that stand for the past of a filtered reading."""
 _LATEST_START = 5.0
 """Clocks show an arbitrary time at the common event, up to this [s]."""
 
@@ -108,12 +111,35 @@ def record(
                 f" {response.duration:g} s, found {rate:g} Hz; raise it"
             )
         source = command if instrument.commanded else response
-        readings = predict(instrument, robot, source.at(times), errors[name].calibration)
+        readings = _filtered(instrument, robot, source, times, errors[name].calibration)
         noise = {q.name: q.noise or 0.0 for q in instrument.quantities(robot.m)}
         values = {key: _noisy(value, noise[key], rng) for key, value in readings.items()}
         streams[name] = Stream(times + errors[name].delay + origin, values, name)
         sync[name] = origin
     return streams, sync
+
+
+def _filtered(
+    instrument: Instrument,
+    robot: Robot,
+    source: Response,
+    times: Array,
+    calibration: Mapping[str, Array],
+) -> dict[str, Array]:
+    """Readings behind the filter of an amplifier, where the instrument has one.
+
+    A first-order filter is the mean over the past with exponential weights, which for what changes
+    smoothly within it is a sum over a few instants (Gauss and Laguerre).
+    """
+    constant = float(np.squeeze(calibration.get(TIME_CONSTANT, 0.0)))
+    if not constant:
+        return dict(predict(instrument, robot, source.at(times), calibration))
+    found: dict[str, Array] = {}
+    for node, weight in zip(*np.polynomial.laguerre.laggauss(_PAST), strict=True):
+        earlier = np.clip(times - constant * node, 0.0, source.duration)
+        for key, value in predict(instrument, robot, source.at(earlier), calibration).items():
+            found[key] = found.get(key, 0.0) + weight * value
+    return found
 
 
 def _noisy(value: Array, sigma: float, rng: np.random.Generator) -> Array:

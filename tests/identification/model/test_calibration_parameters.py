@@ -6,7 +6,6 @@ import pytest
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.model.calibration_parameters import (
     DRAG,
-    LAG,
     ROBOT,
     CalibrationValues,
     as_tree,
@@ -80,6 +79,8 @@ TABLE = {
     ("cables", "offset"): (M, 0.01 * 700.0),  # 1 % of the median of |TENSIONS|
     ("cables", "gain"): (M, 0.01),
     ("cables", "common_gain"): (1, 0.005),
+    ("cables", "time_constant"): (1, 0.0),
+    ("sensor", "time_constant"): (1, 0.0),
     ("sensor", "offset.force"): (3, 7.0),  # the largest reading
     ("sensor", "offset.torque"): (3, 0.3),
     ("sensor", "position"): (3, 0.0),
@@ -90,6 +91,8 @@ TABLE = {
     ("imu", "position"): (3, 0.005),
     ("imu", "misalignment"): (3, 0.05),
     ("imu", "reference"): (3, 0.02),
+    ("imu", "gyro_scale"): (3, 0.0),
+    ("imu", "accelerometer_scale"): (3, 0.0),
     ("compass", "misalignment"): (3, 0.05),
     ("compass", "reference"): (3, 0.02),
     ("tracker", "target"): (3, 0.005),
@@ -121,19 +124,26 @@ def test_there_are_no_other_errors_than_those_of_the_contract(everything):
     assert found == {
         *TABLE,
         *delays,
-        ("cables", LAG),
         *((ROBOT, key) for key in ("anchor", "attachment", "gravity", DRAG)),
     }
 
 
-def test_the_forces_of_every_motion_lag_by_nothing():
-    # The contract knows no such error: it is there to be asked about, and exact.
-    calibration_parameters = gather(
-        experiment({"cables": {}, "imu": {}, "tracker": {}}, three_runs(static=("last",)))
-    )
-    lags = [u for u in calibration_parameters.entries if u.key == LAG]
-    assert [(u.owner, u.run) for u in lags] == [("cables", "first"), ("cables", "middle")]
-    assert not any(u.mean.any() or u.deviation.any() for u in lags)
+def test_errors_of_poor_devices_are_none_until_they_are_asked_for(everything):
+    asked = {("cables", "time_constant", None), ("imu", "gyro_scale", None)}
+    believed = everything.believed(asked)
+    for before, after in zip(everything.entries, believed.entries, strict=True):
+        if (after.owner, after.key, after.run) in asked:
+            assert not before.deviation.any()
+            np.testing.assert_array_equal(after.deviation, before.suspected)
+        else:
+            assert after is before
+
+
+def test_a_stated_error_is_not_suspected():
+    stated = {"calibration": {"time_constant": 0.001}}
+    found = entry(gather(experiment({"cables": stated})), "cables", "time_constant")
+    assert found.suspected is None
+    np.testing.assert_array_equal(found.deviation, 0.001)
 
 
 def test_places_follow_each_other_without_gap(everything):

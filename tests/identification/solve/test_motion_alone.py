@@ -10,7 +10,6 @@ from scipy.stats import chi2, norm
 
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.model.calibration_parameters import (
-    LAG,
     ROBOT,
     CalibrationValues,
     gather,
@@ -132,7 +131,7 @@ def truth(calibration_parameters, experiment, drawn):
     """The errors that were drawn, in the places of the unknowns."""
     values = calibration_parameters.mean.copy()
     for u in calibration_parameters.entries:
-        if u.owner == ROBOT or u.key == LAG:
+        if u.owner == ROBOT or u.suspected is not None:
             continue
         run = u.run or experiment.runs[0].name
         place = calibration_parameters.places[u.owner, u.key, u.run]

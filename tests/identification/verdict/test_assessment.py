@@ -23,7 +23,6 @@ from simulated import (
 )
 
 from steelyard.identification.methods.least_squares import LeastSquares
-from steelyard.identification.model.calibration_parameters import LAG
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.verdict.assessment import (
     directed_tests,
@@ -33,6 +32,7 @@ from steelyard.identification.verdict.assessment import (
 )
 from steelyard.identification.verdict.settings import VERDICT
 from steelyard.inertia import Inertia
+from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.simulation.trajectories import feasible_multisine
 
 pytestmark = pytest.mark.integration
@@ -79,7 +79,7 @@ def test_every_number_of_the_description_that_acts_is_asked_about():
         for axis in "xyz":
             assert {f"anchor {i + 1} {axis}", f"attachment {i + 1} {axis}"} <= names
         assert f"cables.gain of cable {i + 1}" in names
-    assert any(name.startswith(f"cables.{LAG}") for name in names)
+    assert any(name.startswith(f"cables.{TIME_CONSTANT}") for name in names)
     # Offsets were estimated, and say whether they are where they were expected.
     assert any(name.startswith("cables.offset") for name in names)
 
@@ -129,7 +129,7 @@ def test_forces_that_are_late_by_themselves_are_found_with_their_size(late):
         run, streams={**run.streams, "cables": replace(stream, time=stream.time + late)}
     )
     found = fit_with_held_motion(replace(experiment, runs=(shifted,)))
-    test = next(t for t in directed_tests(found) if f".{LAG}" in t.name)
+    test = next(t for t in directed_tests(found) if f".{TIME_CONSTANT}" in t.name)
     # Some of it looks like errors that were estimated.
     assert test.size == pytest.approx(late, abs=max(4 * test.sigma, 0.2 * abs(late)))
     assert abs(test.z) > 5

@@ -43,6 +43,7 @@ from steelyard.identification.model.calibration_parameters import (
 from steelyard.identification.model.force_residuals import derivatives_of_balance
 from steelyard.identification.model.segment import POSE
 from steelyard.inertia import TEN
+from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import difference_of, following_of, sensitivity_of
 from steelyard.motion.state import State
 
@@ -256,9 +257,11 @@ def _border(
     force = experiment.force_instrument(run)
     assert force is not None
     clock, reference = clock_of(experiment, name), clock_of(experiment, force)
+    # A later clock reads an earlier instant; the motion is in the time of the forces.
+    by_delay = -sum(each @ rate for each, rate in zip(by, expressions.motion[1:], strict=True))
+    if name == force:
+        found.append((calibration_parameters.place(name, TIME_CONSTANT, run.name), by_delay))
     if clock != reference:
-        # A later clock reads an earlier instant; the motion is in the time of the forces.
-        by_delay = -sum(each @ rate for each, rate in zip(by, expressions.motion[1:], strict=True))
         found.append((calibration_parameters.place(clock, "delay", run.name), by_delay))
         found.append((calibration_parameters.place(reference, "delay", run.name), -by_delay))
     found.append((calibration_parameters.places[ROBOT, "gravity", None], by_gravity))

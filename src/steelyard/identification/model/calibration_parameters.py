@@ -7,8 +7,8 @@ the contract.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,8 +22,6 @@ from steelyard.instruments.base import Term
 
 ROBOT = "robot"
 """Owner of the errors of the robot file."""
-LAG = "lag"
-"""Key of how far the forces lag behind the motion instruments, those of their own clock too."""
 DRAG = "cable_inertia"
 """Key of how far the platform feels the inertia of its cables: 1 as theory has it, 0 where they
 follow without any."""
@@ -52,6 +50,8 @@ class CalibrationParameter:
     """Value known beforehand, shape (k,)."""
     deviation: Array
     """1-sigma, shape (k,); 0 is exact."""
+    suspected: float | None = None
+    """1-sigma where the readings ask for it, see :class:`.Term`."""
 
     def names(self, m: int) -> list[str]:
         """A name for every component, as people would say it."""
@@ -115,6 +115,18 @@ class CalibrationParameters:
         """A name for every component, shape (u,)."""
         return tuple(name for u in self.entries for name in u.names(self.m))
 
+    def believed(self, asked: Collection[Key]) -> CalibrationParameters:
+        """The same with the errors that the readings ask for."""
+        return replace(
+            self,
+            entries=tuple(
+                replace(u, deviation=np.full_like(u.deviation, u.suspected), suspected=None)
+                if (u.owner, u.key, u.run) in asked
+                else u
+                for u in self.entries
+            ),
+        )
+
     def components(self) -> Iterator[tuple[int, CalibrationParameter, int]]:
         """Place in the vector, the error and the component of it, one after the other."""
         place = 0
@@ -176,7 +188,13 @@ def gather(experiment: Experiment) -> CalibrationParameters:
             )
             entries += [
                 CalibrationParameter(
-                    name, term.key, run.name if run else None, term.unit, term.mean, deviation
+                    name,
+                    term.key,
+                    run.name if run else None,
+                    term.unit,
+                    term.mean,
+                    deviation,
+                    term.suspected,
                 )
                 for run in runs
             ]
@@ -194,12 +212,6 @@ def gather(experiment: Experiment) -> CalibrationParameters:
             if clock not in clocks or sigma[0] < clocks[clock].deviation[0]:
                 clocks[clock] = CalibrationParameter(clock, "delay", run.name, "s", mean, sigma)
         entries += clocks.values()
-        force = experiment.force_instrument(run)
-        if force is not None:
-            # Exact by the contract, since this clock defines the time; tests may ask whether it is.
-            entries.append(
-                CalibrationParameter(force, LAG, run.name, "s", np.zeros(1), np.zeros(1))
-            )
     robot, uncertainty = experiment.robot, experiment.uncertainty
     for key, unit, value in (
         ("anchor", "m", robot.anchors.ravel()),

@@ -26,7 +26,6 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance_noise import BalanceNoise, UnmodelledWrench
 from steelyard.identification.model.calibration_parameters import (
     DRAG,
-    LAG,
     ROBOT,
     CalibrationValues,
 )
@@ -51,6 +50,7 @@ from steelyard.identification.model.segment import (
 )
 from steelyard.identification.model.sources import Source
 from steelyard.inertia import TEN
+from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import following, sensitivity, solve_for
 from steelyard.motion.state import State, state_of_pose
 from steelyard.robot.cable_inertia import cable_inertia_expression
@@ -570,7 +570,7 @@ def whitened_balance(
         if clock != origin:
             border.put(clock, by_delay)
             border.put(origin, -by_delay)
-        border.put(calibration_parameters.place(name, LAG, segment.run), by_delay)
+        border.put(calibration_parameters.place(name, TIME_CONSTANT, segment.run), by_delay)
         border.put(calibration_parameters.places[ROBOT, DRAG, None], found["by_drag"][:, :, None])
     by_errors, columns = border.collected()
     residual = at.residual

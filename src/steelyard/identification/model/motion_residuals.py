@@ -24,7 +24,8 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
     clock_of,
 )
-from steelyard.identification.model.processes import Process, embedded, places
+from steelyard.identification.model.processes import Process, embedded
+from steelyard.identification.model.processes import places as places_of
 from steelyard.identification.model.segment import (
     POSE,
     Basis,
@@ -39,6 +40,7 @@ from steelyard.identification.model.segment import (
     values_at,
 )
 from steelyard.identification.model.sources import Source
+from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import linearised
 from steelyard.smoothing import DEGREE
 
@@ -118,7 +120,7 @@ class Segment:
     @cached_property
     def process_places(self) -> Mapping[Source, slice]:
         """What the processes disturb -> where its coefficients stand in those of a function."""
-        return places(self.processes)
+        return places_of(self.processes)
 
     def process_of(self, source: Source) -> tuple[Process, slice] | None:
         """The process that disturbs something, and where its coefficients stand in those of a
@@ -132,7 +134,7 @@ class Segment:
         count = sum(each.components for each in processes)
         coefficients = np.zeros((len(self.coefficients), POSE + count))
         coefficients[:, :POSE] = self.coefficients[:, :POSE]
-        for source, place in places(processes).items():
+        for source, place in places_of(processes).items():
             if source in self.process_places:
                 coefficients[:, place] = self.coefficients[:, self.process_places[source]]
         jerks = self.jerks
@@ -345,6 +347,13 @@ def time_of(
     delay = (
         calibration.values[clock] - calibration.values[origin] + calibration_parameters.mean[origin]
     )
+    places = calibration_parameters.places
+    filtered = places.get(
+        (name, TIME_CONSTANT, segment.run), places.get((name, TIME_CONSTANT, None))
+    )
+    if filtered is not None:
+        # A filtered force says what was a while ago.
+        delay = delay + calibration.values[filtered]
     return time - delay[0], clock, origin
 
 

@@ -24,15 +24,19 @@ from steelyard.identification.solve.beginning import (
     read,
     with_body,
 )
-from steelyard.identification.solve.coherence import coherence
 from steelyard.identification.solve.conclusion import Fitted, concluded, sound, stretch_of
-from steelyard.identification.solve.disturbances import with_disturbances
 from steelyard.identification.solve.joint_fit import fit
-from steelyard.identification.solve.outliers import look
+from steelyard.identification.solve.misfits.coherence import coherence
+from steelyard.identification.solve.misfits.disturbances import with_disturbances
+from steelyard.identification.solve.misfits.outliers import look
+from steelyard.identification.solve.misfits.suspicions import with_suspicions
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.segmentation import recorded, resampled
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.smoothing import DEGREE
+
+_EXPLANATIONS = 2
+"""Times that priors and disturbances are looked at in turn: one may have stood in for the other."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,11 @@ def _posterior(readings: Readings, tell: Tell) -> Posterior:
         begun = with_body(readings, _again(readings, found, vibrations))
         found = _fitted(readings, begun, tell, vibrations)
     tell("what nothing explains", 0.8)
-    found = replace(found, fit=with_disturbances(found.task, found.fit))
+    for turn in range(_EXPLANATIONS):
+        task, own = with_suspicions(found.task, found.fit)
+        if turn and task is found.task:
+            break
+        found = replace(found, task=task, fit=with_disturbances(task, own))
     tell("how well it is known", 0.85)
     return concluded([stretch_of(readings, found)])
 

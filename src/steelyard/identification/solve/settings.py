@@ -132,6 +132,14 @@ class FitSettings:
     coherence_chance: float = 6.0
     """Correlation that chance reaches at any lag, times the root of the number of samples."""
 
+    # Errors that good devices do not have
+
+    suspicious: float = 4.0
+    """Standard normal score from which such an error is estimated: one in a thousand sound
+    recordings, over all of them."""
+    suspicions: int = 3
+    """Times that this is looked at: one error may stand in for another."""
+
     # Disturbances along the motion
 
     correlations: tuple[float, ...] = (0.02, 0.05, 0.2, 1.0, 5.0)

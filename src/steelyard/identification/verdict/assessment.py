@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from steelyard.arrays import Array
-from steelyard.identification.model.calibration_parameters import DRAG, LAG, ROBOT
+from steelyard.identification.model.calibration_parameters import DRAG, ROBOT
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.diagnosis import diagnose
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import TEN, body_jacobian
+from steelyard.instruments.base import TIME_CONSTANT
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,10 @@ def _proposal(owner: str, key: str) -> str:
         ),
         "friction": f"check this roller, its bearing and its swivel, or state a larger {where}",
         "offset": f"check the zero of this sensor, or state a larger {where}",
-        LAG: f"check 'sync' and 'clock' of {owner} against those of the motion instruments",
+        TIME_CONSTANT: (
+            f"check 'sync' and 'clock' of {owner} against those of the motion instruments, or state"
+            f" the time constant of its amplifier's filter under {where}"
+        ),
         "delay": (
             "check 'sync' and 'clock', or state a larger 'delay' of the instruments of this clock"
         ),

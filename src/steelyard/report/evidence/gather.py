@@ -16,7 +16,7 @@ from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.identify import Identification
-from steelyard.identification.model.calibration_parameters import LAG, ROBOT, clock_of
+from steelyard.identification.model.calibration_parameters import ROBOT, clock_of
 from steelyard.identification.residuals import Residuals, of_samples, residuals
 from steelyard.identification.samples.preparation import Samples, prepare
 from steelyard.identification.solve.posterior import Posterior
@@ -183,7 +183,7 @@ def _errors(posterior: Posterior) -> Iterator[CalibrationEstimate]:
     parameters, deviations = posterior.calibration.calibration_parameters, posterior.deviations
     for (place, unknown, _), name in zip(parameters.components(), parameters.names, strict=True):
         prior = float(parameters.deviation[place])
-        if not prior or unknown.key in {"delay", LAG} or unknown.owner == ROBOT:
+        if not prior or unknown.key == "delay" or unknown.owner == ROBOT:
             continue
         yield CalibrationEstimate(
             unknown.owner,

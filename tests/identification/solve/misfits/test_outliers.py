@@ -13,7 +13,7 @@ from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
 from steelyard.identification.model.force_residuals import Forces, balance_of
 from steelyard.identification.model.motion_residuals import Reading, Segment
-from steelyard.identification.solve.outliers import look
+from steelyard.identification.solve.misfits.outliers import look
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.motion.trajectory import multisine
 from steelyard.robot.model import Robot
