@@ -30,6 +30,7 @@ from steelyard.instruments.equations import (
     predict,
     solve_for,
 )
+from steelyard.instruments.tension import rolled
 from steelyard.motion.state import State, motion_of_poses
 from steelyard.motion.trajectory import RestToRest
 from steelyard.robot.file import read_robot
@@ -159,7 +160,7 @@ def test_readings_of_slack_cables_are_numbers_and_follow_the_tension():
     place = {
         k: np.repeat(v[:1], 101, axis=0)
         for k, v in vars(states(1)).items()
-        if k not in {"gravity", "tension"}
+        if k not in {"gravity", "tension", "rolling"}
     }
     found = read(State(**place, tension=slack, gravity=ROBOT.gravity))
     assert (np.diff(found, axis=0) > 0.9).all()
@@ -522,3 +523,63 @@ def test_rollers_at_rest_hold_nothing_in_the_mean():
     # They say nothing about friction.
     friction = found.calibration["cables"]["friction"]
     np.testing.assert_allclose(friction["standard_deviation"], 0.02, rtol=1e-6)
+
+
+# What it remembers
+
+
+@pytest.mark.parametrize("presliding", [0.0005, 0.003, 0.02])
+def test_friction_builds_up_as_dahl_has_it(presliding):
+    """Against a general solver of his differential equation."""
+    times = np.linspace(0.0, 4.0, 401)
+
+    def length(t):
+        return 0.03 * np.sin(2 * t) + 0.01 * t
+
+    def slope(t, z):
+        rate = 0.06 * np.cos(2 * t) + 0.01
+        return rate / presliding * (1 - z * np.sign(rate))
+
+    expected = solve_ivp(
+        slope, (0.0, 4.0), [0.0], t_eval=times, rtol=1e-8, atol=1e-10, max_step=0.001
+    ).y[0]
+    found = rolled(length(times)[:, None], presliding)[:, 0]
+    # Where a cable turns around between samples a travel of a tenth of a millimetre is lost.
+    assert np.abs(found - expected).max() < 0.1
+    assert np.sqrt(np.mean((found - expected) ** 2)) < 0.01
+
+
+def test_a_cable_at_rest_forgets_nothing():
+    lengths = np.array([[0.0], [0.01], [0.01], [0.01]])
+    found = rolled(lengths, 0.01)[:, 0]
+    assert found[1:] == pytest.approx(1 - np.exp(-1.0))
+
+
+def test_a_recording_says_what_the_rollers_remember():
+    """A winch that turns around reads less and more, over some millimetres of travel."""
+    robot = read_robot("cogiro").with_straight_cables()
+    stated = {"gain": 0, "common_gain": 0, "offset": 0, "time_constant": 0}
+    exact = {
+        key: {"value": value, "sigma": 0}
+        for key, value in (("friction", 0.1), ("presliding", 0.05))
+    }
+    winch = Tension.model_validate(
+        {"kind": "tension", "end": "winch", "rate": 100.0, "calibration": {**stated, **exact}}
+    )
+    motion = ExactMotion(robot, robot.platform, feasible_multisine(robot, 6.0))
+    rng = np.random.default_rng(0)
+    errors = draw_errors({"cables": winch}, robot.m, ["run"], rng)["run"]
+
+    class Pulling:
+        duration = motion.duration
+
+        def at(self, times):
+            return replace(motion.at(times), tension=np.full((len(times), robot.m), 500.0))
+
+    streams, sync = record(Pulling(), {"cables": winch}, errors, robot, motion, rng)
+    time = streams["cables"].time - sync["cables"]
+    state = motion.at(time)
+    lengths = cables_at(robot, state.position, state.rotation, np.ones(robot.m)).length
+    expected = 500.0 * (1 - 0.1 * rolled(lengths, 0.05))
+    found = streams["cables"].values["tension"]
+    assert np.abs(found - expected)[50:].max() < 1.0

@@ -264,6 +264,11 @@ class Instrument(FileModel, ABC):
         return self.per_cable and not self.is_force
 
     @property
+    def remembers(self) -> bool:
+        """Whether its reading depends on how the cables have moved before."""
+        return False
+
+    @property
     def target_limits(self) -> TargetLimits | None:
         """What the point that it tracks may reach; None: it does not lose it."""
         return None

@@ -68,9 +68,9 @@ def _prediction(
     errors: tuple[tuple[str, tuple[float, ...]], ...],
 ) -> Batched:
     """Those readings that follow from the known part of the state, for given systematic errors."""
-    symbolic = symbols(robot.m)
+    symbolic = symbols(robot.m, remembered="rolling" in known)
     readings = instrument.predict(symbolic, {key: ca.DM(value) for key, value in errors}, robot)
-    unknown = [getattr(symbolic, f.name) for f in fields(State) if f.name not in known]
+    unknown = [symbol for name, symbol in _parts(symbolic).items() if name not in known]
     possible = {
         name: ca.SX(value)
         for name, value in readings.items()
@@ -135,7 +135,7 @@ def solve_for(
     Raises:
         InputError: The equation needs a part of the state that is not given.
     """
-    form = _inversion(unknown, instrument, robot, tuple(readings))
+    form = _inversion(unknown, instrument, robot, tuple(readings), "rolling" in given)
     missing = [name for name in form.given if name not in given]
     if missing:
         raise InputError(
@@ -188,11 +188,17 @@ class _Expression:
         return self.batched(**{name: values[name] for name in self.inputs})["value"]
 
 
+def _parts(state: State) -> dict[str, Symbol]:
+    """Fields of a state that are there, by name."""
+    found = {f.name: getattr(state, f.name) for f in fields(State)}
+    return {name: symbol for name, symbol in found.items() if symbol is not None}
+
+
 def _expression(expression: Symbol, state: State, terms: Mapping[str, Symbol]) -> _Expression:
     dense = ca.densify(expression)
     behind = {
         **{f"term_{key}": symbol for key, symbol in terms.items()},
-        **{f.name: getattr(state, f.name) for f in fields(State)},
+        **_parts(state),
     }
     inputs = {key: s for key, s in behind.items() if s.numel() and ca.depends_on(dense, ca.vec(s))}
     return _Expression(Batched("part", inputs, {"value": dense}), tuple(inputs))
@@ -251,10 +257,14 @@ def _predicted(
 
 @lru_cache(maxsize=128)
 def _inversion(
-    unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
+    unknown: str,
+    instrument: Instrument,
+    robot: Robot,
+    quantities: tuple[str, ...],
+    remembered: bool = False,
 ) -> _Inversion:
     """The equation of some quantities and its derivative by the unknown, inverted."""
-    state = symbols(robot.m)
+    state = symbols(robot.m, remembered=remembered)
     predicted, terms = _predicted(instrument, robot, quantities, state)
     column = ca.vec(getattr(state, unknown))
     slope = ca.jacobian(predicted, column)
@@ -384,14 +394,23 @@ def linearised(
 
 @lru_cache(maxsize=64)
 def following_of(
-    unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
+    unknown: str,
+    instrument: Instrument,
+    robot: Robot,
+    quantities: tuple[str, ...],
+    remembered: bool = False,
 ) -> Batched | None:
     """Expressions behind :func:`following`; None where readings say the same whatever the
     motion.
     """
     pose, rate = ca.SX.sym("pose", 7), ca.SX.sym("rate", 7)
-    sought = getattr(symbols(robot.m), unknown)
-    state = replace(state_of_pose(pose, rate, ca.SX.zeros(7), ca.SX.zeros(3)), **{unknown: sought})
+    symbolic = symbols(robot.m, remembered=remembered)
+    sought = getattr(symbolic, unknown)
+    state = replace(
+        state_of_pose(pose, rate, ca.SX.zeros(7), ca.SX.zeros(3)),
+        rolling=symbolic.rolling,
+        **{unknown: sought},
+    )
     predicted, terms = _predicted(instrument, robot, quantities, state)
     moved = {"by_pose": ca.jacobian(predicted, pose), "by_rate": ca.jacobian(predicted, rate)}
     if not any(each.nnz() for each in moved.values()):
@@ -402,6 +421,7 @@ def following_of(
         "pose": pose,
         "rate": rate,
         unknown: sought,
+        **({"rolling": state.rolling} if remembered else {}),
         **{f"term_{key}": each for key, each in terms.items()},
     }
     return Batched("following", inputs, dict(zip(moved, ca.cse(outputs), strict=True)))
@@ -415,6 +435,7 @@ def following(
     motion: tuple[Array, Array],
     found: Array,
     calibration: Mapping[str, Array],
+    rolling: Array | None = None,
 ) -> tuple[Array, Array] | None:
     """How what :func:`solve_for` gives follows the motion for the same readings, by the implicit
     function theorem.
@@ -427,33 +448,41 @@ def following(
         motion: Position [m] over quaternion and its time derivative, shape (n, 7) each.
         found: The unknown, shape (n, k).
         calibration: Systematic errors, one array for each of :meth:`Instrument.terms`.
+        rolling: What the rollers remember of the motion, shape (n, m); None: nothing.
 
     Returns:
         Derivative by pose and by rate, shape (n, k, 7) each; None where it does not follow.
     """
-    batched = following_of(unknown, instrument, robot, quantities)
+    batched = following_of(unknown, instrument, robot, quantities, rolling is not None)
     if batched is None:
         return None
     errors = {f"term_{key}": value for key, value in calibration.items()}
-    values = batched(pose=motion[0], rate=motion[1], **{unknown: found}, **errors)
+    given = {unknown: found, **({} if rolling is None else {"rolling": rolling})}
+    values = batched(pose=motion[0], rate=motion[1], **given, **errors)
     return values["by_pose"], values["by_rate"]
 
 
 @lru_cache(maxsize=64)
 def sensitivity_of(
-    unknown: str, instrument: Instrument, robot: Robot, quantities: tuple[str, ...]
+    unknown: str,
+    instrument: Instrument,
+    robot: Robot,
+    quantities: tuple[str, ...],
+    remembered: bool = False,
 ) -> tuple[Batched, list[str]]:
     """Expressions behind :func:`sensitivity`, and which parts of state and ``term_…`` they take."""
-    state = symbols(robot.m)
+    state = symbols(robot.m, remembered=remembered)
     predicted, terms = _predicted(instrument, robot, quantities, state)
     inverse = ca.inv(ca.jacobian(predicted, ca.vec(getattr(state, unknown))))
     outputs = {
         "by_reading": ca.densify(inverse),
         "by_terms": ca.densify(-inverse @ ca.jacobian(predicted, ca.vertcat(*terms.values()))),
     }
+    if state.rolling is not None:
+        outputs["by_rolling"] = ca.densify(-inverse @ ca.jacobian(predicted, state.rolling))
     behind = {
         **{f"term_{key}": symbol for key, symbol in terms.items()},
-        **{f.name: getattr(state, f.name) for f in fields(State)},
+        **_parts(state),
     }
     everything = ca.veccat(*outputs.values())
     inputs = {k: s for k, s in behind.items() if s.numel() and ca.depends_on(everything, ca.vec(s))}
@@ -467,7 +496,7 @@ def sensitivity(
     quantities: tuple[str, ...],
     state: Mapping[str, Array],
     calibration: Mapping[str, Array],
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array | None]:
     """How what :func:`solve_for` gives follows the readings and the systematic errors, by the
     implicit function theorem.
 
@@ -481,11 +510,12 @@ def sensitivity(
             all.
 
     Returns:
-        Derivative by the readings, shape (n, k, k), and by the systematic errors, shape (n, k, e).
+        Derivative by the readings, shape (n, k, k), by the systematic errors, shape (n, k, e), and by
+        what the rollers remember, shape (n, k, m), where that is part of the state.
     """
-    batched, inputs = sensitivity_of(unknown, instrument, robot, quantities)
+    batched, inputs = sensitivity_of(unknown, instrument, robot, quantities, "rolling" in state)
     errors = {
         name: calibration[name.removeprefix("term_")] for name in inputs if name.startswith("term_")
     }
     values = batched(**errors, **{name: state[name] for name in inputs if name in _FIELDS})
-    return values["by_reading"], values["by_terms"]
+    return values["by_reading"], values["by_terms"], values.get("by_rolling")

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
+from steelyard.arrays import Array
 from steelyard.batch import Symbol
 from steelyard.instruments.base import (
     ForceCalibration,
@@ -17,6 +18,7 @@ from steelyard.instruments.base import (
     Quantity,
     Sigma,
     Term,
+    exact,
     sigma,
 )
 from steelyard.motion.state import State
@@ -28,6 +30,12 @@ TURNAROUND = 0.01
 hyperbolic tangent of one [m/s]."""
 _FRICTION = 0.02
 """Default 1-sigma of the friction of a roller."""
+_TRAVEL = 0.003
+"""Default of the travel over which it builds up, and its 1-sigma [m]."""
+_VISCOUS = 20.0
+"""1-sigma of the resistance to the rate of rollers that have one [N s/m]."""
+PRESLIDING = "presliding"
+"""Key of that travel."""
 _STEPS = 0
 """Towards the shape of a hanging cable: of a shallow one the height is right to micrometres
 already, and with it the weight."""
@@ -45,6 +53,12 @@ class TensionCalibration(ForceCalibration):
     friction: Prior | None = None
     """Part of the tension that the roller between sensor and platform takes; None: .02 at the
     winch, where there is one."""
+    presliding: Prior | None = None
+    """Travel of the cable over which that builds up after it has turned around [m]; None: .003 about
+    .003 at the winch."""
+    viscous: Prior | None = None
+    """Resistance of the roller to its rate [N s/m]; None: none at the winch, unless the readings ask
+    for it."""
 
 
 class Tension(Instrument):
@@ -63,12 +77,18 @@ class Tension(Instrument):
 
     @model_validator(mode="after")
     def _only_rollers_rub(self) -> Tension:
-        if self.end == "platform" and self.calibration.friction is not None:
-            raise ValueError(
-                "expected no key 'friction' under 'calibration' of sensors at the platform end,"
-                " where no roller is in between, found one; remove it, or add 'end: winch'"
-            )
+        for key in ("friction", "presliding", "viscous"):
+            if self.end == "platform" and getattr(self.calibration, key) is not None:
+                raise ValueError(
+                    f"expected no key '{key}' under 'calibration' of sensors at the platform end,"
+                    " where no roller is in between, found one; remove it, or add 'end: winch'"
+                )
         return self
+
+    @property
+    def remembers(self) -> bool:
+        """See :class:`Instrument`."""
+        return self.end == "winch"
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
@@ -86,7 +106,18 @@ class Tension(Instrument):
         return (
             always
             if self.end == "platform"
-            else (*always, Term("friction", m, "1", c.friction or sigma(_FRICTION)))
+            else (
+                *always,
+                Term("friction", m, "1", c.friction or sigma(_FRICTION)),
+                Term(PRESLIDING, 1, "m", c.presliding or _presliding()),
+                Term(
+                    "viscous",
+                    m,
+                    "N s/m",
+                    c.viscous or exact(),
+                    suspected=None if c.viscous else _VISCOUS,
+                ),
+            )
         )
 
     def predict(
@@ -99,12 +130,12 @@ class Tension(Instrument):
         tension = (
             state.tension
             if self.end == "platform"
-            else _behind_rollers(state, c["friction"], robot)
+            else _behind_rollers(state, c["friction"], c["viscous"], robot)
         )
         return {"tension": c["common_gain"] * c["gain"] * tension + c["offset"]}
 
 
-def _behind_rollers(state: State, friction: Symbol, robot: Robot) -> Symbol:
+def _behind_rollers(state: State, friction: Symbol, viscous: Symbol, robot: Robot) -> Symbol:
     r"""Tensions at the winches' side of the rollers [N], shape (m,).
 
     :math:`T_w = T (1 - \mu \tanh(\dot l / v))` with T the tension where the cable reaches the
@@ -114,7 +145,32 @@ def _behind_rollers(state: State, friction: Symbol, robot: Robot) -> Symbol:
     hold.
     """
     rate = paid_out(robot, state.position, state.rotation, state.velocity, state.omega)
-    return (state.tension + _hanging(state, robot)) * (1 - friction * ca.tanh(rate / TURNAROUND))
+    rolling = ca.tanh(rate / TURNAROUND) if state.rolling is None else state.rolling
+    pulling = (state.tension + _hanging(state, robot)) * (1 - friction * rolling)
+    return pulling - viscous * rate
+
+
+def rolled(lengths: Array, presliding: float) -> Array:
+    r"""How far the friction of rollers has built up along a motion, from -1 to 1, shape (n, m).
+
+    :math:`\mathrm{d}z / \mathrm{d}l = (1 - z \operatorname{sgn} \dot l) / s` (Dahl [Dahl1968]_), exact
+    where a cable runs one way between samples. It begins with nothing.
+
+    Args:
+        lengths: Of the cables, one sample after the other [m], shape (n, m).
+        presliding: Travel s over which it builds up [m].
+    """
+    steps = np.diff(lengths, axis=0)
+    kept, sign = np.exp(-np.abs(steps) / presliding), np.sign(steps)
+    found = np.zeros_like(lengths)
+    for i in range(len(steps)):
+        found[i + 1] = sign[i] + (found[i] - sign[i]) * kept[i]
+    return found
+
+
+def _presliding() -> Prior:
+    """What rollers on ball bearings and ropes show."""
+    return Prior.model_validate({"value": _TRAVEL, "sigma": _TRAVEL})
 
 
 def _hanging(state: State, robot: Robot) -> Symbol:

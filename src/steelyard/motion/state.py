@@ -43,10 +43,18 @@ class State:
     [N m], shape (6,)."""
     gravity: Any
     """World frame [m/s^2], shape (3,)."""
+    rolling: Any = None
+    """How far the friction of the rollers has built up, from -1 (cables hauled in) to 1 (paid out),
+    shape (m,); None: as their present rate has it."""
 
 
-def symbols(m: int) -> State:
-    """A state of CasADi symbols for a robot of m cables."""
+def symbols(m: int, *, remembered: bool = False) -> State:
+    """A state of CasADi symbols for a robot of m cables.
+
+    Args:
+        m: Number of cables.
+        remembered: Whether what the rollers remember of the motion is given.
+    """
     return State(
         position=ca.SX.sym("position", 3),
         rotation=ca.SX.sym("rotation", 3, 3),
@@ -57,6 +65,7 @@ def symbols(m: int) -> State:
         tension=ca.SX.sym("tension", m),
         wrench=ca.SX.sym("wrench", 6),
         gravity=ca.SX.sym("gravity", 3),
+        rolling=ca.SX.sym("rolling", m) if remembered else None,
     )
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,11 +15,18 @@ from steelyard.experiment.model import Stream
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import predict
+from steelyard.instruments.tension import PRESLIDING, rolled
+from steelyard.motion.state import State
+from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
 from steelyard.simulation.response import Response
 
 _PAST = 4
 """Instants that stand for the past of a filtered reading."""
+_STEP = 0.002
+"""At which the rollers are followed [s]."""
+_LEAST_TRAVEL = 1e-4
+"""Of presliding [m]: less is none at the rates of real sensors."""
 _LATEST_START = 5.0
 """Clocks show an arbitrary time at the common event, up to this [s]."""
 
@@ -132,6 +140,8 @@ def _filtered(
     smoothly within it is a sum over a few instants (Gauss and Laguerre).
     """
     constant = float(np.squeeze(calibration.get(TIME_CONSTANT, 0.0)))
+    if instrument.remembers:
+        source = _Remembering(source, robot, float(np.squeeze(calibration[PRESLIDING])))
     if not constant:
         return dict(predict(instrument, robot, source.at(times), calibration))
     found: dict[str, Array] = {}
@@ -140,6 +150,37 @@ def _filtered(
         for key, value in predict(instrument, robot, source.at(earlier), calibration).items():
             found[key] = found.get(key, 0.0) + weight * value
     return found
+
+
+@dataclass(frozen=True)
+class _Remembering:
+    """A response whose states say how far the friction of the rollers has built up."""
+
+    response: Response
+    robot: Robot
+    presliding: float
+    """[m]"""
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        return self.response.duration
+
+    @cached_property
+    def _rolled(self) -> tuple[Array, Array]:
+        """Times [s], shape (k,), and what the rollers remember then, shape (k, m)."""
+        times = np.arange(0.0, self.duration + _STEP, _STEP)
+        state = self.response.at(times)
+        straight = self.robot.with_straight_cables()
+        tension = np.ones(self.robot.m)
+        lengths = cables_at(straight, state.position, state.rotation, tension).length
+        return times, rolled(lengths, max(self.presliding, _LEAST_TRAVEL))
+
+    def at(self, times: Array) -> State:
+        """See :class:`.Response`."""
+        known, values = self._rolled
+        rolling = np.column_stack([np.interp(times, known, column) for column in values.T])
+        return replace(self.response.at(times), rolling=rolling)
 
 
 def _noisy(value: Array, sigma: float, rng: np.random.Generator) -> Array:

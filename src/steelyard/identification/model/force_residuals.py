@@ -52,6 +52,7 @@ from steelyard.identification.model.sources import Source
 from steelyard.inertia import TEN
 from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import following, sensitivity, solve_for
+from steelyard.instruments.tension import PRESLIDING, rolled
 from steelyard.motion.state import State, state_of_pose
 from steelyard.robot.cable_inertia import cable_inertia_expression
 from steelyard.robot.kinematics import cable_wrench, cables_at
@@ -66,6 +67,10 @@ UNMODELLED_PARTS: Mapping[Source, slice] = {
     (ROBOT, "unmodelled torque"): slice(3, 6),
 }
 """Processes that are parts of it -> where they stand in a wrench."""
+_RELATIVE = 1e-4
+"""Step of a travel that shows how friction follows it."""
+_LEAST_TRAVEL = 1e-4
+"""Of presliding [m]: less is none at the rates of real sensors."""
 _LEFT_OUT = 1e2
 """1-sigma of a reading that is left out, in units of the largest reading: the balance goes on
 without it."""
@@ -357,12 +362,14 @@ def balance_of(
     errors = calibration.of(force_samples.name, instrument, segment.run)
     unknown = instrument.measured_force
     assert unknown is not None  # it is the force instrument of a run
+    if instrument.remembers:
+        found["rolling"] = _rolling(robot, found, float(np.squeeze(errors[PRESLIDING])))
     carried = solve_for(unknown, instrument, robot, force_samples.readings, found, errors)
     structure = None
     if unknown == "tension":
         structure = _structure(robot, calibration, found["position"], found["rotation"], carried)
     wrench = carried if structure is None else np.einsum("nkm,nm->nk", structure, carried)
-    solved, _ = sensitivity(
+    solved, *_ = sensitivity(
         unknown,
         instrument,
         robot,
@@ -413,6 +420,14 @@ def balance_of(
             unmodelled = unmodelled + correction[:, sigmas.shape[1] :] * level
         asked = fitted - np.einsum("nkr,nri,ni->nk", solved, shows.reading, unmodelled)
     return replace(measured, carried=fitted, asked=asked)
+
+
+def _rolling(robot: Robot, motion: Mapping[str, Array], presliding: float) -> Array:
+    """How far the friction of the rollers has built up, shape (n, m)."""
+    straight = robot.with_straight_cables()
+    tension = np.ones(robot.m)
+    lengths = cables_at(straight, motion["position"], motion["rotation"], tension).length
+    return rolled(lengths, max(presliding, _LEAST_TRAVEL))
 
 
 def _disturbance(segment: Segment, local: Basis, order: int = 0) -> Array | None:
@@ -523,17 +538,32 @@ def whitened_balance(
         {**at.motion, unknown: at.asked},
         calibration.of(name, instrument, segment.run),
     )
-    _, by_terms = sensitivity(
+    _, by_terms, by_rolling = sensitivity(
         unknown, instrument, robot, tuple(force_samples.readings), state, errors
     )
     by_terms = np.broadcast_to(
         by_terms if at.structure is None else at.structure @ by_terms,
         (len(at.time), 6, by_terms.shape[2]),
     )
+    if by_rolling is not None:
+        travel = float(np.squeeze(errors[PRESLIDING]))
+        longer, shorter = (
+            _rolling(robot, at.motion, travel * (1 + sign * _RELATIVE)) for sign in (1, -1)
+        )
+        by_travel = (longer - shorter) / (2 * travel * _RELATIVE)
+        further = np.einsum("nkm,nm->nk", by_rolling, by_travel)
+        extra = further if at.structure is None else np.einsum("nik,nk->ni", at.structure, further)
     by = (found["by_pose"], found["by_rate"], found["by_acceleration"])
     # How the rate and the weight of a cable change with an error of the geometry is of no account.
     moved = following(
-        unknown, instrument, robot, tuple(force_samples.readings), (pose, rate), at.carried, errors
+        unknown,
+        instrument,
+        robot,
+        tuple(force_samples.readings),
+        (pose, rate),
+        at.carried,
+        errors,
+        at.motion.get("rolling"),
     )
     if moved is not None and at.structure is not None:
         by = (by[0] + at.structure @ moved[0], by[1] + at.structure @ moved[1], by[2])
@@ -547,6 +577,9 @@ def whitened_balance(
             by_terms[:, :, column : column + term.size],
         )
         column += term.size
+    if by_rolling is not None:
+        place = calibration_parameters.place(name, PRESLIDING, segment.run)
+        border.put(place, extra[:, :, None])
     border.put(calibration_parameters.places[ROBOT, "gravity", None], found["by_gravity"])
     for key in ("anchor", "attachment") if robot.m else ():
         border.put(calibration_parameters.places[ROBOT, key, None], found[f"by_{key}"])
