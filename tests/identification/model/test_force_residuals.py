@@ -99,6 +99,8 @@ class Case:
         for key, place in self.calibration_parameters.places.items():
             if key[1] == TIME_CONSTANT:
                 values[place] = 0.0
+            if key[1] == "viscous":
+                values[place] = 0.0
             if key[1] == PRESLIDING:
                 values[place] = 0.1
             if disturbed and "gain" in key[1]:
