@@ -602,8 +602,18 @@ def assert_information(found, expected, relative):
     np.testing.assert_allclose(found / scale, expected / scale, rtol=0, atol=relative)
 
 
+REMEMBERING = pytest.param(
+    "rollers",
+    marks=pytest.mark.xfail(
+        strict=True,
+        reason="a design takes rollers without presliding: it knows instants, not what was before",
+    ),
+)
+"""The estimator follows the friction of rollers over some millimetres of travel."""
+
+
 @pytest.mark.integration
-@pytest.mark.parametrize("which", ELSEWHERE)
+@pytest.mark.parametrize("which", [w for w in ELSEWHERE if w != "rollers"] + [REMEMBERING])
 def test_the_balance_of_forces_has_the_information_that_the_estimators_use(which):
     point, known = plan(which).elsewhere, plan(which).known
     robot, (name, quantities, sigma, rate) = point.experiment.robot, point.force_readings
@@ -679,7 +689,9 @@ def test_derivatives_of_readings_change_along_the_command_as_differences_say(whi
 
 
 @pytest.mark.integration
-@pytest.mark.parametrize("which", ["unsure", "late", *ELSEWHERE])
+@pytest.mark.parametrize(
+    "which", ["unsure", "late", *(w for w in ELSEWHERE if w != "rollers"), REMEMBERING]
+)
 def test_predicted_information_is_that_of_the_bound_of_noise_free_recordings(which):
     found = plan(which)
     covariance = np.linalg.inv(found.information[0] + found.known)

@@ -114,6 +114,11 @@ class Term:
         return np.broadcast_to(np.asarray(self.prior.sigma, dtype=np.float64), (self.size,)).copy()
 
 
+def is_absent(term: Term) -> bool:
+    """Whether it is an error that nobody has stated and good devices do not have."""
+    return term.suspected is not None and term.deviation is not None and not term.deviation.any()
+
+
 @dataclass(frozen=True)
 class Quantity:
     """One vector or rotation that an instrument reads."""

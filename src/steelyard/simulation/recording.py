@@ -13,7 +13,7 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Stream
 from steelyard.instruments import Instrument
-from steelyard.instruments.base import TIME_CONSTANT
+from steelyard.instruments.base import TIME_CONSTANT, is_absent
 from steelyard.instruments.equations import predict
 from steelyard.instruments.tension import PRESLIDING, rolled
 from steelyard.motion.state import State
@@ -72,10 +72,15 @@ def draw_errors(
 
 def _drawn_terms(instrument: Instrument, m: int, rng: np.random.Generator) -> dict[str, Array]:
     """Every systematic error of an instrument, drawn with its prior."""
-    return {term.key: _drawn(term.mean, term.deviation, rng) for term in instrument.terms(m)}
+    return {
+        # What good devices do not have takes no part in the draw.
+        term.key: term.mean if is_absent(term) else _drawn(term.mean, term.deviation, rng)
+        for term in instrument.terms(m)
+    }
 
 
 def _drawn(mean: Array, deviation: Array | None, rng: np.random.Generator) -> Array:
+    """Of a normal distribution."""
     normal = rng.standard_normal(mean.shape)
     return mean + normal * (0.0 if deviation is None else deviation)
 

@@ -13,7 +13,7 @@ from pydantic import Field
 from steelyard.errors import InputError
 from steelyard.experiment.read import check_instruments
 from steelyard.instruments import AnyInstrument, Instrument
-from steelyard.instruments.base import exact, sigma
+from steelyard.instruments.base import exact, is_absent, sigma
 from steelyard.robot.model import Robot
 from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, validate
 
@@ -214,6 +214,8 @@ def _stated(form: SensorsForm, own_sync: Mapping[str, float], m: int) -> dict[st
             delay = sigma(0.0 if same else own_sync.get(name, form.sync))
         calibration: dict[str, Any] = {}
         for term in instrument.terms(m):
+            if is_absent(term):
+                continue
             put_nested(calibration, term.key, exact() if term.deviation is None else term.prior)
         calibration["delay"] = delay
         keys = {key: getattr(instrument, key) for key in instrument.model_fields_set}

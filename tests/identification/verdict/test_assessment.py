@@ -229,7 +229,7 @@ def test_late_forces_are_said_to_be_late():
     # Little enough that nothing else is off.
     found, text = verdict(late(sound(4), 0.02))
     assert not found.accepted
-    assert "cables.lag" in text, text
+    assert f"cables.{TIME_CONSTANT}" in text, text
 
 
 def test_a_hand_on_the_platform_is_noticed():

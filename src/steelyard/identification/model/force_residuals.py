@@ -363,7 +363,10 @@ def balance_of(
     unknown = instrument.measured_force
     assert unknown is not None  # it is the force instrument of a run
     if instrument.remembers:
-        found["rolling"] = _rolling(robot, found, float(np.squeeze(errors[PRESLIDING])))
+        # At rest a roller takes nothing in the mean of all that it might hold.
+        found["rolling"] = np.zeros((len(times), robot.m))
+        if not segment.static:
+            found["rolling"] = _rolling(robot, found, float(np.squeeze(errors[PRESLIDING])))
     carried = solve_for(unknown, instrument, robot, force_samples.readings, found, errors)
     structure = None
     if unknown == "tension":
@@ -545,7 +548,7 @@ def whitened_balance(
         by_terms if at.structure is None else at.structure @ by_terms,
         (len(at.time), 6, by_terms.shape[2]),
     )
-    if by_rolling is not None:
+    if by_rolling is not None and not segment.static:
         travel = float(np.squeeze(errors[PRESLIDING]))
         longer, shorter = (
             _rolling(robot, at.motion, travel * (1 + sign * _RELATIVE)) for sign in (1, -1)
@@ -577,7 +580,7 @@ def whitened_balance(
             by_terms[:, :, column : column + term.size],
         )
         column += term.size
-    if by_rolling is not None:
+    if by_rolling is not None and not segment.static:
         place = calibration_parameters.place(name, PRESLIDING, segment.run)
         border.put(place, extra[:, :, None])
     border.put(calibration_parameters.places[ROBOT, "gravity", None], found["by_gravity"])

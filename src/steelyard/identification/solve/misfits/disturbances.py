@@ -48,6 +48,7 @@ def with_disturbances(
         numpy.linalg.LinAlgError: The motion is not determined.
     """
     refused: set[Source] = set()
+    first = found
     for i in range(task.settings.most_processes):
         scores = colours(task, found.state)
         present = {each.source for s in found.state.segments for each in s.processes}
@@ -65,7 +66,7 @@ def with_disturbances(
             refused.add(source)
         else:
             found = tried
-    return found
+    return found if found is first else fit(task, found.state)
 
 
 def colours(task: Task, state: FitState) -> dict[Source, float]:
@@ -198,7 +199,7 @@ def _settled(task: Task, state: FitState) -> Fit | None:
         if max(levels[each].gain for each in new) < settings.asked_for:
             return None
         segments = tuple(on_levels(each, levels) for each in state.segments)
-        found = fit(task, replace(state, segments=segments))
+        found = fit(task, replace(state, segments=segments), beginning=True)
         state = found.state
         if last and all(
             abs(np.log(each.level / last[source].level)) < settings.level_settled
