@@ -99,6 +99,8 @@ class Term:
     suspected: float | None = None
     """1-sigma of devices that have such an error at all, taken where the readings ask for it and
     nobody has stated one; None: the prior stays."""
+    positive: bool = False
+    """Whether no device has it below zero; an estimate may be, within its uncertainty."""
 
     @property
     def mean(self) -> Array:
@@ -227,7 +229,7 @@ class ForceCalibration(Calibration):
         """The time constant; it acts on the time of a reading, not on the reading."""
         stated = TIME_CONSTANT in self.model_fields_set
         suspected = None if stated else _FILTERED
-        return Term(TIME_CONSTANT, 1, "s", self.time_constant, suspected=suspected)
+        return Term(TIME_CONSTANT, 1, "s", self.time_constant, suspected=suspected, positive=True)
 
 
 class Instrument(FileModel, ABC):

@@ -22,7 +22,7 @@ from steelyard.instruments.base import (
     sigma,
 )
 from steelyard.motion.state import State
-from steelyard.robot.kinematics import paid_out, shapes
+from steelyard.robot.kinematics import cables_at, paid_out, shapes
 from steelyard.robot.model import Robot
 
 TURNAROUND = 0.01
@@ -36,6 +36,8 @@ _VISCOUS = 20.0
 """1-sigma of the resistance to the rate of rollers that have one [N s/m]."""
 PRESLIDING = "presliding"
 """Key of that travel."""
+_LEAST_TRAVEL = 3e-4
+"""Travel that is none at the rates of real sensors [m]."""
 _STEPS = 0
 """Towards the shape of a hanging cable: of a shallow one the height is right to micrometres
 already, and with it the weight."""
@@ -108,14 +110,15 @@ class Tension(Instrument):
             if self.end == "platform"
             else (
                 *always,
-                Term("friction", m, "1", c.friction or sigma(_FRICTION)),
-                Term(PRESLIDING, 1, "m", c.presliding or _presliding()),
+                Term("friction", m, "1", c.friction or sigma(_FRICTION), positive=True),
+                Term(PRESLIDING, 1, "m", c.presliding or _presliding(), positive=True),
                 Term(
                     "viscous",
                     m,
                     "N s/m",
                     c.viscous or exact(),
                     suspected=None if c.viscous else _VISCOUS,
+                    positive=True,
                 ),
             )
         )
@@ -166,6 +169,20 @@ def rolled(lengths: Array, presliding: float) -> Array:
     for i in range(len(steps)):
         found[i + 1] = sign[i] + (found[i] - sign[i]) * kept[i]
     return found
+
+
+def rolled_along(robot: Robot, position: Array, rotation: Array, presliding: float) -> Array:
+    """How far the friction of the rollers has built up along a motion, shape (n, m).
+
+    Args:
+        robot: With straight cables, whose lengths make the rollers turn.
+        position: Of the platform in the world frame [m], shape (n, 3).
+        rotation: Platform to world frame, shape (n, 3, 3).
+        presliding: Travel over which it builds up [m]. What an estimate takes it for may be
+            negative, which is none: so it is smooth from one to the other.
+    """
+    lengths = cables_at(robot.with_straight_cables(), position, rotation, np.ones(robot.m)).length
+    return rolled(lengths, (presliding + float(np.hypot(presliding, _LEAST_TRAVEL))) / 2)
 
 
 def _presliding() -> Prior:

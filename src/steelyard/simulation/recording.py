@@ -13,11 +13,10 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Stream
 from steelyard.instruments import Instrument
-from steelyard.instruments.base import TIME_CONSTANT, is_absent
+from steelyard.instruments.base import TIME_CONSTANT, Term, is_absent
 from steelyard.instruments.equations import predict
-from steelyard.instruments.tension import PRESLIDING, rolled
+from steelyard.instruments.tension import PRESLIDING, rolled_along
 from steelyard.motion.state import State
-from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
 from steelyard.simulation.response import Response
 
@@ -25,8 +24,6 @@ _PAST = 4
 """Instants that stand for the past of a filtered reading."""
 _STEP = 0.002
 """At which the rollers are followed [s]."""
-_LEAST_TRAVEL = 1e-4
-"""Of presliding [m]: less is none at the rates of real sensors."""
 _LATEST_START = 5.0
 """Clocks show an arbitrary time at the common event, up to this [s]."""
 
@@ -58,7 +55,7 @@ def draw_errors(
             own = dict(constant[name])
             for term in instrument.terms(m):
                 if term.prior.per == "run":
-                    own[term.key] = _drawn(term.mean, term.deviation, rng)
+                    own[term.key] = _drawn_term(term, rng)
             delay = instrument.calibration.delay
             value = 0.0
             if delay:
@@ -74,9 +71,14 @@ def _drawn_terms(instrument: Instrument, m: int, rng: np.random.Generator) -> di
     """Every systematic error of an instrument, drawn with its prior."""
     return {
         # What good devices do not have takes no part in the draw.
-        term.key: term.mean if is_absent(term) else _drawn(term.mean, term.deviation, rng)
+        term.key: term.mean if is_absent(term) else _drawn_term(term, rng)
         for term in instrument.terms(m)
     }
+
+
+def _drawn_term(term: Term, rng: np.random.Generator) -> Array:
+    drawn = _drawn(term.mean, term.deviation, rng)
+    return np.abs(drawn) if term.positive else drawn
 
 
 def _drawn(mean: Array, deviation: Array | None, rng: np.random.Generator) -> Array:
@@ -176,10 +178,7 @@ class _Remembering:
         """Times [s], shape (k,), and what the rollers remember then, shape (k, m)."""
         times = np.arange(0.0, self.duration + _STEP, _STEP)
         state = self.response.at(times)
-        straight = self.robot.with_straight_cables()
-        tension = np.ones(self.robot.m)
-        lengths = cables_at(straight, state.position, state.rotation, tension).length
-        return times, rolled(lengths, max(self.presliding, _LEAST_TRAVEL))
+        return times, rolled_along(self.robot, state.position, state.rotation, self.presliding)
 
     def at(self, times: Array) -> State:
         """See :class:`.Response`."""

@@ -52,7 +52,7 @@ from steelyard.identification.model.sources import Source
 from steelyard.inertia import TEN
 from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import following, sensitivity, solve_for
-from steelyard.instruments.tension import PRESLIDING, rolled
+from steelyard.instruments.tension import PRESLIDING, rolled_along
 from steelyard.motion.state import State, state_of_pose
 from steelyard.robot.cable_inertia import cable_inertia_expression
 from steelyard.robot.kinematics import cable_wrench, cables_at
@@ -67,10 +67,8 @@ UNMODELLED_PARTS: Mapping[Source, slice] = {
     (ROBOT, "unmodelled torque"): slice(3, 6),
 }
 """Processes that are parts of it -> where they stand in a wrench."""
-_RELATIVE = 1e-4
-"""Step of a travel that shows how friction follows it."""
-_LEAST_TRAVEL = 1e-4
-"""Of presliding [m]: less is none at the rates of real sensors."""
+_TRAVEL_STEP = 1e-6
+"""Step of a travel that shows how friction follows it [m]."""
 _LEFT_OUT = 1e2
 """1-sigma of a reading that is left out, in units of the largest reading: the balance goes on
 without it."""
@@ -366,7 +364,9 @@ def balance_of(
         # At rest a roller takes nothing in the mean of all that it might hold.
         found["rolling"] = np.zeros((len(times), robot.m))
         if not segment.static:
-            found["rolling"] = _rolling(robot, found, float(np.squeeze(errors[PRESLIDING])))
+            found["rolling"] = rolled_along(
+                robot, found["position"], found["rotation"], float(np.squeeze(errors[PRESLIDING]))
+            )
     carried = solve_for(unknown, instrument, robot, force_samples.readings, found, errors)
     structure = None
     if unknown == "tension":
@@ -423,14 +423,6 @@ def balance_of(
             unmodelled = unmodelled + correction[:, sigmas.shape[1] :] * level
         asked = fitted - np.einsum("nkr,nri,ni->nk", solved, shows.reading, unmodelled)
     return replace(measured, carried=fitted, asked=asked)
-
-
-def _rolling(robot: Robot, motion: Mapping[str, Array], presliding: float) -> Array:
-    """How far the friction of the rollers has built up, shape (n, m)."""
-    straight = robot.with_straight_cables()
-    tension = np.ones(robot.m)
-    lengths = cables_at(straight, motion["position"], motion["rotation"], tension).length
-    return rolled(lengths, max(presliding, _LEAST_TRAVEL))
 
 
 def _disturbance(segment: Segment, local: Basis, order: int = 0) -> Array | None:
@@ -551,9 +543,12 @@ def whitened_balance(
     if by_rolling is not None and not segment.static:
         travel = float(np.squeeze(errors[PRESLIDING]))
         longer, shorter = (
-            _rolling(robot, at.motion, travel * (1 + sign * _RELATIVE)) for sign in (1, -1)
+            rolled_along(
+                robot, at.motion["position"], at.motion["rotation"], travel + sign * _TRAVEL_STEP
+            )
+            for sign in (1, -1)
         )
-        by_travel = (longer - shorter) / (2 * travel * _RELATIVE)
+        by_travel = (longer - shorter) / (2 * _TRAVEL_STEP)
         further = np.einsum("nkm,nm->nk", by_rolling, by_travel)
         extra = further if at.structure is None else np.einsum("nik,nk->ni", at.structure, further)
     by = (found["by_pose"], found["by_rate"], found["by_acceleration"])
