@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.instruments import Instrument
-from steelyard.instruments.base import Term
+from steelyard.instruments.base import TIME_CONSTANT, Term
 
 ROBOT = "robot"
 """Owner of the errors of the robot file."""
@@ -194,7 +194,7 @@ def gather(experiment: Experiment) -> CalibrationParameters:
                     term.unit,
                     term.mean,
                     deviation,
-                    term.suspected,
+                    None if _is_of_clock(experiment, name, term) else term.suspected,
                 )
                 for run in runs
             ]
@@ -242,6 +242,19 @@ def columns_of(active: NDArray[np.bool_], first: int) -> NDArray[np.intp]:
         first: Columns before them.
     """
     return np.where(active, first + np.cumsum(active) - 1, -1)
+
+
+def _is_of_clock(experiment: Experiment, name: str, term: Term) -> bool:
+    """Whether it is a time constant that nothing tells from an error of the clock, since no motion
+    is read by it.
+    """
+    clock = clock_of(experiment, name)
+    return term.key == TIME_CONSTANT and not any(
+        clock_of(experiment, other) == clock
+        for run in experiment.runs
+        for other in run.streams
+        if other != name and not experiment.instruments[other].commanded
+    )
 
 
 def _from_data(experiment: Experiment, name: str, term: Term) -> Array:
