@@ -19,6 +19,7 @@ from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior, Progress
+from steelyard.identification.solve.settings import FIT
 from steelyard.instruments import Instrument
 from steelyard.instruments.equations import means, predict
 from steelyard.motion.state import State
@@ -29,6 +30,8 @@ from steelyard.simulation.response import ExactMotion
 
 _LEAST_TENSION = 1.0
 """At which the sag of a cable is evaluated [N]: a slack one would have none that is finite."""
+_AS_DESCRIBED = replace(FIT, suspicions=0, most_processes=0)
+"""A recording without noise shows nothing that is not described, but rounding that looks so."""
 
 
 def tensions_near_level(
@@ -96,7 +99,7 @@ def fit_noise_free(
     """
     recorded = with_noise_free_runs(experiment, trajectories, level, settings)
     try:
-        return fit_jointly(recorded, progress)
+        return fit_jointly(recorded, progress, settings=_AS_DESCRIBED)
     except NoBalanceError as error:
         raise InputError(
             f"{experiment.source or experiment.name}: expected instruments and a motion that"

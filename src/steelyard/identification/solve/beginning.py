@@ -207,7 +207,7 @@ def with_body(
         begun.task,
         active=begun.task.calibration_parameters.deviation > 0,
         sizes=plausible(parameters, size),
-        known=(lambda at: known_body(experiment, at, size)) if experiment.known else None,
+        known=lambda at: known_body(experiment, at, size),
     )
     state = replace(on_force_clock(experiment, state), parameters=parameters)
     return replace(begun, task=task, state=state)

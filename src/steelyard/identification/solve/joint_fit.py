@@ -482,9 +482,7 @@ def step_of(
         matrix[:TEN, :TEN] += held
         right[:TEN] -= held @ (state.parameters / task.sizes)
     scale = np.concatenate([task.sizes[:ten], task.calibration_parameters.deviation[task.active]])
-    told, axes = np.linalg.eigh((matrix + matrix.T) / 2)
-    keep = told > task.settings.least_information
-    inverse = (axes[:, keep] / told[keep]) @ axes[:, keep].T
+    inverse = np.linalg.inv((matrix + matrix.T) / 2)
     step, gained = scale * (inverse @ right), float(right @ inverse @ right)
     return NewtonStep(
         border=step,
