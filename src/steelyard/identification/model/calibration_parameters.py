@@ -30,6 +30,8 @@ _DRAGGED = 0.5
 feel less than theory says."""
 _AXES = "xyz"
 _PER_CABLE = frozenset({"offset", "gain", "friction"})
+_NEGLIGIBLE = 0.1
+"""Part of the 1-sigma of devices that have an error at all, below which it is another's doing."""
 _OFFSET_SHARE = 0.01
 """Default 1-sigma of the offset of a force sensor, as a part of the median tension."""
 
@@ -52,6 +54,13 @@ class CalibrationParameter:
     """1-sigma, shape (k,); 0 is exact."""
     suspected: float | None = None
     """1-sigma where the readings ask for it, see :class:`.Term`."""
+
+    @property
+    def negligible(self) -> float:
+        """Size that an error that is taken as none has not to be believed: it would be smaller than
+        that of any device, so that something else imitates it.
+        """
+        return _NEGLIGIBLE * (self.suspected or 0.0) if not self.deviation.any() else 0.0
 
     def names(self, m: int) -> list[str]:
         """A name for every component, as people would say it."""

@@ -98,6 +98,8 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
         if diagonal[i] < settings.its_own * own[i]:
             continue
         unknown, size = components[int(column)], score[i] / diagonal[i]
+        if abs(size) < unknown.negligible:
+            continue
         yield Finding(
             name=calibration_parameters.names[column - TEN],
             z=float(z[i]),

@@ -7,6 +7,7 @@ one that is asked for most comes first.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -41,13 +42,13 @@ def with_suspicions(task: Task, found: Fit) -> tuple[Task, Fit]:
 def _worst(task: Task, state: FitState) -> Key | None:
     """The error that the readings ask for most; None: for none."""
     suspects = {
-        (each.owner, each.key, each.run)
+        (each.owner, each.key, each.run): each.negligible
         for each in task.calibration_parameters.entries
         if each.suspected is not None and not each.deviation.any()
     }
     if not suspects:
         return None
-    task, state = _believed(task, state, suspects)
+    task, state = _believed(task, state, suspects.keys())
     parts, _ = linearise(
         task,
         state,
@@ -61,14 +62,15 @@ def _worst(task: Task, state: FitState) -> Key | None:
     # Where there is no such error, noise alone moves it by so much.
     prior = np.maximum(task.calibration_parameters.deviation**2, 1e-300)
     score = np.abs(moved) / np.sqrt(np.maximum(variance * (1 - variance / prior), 1e-300))
-    scores = {
-        key: float(np.max(score[task.calibration_parameters.places[key]])) for key in suspects
-    }
+    scores = {}
+    for key, negligible in suspects.items():
+        place = task.calibration_parameters.places[key]
+        scores[key] = float(np.max(score[place] * (np.abs(moved[place]) > negligible)))
     worst = max(scores, key=lambda key: scores[key])
     return worst if scores[worst] > task.settings.suspicious else None
 
 
-def _believed(task: Task, state: FitState, asked: set[Key]) -> tuple[Task, FitState]:
+def _believed(task: Task, state: FitState, asked: Collection[Key]) -> tuple[Task, FitState]:
     """Task and state with errors that may be there."""
     parameters = task.calibration_parameters.believed(asked)
     active = task.active | (parameters.deviation > task.calibration_parameters.deviation)
