@@ -128,8 +128,17 @@ def test_there_are_no_other_errors_than_those_of_the_contract(everything):
     }
 
 
+def test_a_filter_is_asked_for_where_a_motion_is_read_by_the_same_clock():
+    def found(clock):
+        keys = {"cables": {"clock": "recorder"}, "imu": {"clock": clock}}
+        return entry(gather(experiment(keys)), "cables", "time_constant")
+
+    assert found("recorder").suspected is not None
+    assert found("another").suspected is None
+
+
 def test_errors_of_poor_devices_are_none_until_they_are_asked_for(everything):
-    asked = {("cables", "time_constant", None), ("imu", "gyro_scale", None)}
+    asked = {("imu", "accelerometer_scale", None), ("imu", "gyro_scale", None)}
     believed = everything.believed(asked)
     for before, after in zip(everything.entries, believed.entries, strict=True):
         if (after.owner, after.key, after.run) in asked:

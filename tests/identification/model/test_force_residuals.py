@@ -244,7 +244,7 @@ def rollers_held(found):
     if rolling is None:
         yield
         return
-    with mock.patch.object(force_residuals, "_rolling", return_value=rolling):
+    with mock.patch.object(force_residuals, "rolled_along", return_value=rolling):
         yield
 
 

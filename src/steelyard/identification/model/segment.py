@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,7 +215,7 @@ class NormalEquations:
             bands: Its matrices, lower banded form, shape (42, N) each; their sum counts.
             coefficients: Present ones, shape (f, block).
         """
-        total = np.sum(list(bands), axis=0)
+        total = reduce(np.add, bands)
         pull = banded_product(total, coefficients.ravel())
         return replace(self, band=self.band + total, motion_gradient=self.motion_gradient - pull)
 
@@ -356,7 +356,7 @@ def accumulate(
             total = products[:, width:, width:].sum(axis=0)
             corner[np.ix_(columns, columns)] += total[:-1, :-1]
             by_border[columns] -= total[:-1, -1]
-    band = np.sum(list(parts.values()), axis=0) if parts else np.zeros((width, size))
+    band = reduce(np.add, parts.values(), np.zeros((width, size)))
     return NormalEquations(
         band, side.reshape(size, border), corner, by_motion.ravel(), by_border, parts, block
     )

@@ -40,6 +40,8 @@ class Finding:
     shift: float
     """How far the estimate moves with it, in its 1-sigma."""
     proposal: str
+    negligible: bool = False
+    """Whether it would be smaller than that of any device."""
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
@@ -98,8 +100,6 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
         if diagonal[i] < settings.its_own * own[i]:
             continue
         unknown, size = components[int(column)], score[i] / diagonal[i]
-        if abs(size) < unknown.negligible:
-            continue
         yield Finding(
             name=calibration_parameters.names[column - TEN],
             z=float(z[i]),
@@ -108,6 +108,7 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
             unit=unknown.unit,
             shift=_shift(posterior, moves[:, i] * size),
             proposal=_proposal(unknown.owner, unknown.key),
+            negligible=bool(abs(size) < unknown.negligible),
         )
 
 
@@ -367,7 +368,11 @@ def _of_description(
 ) -> Iterator[str]:
     """Numbers of the description that the residual points at."""
     limit = float(norm.isf(settings.family / max(1, len(tests)) / 2))
-    found = [test for test in tests if abs(test.z) > limit and test.shift > settings.matters]
+    found = [
+        test
+        for test in tests
+        if abs(test.z) > limit and test.shift > settings.matters and not test.negligible
+    ]
     for test in found[:most]:
         yield str(test)
     if len(found) > most:
