@@ -268,11 +268,12 @@ def _check_run(
             f"run '{run.name}': expected a stream of kind 'tension' or 'wrench', found none; add"
             " the forces",
         )
-    if not any(experiment.instruments[name].is_motion for name in run.streams):
+    instruments = [experiment.instruments[name] for name in run.streams]
+    if not any(each.is_motion or each.is_cable_motion for each in instruments):
         raise document.error(
             key,
             f"run '{run.name}': expected a stream that measures the motion (imu, attitude, position,"
-            " pose), found none; add one",
+            " pose, length), found none; add one",
         )
     if run.window and run.window[0] >= run.window[1]:
         raise document.error(

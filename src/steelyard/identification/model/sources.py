@@ -117,7 +117,9 @@ def choose_sources(
         if acceleration
         else "an accelerometer or a tracker"
     )
-    tracked = needed(first("position"), what)
+    tracked = needed(
+        first("position") or (first("position", commanded=True) if commanded else None), what
+    )
     return Sources(
         force,
         needed(rotation, "an orientation beside the tracker's acceleration"),

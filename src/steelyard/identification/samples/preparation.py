@@ -21,6 +21,12 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.settings import PREPARATION, PreparationSettings
 from steelyard.identification.model.sources import Acceleration, Source, choose_sources
+from steelyard.identification.samples.first_motion import (
+    FIRST_MOTION,
+    first_motion,
+    lacks_pose,
+    with_first_motion,
+)
 from steelyard.identification.samples.reading import RunReader, SmoothPart
 from steelyard.motion.state import specific_force_of
 from steelyard.robot.cable_inertia import cable_inertia_wrench
@@ -116,7 +122,8 @@ def prepare(
         calibration: Values of the systematic errors; None: as known beforehand.
         thin: Whether few samples between two knots of the filter will do, and samples far from all
             others be left out.
-        commanded: Whether the commanded orientation will do where none is measured.
+        commanded: Whether the commanded pose will do where none is measured, and one by
+            :mod:`.first_motion` where there is no command.
         settings: Of the filter, and of what is a motion.
 
     Raises:
@@ -124,6 +131,10 @@ def prepare(
             moves.
     """
     robot = experiment.robot.with_straight_cables() if straight else experiment.robot
+    if commanded and lacks_pose(experiment, run):
+        found = first_motion(experiment, run)
+        if found is not None:
+            experiment, run = with_first_motion(experiment, run, found)
     sources = choose_sources(experiment, run, acceleration, commanded=commanded)
     task = RunReader(experiment, robot, run, sources, calibration)
     return _static(task) if run.static else _moving(task, settings, thin=thin)
@@ -229,7 +240,12 @@ def _moving(task: RunReader, settings: PreparationSettings, *, thin: bool) -> Sa
     _check_motion(task.where, joined, alpha_noise, settings)
     notes = _gyro_notes(run.name, joined["omega"], joined.pop("omega_of_attitude"), settings)
     for what, source in (("position", sources.position), ("orientation", sources.rotation)):
-        if source and task.experiment.instruments[source[0]].commanded:
+        if source and source[0] == FIRST_MOTION:
+            notes.append(
+                f"run '{run.name}': no instrument measures the {what} by itself: it follows from"
+                " the cables"
+            )
+        elif source and task.experiment.instruments[source[0]].commanded:
             notes.append(
                 f"run '{run.name}': the {what} is the commanded one, for want of a measured one"
             )

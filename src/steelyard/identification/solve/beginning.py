@@ -29,6 +29,7 @@ from steelyard.identification.model.motion_residuals import (
     time_of,
 )
 from steelyard.identification.model.sources import Source
+from steelyard.identification.samples.first_motion import first_motion, lacks_pose
 from steelyard.identification.samples.preparation import Samples, prepare
 from steelyard.identification.solve.joint_fit import Fit, FitState, Task, fit
 from steelyard.identification.solve.misfits.lost_readings import without_lost
@@ -116,8 +117,8 @@ def read(
         InputError: A run lacks what the fit needs.
     """
     parameters = gather(experiment)
-    calibration = start or CalibrationValues(parameters, parameters.mean)
     runs = experiment.runs if runs is None else runs
+    calibration = start or _first_values(experiment, parameters, runs)
     samples = []
     for i, run in enumerate(runs):
         tell(f"reading {run.name}", 0.2 * i / len(runs))
@@ -136,6 +137,18 @@ def read(
         for run, each in zip(runs, samples, strict=True)
     )
     return Readings(experiment, calibration, tuple(runs), tuple(samples), records, settings)
+
+
+def _first_values(
+    experiment: Experiment, parameters: CalibrationParameters, runs: Sequence[Run]
+) -> CalibrationValues:
+    """What is known beforehand, and the offsets of lengths that nothing else tells a pose from."""
+    values = parameters.mean.copy()
+    for run in runs:
+        found = first_motion(experiment, run) if lacks_pose(experiment, run) else None
+        for name, offset in ({} if found is None else found.offsets).items():
+            values[parameters.place(name, "offset", run.name)] = offset
+    return CalibrationValues(parameters, values)
 
 
 def begin(
