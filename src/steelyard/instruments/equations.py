@@ -170,6 +170,8 @@ def _columns(values: Array) -> Array:
     return values.transpose(0, 2, 1).reshape(len(values), -1) if values.ndim == 3 else values
 
 
+_GEOMETRY = ("anchors", "attachments")
+"""Fields of a state that say where the cables are fixed."""
 _FIELDS = frozenset(f.name for f in fields(State))
 _STEPS = 4
 """Of Newton's method for readings that are nearly linear in the unknown: two reach rounding."""
@@ -313,7 +315,12 @@ def difference_of(
     terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
     errors = ca.vertcat(*terms.values()) if terms else ca.SX.sym("none", 1)
     tension = ca.SX.sym("tension", robot.m)
-    state = replace(state_of_pose(pose, rate, acceleration, gravity), tension=tension)
+    fixed = {key: ca.SX.sym(key, 3 * robot.m) for key in _GEOMETRY}
+    state = replace(
+        state_of_pose(pose, rate, acceleration, gravity),
+        tension=tension,
+        **{key: ca.reshape(each, 3, robot.m) for key, each in fixed.items()},
+    )
     predicted = ca.SX(instrument.predict(state, terms, robot)[quantity])
     measured = _symbol_like("measured", predicted)
     residual = (
@@ -327,6 +334,7 @@ def difference_of(
             ("by_acceleration", acceleration),
             ("by_errors", errors),
             ("by_gravity", gravity),
+            *((f"by_{key}", each) for key, each in fixed.items()),
         )
     }
     inputs = {
@@ -336,7 +344,11 @@ def difference_of(
         "gravity": gravity,
         "errors": errors,
         "measured": measured,
-        **({"tension": tension} if robot.m and ca.depends_on(predicted, tension) else {}),
+        **{
+            key: each
+            for key, each in {"tension": tension, **fixed}.items()
+            if robot.m and ca.depends_on(predicted, each)
+        },
     }
     there = {name: ca.densify(each) for name, each in derivatives.items() if each.nnz()}
     return (
@@ -354,6 +366,7 @@ def linearised(
     errors: Array,
     gravity: Array,
     tension: Array | None = None,
+    geometry: Mapping[str, Array] | None = None,
 ) -> dict[str, Array]:
     """Measurement equation of one quantity about a motion: what is measured beyond what is
     predicted, and its derivatives.
@@ -371,14 +384,21 @@ def linearised(
         gravity: World frame [m/s^2], shape (3,).
         tension: Of the cables at the platform [N], shape (n, m), for instruments that look at them
             too; taken as known.
+        geometry: ``anchors`` in the world and ``attachments`` in the platform frame [m], three
+            numbers a cable; None: those of the robot file.
 
     Returns:
         ``residual``, shape (n, k), and its derivatives ``by_pose``, ``by_rate``,
         ``by_acceleration``, shape (n, k, 7), ``by_errors``, shape (n, k, e), ``by_gravity``, shape
-        (n, k, 3).
+        (n, k, 3), ``by_anchors`` and ``by_attachments``, shape (n, k, 3 m).
     """
     pose, rate, acceleration = motion
     batched, zero = difference_of(instrument, quantity, robot)
+    if geometry is None:
+        geometry = {key: getattr(robot, key).ravel() for key in _GEOMETRY}
+    looked_at = {} if tension is None else {"tension": tension}
+    if "anchors" in batched.inputs:
+        looked_at |= geometry
     found = batched(
         pose=pose,
         rate=rate,
@@ -386,7 +406,7 @@ def linearised(
         errors=errors,
         gravity=gravity,
         measured=measured,
-        **({} if tension is None else {"tension": tension}),
+        **looked_at,
     )
     n = len(found["residual"])
     return {**found, **{name: np.broadcast_to(0.0, (n, *shape)) for name, shape in zero.items()}}

@@ -48,5 +48,12 @@ class Length(Instrument):
         self, state: State, calibration: Mapping[str, Symbol], robot: Robot
     ) -> dict[str, Symbol]:
         """Unstrained lengths at the state's pose and tensions."""
-        cables = shapes(robot, state.position, state.rotation, state.tension)
+        cables = shapes(
+            robot,
+            state.position,
+            state.rotation,
+            state.tension,
+            anchors=state.anchors,
+            attachments=state.attachments,
+        )
         return {"length": ca.vertcat(*[c.length for c in cables]) + calibration["offset"]}

@@ -46,6 +46,10 @@ class State:
     rolling: Any = None
     """How far the friction of the rollers has built up, from -1 (cables hauled in) to 1 (paid out),
     shape (m,); None: as their present rate has it."""
+    anchors: Any = None
+    """Where the cables are fixed in the world [m], shape (3, m); None: as the robot file has it."""
+    attachments: Any = None
+    """The same in the platform frame."""
 
 
 def symbols(m: int, *, remembered: bool = False) -> State:

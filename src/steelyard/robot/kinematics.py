@@ -52,15 +52,25 @@ def structure_columns(rotation: Symbol, attachment: Symbol, direction: Symbol) -
 
 
 def shapes(
-    robot: Robot, position: Symbol, rotation: Symbol, tension: Symbol, *, steps: int = cable.STEPS
+    robot: Robot,
+    position: Symbol,
+    rotation: Symbol,
+    tension: Symbol,
+    *,
+    anchors: Symbol | None = None,
+    attachments: Symbol | None = None,
+    steps: int = cable.STEPS,
 ) -> list[cable.CableShape]:
     """Shapes of all cables at a pose for tensions at the platform end, symbolically; steps as of
-    :func:`cable.by_tension`.
+    :func:`cable.by_tension`. Where the cables are fixed, shapes (3, m), None: as the robot file has
+    it.
     """
+    anchors = ca.DM(robot.anchors.T) if anchors is None else anchors
+    attachments = ca.DM(robot.attachments.T) if attachments is None else attachments
     return [
         cable.by_tension(
-            cable.spec(robot, i),
-            position + rotation @ ca.DM(robot.attachments[i]),
+            cable.spec(robot, i)._replace(anchor=anchors[:, i]),
+            position + rotation @ attachments[:, i],
             tension[i],
             steps=steps,
         )
@@ -88,10 +98,9 @@ def cable_wrench(
         attachments: Platform frame [m], shape (3, m).
     """
     wrench = ca.SX.zeros(6)
-    for i in range(robot.m):
-        spec = cable.spec(robot, i)._replace(anchor=anchors[:, i])
-        shape = cable.by_tension(spec, position + rotation @ attachments[:, i], tension[i])
-        wrench += structure_columns(rotation, attachments[:, i], shape.direction) * tension[i]
+    cables = shapes(robot, position, rotation, tension, anchors=anchors, attachments=attachments)
+    for i, each in enumerate(cables):
+        wrench += structure_columns(rotation, attachments[:, i], each.direction) * tension[i]
     return wrench
 
 

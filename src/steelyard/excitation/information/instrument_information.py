@@ -8,7 +8,7 @@ Composed of the measurement equations and of the balance of forces that the esti
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -170,6 +170,8 @@ def _of_motion(expressions: _RunExpressions, readings: MotionReadings) -> Instru
     batched, zero = difference_of(instrument, readings.quantity, robot)
     cables = {"tension": expressions.tension} if "tension" in batched.inputs else {}
     state = replace(expressions.state, **cables)
+    if "anchors" in batched.inputs:
+        cables |= expressions.geometry
     stated = {key: ca.DM(value) for key, value in values.items()}
     predicted = instrument.predict(state, stated, robot)[readings.quantity]
     pose, rate, acceleration, _ = expressions.motion
@@ -184,7 +186,10 @@ def _of_motion(expressions: _RunExpressions, readings: MotionReadings) -> Instru
     )
     found = {**found, **{key: ca.SX.zeros(*shape) for key, shape in zero.items()}}
     by = [found["by_pose"], found["by_rate"], found["by_acceleration"]]
-    border = _border(expressions, name, found["by_errors"], by, found["by_gravity"])
+    border = [
+        *_border(expressions, name, found["by_errors"], by, found["by_gravity"]),
+        *_border_of_robot(expressions, found, anchor="by_anchors", attachment="by_attachments"),
+    ]
     whitener = ca.DM.eye(by[0].shape[0]) / readings.sigma
     return _whitened(name, readings.rate, expressions, whitener, by, border)
 
@@ -228,11 +233,8 @@ def _of_forces(expressions: _RunExpressions, readings: ForceReadings) -> Instrum
         *_border(expressions, name, by_terms, by, found["by_gravity"]),
     ]
     if robot.m:
-        calibration_parameters = expressions.calibration.calibration_parameters
-        places = calibration_parameters.places
-        geometry = {"anchor": "by_anchor", "attachment": "by_attachment", DRAG: "by_drag"}
-        border_of_robot = [(places[ROBOT, key, None], found[by]) for key, by in geometry.items()]
-        border += _uncertain(calibration_parameters, border_of_robot)
+        keys = {"anchor": "by_anchor", "attachment": "by_attachment", DRAG: "by_drag"}
+        border += _border_of_robot(expressions, found, **keys)
     return _whitened(name, readings.rate, expressions, whitener, by, border)
 
 
@@ -266,6 +268,16 @@ def _border(
         found.append((calibration_parameters.place(reference, "delay", run.name), -by_delay))
     found.append((calibration_parameters.places[ROBOT, "gravity", None], by_gravity))
     return _uncertain(calibration_parameters, found)
+
+
+def _border_of_robot(
+    expressions: _RunExpressions, found: Mapping[str, Symbol], **keys: str
+) -> BorderTerms:
+    """The same of errors of the robot file: key -> name of the derivative."""
+    calibration_parameters = expressions.calibration.calibration_parameters
+    places = calibration_parameters.places
+    border = [(places[ROBOT, key, None], found[by]) for key, by in keys.items()]
+    return _uncertain(calibration_parameters, border)
 
 
 def _uncertain(

@@ -174,6 +174,16 @@ class CalibrationValues:
         """World frame [m/s^2], shape (3,)."""
         return self.values[self.calibration_parameters.places[ROBOT, "gravity", None]]
 
+    @property
+    def geometry(self) -> dict[str, Array]:
+        """Anchors [m] in the world and attachments [m] in the platform frame, three numbers a cable,
+        shape (3 m,) each.
+        """
+        places = self.calibration_parameters.places
+        return {
+            f"{key}s": self.values[places[ROBOT, key, None]] for key in ("anchor", "attachment")
+        }
+
 
 def clock_of(experiment: Experiment, name: str) -> str:
     """The clock of an instrument; one without a name has one of its own."""

@@ -426,6 +426,7 @@ def looked_at(
         np.concatenate(errors) if errors else np.zeros(1),
         calibration.gravity,
         None if reading.tension is None else reading.tension[part],
+        calibration.geometry,
     )
     return times, local, motion, linear
 
@@ -483,7 +484,12 @@ def _of_reading(
         by_delay = by_delay[:, :, None]
         border.put(clock, by_delay)
         border.put(origin, -by_delay)
-    border.put(calibration_parameters.places[ROBOT, "gravity", None], linear["by_gravity"])
+    for key, derivative in (
+        ("gravity", "by_gravity"),
+        ("anchor", "by_anchors"),
+        ("attachment", "by_attachments"),
+    ):
+        border.put(calibration_parameters.places[ROBOT, key, None], linear[derivative])
     by_errors, columns = border.collected()
     # A clock that has moved may carry samples out of the segment.
     inside = there if segment.static else there & segment.holds(times)[:, None]

@@ -291,6 +291,9 @@ def _read_by(
     for segment in segments:
         for reading in segment.readings:
             name = reading.source[0]
+            if experiment.instruments[name].is_cable_motion:
+                for key in ("anchor", "attachment"):
+                    active[calibration_parameters.places[ROBOT, key, None]] = True
             for term in experiment.instruments[name].terms(calibration_parameters.m):
                 active[calibration_parameters.place(name, term.key, segment.run)] = True
             if not segment.static:
