@@ -576,9 +576,12 @@ def motion():
     )
 
 
-def beyond(kind, quantity, measured, motion, errors, gravity):
+def beyond(kind, quantity, measured, motion, errors, gravity, anchors=None, attachments=None):
     """What is measured beyond what the table says, shape (n, 3)."""
     instrument, stated, robot = KINDS[kind]
+    if anchors is not None:
+        fixed = {"anchors": anchors.reshape(-1, 3), "attachments": attachments.reshape(-1, 3)}
+        robot = replace(robot, **fixed)
     ends = np.cumsum([term.size for term in instrument.terms(M)])
     calibration = {
         term.key: errors[end - term.size : end]
@@ -647,17 +650,16 @@ def test_what_is_measured_beyond_what_a_motion_tells_and_its_derivatives(kind, q
     errors = errors_of(kind)
     measured = reading_near(kind, quantity, motion, errors, TILTED_GRAVITY)
     found = linearised(instrument, quantity, robot, measured, motion, errors, TILTED_GRAVITY)
-    now = [*motion, errors, TILTED_GRAVITY]
+    now = [*motion, errors, TILTED_GRAVITY, robot.anchors.ravel(), robot.attachments.ravel()]
     expected = {"residual": beyond(kind, quantity, measured, motion, errors, TILTED_GRAVITY)}
-    for place, name in enumerate(
-        ("by_pose", "by_rate", "by_acceleration", "by_errors", "by_gravity")
-    ):
+    names = ("pose", "rate", "acceleration", "errors", "gravity", "anchors", "attachments")
+    for place, name in enumerate(names):
 
         def residual(value, place=place):
             changed = [*now[:place], value, *now[place + 1 :]]
             return beyond(kind, quantity, measured, tuple(changed[:3]), *changed[3:])
 
-        expected[name] = differences_by(residual, now[place])
+        expected[f"by_{name}"] = differences_by(residual, now[place])
     assert found.keys() == expected.keys()
     np.testing.assert_allclose(found["residual"], expected["residual"], atol=TOLERANCE)
     for name, value in expected.items():

@@ -258,6 +258,8 @@ SETS = {
     "imu and command": (("cables", "imu", "command"), {}),
     "imu and lengths": (("cables", "imu", "lengths"), {}),
     "tracker and command": (("cables", "tracker", "command"), {}),
+    "lengths alone": (("cables", "lengths"), {}),
+    "lengths and tracker": (("cables", "lengths", "tracker"), {}),
 }
 MORE = {
     **PAPER,
