@@ -139,9 +139,9 @@ class Residuals:
                 state.factors,
                 Tally(),
             )
-            part = force_residuals(*given)
-            assert part.label == segment.label(force_samples.name, BALANCE)
-            yield self._huber(part, int(origin), part.residual.shape[1])
+            for part in force_residuals(*given):
+                assert part.label == segment.label(force_samples.name, BALANCE)
+                yield self._huber(part, int(origin), part.residual.shape[1])
             stiff = self._smooth(segment, int(origin))
             yield stiff @ self.point(state), stiff
         deviation = task.calibration_parameters.deviation[task.active]

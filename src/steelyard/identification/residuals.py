@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.balance import Balance, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
-from steelyard.identification.model.force_residuals import Balance, Forces, balance_of
 from steelyard.identification.model.motion_residuals import (
     AT_ONCE,
     Reading,

@@ -14,20 +14,14 @@ from scipy.stats import chi2
 from simulated import BODY, EXACT, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.model import force_residuals
+from steelyard.identification.model import balance
+from steelyard.identification.model.balance import UNMODELLED_PARTS, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import (
     DRAG,
     CalibrationValues,
     gather,
 )
-from steelyard.identification.model.force_residuals import (
-    BALANCE,
-    UNMODELLED_PARTS,
-    Forces,
-    balance_of,
-    sample_weight,
-    whitened_balance,
-)
+from steelyard.identification.model.force_residuals import BALANCE, sample_weight, whitened_balance
 from steelyard.identification.model.motion_residuals import Reading, Segment, Tally, limit
 from steelyard.identification.model.processes import process
 from steelyard.identification.model.segment import POSE
@@ -244,7 +238,7 @@ def rollers_held(found):
     if rolling is None:
         yield
         return
-    with mock.patch.object(force_residuals, "_rolling", return_value=rolling):
+    with mock.patch.object(balance, "rolled_along", return_value=rolling):
         yield
 
 

@@ -14,6 +14,7 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationParameters,
@@ -21,7 +22,7 @@ from steelyard.identification.model.calibration_parameters import (
     clock_of,
     gather,
 )
-from steelyard.identification.model.force_residuals import Forces, balance_of, sample_weight
+from steelyard.identification.model.force_residuals import sample_weight
 from steelyard.identification.model.motion_residuals import (
     AT_REST,
     Segment,

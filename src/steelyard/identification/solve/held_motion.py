@@ -17,12 +17,9 @@ from scipy.linalg.lapack import dtbtrs
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.balance import balance_of
 from steelyard.identification.model.calibration_parameters import ROBOT, columns_of
-from steelyard.identification.model.force_residuals import (
-    balance_of,
-    force_residuals,
-    tally_forces,
-)
+from steelyard.identification.model.force_residuals import force_residuals, tally_forces
 from steelyard.identification.model.motion_residuals import Tally, robust_weight
 from steelyard.identification.model.segment import (
     NormalEquations,
@@ -278,9 +275,8 @@ def _followed(task: Task, state: FitState, step: NewtonStep, tally: Tally) -> Ta
             at = balance_of(
                 task.experiment, segment, part, moved.calibration, moved.parameters, moved.factors
             )
-            size = np.sqrt(np.sum(at.residual**2, axis=1))
-            weight = segment.holds(at.time) * robust_weight(size, 6)
-            tally_forces(found, segment, part, at, weight, size)
+            weight = segment.holds(at.time) * robust_weight(at.size, 6)
+            tally_forces(found, segment, part, at, weight, at.size)
     return Tally(
         {**tally.square, **found.square},
         {**tally.count, **found.count},

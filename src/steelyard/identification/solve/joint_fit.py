@@ -18,18 +18,14 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
+from steelyard.identification.model.balance import UNMODELLED, Forces
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationParameters,
     CalibrationValues,
     columns_of,
 )
-from steelyard.identification.model.force_residuals import (
-    BALANCE,
-    UNMODELLED,
-    Forces,
-    force_residuals,
-)
+from steelyard.identification.model.force_residuals import BALANCE, force_residuals
 from steelyard.identification.model.motion_residuals import (
     AT_REST,
     Segment,

@@ -15,12 +15,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from steelyard.arrays import Array
+from steelyard.identification.model.balance import UNMODELLED_PARTS, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import columns_of
-from steelyard.identification.model.force_residuals import (
-    UNMODELLED_PARTS,
-    Forces,
-    balance_of,
-)
 from steelyard.identification.model.motion_residuals import (
     Segment,
     Tally,
