@@ -28,7 +28,8 @@ from steelyard.identification.model.motion_residuals import (
 )
 from steelyard.identification.model.segment import POSE, Rows, basis
 from steelyard.identification.solve import joint_motion
-from steelyard.identification.solve.joint_fit import Fit, FitState, Task, fit
+from steelyard.identification.solve.fit_state import Fit, FitState, Task
+from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.inertia import LINEAR_PARAMETERS, TEN
 from steelyard.smoothing import DEGREE

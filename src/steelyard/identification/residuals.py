@@ -28,7 +28,7 @@ from steelyard.identification.model.motion_residuals import (
 )
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
-from steelyard.identification.solve.joint_fit import FitState
+from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.instruments import Instrument
 

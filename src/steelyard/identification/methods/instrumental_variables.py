@@ -28,7 +28,8 @@ from steelyard.identification.model.motion_residuals import Segment, Tally, moti
 from steelyard.identification.model.segment import Rows
 from steelyard.identification.model.sources import Sources, choose_sources
 from steelyard.identification.solve.beginning import motion_task, read
-from steelyard.identification.solve.joint_fit import FitState, fit
+from steelyard.identification.solve.fit_state import FitState
+from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.normal_equations import Solution, inverse_of, solve
 from steelyard.identification.solve.posterior import Posterior, plausible
 from steelyard.inertia import TEN

@@ -31,7 +31,8 @@ from steelyard.identification.model.motion_residuals import (
 )
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples, prepare
-from steelyard.identification.solve.joint_fit import Fit, FitState, Task, fit
+from steelyard.identification.solve.fit_state import Fit, FitState, Task
+from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.lost_readings import without_lost
 from steelyard.identification.solve.posterior import known_body, plausible
 from steelyard.identification.solve.segmentation import Recorded, recorded

@@ -23,7 +23,7 @@ from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.beginning import NoBalanceError, Readings
 from steelyard.identification.solve.bound import Bound
-from steelyard.identification.solve.joint_fit import Fit, FitState, Task
+from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.normal_equations import (
     Blocks,
     BorderEquations,

@@ -20,7 +20,7 @@ from steelyard.identification.model.fitted_motion import FittedMotion
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.bound import Bound
-from steelyard.identification.solve.joint_fit import Fit
+from steelyard.identification.solve.fit_state import Fit
 from steelyard.identification.solve.normal_equations import (
     Blocks,
     BorderEquations,

@@ -16,7 +16,6 @@ from scipy.signal import lfilter
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import UNMODELLED_PARTS, Forces, balance_of
-from steelyard.identification.model.calibration_parameters import columns_of
 from steelyard.identification.model.motion_residuals import (
     Segment,
     Tally,
@@ -26,7 +25,8 @@ from steelyard.identification.model.motion_residuals import (
 from steelyard.identification.model.process_levels import ProcessLevel, likeliest, on_levels
 from steelyard.identification.model.processes import Process, process
 from steelyard.identification.model.sources import Source
-from steelyard.identification.solve.joint_fit import Fit, FitState, Task, fit, linearise
+from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise
+from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.settings import FitSettings
 
 
@@ -183,13 +183,11 @@ def _process(
 def _settled(task: Task, state: FitState) -> Fit | None:
     """Motion, body and levels in turn; None: the new process is not asked for."""
     settings = task.settings
-    column_of = columns_of(task.active, state.ten)
-    border = state.ten + int(task.active.sum())
     newest = next(s.processes[-1].source for s in reversed(state.segments) if s.processes)
     last: Mapping[Source, ProcessLevel] = {}
     found: Fit | None = None
     for _ in range(settings.level_fits):
-        parts, _tally = linearise(task, state, column_of, border)
+        parts, _tally = linearise(task, state)
         levels = likeliest(state.segments, [each.all for each in parts], settings.motion)
         new = UNMODELLED_PARTS if newest in UNMODELLED_PARTS else (newest,)
         if max(levels[each].gain for each in new) < settings.asked_for:
