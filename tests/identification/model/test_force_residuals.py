@@ -23,7 +23,7 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.model.force_residuals import BALANCE, sample_weight, whitened_balance
 from steelyard.identification.model.motion_residuals import Reading, Segment, Tally, limit
-from steelyard.identification.model.processes import process
+from steelyard.identification.model.processes import Process, integrals_of
 from steelyard.identification.model.segment import POSE
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.instruments.base import TIME_CONSTANT
@@ -119,7 +119,7 @@ class Case:
         if disturbed:
             self.segment = self.segment.disturbed(
                 tuple(
-                    process(source, np.array([1.0, 2.0, 3.0]), 1.0, 0.5, GRID)
+                    Process(source, np.array([1.0, 2.0, 3.0]), 1.0, 0.5, integrals_of(GRID))
                     for source in UNMODELLED_PARTS
                 )
             )

@@ -1,5 +1,5 @@
-"""Forces against motion along a segment: what the readings say carries the platform, the wrench that
-the moving body needs, and what is left over.
+"""Forces against motion along a segment: what the readings say carries the platform, the wrench
+that the moving body needs, and what is left over.
 
 The readings enter through an implicit equation, *wrench of the cables less what moves the body is
 zero*; the internal tension is free. It is solved for the readings that fulfil it with the least
@@ -274,7 +274,7 @@ def balance_of(
 def _times(
     experiment: Experiment, segment: Segment, force_samples: Forces, calibration: CalibrationValues
 ) -> Array:
-    """Times of the force readings within a segment [s], of poses at rest their numbers, shape (n,)."""
+    """Times of force readings within a segment [s], of poses at rest their numbers, shape (n,)."""
     if segment.static:
         return force_samples.time
     references = reference_clocks(experiment, calibration.calibration_parameters, segment)
@@ -313,7 +313,7 @@ def _remembered(
     calibration: CalibrationValues,
     motion: Mapping[str, Array],
 ) -> dict[str, Array]:
-    """What the rollers remember of the motion, as a part of it; empty where the instrument has none."""
+    """What the rollers remember of the motion, as a part of it; empty where none are read."""
     robot, instrument = experiment.robot, experiment.instruments[force_samples.name]
     position, rotation = motion["position"], motion["rotation"]
     if not instrument.remembers:
@@ -349,8 +349,8 @@ def _measured(
 
 
 def unmodelled_processes(segment: Segment, local: Basis, order: int = 0) -> Array:
-    """Unmodelled wrench of the processes of a segment [N], [N m], or a derivative of it by time, zero
-    where it has none, shape (n, 6).
+    """Unmodelled wrench of the processes of a segment [N], [N m], or a derivative of it by time,
+    zero where it has none, shape (n, 6).
 
     Args:
         segment: With its processes.

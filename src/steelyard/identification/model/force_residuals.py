@@ -57,7 +57,8 @@ BALANCE = "balance"
 _TRAVEL_STEP = 1e-6
 """Step of a travel that shows how friction follows it [m]."""
 _ByParameters = Iterator[tuple[slice, Array]]
-"""Where calibration parameters stand, and the derivative of the balance by them, shape (n, 6, c)."""
+"""Where calibration parameters stand, and the derivative of the balance by them, shape (n, 6,
+c)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,8 +306,8 @@ def _by_moving(point: _BalancePoint, by: tuple[Array, Array, Array]) -> _ByParam
 
 
 def _origins(at: Balance) -> tuple[Array, Array]:
-    """Corrections of the readings and parts of the unmodelled wrench by whitened equations, shapes (n,
-    r, 6) and (n, 6, 6).
+    """Corrections of the readings and parts of the unmodelled wrench by whitened equations, shapes
+    (n, r, 6) and (n, 6, 6).
     """
     shares, count = at.noise.shares.transpose(0, 2, 1), at.noise.readings
     return shares[:, :count], shares[:, count:]

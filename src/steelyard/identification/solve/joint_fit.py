@@ -2,7 +2,8 @@
 times.
 
 Gauss-Newton on a banded matrix with a border, with shorter steps where it does not descend. Noise
-levels that are not stated (:mod:`.noise_levels`), and how smooth the motion is, are found on the way.
+levels that are not stated (:mod:`.noise_levels`), and how smooth the motion is, are found on the
+way.
 """
 
 from __future__ import annotations
