@@ -21,9 +21,7 @@ from steelyard.identification.model.balance import balance_of
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.force_residuals import force_residuals, tally_forces
 from steelyard.identification.model.motion_residuals import Tally, robust_weight
-from steelyard.identification.model.segment import (
-    NormalEquations,
-)
+from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.beginning import (
     Tell,

@@ -69,15 +69,15 @@ def step_of(
             zero; None: all move that the data tell anything of.
     """
     reduced = [each.reduced() for each in equations]
-    gradient = np.sum([g for _, g in reduced], axis=0)
-    ten = state.ten
-    gradient += further
-    matrix, right = border_system(task, state, (np.sum([m for m, _ in reduced], axis=0), gradient))
+    information = np.sum([matrix for matrix, _ in reduced], axis=0)
+    gradient = np.sum([gradient for _, gradient in reduced], axis=0) + further
+    deviation = task.calibration_parameters.deviation[task.active]
+    scale = np.concatenate([task.sizes[: state.ten], deviation])
+    matrix, right = _with_priors(task, state, information, gradient, scale)
     if least is not None and state.parameters is not None:
         held, _ = weak_directions(matrix, np.zeros((TEN, TEN)), np.ones(TEN), task.settings, least)
         matrix[:TEN, :TEN] += held
         right[:TEN] -= held @ (state.parameters / task.sizes)
-    scale = np.concatenate([task.sizes[:ten], task.calibration_parameters.deviation[task.active]])
     inverse = np.linalg.inv((matrix + matrix.T) / 2)
     step, gained = scale * (inverse @ right), float(right @ inverse @ right)
     return NewtonStep(
@@ -89,22 +89,20 @@ def step_of(
     )
 
 
-def border_system(task: Task, state: FitState, reduced: tuple[Array, Array]) -> tuple[Array, Array]:
+def _with_priors(
+    task: Task, state: FitState, information: Array, gradient: Array, scale: Array
+) -> tuple[Array, Array]:
     """Matrix and right-hand side of the border with the priors, in units of plausible sizes and
-    prior 1-sigma.
+    prior 1-sigma, shapes (b, b) and (b,).
     """
-    matrix, gradient = reduced[0].copy(), reduced[1].copy()
-    ten = state.ten
-    deviation = task.calibration_parameters.deviation[task.active]
-    scale = np.concatenate([task.sizes[:ten], deviation])
+    matrix, right, ten = information.copy(), gradient.copy(), state.ten
     if ten and task.known is not None and state.parameters is not None:
         precision, pull = task.known(state.parameters)
         matrix[:ten, :ten] += precision
-        gradient[:ten] += pull - precision @ state.parameters
-    matrix = matrix * np.outer(scale, scale)
-    matrix[ten:, ten:] += np.eye(len(deviation))
-    right = scale * gradient
-    right[ten:] += (task.calibration_parameters.mean - state.calibration.values)[
-        task.active
-    ] / deviation
+        right[:ten] += pull - precision @ state.parameters
+    matrix *= np.outer(scale, scale)
+    matrix[ten:, ten:] += np.eye(len(scale) - ten)
+    right *= scale
+    off = (task.calibration_parameters.mean - state.calibration.values)[task.active]
+    right[ten:] += off / scale[ten:]
     return matrix, right
