@@ -28,7 +28,8 @@ from steelyard.identification.model.motion_residuals import (
 )
 from steelyard.identification.model.segment import POSE, Rows, basis
 from steelyard.identification.solve import joint_motion
-from steelyard.identification.solve.joint_fit import Fit, FitState, Task, fit
+from steelyard.identification.solve.fit_state import Fit, FitState, Task
+from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.inertia import LINEAR_PARAMETERS, TEN
 from steelyard.smoothing import DEGREE
@@ -139,9 +140,9 @@ class Residuals:
                 state.factors,
                 Tally(),
             )
-            part = force_residuals(*given)
-            assert part.label == segment.label(force_samples.name, BALANCE)
-            yield self._huber(part, int(origin), part.residual.shape[1])
+            for part in force_residuals(*given):
+                assert part.label == segment.label(force_samples.name, BALANCE)
+                yield self._huber(part, int(origin), part.residual.shape[1])
             stiff = self._smooth(segment, int(origin))
             yield stiff @ self.point(state), stiff
         deviation = task.calibration_parameters.deviation[task.active]

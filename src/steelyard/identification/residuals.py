@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.balance import Balance, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
-from steelyard.identification.model.force_residuals import Balance, Forces, balance_of
 from steelyard.identification.model.motion_residuals import (
     AT_ONCE,
     Reading,
@@ -28,7 +28,7 @@ from steelyard.identification.model.motion_residuals import (
 )
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
-from steelyard.identification.solve.joint_fit import FitState
+from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.instruments import Instrument
 

@@ -14,22 +14,16 @@ from scipy.stats import chi2
 from simulated import BODY, EXACT, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.identification.model import force_residuals
+from steelyard.identification.model import balance
+from steelyard.identification.model.balance import UNMODELLED_PARTS, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import (
     DRAG,
     CalibrationValues,
     gather,
 )
-from steelyard.identification.model.force_residuals import (
-    BALANCE,
-    UNMODELLED_PARTS,
-    Forces,
-    balance_of,
-    sample_weight,
-    whitened_balance,
-)
+from steelyard.identification.model.force_residuals import BALANCE, sample_weight, whitened_balance
 from steelyard.identification.model.motion_residuals import Reading, Segment, Tally, limit
-from steelyard.identification.model.processes import process
+from steelyard.identification.model.processes import Process, integrals_of
 from steelyard.identification.model.segment import POSE
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.instruments.base import TIME_CONSTANT
@@ -125,7 +119,7 @@ class Case:
         if disturbed:
             self.segment = self.segment.disturbed(
                 tuple(
-                    process(source, np.array([1.0, 2.0, 3.0]), 1.0, 0.5, GRID)
+                    Process(source, np.array([1.0, 2.0, 3.0]), 1.0, 0.5, integrals_of(GRID))
                     for source in UNMODELLED_PARTS
                 )
             )
@@ -244,7 +238,7 @@ def rollers_held(found):
     if rolling is None:
         yield
         return
-    with mock.patch.object(force_residuals, "rolled_along", return_value=rolling):
+    with mock.patch.object(balance, "rolled_along", return_value=rolling):
         yield
 
 

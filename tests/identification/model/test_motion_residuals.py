@@ -25,7 +25,7 @@ from steelyard.identification.model.motion_residuals import (
     motion_residuals,
     robust_weight,
 )
-from steelyard.identification.model.processes import process
+from steelyard.identification.model.processes import Process, integrals_of
 from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations, banded_product
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension
 from steelyard.smoothing import DEGREE, knots
@@ -251,7 +251,7 @@ class Case:
             quantities = {each.source: each.values[0].shape[-1] for each in self.segment.readings}
             self.segment = self.segment.disturbed(
                 tuple(
-                    process(source, 0.1 + np.arange(k), 0.1, 0.5, EVEN)
+                    Process(source, 0.1 + np.arange(k), 0.1, 0.5, integrals_of(EVEN))
                     for source, k in quantities.items()
                 )
             )

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.interpolate import BSpline
 
-from steelyard.identification.model.processes import embedded, places, process
+from steelyard.identification.model.processes import Process, embedded, integrals_of, places
 from steelyard.identification.model.segment import POSE, basis, values_at
 from steelyard.smoothing import DEGREE, knots
 
@@ -29,7 +29,7 @@ def dense(band):
 @pytest.mark.parametrize("time", [0.3, 1.0, 5.0])
 def test_the_covariance_is_that_of_a_gauss_markov_process(time):
     """Far from the ends and of times well above the spacing of the knots."""
-    own = process(SOURCE, np.ones(1), 2.0, time, GRID)
+    own = Process(SOURCE, np.ones(1), 2.0, time, integrals_of(GRID))
     local = basis(GRID, np.array([2.0, 2.5, 3.0, 4.0]))
     functions = len(GRID) - DEGREE - 1
     rows = np.zeros((4, functions))
@@ -42,7 +42,7 @@ def test_the_covariance_is_that_of_a_gauss_markov_process(time):
 
 def test_the_cost_is_the_integral_that_defines_the_process():
     level, time = 0.7, 0.4
-    own = process(SOURCE, np.ones(2), level, time, GRID)
+    own = Process(SOURCE, np.ones(2), level, time, integrals_of(GRID))
     coefficients = np.random.default_rng(1).normal(size=(len(GRID) - DEGREE - 1, 2))
     expected = 0.0
     start, end = 0.0, 6.0
@@ -59,12 +59,12 @@ def test_the_cost_is_the_integral_that_defines_the_process():
 
 
 def test_the_determinant_is_that_of_all_components():
-    own = process(SOURCE, np.ones(3), 0.7, 0.4, GRID)
+    own = Process(SOURCE, np.ones(3), 0.7, 0.4, integrals_of(GRID))
     assert own.log_determinant == pytest.approx(3 * np.linalg.slogdet(dense(own.precision))[1])
 
 
 def test_a_component_stands_among_the_others():
-    own = process(SOURCE, np.ones(1), 1.0, 1.0, GRID)
+    own = Process(SOURCE, np.ones(1), 1.0, 1.0, integrals_of(GRID))
     one = np.zeros((3, 3))
     one[1, 1] = 1.0
     found = dense(embedded(own.precision, 1, 3))
@@ -72,8 +72,8 @@ def test_a_component_stands_among_the_others():
 
 
 def test_processes_stand_behind_the_pose():
-    first = process(SOURCE, np.ones(3), 1.0, 1.0, GRID)
-    second = process(("cables", "tension"), np.ones(8), 1.0, 1.0, GRID)
+    first = Process(SOURCE, np.ones(3), 1.0, 1.0, integrals_of(GRID))
+    second = Process(("cables", "tension"), np.ones(8), 1.0, 1.0, integrals_of(GRID))
     assert places([first, second]) == {
         SOURCE: slice(POSE, POSE + 3),
         ("cables", "tension"): slice(POSE + 3, POSE + 11),

@@ -25,8 +25,8 @@ from simulated import (
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
-from steelyard.identification.model.force_residuals import Forces
 from steelyard.identification.model.motion_residuals import Reading, Segment
 from steelyard.identification.solve.bound import cramer_rao
 from steelyard.identification.solve.held_motion import fit_with_held_motion

@@ -15,7 +15,7 @@ from steelyard.identification.model.calibration_parameters import (
     gather,
 )
 from steelyard.identification.solve.beginning import motion_task, read
-from steelyard.identification.solve.joint_fit import FitState
+from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.joint_fit import fit as fit_motion
 from steelyard.identification.solve.segmentation import recorded
 from steelyard.instruments import Attitude, Pose

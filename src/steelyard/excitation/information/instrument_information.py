@@ -33,6 +33,7 @@ from steelyard.excitation.information.linearisation_point import (
     border_columns,
 )
 from steelyard.experiment.model import Experiment
+from steelyard.identification.model.balance_equations import derivatives_of_balance
 from steelyard.identification.model.calibration_parameters import (
     DRAG,
     ROBOT,
@@ -40,7 +41,6 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
     clock_of,
 )
-from steelyard.identification.model.force_residuals import derivatives_of_balance
 from steelyard.identification.model.segment import POSE
 from steelyard.inertia import TEN
 from steelyard.instruments.base import TIME_CONSTANT

@@ -22,17 +22,14 @@ from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.methods.finished import finished
 from steelyard.identification.methods.method import PosteriorMethod
-from steelyard.identification.model.force_residuals import (
-    Forces,
-    WhitenedBalance,
-    regressor_at,
-    whitened_balance,
-)
+from steelyard.identification.model.balance import Forces, regressor_at
+from steelyard.identification.model.force_residuals import WhitenedBalance, whitened_balance
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
 from steelyard.identification.model.segment import Rows
 from steelyard.identification.model.sources import Sources, choose_sources
 from steelyard.identification.solve.beginning import motion_task, read
-from steelyard.identification.solve.joint_fit import FitState, fit
+from steelyard.identification.solve.fit_state import FitState
+from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.normal_equations import Solution, inverse_of, solve
 from steelyard.identification.solve.posterior import Posterior, plausible
 from steelyard.inertia import TEN

@@ -36,6 +36,7 @@ from steelyard.identification.model.segment import (
     banded_product,
     basis,
     motion_at,
+    quadrature,
     spread,
     values_at,
 )
@@ -55,6 +56,8 @@ _PLACE, _SPEED = 100.0, 10.0
 it does not fly away."""
 _FAR = 1e-4
 """Probability of a number that counts no more than noise may reach [Huber1964]_."""
+_JERK_NODES = 3
+"""Of the quadrature between two knots: exact for squares of what is quadratic there."""
 AT_ONCE = 16384
 """Samples whose rows are held at once."""
 
@@ -212,13 +215,8 @@ def jerk_matrices(grid: Array, block: int = POSE) -> dict[str, Array]:
         grid: Knots of the spline [s].
         block: Coefficients of one function.
     """
-    inner = grid[DEGREE : len(grid) - DEGREE]
-    nodes, weights = np.polynomial.legendre.leggauss(
-        3
-    )  # exact for squares of what is quadratic between knots
-    half = np.diff(inner) / 2
-    times = ((inner[1:] + inner[:-1]) / 2)[:, None] + half[:, None] * nodes
-    local, root = basis(grid, times.ravel()), np.sqrt((half[:, None] * weights).ravel())
+    local, weight = quadrature(grid, _JERK_NODES)
+    root = np.sqrt(weight)
     found = {}
     for part, place in PARTS.items():
         n, k = len(root), place.stop - place.start

@@ -11,18 +11,32 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded
 
 from steelyard.arrays import Array
-from steelyard.identification.model.segment import POSE, banded_product, basis
+from steelyard.identification.model.segment import POSE, banded_product, basis, quadrature
 from steelyard.identification.model.sources import Source
 from steelyard.smoothing import DEGREE
 
 _NODES = DEGREE + 1
 """Of the quadrature between two knots: exact for squares of the spline."""
+
+
+class SplineIntegrals(NamedTuple):
+    """Integrals of a spline as quadratic forms of its coefficients, lower banded form, shape (6, f)
+    each.
+    """
+
+    value: Array
+    """Of the squared value [s]."""
+    rate: Array
+    """Of the squared rate [1/s]."""
+    ends: Array
+    """Sum of the squared values at both ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +51,8 @@ class Process:
     """1-sigma in these units."""
     time: float
     """Correlation time [s]."""
-    integrals: tuple[Array, Array, Array]
-    """Of the squared value [s], of the squared rate [1/s] and of the squared ends of a spline on
-    these knots, lower banded form, shape (6, f) each."""
+    integrals: SplineIntegrals
+    """Of a spline on the knots of the motion."""
 
     @property
     def components(self) -> int:
@@ -69,30 +82,16 @@ class Process:
         return replace(self, level=level, time=time)
 
 
-def process(source: Source, sizes: Array, level: float, time: float, grid: Array) -> Process:
-    """A disturbance on the knots of a spline.
+def integrals_of(grid: Array) -> SplineIntegrals:
+    """Integrals of a spline, which all processes on its knots share.
 
     Args:
-        source: What it disturbs: owner and quantity.
-        sizes: Units that the components are told in, shape (p,).
-        level: 1-sigma in these units.
-        time: Correlation time [s].
         grid: Knots [s].
     """
-    return Process(source, sizes, level, time, _integrals(grid))
-
-
-def _integrals(grid: Array) -> tuple[Array, Array, Array]:
-    """See :attr:`Process.integrals`."""
-    inner = grid[DEGREE : len(grid) - DEGREE]
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    half = np.diff(inner) / 2
-    times = ((inner[1:] + inner[:-1]) / 2)[:, None] + half[:, None] * nodes
-    local = basis(grid, times.ravel())
-    weight = (half[:, None] * weights).ravel()
-    ends = basis(grid, inner[[0, -1]])
+    local, weight = quadrature(grid, _NODES)
+    ends = basis(grid, grid[[DEGREE, len(grid) - DEGREE - 1]])
     functions = len(grid) - DEGREE - 1
-    return (
+    return SplineIntegrals(
         _squares(local.values[0], local.first, weight, functions),
         _squares(local.values[1], local.first, weight, functions),
         _squares(ends.values[0], ends.first, np.ones(2), functions),

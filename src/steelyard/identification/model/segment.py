@@ -81,6 +81,21 @@ def basis(knots: Array, times: Array) -> Basis:
     return Basis((interval - DEGREE).astype(np.intp), values)
 
 
+def quadrature(knots: Array, count: int) -> tuple[Basis, Array]:
+    """Spline functions at the nodes of Gauss and Legendre between the knots, and the weights of
+    these [s], shape (n,).
+
+    Args:
+        knots: Of a quintic spline [s].
+        count: Nodes between two knots: exact for polynomials of degree 2 count - 1.
+    """
+    inner = knots[DEGREE : len(knots) - DEGREE]
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    half = np.diff(inner) / 2
+    times = ((inner[1:] + inner[:-1]) / 2)[:, None] + half[:, None] * nodes
+    return basis(knots, times.ravel()), (half[:, None] * weights).ravel()
+
+
 def at_rest(poses: NDArray[np.intp]) -> Basis:
     """Basis of samples of poses at rest, each of which stands alone.
 

@@ -14,6 +14,7 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationParameters,
@@ -21,7 +22,7 @@ from steelyard.identification.model.calibration_parameters import (
     clock_of,
     gather,
 )
-from steelyard.identification.model.force_residuals import Forces, balance_of, sample_weight
+from steelyard.identification.model.force_residuals import sample_weight
 from steelyard.identification.model.motion_residuals import (
     AT_REST,
     Segment,
@@ -31,7 +32,8 @@ from steelyard.identification.model.motion_residuals import (
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.first_motion import first_motion, lacks_pose
 from steelyard.identification.samples.preparation import Samples, prepare
-from steelyard.identification.solve.joint_fit import Fit, FitState, Task, fit
+from steelyard.identification.solve.fit_state import Fit, FitState, Task
+from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.lost_readings import without_lost
 from steelyard.identification.solve.posterior import known_body, plausible
 from steelyard.identification.solve.segmentation import Recorded, recorded

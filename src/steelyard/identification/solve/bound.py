@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
+from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues, columns_of
-from steelyard.identification.model.force_residuals import Forces, force_residuals
+from steelyard.identification.model.force_residuals import force_residuals
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
 from steelyard.identification.model.segment import Rows
 from steelyard.inertia import BODY_PARAMETERS, TEN, body_jacobian

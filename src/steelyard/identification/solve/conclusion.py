@@ -13,22 +13,17 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Run
+from steelyard.identification.model.balance import Balance, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.fitted_motion import FittedMotion, fitted_motion
-from steelyard.identification.model.force_residuals import (
-    Balance,
-    Forces,
-    WhitenedBalance,
-    balance_of,
-    whitened_balance,
-)
+from steelyard.identification.model.force_residuals import WhitenedBalance, whitened_balance
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
 from steelyard.identification.model.segment import NormalEquations, Rows
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.beginning import NoBalanceError, Readings
 from steelyard.identification.solve.bound import Bound
-from steelyard.identification.solve.joint_fit import Fit, FitState, Task
+from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.normal_equations import (
     Blocks,
     BorderEquations,

@@ -17,16 +17,11 @@ from scipy.linalg.lapack import dtbtrs
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.model.calibration_parameters import ROBOT, columns_of
-from steelyard.identification.model.force_residuals import (
-    balance_of,
-    force_residuals,
-    tally_forces,
-)
+from steelyard.identification.model.balance import balance_of
+from steelyard.identification.model.calibration_parameters import ROBOT
+from steelyard.identification.model.force_residuals import force_residuals, tally_forces
 from steelyard.identification.model.motion_residuals import Tally, robust_weight
-from steelyard.identification.model.segment import (
-    NormalEquations,
-)
+from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.beginning import (
     Tell,
@@ -43,22 +38,23 @@ from steelyard.identification.solve.conclusion import (
     stretch_of,
     without_knots,
 )
-from steelyard.identification.solve.joint_fit import (
+from steelyard.identification.solve.fit_state import (
     Fit,
     FitState,
     Linearised,
-    NewtonStep,
     Task,
-    Unstated,
+    linearise,
+    smooth,
+)
+from steelyard.identification.solve.long_recording import lively_parts, moving_length, windows
+from steelyard.identification.solve.newton_step import NewtonStep, step_of
+from steelyard.identification.solve.noise_levels import (
+    UnstatedNoise,
     changed,
     first_sigmas,
     larger,
-    linearise,
     ratios_of,
-    smooth,
-    step_of,
 )
-from steelyard.identification.solve.long_recording import lively_parts, moving_length, windows
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.inertia import TEN
@@ -141,7 +137,7 @@ def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch
         experiment=experiment,
         force_samples=readings.looked_at(part.held_out),
     )
-    parts, _ = _linearised(task, state)
+    parts, _ = linearise(task, state, held=True)
     bias = gradient_bias(task, state, parts)
     fit = replace(part.fit, state=state, motions=_covariances(parts), bias=bias)
     fitted = replace(part, task=task, fit=fit, force_samples=readings.force_samples, lost=())
@@ -150,9 +146,8 @@ def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch
 
 def _motion_about(task: Task, state: FitState) -> FitState:
     """The motion with the calibration held."""
-    column_of = np.full(len(task.calibration_parameters), -1, dtype=np.intp)
     for _ in range(task.settings.stretch_iterations):
-        parts, _tally = linearise(task, state, column_of, 0)
+        parts, _tally = linearise(task, state)
         step = step_of(task, state, smooth(state, [each.all for each in parts]))
         state = step.along(task, state, 1.0)
         if step.decrement < task.settings.beginning_arrived:
@@ -179,11 +174,11 @@ def fit_held(
         numpy.linalg.LinAlgError: The motion is not determined.
     """
     settings = task.settings
-    unstated = Unstated(task, state)
-    bias = np.zeros((len(state.segments), _border(task)))
+    unstated = UnstatedNoise.of(task, state)
+    bias = np.zeros((len(state.segments), task.border(state)))
     share, last = 1.0, np.inf
     for turn in range(settings.bias_iterations if beginning else settings.held_iterations):
-        parts, tally = _linearised(task, state)
+        parts, tally = linearise(task, state, held=True)
         equations = smooth(state, [each.all for each in parts])
         if turn < settings.bias_iterations and not beginning:
             bias = gradient_bias(task, state, parts)
@@ -201,7 +196,8 @@ def fit_held(
         if turn < settings.level_iterations:
             followed = step_of(task, state, equations)
             ratios = ratios_of(task, equations, _followed(task, state, followed, tally))
-            factors = _of_forces(task, state, unstated(state, ratios))
+            levels, unstated = unstated.followed(state, ratios)
+            factors = _of_forces(task, state, levels)
             if turn:
                 # Only about a body that is nearly right can a noise not be as stated.
                 stated = larger(task, state, ratios)
@@ -238,16 +234,6 @@ def _distance(task: Task, step: NewtonStep) -> float:
     return float(np.max(np.abs(step.border[:TEN][known]) / deviation[known], initial=0.0))
 
 
-def _border(task: Task) -> int:
-    """Number of columns of the border."""
-    return TEN + int(task.active.sum())
-
-
-def _linearised(task: Task, state: FitState) -> tuple[tuple[Linearised, ...], Tally]:
-    """Normal equations of every segment about a state whose motion is held."""
-    return linearise(task, state, columns_of(task.active, TEN), _border(task), held=True)
-
-
 def _motions(parts: Sequence[Linearised]) -> list[NormalEquations]:
     """Equations of the motion of every segment by its instruments alone."""
     return [each.held for each in parts if each.held is not None]
@@ -278,9 +264,8 @@ def _followed(task: Task, state: FitState, step: NewtonStep, tally: Tally) -> Ta
             at = balance_of(
                 task.experiment, segment, part, moved.calibration, moved.parameters, moved.factors
             )
-            size = np.sqrt(np.sum(at.residual**2, axis=1))
-            weight = segment.holds(at.time) * robust_weight(size, 6)
-            tally_forces(found, segment, part, at, weight, size)
+            weight = segment.holds(at.time) * robust_weight(at.size, 6)
+            tally_forces(found, segment, part, at, weight, at.size)
     return Tally(
         {**tally.square, **found.square},
         {**tally.count, **found.count},
@@ -302,7 +287,7 @@ def gradient_bias(task: Task, state: FitState, parts: Sequence[Linearised]) -> A
         state: With the held motion.
         parts: Equations about it.
     """
-    border, column_of = _border(task), columns_of(task.active, TEN)
+    border, column_of = task.border(state), task.column_of(state)
     rng = np.random.default_rng(0)
     found = np.zeros((len(state.segments), border))
     for i, (segment, samples, part) in enumerate(

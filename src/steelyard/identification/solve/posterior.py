@@ -14,13 +14,13 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_wrench
 from steelyard.estimates.estimate import identifiable_parameters, plausible_radius, plausible_sizes
 from steelyard.experiment.model import Experiment
+from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.fitted_motion import FittedMotion
-from steelyard.identification.model.force_residuals import Forces
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.bound import Bound
-from steelyard.identification.solve.joint_fit import Fit
+from steelyard.identification.solve.fit_state import Fit
 from steelyard.identification.solve.normal_equations import (
     Blocks,
     BorderEquations,

@@ -14,13 +14,13 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.stuck import FEWEST_REPEATS, stuck_alone
+from steelyard.identification.model.balance import UNMODELLED, Forces
 from steelyard.identification.model.balance_noise import DIRECTIONS
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationValues,
     clock_of,
 )
-from steelyard.identification.model.force_residuals import UNMODELLED, Forces
 from steelyard.identification.model.knot_spacing import Channelled, best_spacing
 from steelyard.identification.model.motion_residuals import PARTS, Reading, Segment, jerk_matrices
 from steelyard.identification.model.segment import motion_at

@@ -11,7 +11,7 @@ from steelyard.arrays import Array, binned_means
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import plain
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.force_residuals import Forces, balance_of
+from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.motion_residuals import Segment
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.held_motion import fit_with_held_motion

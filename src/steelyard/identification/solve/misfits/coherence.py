@@ -12,8 +12,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
+from steelyard.identification.model.balance import Balance
 from steelyard.identification.model.calibration_parameters import CalibrationValues
-from steelyard.identification.model.force_residuals import Balance
 from steelyard.identification.model.motion_residuals import (
     Reading,
     Segment,

@@ -8,19 +8,14 @@ still ask for is looked at again. Where nothing is asked for, nothing changes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.signal import lfilter
 
 from steelyard.arrays import Array
-from steelyard.identification.model.calibration_parameters import columns_of
-from steelyard.identification.model.force_residuals import (
-    UNMODELLED_PARTS,
-    Forces,
-    balance_of,
-)
+from steelyard.identification.model.balance import UNMODELLED_PARTS, Forces, balance_of
 from steelyard.identification.model.motion_residuals import (
     Segment,
     Tally,
@@ -28,9 +23,10 @@ from steelyard.identification.model.motion_residuals import (
     motion_residuals,
 )
 from steelyard.identification.model.process_levels import ProcessLevel, likeliest, on_levels
-from steelyard.identification.model.processes import Process, process
+from steelyard.identification.model.processes import Process, integrals_of
 from steelyard.identification.model.sources import Source
-from steelyard.identification.solve.joint_fit import Fit, FitState, Task, fit, linearise
+from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise
+from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.settings import FitSettings
 
 
@@ -154,46 +150,51 @@ def _with(task: Task, state: FitState, source: Source) -> FitState:
     sources = list(UNMODELLED_PARTS) if source in UNMODELLED_PARTS else [source]
     segments = []
     for segment, forces in zip(state.segments, task.force_samples, strict=True):
-        new = tuple(
-            own
-            for each in sources
-            if (own := _process(task, state, segment, forces, each)) is not None
-        )
+        new = _processes(task, state, segment, forces, sources)
         segments.append(segment.disturbed((*segment.processes, *new)) if new else segment)
     return replace(state, segments=tuple(segments))
 
 
-def _process(
-    task: Task, state: FitState, segment: Segment, forces: Forces | None, source: Source
-) -> Process | None:
-    """A process of a segment to begin with; None: what it disturbs is not in it."""
+def _processes(
+    task: Task, state: FitState, segment: Segment, forces: Forces | None, sources: Sequence[Source]
+) -> list[Process]:
+    """Processes to begin with, of what is in a segment; poses at rest have none."""
     if segment.static:
-        return None
+        return []
+    integrals, found = integrals_of(segment.knots), []
+    for source in sources:
+        sizes = _sizes(task, state, segment, forces, source)
+        if sizes is not None:
+            time = task.settings.motion.first_correlation
+            found.append(Process(source, sizes, 1.0, time, integrals))
+    return found
+
+
+def _sizes(
+    task: Task, state: FitState, segment: Segment, forces: Forces | None, source: Source
+) -> Array | None:
+    """Units of a process of a segment, shape (p,); None: what it disturbs is not in it."""
     if source in UNMODELLED_PARTS:
         if forces is None:
             return None
         arm = 1.0 if source == next(iter(UNMODELLED_PARTS)) else task.experiment.robot.size
-        sizes = np.full(3, arm * float(np.median(forces.sigma)))
-    else:
-        own = [each for each in segment.readings if each.source == source]
-        if not own:
-            return None
-        sigma = own[0].sigma * state.factors.get(source, 1.0)
-        width = 3 if own[0].values.ndim == 3 else own[0].values.shape[1]
-        sizes = np.full(width, sigma)
-    return process(source, sizes, 1.0, task.settings.motion.first_correlation, segment.knots)
+        return np.full(3, arm * float(np.median(forces.sigma)))
+    own = [each for each in segment.readings if each.source == source]
+    if not own:
+        return None
+    sigma = own[0].sigma * state.factors.get(source, 1.0)
+    width = 3 if own[0].values.ndim == 3 else own[0].values.shape[1]
+    return np.full(width, sigma)
 
 
 def _settled(task: Task, state: FitState) -> Fit | None:
     """Motion, body and levels in turn; None: the new process is not asked for."""
     settings = task.settings
-    column_of = columns_of(task.active, state.ten)
-    border = state.ten + int(task.active.sum())
     newest = next(s.processes[-1].source for s in reversed(state.segments) if s.processes)
     last: Mapping[Source, ProcessLevel] = {}
     found: Fit | None = None
     for _ in range(settings.level_fits):
-        parts, _tally = linearise(task, state, column_of, border)
+        parts, _tally = linearise(task, state)
         levels = likeliest(state.segments, [each.all for each in parts], settings.motion)
         new = UNMODELLED_PARTS if newest in UNMODELLED_PARTS else (newest,)
         if max(levels[each].gain for each in new) < settings.asked_for:

@@ -14,7 +14,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.stuck import repeats
 from steelyard.identification.model.motion_residuals import Tally, motion_residuals
 from steelyard.identification.model.segment import Label
-from steelyard.identification.solve.joint_fit import FitState
+from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.settings import FIT, FitSettings
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, joined_stretches, stretches
-from steelyard.identification.model.force_residuals import Balance, Forces
+from steelyard.identification.model.balance import Balance, Forces
 from steelyard.identification.model.motion_residuals import limit
 from steelyard.identification.solve.settings import FIT, FitSettings
 
@@ -40,7 +40,7 @@ def look(
         sigmas: 1-sigma of every reading, shape (n, r).
         settings: With what stands out.
     """
-    size = np.sqrt(np.sum(at.residual**2, axis=1))
+    size = at.size
     # How much of a correction stays in the reading itself; the rest goes to those that share its
     # direction.
     count = at.noise.readings

@@ -12,16 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.identification.model.calibration_parameters import Key, columns_of
-from steelyard.identification.solve.joint_fit import (
-    Fit,
-    FitState,
-    Task,
-    fit,
-    linearise,
-    smooth,
-    step_of,
-)
+from steelyard.identification.model.calibration_parameters import Key
+from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
+from steelyard.identification.solve.joint_fit import fit
+from steelyard.identification.solve.newton_step import step_of
 
 
 def with_suspicions(task: Task, found: Fit) -> tuple[Task, Fit]:
@@ -49,12 +43,7 @@ def _worst(task: Task, state: FitState) -> Key | None:
     if not suspects:
         return None
     task, state = _believed(task, state, suspects.keys())
-    parts, _ = linearise(
-        task,
-        state,
-        columns_of(task.active, state.ten),
-        state.ten + int(task.active.sum()),
-    )
+    parts, _ = linearise(task, state)
     step = step_of(task, state, smooth(state, [each.all for each in parts]))
     moved, variance = np.zeros((2, len(task.calibration_parameters)))
     moved[task.active] = step.border[state.ten :]

@@ -1,0 +1,384 @@
+"""Forces against motion along a segment: what the readings say carries the platform, the wrench
+that the moving body needs, and what is left over.
+
+The readings enter through an implicit equation, *wrench of the cables less what moves the body is
+zero*; the internal tension is free. It is solved for the readings that fulfil it with the least
+correction in their 1-sigma.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.dynamics import platform_regressor
+from steelyard.experiment.model import Experiment
+from steelyard.identification.model.balance_equations import motion_and_wrench, structure_matrices
+from steelyard.identification.model.balance_noise import DIRECTIONS, BalanceNoise, UnmodelledWrench
+from steelyard.identification.model.calibration_parameters import ROBOT, CalibrationValues
+from steelyard.identification.model.motion_residuals import (
+    AT_ONCE,
+    Segment,
+    reference_clocks,
+    time_of,
+)
+from steelyard.identification.model.segment import Basis, motion_at, values_at
+from steelyard.identification.model.sources import Source
+from steelyard.inertia import TEN
+from steelyard.instruments.equations import sensitivity, solve_for
+from steelyard.instruments.tension import PRESLIDING, rolled_along
+
+UNMODELLED = "unmodelled wrench"
+"""Quantity of the platform: what acts on it and nothing explains."""
+UNMODELLED_PARTS: Mapping[Source, slice] = {
+    (ROBOT, "unmodelled force"): slice(0, 3),
+    (ROBOT, "unmodelled torque"): slice(3, 6),
+}
+"""Processes that are parts of it -> where they stand in a wrench."""
+_LEFT_OUT = 1e2
+"""1-sigma of a reading that is left out, in units of the largest reading: the balance goes on
+without it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Readings of the force instrument within a segment."""
+
+    name: str
+    """Of the instrument."""
+    time: Array
+    """By its clock, moved to the common event [s]; of poses at rest their number; shape (n,)."""
+    readings: Mapping[str, Array]
+    """Quantity -> readings, r numbers a sample in all."""
+    sigma: Array
+    """1-sigma of single readings, shape (r,)."""
+    left_out: NDArray[np.bool_]
+    """Readings that stand alone against all others, shape (n, r)."""
+    unmodelled: Array | None = None
+    """1-sigma of the white part of the wrench that nothing explains, in units of its level [N],
+    [N m], shape (6,); None: the readings explain every wrench within their noise."""
+
+    def parts(self) -> Iterator[Forces]:
+        """The same, some samples at a time: rows take much memory."""
+        for start in range(0, len(self.time), AT_ONCE):
+            own = slice(start, start + AT_ONCE)
+            readings = {quantity: values[own] for quantity, values in self.readings.items()}
+            yield replace(self, time=self.time[own], readings=readings, left_out=self.left_out[own])
+
+    def sigmas(self, segment: Segment, factors: Mapping[Source, float]) -> Array:
+        """1-sigma of every reading, shape (n, r)."""
+        factor = np.concatenate(
+            [
+                np.full(v.shape[1], factors.get(segment.label(self.name, q), 1.0))
+                for q, v in self.readings.items()
+            ]
+        )
+        largest = np.concatenate(
+            [np.abs(v).max(axis=0, initial=0.0) for v in self.readings.values()]
+        )
+        # So wide that no reading of it matters, however good the sensor was.
+        without = _LEFT_OUT * np.maximum(self.sigma * factor, largest)
+        return np.asarray(np.where(self.left_out, without, self.sigma * factor))
+
+    def unmodelled_sigma(self, segment: Segment, factors: Mapping[Source, float]) -> Array:
+        """1-sigma of the white part of the wrench that nothing explains [N], [N m], shape (6,)."""
+        if self.unmodelled is None:
+            return np.zeros(DIRECTIONS)
+        return factors.get(segment.label(ROBOT, UNMODELLED), 1.0) * self.unmodelled
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredForce:
+    """What the readings say carries the platform: tensions, or the wrench itself, k numbers."""
+
+    values: Array
+    """Tensions [N], shape (n, m), or the wrench [N], [N m], shape (n, 6)."""
+    by_reading: Array
+    """How these follow the readings, shape (n, k, r) or, alike everywhere, (1, k, r)."""
+    structure: Array | None
+    """Structure matrices of the cables, shape (n, 6, m); None: the wrench itself is read."""
+
+    @property
+    def quantity(self) -> Literal["tension", "wrench"]:
+        """What it is."""
+        return "wrench" if self.structure is None else "tension"
+
+    @cached_property
+    def wrench(self) -> Array:
+        """On the platform [N], [N m], shape (n, 6)."""
+        return self.as_wrench(self.values)
+
+    @cached_property
+    def wrench_by_reading(self) -> Array:
+        """How that follows the readings, shape (n, 6, r)."""
+        return self.changes_of_wrench(self.by_reading)
+
+    @cached_property
+    def unmodelled(self) -> UnmodelledWrench:
+        """How an unmodelled wrench shows in it."""
+        n = len(self.values)
+        structure = self.structure
+        if structure is None:
+            structure = np.broadcast_to(np.eye(DIRECTIONS), (n, DIRECTIONS, DIRECTIONS))
+        by_reading = np.broadcast_to(self.by_reading, (n, *self.by_reading.shape[1:]))
+        return UnmodelledWrench.of(structure, by_reading)
+
+    def as_wrench(self, values: Array) -> Array:
+        """Wrench on the platform of tensions or of a wrench, shape (n, 6).
+
+        Args:
+            values: Shape (n, k).
+        """
+        if self.structure is None:
+            return values
+        return np.asarray(np.einsum("nkm,nm->nk", self.structure, values))
+
+    def changes_of_wrench(self, changes: Array) -> Array:
+        """Changes of the wrench on the platform by changes of tensions or of a wrench, shape (n, 6,
+        c).
+
+        Args:
+            changes: Shape (n, k, c) or (1, k, c).
+        """
+        found = changes if self.structure is None else self.structure @ changes
+        return np.broadcast_to(found, (len(self.values), DIRECTIONS, changes.shape[2]))
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Forces against motion at n samples with r readings each."""
+
+    time: Array
+    """Within the segment [s], shape (n,)."""
+    motion: Mapping[str, Array]
+    """Position, rotation, velocity, angular velocity and acceleration, specific force of the
+    platform."""
+    measured: MeasuredForce
+    """As the readings are, not corrected."""
+    left_over: Array
+    """Wrench that neither the body nor the processes explain [N], [N m], shape (n, 6)."""
+    sigmas: Array
+    """1-sigma of the readings, shape (n, r)."""
+    unmodelled_sigma: Array
+    """1-sigma of the white part of the unmodelled wrench [N], [N m], shape (6,)."""
+    noise: BalanceNoise
+    """Of what is left over."""
+    disturbance: Array
+    """Unmodelled wrench of the processes of the segment [N], [N m], shape (n, 6)."""
+
+    @property
+    def structure(self) -> Array | None:
+        """Shape (n, 6, m); None without cables."""
+        return self.measured.structure
+
+    @property
+    def wrench(self) -> Array:
+        """On the platform, of the measured readings [N], [N m], shape (n, 6)."""
+        return self.measured.wrench
+
+    @property
+    def by_reading(self) -> Array:
+        """How the wrench follows the readings, shape (n, 6, r)."""
+        return self.measured.wrench_by_reading
+
+    @property
+    def whitener(self) -> Array:
+        """Matrices that make its noise white with unit variance, shape (n, 6, 6)."""
+        return self.noise.whitener
+
+    @cached_property
+    def residual(self) -> Array:
+        """What is left over, whitened, shape (n, 6)."""
+        return np.asarray(np.einsum("nij,nj->ni", self.whitener, self.left_over))
+
+    @property
+    def size(self) -> Array:
+        """Length of the residual of each sample, shape (n,)."""
+        return np.asarray(np.sqrt(np.sum(self.residual**2, axis=1)))
+
+    @cached_property
+    def correction(self) -> Array:
+        """Of the readings, and then of the unmodelled wrench where there is one, so that they
+        balance, in their 1-sigma, shape (n, r) or (n, r + 6).
+        """
+        return self.noise.correction(self.residual)
+
+    @cached_property
+    def carried(self) -> Array:
+        """``tension`` or ``wrench`` of the corrected readings, shape (n, m) or (n, 6)."""
+        off = self.correction[:, : self.noise.readings] * self.sigmas
+        return np.asarray(self.measured.values - np.einsum("nkr,nr->nk", self._by_reading, off))
+
+    @cached_property
+    def asked(self) -> Array:
+        """The part of it that the body asks for: what nothing explains tells no gain."""
+        unmodelled = self.disturbance
+        if self.unmodelled_sigma.any():
+            white = self.correction[:, self.noise.readings :] * self.unmodelled_sigma
+            unmodelled = unmodelled + white
+        if not unmodelled.any():
+            return self.carried
+        shown = self.measured.unmodelled.reading
+        other = np.einsum("nkr,nri,ni->nk", self._by_reading, shown, unmodelled)
+        return np.asarray(self.carried - other)
+
+    @property
+    def _by_reading(self) -> Array:
+        """How tensions or wrench follow the readings, shape (n, k, r)."""
+        by_reading = self.measured.by_reading
+        return np.broadcast_to(by_reading, (len(self.time), *by_reading.shape[1:]))
+
+
+def balance_of(
+    experiment: Experiment,
+    segment: Segment,
+    force_samples: Forces,
+    calibration: CalibrationValues,
+    parameters: Array,
+    factors: Mapping[Source, float],
+) -> Balance:
+    """Forces against motion.
+
+    Args:
+        experiment: With robot and instruments.
+        segment: With its motion.
+        force_samples: Force readings within it.
+        calibration: Present values of the systematic errors.
+        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
+        factors: Quantity -> by how much its noise exceeds what the readings say.
+    """
+    times = _times(experiment, segment, force_samples, calibration)
+    local = segment.basis(times)
+    inputs = moving_body(segment, local, calibration, parameters)
+    motion = motion_and_wrench(experiment.robot)(**inputs)
+    needed = motion.pop("wrench")
+    motion |= _remembered(experiment, segment, force_samples, calibration, motion)
+    measured = _measured(experiment, segment, force_samples, calibration, motion)
+    left_over = measured.wrench - needed
+    disturbance = unmodelled_processes(segment, local)
+    if disturbance.any():
+        left_over -= np.einsum("nij,nj->ni", measured.unmodelled.wrench, disturbance)
+    sigmas = force_samples.sigmas(segment, factors)
+    unmodelled_sigma = force_samples.unmodelled_sigma(segment, factors)
+    white = measured.unmodelled.wrench * unmodelled_sigma if unmodelled_sigma.any() else None
+    noise = BalanceNoise.of(measured.wrench_by_reading, sigmas, white)
+    return Balance(times, motion, measured, left_over, sigmas, unmodelled_sigma, noise, disturbance)
+
+
+def _times(
+    experiment: Experiment, segment: Segment, force_samples: Forces, calibration: CalibrationValues
+) -> Array:
+    """Times of force readings within a segment [s], of poses at rest their numbers, shape (n,)."""
+    if segment.static:
+        return force_samples.time
+    references = reference_clocks(experiment, calibration.calibration_parameters, segment)
+    name, time = force_samples.name, force_samples.time
+    times, *_ = time_of(experiment, segment, calibration, references, name, time)
+    return times
+
+
+def moving_body(
+    segment: Segment, local: Basis, calibration: CalibrationValues, parameters: Array
+) -> dict[str, Array | float]:
+    """What the wrench of the moving body depends on, as
+    :func:`steelyard.identification.model.balance_equations.motion_and_wrench` takes it.
+
+    Args:
+        segment: With its motion.
+        local: Spline functions at the times that are meant.
+        calibration: Present values of the calibration parameters.
+        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
+    """
+    pose, rate, acceleration, _ = motion_at(local, segment.coefficients)
+    return {
+        "pose": pose,
+        "rate": rate,
+        "acceleration": acceleration,
+        "gravity": calibration.gravity,
+        "parameters": parameters,
+        "drag": 0.0 if segment.static else calibration.drag,
+    }
+
+
+def _remembered(
+    experiment: Experiment,
+    segment: Segment,
+    force_samples: Forces,
+    calibration: CalibrationValues,
+    motion: Mapping[str, Array],
+) -> dict[str, Array]:
+    """What the rollers remember of the motion, as a part of it; empty where none are read."""
+    robot, instrument = experiment.robot, experiment.instruments[force_samples.name]
+    position, rotation = motion["position"], motion["rotation"]
+    if not instrument.remembers:
+        return {}
+    if segment.static:
+        # At rest a roller takes nothing in the mean of all that it might hold.
+        return {"rolling": np.zeros((len(position), robot.m))}
+    errors = calibration.of(force_samples.name, instrument, segment.run)
+    travel = float(np.squeeze(errors[PRESLIDING]))
+    return {"rolling": rolled_along(robot, position, rotation, travel)}
+
+
+def _measured(
+    experiment: Experiment,
+    segment: Segment,
+    force_samples: Forces,
+    calibration: CalibrationValues,
+    motion: Mapping[str, Array],
+) -> MeasuredForce:
+    """What the readings say carries the platform."""
+    robot, instrument = experiment.robot, experiment.instruments[force_samples.name]
+    readings, position, rotation = force_samples.readings, motion["position"], motion["rotation"]
+    errors = calibration.of(force_samples.name, instrument, segment.run)
+    unknown = instrument.measured_force
+    assert unknown is not None  # it is the force instrument of a run
+    values = solve_for(unknown, instrument, robot, readings, motion, errors)
+    structure = None
+    if unknown == "tension":
+        structure = structure_matrices(robot, calibration, position, rotation, values)
+    state = {**motion, unknown: values}
+    by_reading, *_ = sensitivity(unknown, instrument, robot, tuple(readings), state, errors)
+    return MeasuredForce(values, by_reading, structure)
+
+
+def unmodelled_processes(segment: Segment, local: Basis, order: int = 0) -> Array:
+    """Unmodelled wrench of the processes of a segment [N], [N m], or a derivative of it by time,
+    zero where it has none, shape (n, 6).
+
+    Args:
+        segment: With its processes.
+        local: Spline functions at n times.
+        order: Of the derivative.
+    """
+    found = np.zeros((len(local.first), DIRECTIONS))
+    for each in segment.processes:
+        part = UNMODELLED_PARTS.get(each.source)
+        if part is not None:
+            own_place = segment.process_places[each.source]
+            found[:, part] = each.sizes * values_at(
+                local, segment.coefficients[:, own_place], order
+            )
+    return found
+
+
+def regressor_at(
+    experiment: Experiment, segment: Segment, times: Array, calibration: CalibrationValues
+) -> Array:
+    """Regressor of the body along a motion, shape (n, 6, 10).
+
+    Args:
+        experiment: With its robot.
+        segment: With its motion.
+        times: Within the segment [s], shape (n,).
+        calibration: Present values of the calibration parameters.
+    """
+    inputs = moving_body(segment, segment.basis(times), calibration, np.zeros(TEN))
+    motion = motion_and_wrench(experiment.robot)(**inputs)
+    return platform_regressor(motion["specific_force"], motion["omega"], motion["alpha"])

@@ -1,0 +1,162 @@
+"""The balance of wrenches as expressions: the wrench that moves the body and drags the cables, the
+structure matrix, and derivatives of the balance by everything that it depends on.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.batch import Batched, Symbol
+from steelyard.dynamics import newton_euler
+from steelyard.identification.model.calibration_parameters import ROBOT, CalibrationValues
+from steelyard.inertia import TEN
+from steelyard.motion.state import State, state_of_pose
+from steelyard.robot.cable_inertia import cable_inertia_expression
+from steelyard.robot.kinematics import cable_wrench, cables_at
+from steelyard.robot.model import Robot
+
+_MOTION = ("position", "rotation", "velocity", "omega", "alpha", "specific_force")
+"""Fields of a state that the motion gives."""
+
+
+class _MovingBody(NamedTuple):
+    """Symbols that the wrench of the moving body and cables depends on."""
+
+    pose: Symbol
+    rate: Symbol
+    acceleration: Symbol
+    gravity: Symbol
+    parameters: Symbol
+    drag: Symbol
+
+    @classmethod
+    def new(cls) -> _MovingBody:
+        sizes = {
+            "pose": 7,
+            "rate": 7,
+            "acceleration": 7,
+            "gravity": 3,
+            "parameters": TEN,
+            "drag": 1,
+        }
+        return cls(**{name: ca.SX.sym(name, size) for name, size in sizes.items()})
+
+    @property
+    def state(self) -> State:
+        return state_of_pose(self.pose, self.rate, self.acceleration, self.gravity)
+
+
+class _Geometry(NamedTuple):
+    """Where the cables are fixed, as symbols."""
+
+    anchors: Symbol
+    attachments: Symbol
+
+    @classmethod
+    def of(cls, robot: Robot) -> _Geometry:
+        return cls(ca.SX.sym("anchors", 3, robot.m), ca.SX.sym("attachments", 3, robot.m))
+
+
+@lru_cache(maxsize=16)
+def motion_and_wrench(heavy: Robot) -> Batched:
+    """Motion, and the wrench that moves the body and drags the cables."""
+    body = _MovingBody.new()
+    state = body.state
+    wrench = newton_euler(body.parameters, state.specific_force, state.omega, state.alpha)
+    wrench -= body.drag * _dragged(heavy, state, body.gravity)
+    motion = {name: ca.densify(ca.SX(getattr(state, name))) for name in _MOTION}
+    return Batched("moved", body._asdict(), {"wrench": wrench, **motion})
+
+
+def _dragged(robot: Robot, state: State, gravity: Symbol) -> Symbol:
+    """Wrench of the inertia of the cables, as an expression of the state."""
+    if not robot.m or not robot.cable.linear_density:
+        return ca.SX.zeros(6)
+    return cable_inertia_expression(
+        robot,
+        state.position,
+        state.rotation,
+        state.specific_force,
+        state.omega,
+        state.alpha,
+        gravity,
+    )
+
+
+@lru_cache(maxsize=16)
+def taut_structure(robot: Robot) -> Batched:
+    """Structure matrix of straight cables."""
+    position, rotation = ca.SX.sym("position", 3), ca.SX.sym("rotation", 3, 3)
+    tension = ca.SX.sym("tension", robot.m)
+    fixed = _Geometry.of(robot)
+    wrench = cable_wrench(robot, position, rotation, tension, *fixed)
+    return _batched(
+        "taut",
+        {"position": position, "rotation": rotation},
+        fixed,
+        {"structure": ca.jacobian(wrench, tension)},
+    )
+
+
+@lru_cache(maxsize=16)
+def derivatives_of_balance(heavy: Robot) -> Batched:
+    """Of the wrench of the cables less what moves the body, by everything; sag is of no account for
+    these.
+    """
+    robot = heavy.with_straight_cables()
+    body, fixed = _MovingBody.new(), _Geometry.of(robot)
+    tension = ca.SX.sym("tension", robot.m)
+    state = body.state
+    wrench = -newton_euler(body.parameters, state.specific_force, state.omega, state.alpha)
+    wrench += cable_wrench(robot, state.position, state.rotation, tension, *fixed)
+    wrench += body.drag * _dragged(heavy, state, body.gravity)
+    by = body._asdict()
+    if robot.m:
+        by |= {"anchor": ca.vec(fixed.anchors), "attachment": ca.vec(fixed.attachments)}
+    outputs = {f"by_{key}": ca.densify(ca.jacobian(wrench, each)) for key, each in by.items()}
+    if not robot.m:
+        return Batched("derivatives", body._asdict(), outputs)
+    return _batched("derivatives", {**body._asdict(), "tension": tension}, fixed, outputs)
+
+
+def _batched(
+    name: str, inputs: dict[str, Symbol], fixed: _Geometry, outputs: dict[str, Symbol]
+) -> Batched:
+    """A function of anchors and attachments that stand in one row each, cable by cable."""
+    flat = {key: ca.SX.sym(key, fixed.anchors.numel()) for key in ("anchors", "attachments")}
+    matrices = [ca.reshape(each, 3, -1) for each in flat.values()]
+    replaced = ca.substitute(list(outputs.values()), [fixed.anchors, fixed.attachments], matrices)
+    return Batched(
+        name, {**inputs, **flat}, dict(zip(outputs, map(ca.densify, replaced), strict=True))
+    )
+
+
+def geometry_of(calibration: CalibrationValues) -> dict[str, Array]:
+    """Values of the anchors and attachments, three numbers a cable."""
+    places = calibration.calibration_parameters.places
+    return {
+        key + "s": calibration.values[places[ROBOT, key, None]] for key in ("anchor", "attachment")
+    }
+
+
+def structure_matrices(
+    robot: Robot, calibration: CalibrationValues, position: Array, rotation: Array, tension: Array
+) -> Array:
+    """Structure matrices; how an error of the geometry changes the sag is of no account, shape (n,
+    6, m).
+    """
+    straight = robot.with_straight_cables()
+    taut = taut_structure(straight)
+    structure = taut(position=position, rotation=rotation, **geometry_of(calibration))["structure"]
+    if not robot.cable.linear_density:
+        return structure
+    as_stated = {"anchors": robot.anchors.ravel(), "attachments": robot.attachments.ravel()}
+    sagging = cables_at(robot, position, rotation, tension).structure
+    return np.asarray(
+        structure + sagging - taut(position=position, rotation=rotation, **as_stated)["structure"]
+    )
