@@ -139,7 +139,9 @@ class TestCommandLine:
     def test_what_identify_fails_on(self, run, tmp_path):
         path = write_small(tmp_path)
         text = path.read_text()
-        path.write_text(text.replace("    tracker: moving/tracker.csv\n", ""))
+        for name in ("tracker", "imu"):
+            text = text.replace(f"    {name}: moving/{name}.csv\n", "")
+        path.write_text(text)
         expected = run("identify", path)
         status, out, err = run("inspect", path)
         assert (status, out, err) == expected

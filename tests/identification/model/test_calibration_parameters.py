@@ -5,6 +5,8 @@ import pytest
 
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.model.calibration_parameters import (
+    AIR,
+    ATTACHED,
     DRAG,
     ROBOT,
     CalibrationValues,
@@ -125,6 +127,7 @@ def test_there_are_no_other_errors_than_those_of_the_contract(everything):
         *TABLE,
         *delays,
         *((ROBOT, key) for key in ("anchor", "attachment", "gravity", DRAG)),
+        *((ROBOT, key) for key, _ in (*ATTACHED, *AIR)),
     }
 
 

@@ -35,6 +35,8 @@ from steelyard.excitation.information.linearisation_point import (
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance_equations import derivatives_of_balance
 from steelyard.identification.model.calibration_parameters import (
+    AIR,
+    ATTACHED,
     DRAG,
     ROBOT,
     CalibrationParameters,
@@ -207,6 +209,8 @@ def _of_forces(expressions: _RunExpressions, readings: ForceReadings) -> Instrum
         gravity=ca.DM(expressions.calibration.gravity),
         parameters=ca.DM(expressions.point.parameters),
         drag=ca.SX(expressions.calibration.drag),
+        attached=ca.DM(expressions.calibration.of_robot(*ATTACHED)),
+        air=ca.DM(expressions.calibration.of_robot(*AIR)),
         **cables,
     )
     unknown = "tension" if robot.m else "wrench"

@@ -21,7 +21,12 @@ from steelyard.dynamics import platform_regressor
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance_equations import motion_and_wrench, structure_matrices
 from steelyard.identification.model.balance_noise import DIRECTIONS, BalanceNoise, UnmodelledWrench
-from steelyard.identification.model.calibration_parameters import ROBOT, CalibrationValues
+from steelyard.identification.model.calibration_parameters import (
+    AIR,
+    ATTACHED,
+    ROBOT,
+    CalibrationValues,
+)
 from steelyard.identification.model.motion_residuals import (
     AT_ONCE,
     Segment,
@@ -303,6 +308,8 @@ def moving_body(
         "gravity": calibration.gravity,
         "parameters": parameters,
         "drag": 0.0 if segment.static else calibration.drag,
+        "attached": calibration.of_robot(*ATTACHED),
+        "air": calibration.of_robot(*AIR),
     }
 
 

@@ -13,12 +13,13 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler
-from steelyard.identification.model.calibration_parameters import ROBOT, CalibrationValues
+from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.inertia import TEN
 from steelyard.motion.state import State, state_of_pose
 from steelyard.robot.cable_inertia import cable_inertia_expression
 from steelyard.robot.kinematics import cable_wrench, cables_at
 from steelyard.robot.model import Robot
+from steelyard.robot.surroundings import air_wrench, attached_wrench, middle_of
 
 _MOTION = ("position", "rotation", "velocity", "omega", "alpha", "specific_force")
 """Fields of a state that the motion gives."""
@@ -33,6 +34,10 @@ class _MovingBody(NamedTuple):
     gravity: Symbol
     parameters: Symbol
     drag: Symbol
+    attached: Symbol
+    """Force, stiffness and their moments of a hose, shape (16,)."""
+    air: Symbol
+    """Of moving and of turning, shape (2,)."""
 
     @classmethod
     def new(cls) -> _MovingBody:
@@ -43,12 +48,25 @@ class _MovingBody(NamedTuple):
             "gravity": 3,
             "parameters": TEN,
             "drag": 1,
+            "attached": 16,
+            "air": 2,
         }
         return cls(**{name: ca.SX.sym(name, size) for name, size in sizes.items()})
 
     @property
     def state(self) -> State:
         return state_of_pose(self.pose, self.rate, self.acceleration, self.gravity)
+
+    def wrench(self, robot: Robot) -> Symbol:
+        """What the cables must exert so that the body moves as it does."""
+        state = self.state
+        needed = newton_euler(self.parameters, state.specific_force, state.omega, state.alpha)
+        needed -= self.drag * _dragged(robot, state, self.gravity)
+        if not robot.m:
+            return needed
+        hose = ca.vertsplit(self.attached, [0, 3, 4, 13, 16])
+        needed -= attached_wrench(state, middle_of(robot), *hose)
+        return needed - air_wrench(state, self.air[0], self.air[1])
 
 
 class _Geometry(NamedTuple):
@@ -64,13 +82,11 @@ class _Geometry(NamedTuple):
 
 @lru_cache(maxsize=16)
 def motion_and_wrench(heavy: Robot) -> Batched:
-    """Motion, and the wrench that moves the body and drags the cables."""
+    """Motion, and the wrench that moves the body, drags the cables and withstands hose and air."""
     body = _MovingBody.new()
     state = body.state
-    wrench = newton_euler(body.parameters, state.specific_force, state.omega, state.alpha)
-    wrench -= body.drag * _dragged(heavy, state, body.gravity)
     motion = {name: ca.densify(ca.SX(getattr(state, name))) for name in _MOTION}
-    return Batched("moved", body._asdict(), {"wrench": wrench, **motion})
+    return Batched("moved", body._asdict(), {"wrench": body.wrench(heavy), **motion})
 
 
 def _dragged(robot: Robot, state: State, gravity: Symbol) -> Symbol:
@@ -112,9 +128,8 @@ def derivatives_of_balance(heavy: Robot) -> Batched:
     body, fixed = _MovingBody.new(), _Geometry.of(robot)
     tension = ca.SX.sym("tension", robot.m)
     state = body.state
-    wrench = -newton_euler(body.parameters, state.specific_force, state.omega, state.alpha)
-    wrench += cable_wrench(robot, state.position, state.rotation, tension, *fixed)
-    wrench += body.drag * _dragged(heavy, state, body.gravity)
+    wrench = cable_wrench(robot, state.position, state.rotation, tension, *fixed)
+    wrench -= body.wrench(heavy)
     by = body._asdict()
     if robot.m:
         by |= {"anchor": ca.vec(fixed.anchors), "attachment": ca.vec(fixed.attachments)}
@@ -136,14 +151,6 @@ def _batched(
     )
 
 
-def geometry_of(calibration: CalibrationValues) -> dict[str, Array]:
-    """Values of the anchors and attachments, three numbers a cable."""
-    places = calibration.calibration_parameters.places
-    return {
-        key + "s": calibration.values[places[ROBOT, key, None]] for key in ("anchor", "attachment")
-    }
-
-
 def structure_matrices(
     robot: Robot, calibration: CalibrationValues, position: Array, rotation: Array, tension: Array
 ) -> Array:
@@ -152,7 +159,7 @@ def structure_matrices(
     """
     straight = robot.with_straight_cables()
     taut = taut_structure(straight)
-    structure = taut(position=position, rotation=rotation, **geometry_of(calibration))["structure"]
+    structure = taut(position=position, rotation=rotation, **calibration.geometry)["structure"]
     if not robot.cable.linear_density:
         return structure
     as_stated = {"anchors": robot.anchors.ravel(), "attachments": robot.attachments.ravel()}

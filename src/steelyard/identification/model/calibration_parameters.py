@@ -28,6 +28,20 @@ follow without any."""
 _DRAGGED = 0.5
 """Its mean and its 1-sigma: cables that swing, creep over rollers or are simulated without inertia
 feel less than theory says."""
+ATTACHED = (
+    ("attached.force", 3),
+    ("attached.stiffness", 1),
+    ("attached.moments", 9),
+    ("attached.stiffness_moment", 3),
+)
+"""Keys and sizes of what a hose does, see :func:`steelyard.robot.surroundings.attached_wrench`."""
+AIR = (("drag.area", 1), ("drag.turning", 1))
+"""The same of the air, see :func:`steelyard.robot.surroundings.air_wrench`."""
+_PULL = 0.004
+"""1-sigma of the force of a hose, as a part of all tensions; of its stiffness the same over a metre."""
+_BLUFF = 3.0
+"""1-sigma of drag coefficients times area, and of turning, in units of the platform's size squared
+and to the fifth power: frames and sheets."""
 _AXES = "xyz"
 _PER_CABLE = frozenset({"offset", "gain", "friction"})
 _NEGLIGIBLE = 0.1
@@ -169,6 +183,23 @@ class CalibrationValues:
         """How far the platform feels the inertia of its cables."""
         return float(self.values[self.calibration_parameters.places[ROBOT, DRAG, None]][0])
 
+    def of_robot(self, *parts: tuple[str, int]) -> Array:
+        """Values of several parameters of the robot, one after the other; zero where they are not
+        there.
+
+        Args:
+            *parts: Key and size of each.
+        """
+        places = self.calibration_parameters.places
+        return np.concatenate(
+            [
+                self.values[places[ROBOT, key, None]]
+                if (ROBOT, key, None) in places
+                else np.zeros(size)
+                for key, size in parts
+            ]
+        )
+
     @property
     def gravity(self) -> Array:
         """World frame [m/s^2], shape (3,)."""
@@ -250,7 +281,30 @@ def gather(experiment: Experiment) -> CalibrationParameters:
     drags = robot.m > 0 and bool(robot.cable.linear_density)
     share = np.full(1, _DRAGGED if drags else 0.0)
     entries.append(CalibrationParameter(ROBOT, DRAG, None, "1", share, share))
+    entries += _surroundings(experiment)
     return CalibrationParameters(tuple(entries), robot.m)
+
+
+def _surroundings(experiment: Experiment) -> Iterator[CalibrationParameter]:
+    """What may pull at a platform on cables beside them; none, unless the readings ask for it."""
+    if not experiment.robot.m:
+        return
+    size, pull = experiment.robot.size, _PULL * _usual_tensions(experiment)
+    units = ("N", "N/m", "N m", "N", "m^2", "m^5")
+    sizes = (pull, pull, pull * size, pull * size, _BLUFF * size**2, _BLUFF * size**5)
+    for (key, count), unit, suspected in zip((*ATTACHED, *AIR), units, sizes, strict=True):
+        none = np.zeros(count)
+        yield CalibrationParameter(ROBOT, key, None, unit, none, none, suspected)
+
+
+def _usual_tensions(experiment: Experiment) -> float:
+    """Sum of the median tensions of the first run that has any [N]; 1 where there are none."""
+    for run in experiment.runs:
+        force = experiment.force_instrument(run)
+        values = None if force is None else run.streams[force].values.get("tension")
+        if values is not None and np.any(np.abs(values) > 0):
+            return float(np.nanmedian(np.abs(values))) * values.shape[1] or 1.0
+    return 1.0
 
 
 def columns_of(active: NDArray[np.bool_], first: int) -> NDArray[np.intp]:

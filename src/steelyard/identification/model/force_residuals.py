@@ -26,9 +26,15 @@ from steelyard.identification.model.balance import (
     moving_body,
     unmodelled_processes,
 )
-from steelyard.identification.model.balance_equations import derivatives_of_balance, geometry_of
+from steelyard.identification.model.balance_equations import derivatives_of_balance
 from steelyard.identification.model.balance_noise import DIRECTIONS
-from steelyard.identification.model.calibration_parameters import DRAG, ROBOT, CalibrationValues
+from steelyard.identification.model.calibration_parameters import (
+    AIR,
+    ATTACHED,
+    DRAG,
+    ROBOT,
+    CalibrationValues,
+)
 from steelyard.identification.model.motion_residuals import (
     Border,
     Segment,
@@ -158,7 +164,7 @@ def whitened_balance(
     at = balance_of(experiment, segment, force_samples, calibration, parameters, factors)
     local = segment.basis(at.time)
     inputs = moving_body(segment, local, calibration, parameters)
-    cables = {} if at.structure is None else {"tension": at.carried, **geometry_of(calibration)}
+    cables = {} if at.structure is None else {"tension": at.carried, **calibration.geometry}
     point = _BalancePoint(
         experiment,
         segment,
@@ -268,11 +274,19 @@ def _by_terms(point: _BalancePoint) -> _ByParameters:
 
 
 def _by_robot(point: _BalancePoint) -> _ByParameters:
-    """Derivatives of the balance by gravity and by the geometry of the cables."""
+    """Derivatives of the balance by gravity, by the geometry of the cables and by what else pulls at
+    the platform.
+    """
     places = point.calibration.calibration_parameters.places
     keys = ("gravity", "anchor", "attachment") if point.experiment.robot.m else ("gravity",)
     for key in keys:
         yield places[ROBOT, key, None], point.derivatives[f"by_{key}"]
+    for name, parts in (("by_attached", ATTACHED), ("by_air", AIR)):
+        column = 0
+        for key, size in parts if point.experiment.robot.m else ():
+            derivative = point.derivatives[name][:, :, column : column + size]
+            yield places[ROBOT, key, None], derivative
+            column += size
 
 
 def _by_moving(point: _BalancePoint, by: tuple[Array, Array, Array]) -> _ByParameters:

@@ -19,6 +19,7 @@ from steelyard.instruments.equations import linearised, means, needed_for, solve
 from steelyard.motion.state import motion_of_quaternions, specific_force_of
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
+from steelyard.robot.surroundings import middle_of
 from steelyard.smoothing import Samples1D, Smoothed, fit
 
 
@@ -76,13 +77,11 @@ class RunReader:
             rotation: R_world_platform, shape (n, 3, 3).
             force_samples: Tensions, roughly: cables stretch [N], shape (n, m).
         """
-        instrument, anchors = self.experiment.instruments[source[0]], self.robot.anchors
+        instrument = self.experiment.instruments[source[0]]
         n, errors = len(lengths), np.concatenate(list(self._errors(source[0]).values()))
         quaternion = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
-        middle = anchors.mean(axis=0)
         # Below the anchors: above them there is another answer.
-        middle[2] -= 0.5 * float(np.linalg.norm(anchors - middle, axis=1).mean())
-        position, still = np.tile(middle, (n, 1)), np.zeros((n, 7))
+        position, still = np.tile(middle_of(self.robot), (n, 1)), np.zeros((n, 7))
         for _ in range(_HANGING_STEPS):
             motion = (np.hstack([position, quaternion]), still, still)
             at = linearised(

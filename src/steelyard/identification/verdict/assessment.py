@@ -186,14 +186,17 @@ def _shift(posterior: Posterior, change: Array) -> float:
 def _proposal(owner: str, key: str) -> str:
     """What to do about a number of the description that seems to be off."""
     if owner == ROBOT:
+        head = key.partition(".")[0]
         return {
+            "attached": "look for a hose or a cable that pulls at the platform, or hold it differently",
+            "drag": "the air seems to slow the platform; move it more slowly, or make it smaller",
             "anchor": "measure this anchor again, or state a larger 'uncertainty: {anchor: …}'",
             "attachment": (
                 "measure this attachment again, or state a larger 'uncertainty: {attachment: …}'"
             ),
             "gravity": "check the sign, size and direction of 'gravity' in the robot file",
             DRAG: "check 'linear_density' of the cables in the robot file",
-        }[key]
+        }[head]
     where = f"'instruments: {{{owner}: {{calibration: {{{key}: …}}}}}}'"
     return {
         "gain": f"check this sensor's gain and unit, or state a larger {where}",

@@ -1,8 +1,9 @@
-"""Errors that good devices do not have: filters in force amplifiers, scales of IMUs.
+"""Errors that good devices do not have: filters in force amplifiers, scales of IMUs; and what may
+pull at a platform beside its cables.
 
 They are taken as none, so that sound recordings lose nothing, until the readings ask for them: a
-step of the fit in which they may move shows by how much they would (a score test [Rao1948]_). The
-one that is asked for most comes first.
+step of the fit in which they may move shows by how much the cost would fall (a score test
+[Rao1948]_). What is asked for most comes first.
 """
 
 from __future__ import annotations
@@ -11,8 +12,15 @@ from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
 
-from steelyard.identification.model.calibration_parameters import Key
+from steelyard.arrays import Array
+from steelyard.identification.model.calibration_parameters import (
+    ROBOT,
+    CalibrationParameter,
+    Key,
+)
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.newton_step import step_of
@@ -26,37 +34,53 @@ def with_suspicions(task: Task, found: Fit) -> tuple[Task, Fit]:
     """
     for _ in range(task.settings.suspicions):
         worst = _worst(task, found.state)
-        if worst is None:
+        if not worst:
             break
-        task, state = _believed(task, found.state, {worst})
+        task, state = _believed(task, found.state, worst)
         found = fit(task, state)
     return task, found
 
 
-def _worst(task: Task, state: FitState) -> Key | None:
-    """The error that the readings ask for most; None: for none."""
-    suspects = {
-        (each.owner, each.key, each.run): each.negligible
-        for each in task.calibration_parameters.entries
-        if each.suspected is not None and not each.deviation.any()
-    }
+def _worst(task: Task, state: FitState) -> frozenset[Key]:
+    """What the readings ask for most, a hose with force, stiffness and point; empty: nothing."""
+    suspects: dict[Key, list[CalibrationParameter]] = {}
+    for each in task.calibration_parameters.entries:
+        if each.suspected is not None and not each.deviation.any():
+            name = each.key.partition(".")[0] if each.owner == ROBOT else each.key
+            suspects.setdefault((each.owner, name, each.run), []).append(each)
     if not suspects:
-        return None
-    task, state = _believed(task, state, suspects.keys())
+        return frozenset()
+    places = task.calibration_parameters.places
+    keys = {
+        whole: frozenset((each.owner, each.key, each.run) for each in entries)
+        for whole, entries in suspects.items()
+    }
+    before = task.active
+    task, state = _believed(task, state, frozenset().union(*keys.values()))
     parts, _ = linearise(task, state)
     step = step_of(task, state, smooth(state, [each.all for each in parts]))
-    moved, variance = np.zeros((2, len(task.calibration_parameters)))
-    moved[task.active] = step.border[state.ten :]
-    variance[task.active] = np.diag(step.covariance)[state.ten :]
-    # Where there is no such error, noise alone moves it by so much.
-    prior = np.maximum(task.calibration_parameters.deviation**2, 1e-300)
-    score = np.abs(moved) / np.sqrt(np.maximum(variance * (1 - variance / prior), 1e-300))
-    scores = {}
-    for key, negligible in suspects.items():
-        place = task.calibration_parameters.places[key]
-        scores[key] = float(np.max(score[place] * (np.abs(moved[place]) > negligible)))
-    worst = max(scores, key=lambda key: scores[key])
-    return worst if scores[worst] > task.settings.suspicious else None
+    scale = np.sqrt(np.diag(step.covariance))
+    matrix = np.linalg.inv(step.covariance / np.outer(scale, scale))
+    right = matrix @ (step.border / scale)
+    base = np.concatenate([np.arange(state.ten), task.column_of(state)[before]])
+
+    def gain(columns: NDArray[np.intp]) -> tuple[float, Array]:
+        """Decrease of the cost where these alone may move, and how they do."""
+        moved = np.linalg.solve(matrix[np.ix_(columns, columns)], right[columns])
+        return float(right[columns] @ moved), np.asarray(moved * scale[columns])
+
+    usual, _ = gain(base)
+    worst, least = frozenset[Key](), 2 * float(norm.sf(task.settings.suspicious))
+    for whole, entries in suspects.items():
+        own = np.concatenate(
+            [task.column_of(state)[places[e.owner, e.key, e.run]] for e in entries]
+        )
+        decrease, moved = gain(np.concatenate([base, own]))
+        negligible = np.concatenate([np.full(len(e.mean), e.negligible) for e in entries])
+        chance = float(chi2.sf(decrease - usual, len(own)))
+        if chance < least and np.any(np.abs(moved[len(base) :]) > negligible):
+            worst, least = keys[whole], chance
+    return worst
 
 
 def _believed(task: Task, state: FitState, asked: Collection[Key]) -> tuple[Task, FitState]:

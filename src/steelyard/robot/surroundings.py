@@ -1,0 +1,70 @@
+"""What pulls at a platform beside its cables: a hose or an umbilical, and the air."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.batch import Symbol
+from steelyard.motion.state import State
+from steelyard.robot.model import Robot
+
+_AIR = 1.2
+"""Density [kg/m^3]."""
+_SLOWEST = 1e-3
+"""Speed below which drag is no longer quadratic, so that its derivative is smooth [m/s], [rad/s]."""
+
+
+def middle_of(robot: Robot) -> Array:
+    """A place amid those that a platform reaches: below the middle of its anchors, world frame [m],
+    shape (3,).
+    """
+    middle = np.array(robot.anchors.mean(axis=0))
+    middle[2] -= 0.5 * float(np.linalg.norm(robot.anchors - middle, axis=1).mean())
+    return middle
+
+
+def attached_wrench(
+    state: State,
+    middle: Array,
+    force: Symbol,
+    stiffness: Symbol,
+    moments: Symbol,
+    stiffness_moment: Symbol,
+) -> Symbol:
+    """Wrench on the platform about its origin of a hose that pulls at one of its points, in P [N],
+    [N m], shape (6,).
+
+    It is linear in what is not known: products of the force with the point b, platform frame, stand
+    for b, since force and point are hard to tell apart. The turning of b moves the hose's end by so
+    little that its stiffness does not count.
+
+    Args:
+        state: With the pose.
+        middle: Where it pulls with ``force``, world frame [m], shape (3,).
+        force: World frame [N], shape (3,).
+        stiffness: By how much less it pulls the further the platform is from there [N/m].
+        moments: b times the components of the force, one after the other [N m], shape (9,).
+        stiffness_moment: b times the stiffness [N], shape (3,).
+    """
+    away = state.rotation.T @ (state.position - ca.DM(middle))
+    torque = -ca.cross(stiffness_moment, away)
+    for axis in range(3):
+        own = moments[3 * axis : 3 * axis + 3]
+        torque += ca.cross(own, state.rotation[axis, :].T)
+    return ca.vertcat(state.rotation.T @ force - stiffness * away, torque)
+
+
+def air_wrench(state: State, area: Symbol, turning: Symbol) -> Symbol:
+    """Wrench of still air on the platform about its origin, in P [N], [N m], shape (6,).
+
+    Args:
+        state: With the velocities.
+        area: Drag coefficient times area [m^2].
+        turning: The same of turning [m^5].
+    """
+    velocity = state.rotation.T @ state.velocity
+    speed = ca.sqrt(ca.sumsqr(velocity) + _SLOWEST**2)
+    spin = ca.sqrt(ca.sumsqr(state.omega) + _SLOWEST**2)
+    return -0.5 * _AIR * ca.vertcat(area * speed * velocity, turning * spin * state.omega)
