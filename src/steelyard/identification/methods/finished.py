@@ -9,6 +9,11 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import Estimate, judge
+from steelyard.identification.methods.unstated import (
+    disturbances,
+    found_errors,
+    notes_on_unstated,
+)
 from steelyard.identification.model.calibration_parameters import as_tree
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.assessment import (
@@ -83,10 +88,12 @@ def finished(
                     {"name": t.name, "z": t.z, "size": t.size, "unit": t.unit} for t in tests[:5]
                 ],
             },
+            "disturbances": disturbances(found),
+            "found_errors": found_errors(found),
             **(details or {}),
             **_of_fit(found),
         },
-        notes=(*found.notes, *_notes(found), *notes, *_left_out(found)),
+        notes=(*found.notes, *_notes(found), *notes_on_unstated(found), *notes, *_left_out(found)),
     )
 
 

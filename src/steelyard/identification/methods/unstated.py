@@ -1,0 +1,150 @@
+"""What an estimate has found that nobody stated: disturbances along the motion, and errors that good
+devices do not have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.identification.model.balance import UNMODELLED_PARTS
+from steelyard.identification.model.calibration_parameters import (
+    ROBOT,
+    CalibrationParameter,
+    gather,
+)
+from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.processes import Process
+from steelyard.identification.model.segment import values_at
+from steelyard.identification.solve.posterior import Posterior
+
+_AXES = "xyz"
+
+
+def disturbances(found: Posterior) -> list[dict[str, Any]]:
+    """Coloured noise and unmodelled wrench, one entry for each run that has it: owner, quantity, 1-sigma
+    and root mean square per axis, largest value with its time and axis, in SI units.
+    """
+    entries = []
+    for segment in found.fit.state.segments:
+        for process in segment.processes:
+            values, times = _along(segment, process)
+            instant, axis = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
+            owner, quantity = process.source
+            entries.append(
+                {
+                    "run": segment.run,
+                    "owner": owner,
+                    "quantity": quantity,
+                    "unit": _unit(found, process),
+                    "standard_deviation": process.level * process.sizes,
+                    "correlation_time": process.time,
+                    "root_mean_square": np.sqrt(np.mean(values**2, axis=0)),
+                    "largest": {
+                        "value": float(values[instant, axis]),
+                        "time": float(times[instant]),
+                        "component": int(axis) + 1,
+                    },
+                }
+            )
+    return entries
+
+
+def found_errors(found: Posterior) -> dict[str, dict[str, Any]]:
+    """Errors that were taken as none until the readings asked for them: name -> value, 1-sigma and
+    unit.
+    """
+    parameters = found.calibration.calibration_parameters
+    return {
+        parameters.names[place]: {
+            "value": float(found.calibration.values[place]),
+            "standard_deviation": float(found.deviations[place]),
+            "unit": parameter.unit,
+        }
+        for place, parameter in _asked_for(found)
+    }
+
+
+def notes_on_unstated(found: Posterior) -> list[str]:
+    """The same in words."""
+    return [*_on_disturbances(found), *_on_errors(found)]
+
+
+def _on_disturbances(found: Posterior) -> Iterator[str]:
+    for each in disturbances(found):
+        size, time = float(np.max(each["root_mean_square"])), each["correlation_time"]
+        owner, quantity, unit = each["owner"], each["quantity"].replace("_", " "), each["unit"]
+        if size < 1e-3 * float(np.max(each["standard_deviation"])):
+            continue
+        largest = each["largest"]
+        when = f"largest {largest['value']:+.2g} {unit} at {largest['time']:.1f} s"
+        if len(each["root_mean_square"]) == len(_AXES):
+            when += f" along {_AXES[largest['component'] - 1]}"
+        what = (
+            f"an {quantity} acts on the platform that nothing explains"
+            if owner == ROBOT
+            else f"{quantity} of {owner} has coloured noise"
+        )
+        yield (
+            f"run '{each['run']}': {what}: {size:.2g} {unit} rms, correlation time {time:.2g} s,"
+            f" {when}"
+        )
+
+
+def _on_errors(found: Posterior) -> Iterator[str]:
+    asked = list(found_errors(found).items())
+    stiffness = dict(asked).get(f"{ROBOT}.attached.stiffness")
+    if stiffness is not None:
+        force = [
+            each["value"] for name, each in asked if name.startswith(f"{ROBOT}.attached.force")
+        ]
+        pulls = ", ".join(f"{value:.2g}" for value in force)
+        yield (
+            f"something pulls at the platform like a hose: about ({pulls}) N, and"
+            f" {stiffness['value']:.2g} ± {stiffness['standard_deviation']:.1g} N/m; it was"
+            " estimated beside the body"
+        )
+    for name, each in asked:
+        if name.startswith(f"{ROBOT}.attached"):
+            continue
+        unit = "" if each["unit"] == "1" else f" {each['unit']}"
+        yield (
+            f"{name} was not stated, but the residuals ask for it: {each['value']:.3g} ±"
+            f" {each['standard_deviation']:.1g}{unit}"
+        )
+
+
+def _asked_for(found: Posterior) -> Iterator[tuple[int, CalibrationParameter]]:
+    """Places in the vector, and the parameters."""
+    before = {
+        (each.owner, each.key, each.run)
+        for each in gather(found.experiment).entries
+        if each.suspected is not None and not each.deviation.any()
+    }
+    for place, parameter, _ in found.calibration.calibration_parameters.components():
+        if (parameter.owner, parameter.key, parameter.run) in before and parameter.deviation.any():
+            yield place, parameter
+
+
+def _along(segment: Segment, process: Process) -> tuple[Array, Array]:
+    """Values of a process at the middles between knots, and these times [s], shapes (n, p) and
+    (n,).
+    """
+    inside = segment.knots[
+        (segment.knots >= segment.knots[5]) & (segment.knots <= segment.knots[-6])
+    ]
+    times = (inside[:-1] + inside[1:]) / 2
+    place = segment.process_places[process.source]
+    values = values_at(segment.basis(times), segment.coefficients[:, place])
+    return process.sizes * values, times
+
+
+def _unit(found: Posterior, process: Process) -> str:
+    owner, quantity = process.source
+    if process.source in UNMODELLED_PARTS:
+        return "N" if quantity.endswith("force") else "N m"
+    instrument = found.experiment.instruments[owner]
+    return instrument.quantity(quantity, found.experiment.robot.m).unit
