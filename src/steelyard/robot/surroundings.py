@@ -7,7 +7,6 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.batch import Symbol
-from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 
 _AIR = 1.2
@@ -26,7 +25,8 @@ def middle_of(robot: Robot) -> Array:
 
 
 def attached_wrench(
-    state: State,
+    position: Symbol,
+    rotation: Symbol,
     middle: Array,
     force: Symbol,
     stiffness: Symbol,
@@ -41,30 +41,35 @@ def attached_wrench(
     little that its stiffness does not count.
 
     Args:
-        state: With the pose.
+        position: Of the platform origin, world frame [m], shape (3,).
+        rotation: R_world_platform, shape (3, 3).
         middle: Where it pulls with ``force``, world frame [m], shape (3,).
         force: World frame [N], shape (3,).
         stiffness: By how much less it pulls the further the platform is from there [N/m].
         moments: b times the components of the force, one after the other [N m], shape (9,).
         stiffness_moment: b times the stiffness [N], shape (3,).
     """
-    away = state.rotation.T @ (state.position - ca.DM(middle))
+    away = rotation.T @ (position - ca.DM(middle))
     torque = -ca.cross(stiffness_moment, away)
     for axis in range(3):
         own = moments[3 * axis : 3 * axis + 3]
-        torque += ca.cross(own, state.rotation[axis, :].T)
-    return ca.vertcat(state.rotation.T @ force - stiffness * away, torque)
+        torque += ca.cross(own, rotation[axis, :].T)
+    return ca.vertcat(rotation.T @ force - stiffness * away, torque)
 
 
-def air_wrench(state: State, area: Symbol, turning: Symbol) -> Symbol:
+def air_wrench(
+    rotation: Symbol, velocity: Symbol, omega: Symbol, area: Symbol, turning: Symbol
+) -> Symbol:
     """Wrench of still air on the platform about its origin, in P [N], [N m], shape (6,).
 
     Args:
-        state: With the velocities.
+        rotation: R_world_platform, shape (3, 3).
+        velocity: Of the platform origin, world frame [m/s], shape (3,).
+        omega: Angular velocity, platform frame [rad/s], shape (3,).
         area: Drag coefficient times area [m^2].
         turning: The same of turning [m^5].
     """
-    velocity = state.rotation.T @ state.velocity
-    speed = ca.sqrt(ca.sumsqr(velocity) + _SLOWEST**2)
-    spin = ca.sqrt(ca.sumsqr(state.omega) + _SLOWEST**2)
-    return -0.5 * _AIR * ca.vertcat(area * speed * velocity, turning * spin * state.omega)
+    ahead = rotation.T @ velocity
+    speed = ca.sqrt(ca.sumsqr(ahead) + _SLOWEST**2)
+    spin = ca.sqrt(ca.sumsqr(omega) + _SLOWEST**2)
+    return -0.5 * _AIR * ca.vertcat(area * speed * ahead, turning * spin * omega)

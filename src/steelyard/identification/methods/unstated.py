@@ -74,6 +74,7 @@ def notes_on_unstated(found: Posterior) -> list[str]:
 
 
 def _on_disturbances(found: Posterior) -> Iterator[str]:
+    """Size, correlation time and largest value of every disturbance that is more than nothing."""
     for each in disturbances(found):
         size, time = float(np.max(each["root_mean_square"])), each["correlation_time"]
         owner, quantity, unit = each["owner"], each["quantity"].replace("_", " "), each["unit"]
@@ -95,6 +96,7 @@ def _on_disturbances(found: Posterior) -> Iterator[str]:
 
 
 def _on_errors(found: Posterior) -> Iterator[str]:
+    """A hose in one sentence, other errors one by one."""
     asked = list(found_errors(found).items())
     stiffness = dict(asked).get(f"{ROBOT}.attached.stiffness")
     if stiffness is not None:

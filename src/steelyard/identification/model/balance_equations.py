@@ -65,8 +65,9 @@ class _MovingBody(NamedTuple):
         if not robot.m:
             return needed
         hose = ca.vertsplit(self.attached, [0, 3, 4, 13, 16])
-        needed -= attached_wrench(state, middle_of(robot), *hose)
-        return needed - air_wrench(state, self.air[0], self.air[1])
+        needed -= attached_wrench(state.position, state.rotation, middle_of(robot), *hose)
+        speeds = (state.rotation, state.velocity, state.omega)
+        return needed - air_wrench(*speeds, self.air[0], self.air[1])
 
 
 class _Geometry(NamedTuple):

@@ -21,6 +21,7 @@ from steelyard.identification.model.calibration_parameters import DRAG, ROBOT
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.diagnosis import diagnose
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
+from steelyard.identification.verdict.swinging import swinging
 from steelyard.inertia import TEN, body_jacobian
 from steelyard.instruments.base import TIME_CONSTANT
 
@@ -232,8 +233,10 @@ def reasons(
     """
     tests = directed_tests(posterior, settings) if tests is None else tests
     contradictions = [*_of_motion(posterior, settings), *_of_forces(posterior, settings)]
+    load = swinging(posterior)
     return [
         *contradictions,
+        *([] if load is None else [str(load)]),
         *(diagnose(posterior, settings) if contradictions else ()),
         *_of_runs(posterior, settings),
         *_of_description(tests, 1 if contradictions else settings.most_named, settings),
