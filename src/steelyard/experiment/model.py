@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -146,6 +146,33 @@ class Experiment:
                 return run
         names = ", ".join(run.name for run in self.runs)
         raise InputError(f"run: expected one of {names}, found '{name}'; choose one of these")
+
+    def without(self, *instruments: str) -> Experiment:
+        """The experiment without what some instruments have recorded.
+
+        Args:
+            *instruments: Names; not that of the forces of a run.
+
+        Raises:
+            InputError: There is no such instrument, or a run would be without forces.
+        """
+        known = dict.fromkeys(name for run in self.runs for name in run.streams)
+        for name in instruments:
+            if name not in known:
+                raise InputError(
+                    f"without: expected one of {', '.join(known)}, found '{name}'; choose one of"
+                    " these"
+                )
+            if self.is_force(name):
+                raise InputError(
+                    f"without: expected an instrument that measures the motion, found '{name}',"
+                    " which measures the forces; choose another"
+                )
+        runs = tuple(
+            replace(run, streams={k: v for k, v in run.streams.items() if k not in instruments})
+            for run in self.runs
+        )
+        return replace(self, runs=runs)
 
     def columns(self, run: str, instrument: str, *, clock: ClockChoice = "own") -> dict[str, Array]:
         """What an instrument recorded in a run, as the columns of the contract in SI; shape (n,)

@@ -60,6 +60,12 @@ NOT_ACCEPTED = 3
     help="Leave this run out and predict its forces; may be repeated.",
 )
 @click.option(
+    "--without",
+    multiple=True,
+    metavar="INSTRUMENT",
+    help="Leave out what this instrument has recorded; may be repeated.",
+)
+@click.option(
     "--box",
     nargs=6,
     type=float,
@@ -94,6 +100,7 @@ def identify(
     combine: Any,
     runs: tuple[str, ...],
     holdout: tuple[str, ...],
+    without: tuple[str, ...],
     box: tuple[float, ...] | None,
     ellipsoid: tuple[float, ...] | None,
     towards_nominal: bool,
@@ -124,7 +131,7 @@ def identify(
     chosen = chosen_methods(methods, {method.name: method for method in with_options})
     if out is not None:
         check_target(out, force=force)
-    recorded = selected(read_experiment(experiment), runs)
+    recorded = selected(read_experiment(experiment), runs).without(*without)
     with progress(quiet=quiet) as tell:
         found = identified(recorded, chosen, tell, holdout=holdout)
     truth = known_truth(experiment.parent)
@@ -138,6 +145,7 @@ def identify(
                 "combine": combine,
                 "run": runs,
                 "holdout": holdout,
+                "without": without,
                 "box": box,
                 "ellipsoid": ellipsoid,
                 "towards-nominal": towards_nominal,
