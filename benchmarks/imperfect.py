@@ -1,7 +1,7 @@
 """Recordings with the imperfections of real robots: `python benchmarks/imperfect.py [NAME ...]`.
 
 Prints for each whether it is accepted, chi-square per parameter on the stated covariance, the error
-of the mass and what was found beside the body.
+of the mass and what was found beside the body, and the first reason of a rejection.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from recordings import SHARED, chi_square
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import Identification, identify
+from steelyard.identification.methods.unstated import found_errors
 from steelyard.inertia import Inertia
 
 _PLACES = SHARED / "rough-robots", Path(__file__).parents[1] / "tests" / "data" / "rough-robots"
@@ -67,13 +68,9 @@ def _beside(found: Identification) -> str:
         for segment in posterior.fit.state.segments
         for each in segment.processes
     )
-    errors = [
-        f"{each.owner}.{each.key}"
-        for each in posterior.calibration.calibration_parameters.entries
-        if each.key in {"time_constant", "gyro_scale", "accelerometer_scale", "viscous"}
-        and each.deviation.any()
-    ]
-    return "; ".join([*errors, *processes])
+    errors = dict.fromkeys(name.split()[0] for name in found_errors(posterior))
+    reasons = [f"[{reason[:60]}]" for reason in found.estimate.verdict.reasons[:1]]
+    return "; ".join([*reasons, *errors, *processes])
 
 
 if __name__ == "__main__":
