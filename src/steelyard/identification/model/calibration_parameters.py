@@ -150,6 +150,16 @@ class CalibrationParameters:
             ),
         )
 
+    def widened(self, deviation: Array) -> CalibrationParameters:
+        """The same with other 1-sigma, shape (u,)."""
+        return replace(
+            self,
+            entries=tuple(
+                replace(u, deviation=deviation[self.places[u.owner, u.key, u.run]])
+                for u in self.entries
+            ),
+        )
+
     def components(self) -> Iterator[tuple[int, CalibrationParameter, int]]:
         """Place in the vector, the error and the component of it, one after the other."""
         place = 0

@@ -8,15 +8,18 @@ step of the fit in which they may move shows by how much the cost would fall (a 
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import replace
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.stats import chi2, norm
 
 from steelyard.arrays import Array
 from steelyard.identification.model.calibration_parameters import (
+    AIR,
+    ATTACHED,
     ROBOT,
     CalibrationParameter,
     Key,
@@ -25,6 +28,15 @@ from steelyard.identification.solve.fit_state import Fit, FitState, Task, linear
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.newton_step import step_of
 
+_SURE = 3.0
+"""1-sigma by which a stiffness or an area must not be negative."""
+_REACH = 2.0
+"""1-sigma of the point at which a hose pulls, in sizes of the platform."""
+_MISPLACED, _MISSCALED = 0.05, 0.1
+"""1-sigma of an anchor or an attachment [m] and of a gain that is wrong."""
+_CHANCE = 1e-3
+"""Probability with which a hose is refused that pulls at one point."""
+
 
 def with_suspicions(task: Task, found: Fit) -> tuple[Task, Fit]:
     """The task with the errors that its residuals ask for, and its fit.
@@ -32,55 +44,161 @@ def with_suspicions(task: Task, found: Fit) -> tuple[Task, Fit]:
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
+    refused = frozenset[Key]()
     for _ in range(task.settings.suspicions):
-        worst = _worst(task, found.state)
+        worst = _worst(task, found.state, refused)
         if not worst:
             break
-        task, state = _believed(task, found.state, worst)
-        found = fit(task, state)
+        tried, state = _believed(task, found.state, worst)
+        there = fit(tried, state)
+        if _is_possible(tried, there, worst):
+            task, found = tried, there
+        else:
+            # Something else imitates it, and is to be named by the verdict.
+            refused |= worst
     return task, found
 
 
-def _worst(task: Task, state: FitState) -> frozenset[Key]:
-    """What the readings ask for most, a hose with force, stiffness and point; empty: nothing."""
+def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
+    """Whether what was asked for came out as it can be: a hose pulls at one point, and pulls back;
+    air brakes.
+    """
+    keys = [(ROBOT, key, None) for key, _ in (*ATTACHED, *AIR) if (ROBOT, key, None) in asked]
+    if not keys:
+        return True
+    places = task.calibration_parameters.places
+    ten, column_of = found.state.ten, task.column_of(found.state)
+    own = np.concatenate([column_of[places[key]] for key in keys])
+    values = np.concatenate([found.state.calibration.values[places[key]] for key in keys])
+    covariance = found.covariance[np.ix_(own, own)]
+    sigma = np.sqrt(np.diag(covariance))
+    assert own.min(initial=ten) >= ten
+    if keys[0][1] == AIR[0][0]:
+        return bool(np.all(values > -_SURE * sigma))
+    stiffness, reach = values[3], _REACH * task.experiment.robot.size
+    if stiffness < -_SURE * sigma[3]:
+        return False
+    whiten = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(sigma, sigma))) / sigma
+
+    def beside(hose: Array) -> Array:
+        """What a hose at one point would be, beside what was found."""
+        force, stiff, point = hose[:3], hose[3], hose[4:]
+        there = np.concatenate([hose[:4], np.outer(force, point).ravel(), stiff * point])
+        return np.concatenate([whiten @ (values - there), point / reach])
+
+    nearest = least_squares(beside, np.concatenate([values[:4], np.zeros(3)]))
+    return bool(2 * nearest.cost < chi2.isf(_CHANCE, len(values) - 4))
+
+
+def _worst(task: Task, state: FitState, refused: frozenset[Key]) -> frozenset[Key]:
+    """What the readings ask for most, a hose with force, stiffness and point; empty: nothing, or a
+    number of the robot file or of a force sensor, which is to be named by the verdict.
+    """
     suspects: dict[Key, list[CalibrationParameter]] = {}
     for each in task.calibration_parameters.entries:
+        if (each.owner, each.key, each.run) in refused:
+            continue
         if each.suspected is not None and not each.deviation.any():
             name = each.key.partition(".")[0] if each.owner == ROBOT else each.key
             suspects.setdefault((each.owner, name, each.run), []).append(each)
     if not suspects:
         return frozenset()
     places = task.calibration_parameters.places
-    keys = {
-        whole: frozenset((each.owner, each.key, each.run) for each in entries)
-        for whole, entries in suspects.items()
-    }
-    before = task.active
-    task, state = _believed(task, state, frozenset().union(*keys.values()))
-    parts, _ = linearise(task, state)
-    step = step_of(task, state, smooth(state, [each.all for each in parts]))
-    scale = np.sqrt(np.diag(step.covariance))
-    matrix = np.linalg.inv(step.covariance / np.outer(scale, scale))
-    right = matrix @ (step.border / scale)
-    base = np.concatenate([np.arange(state.ten), task.column_of(state)[before]])
-
-    def gain(columns: NDArray[np.intp]) -> tuple[float, Array]:
-        """Decrease of the cost where these alone may move, and how they do."""
-        moved = np.linalg.solve(matrix[np.ix_(columns, columns)], right[columns])
-        return float(right[columns] @ moved), np.asarray(moved * scale[columns])
-
-    usual, _ = gain(base)
+    rivals = list(_rivals(task))
+    wide = task.calibration_parameters.deviation.copy()
+    for entries in suspects.values():
+        for each in entries:
+            wide[places[each.owner, each.key, each.run]] = each.suspected
+    for own, deviation in rivals:
+        wide[own] = np.maximum(wide[own], deviation)
+    gains = _Gains.of(task, state, wide)
     worst, least = frozenset[Key](), 2 * float(norm.sf(task.settings.suspicious))
-    for whole, entries in suspects.items():
-        own = np.concatenate(
-            [task.column_of(state)[places[e.owner, e.key, e.run]] for e in entries]
-        )
-        decrease, moved = gain(np.concatenate([base, own]))
+    for entries in suspects.values():
+        keys = frozenset((each.owner, each.key, each.run) for each in entries)
+        own = np.concatenate([np.r_[places[e.owner, e.key, e.run]] for e in entries])
+        chance, moved = gains.chance(own)
         negligible = np.concatenate([np.full(len(e.mean), e.negligible) for e in entries])
-        chance = float(chi2.sf(decrease - usual, len(own)))
-        if chance < least and np.any(np.abs(moved[len(base) :]) > negligible):
-            worst, least = keys[whole], chance
+        if chance < least and np.any(np.abs(moved) > negligible):
+            worst, least = keys, chance
+    outside = any(owner == ROBOT for owner, _, _ in worst)
+    if outside and any(gains.chance(own)[0] < least for own, _ in rivals):
+        return frozenset()
     return worst
+
+
+def _rivals(task: Task) -> Iterator[tuple[NDArray[np.intp], float]]:
+    """Places of numbers of one cable that are easily wrong, and by how much: an anchor, an
+    attachment, a gain.
+    """
+    places, m = task.calibration_parameters.places, task.calibration_parameters.m
+    for (owner, key, _), place in places.items():
+        whole = np.r_[place]
+        if owner == ROBOT and key in {"anchor", "attachment"}:
+            yield from ((own, _MISPLACED) for own in whole.reshape(m, 3))
+        elif key == "gain" and len(whole) == m:
+            yield from ((own, _MISSCALED) for own in whole.reshape(m, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Gains:
+    """By how much the cost would fall where some calibration parameters had wider priors."""
+
+    matrix: Array
+    """Of the border with wide priors, columns in units of their 1-sigma, shape (b, b)."""
+    right: Array
+    scale: Array
+    """These 1-sigma, shape (b,)."""
+    tighter: Array
+    """Precision that the priors as stated have beyond the wide ones, shape (b,)."""
+    off: Array
+    """What is known beforehand less the present values, shape (b,)."""
+    column_of: NDArray[np.intp]
+    """Of every calibration parameter, shape (u,)."""
+    base: NDArray[np.intp]
+    """Columns of the body and of what is estimated as it is."""
+
+    @classmethod
+    def of(cls, task: Task, state: FitState, wide: Array) -> _Gains:
+        """About a state, with these 1-sigma of the calibration parameters, shape (u,)."""
+        stated, parameters = task.calibration_parameters.deviation, task.calibration_parameters
+        active = task.active | (wide > stated)
+        loose = replace(task, calibration_parameters=parameters.widened(wide), active=active)
+        state = replace(
+            state,
+            calibration=replace(
+                state.calibration, calibration_parameters=loose.calibration_parameters
+            ),
+        )
+        parts, _ = linearise(loose, state)
+        step = step_of(loose, state, smooth(state, [each.all for each in parts]))
+        scale = np.sqrt(np.diag(step.covariance))
+        matrix = np.linalg.inv(step.covariance / np.outer(scale, scale))
+        tighter, off = np.zeros((2, len(scale)))
+        held = active & (stated > 0)
+        column_of = loose.column_of(state)
+        tighter[column_of[held]] = stated[held] ** -2 - wide[held] ** -2
+        off[column_of[active]] = (parameters.mean - state.calibration.values)[active]
+        base = np.concatenate([np.arange(state.ten), column_of[task.active]])
+        return cls(matrix, matrix @ (step.border / scale), scale, tighter, off, column_of, base)
+
+    def chance(self, places: NDArray[np.intp]) -> tuple[float, Array]:
+        """Probability that noise lets the cost fall so far where these have wide priors, and how
+        they move.
+        """
+        own = self.column_of[places]
+        usual, _ = self._fall(self.base, own[:0])
+        fall, moved = self._fall(np.union1d(self.base, own), own)
+        return float(chi2.sf(fall - usual, len(own))), moved
+
+    def _fall(self, columns: NDArray[np.intp], own: NDArray[np.intp]) -> tuple[float, Array]:
+        """Decrease of the cost where these columns alone may move, some of them widely."""
+        tighter = self.tighter.copy()
+        tighter[own] = 0.0
+        matrix = self.matrix + np.diag(tighter * self.scale**2)
+        right = self.right + tighter * self.off * self.scale
+        moved = np.zeros(len(self.scale))
+        moved[columns] = np.linalg.solve(matrix[np.ix_(columns, columns)], right[columns])
+        return float(right @ moved), np.asarray((moved * self.scale)[own])
 
 
 def _believed(task: Task, state: FitState, asked: Collection[Key]) -> tuple[Task, FitState]:
