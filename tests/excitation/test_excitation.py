@@ -508,10 +508,11 @@ def test_readings_of_the_motion_are_linearised_as_the_estimators_do(which):
     ):
         instrument = point.experiment.instruments[name]
         errors = point.calibration.of(name, instrument, "run")
-        measured = predict(instrument, robot, state, errors)[quantity]
+        measured = predict(instrument, displaced(point), state, errors)[quantity]
         found = linearised(
             instrument, quantity, robot, measured, motion[:3], np.concatenate(list(errors.values())),
             point.calibration.gravity, state.tension if instrument.kind == "length" else None,
+            point.calibration.geometry,
         )  # fmt: skip
         np.testing.assert_allclose(found["residual"], 0.0, atol=1e-8)
         by_motion, by_border = reading.derivatives(commands_at(INSTANTS))
@@ -524,7 +525,10 @@ def test_readings_of_the_motion_are_linearised_as_the_estimators_do(which):
             expected[:, :, calibration_parameters.place(name, term.key, "run")] = found[
                 "by_errors"
             ][:, :, own]
-        expected[:, :, calibration_parameters.places[FILE, "gravity", None]] = found["by_gravity"]
+        for key, derivative in {
+            "gravity": "by_gravity", "anchor": "by_anchors", "attachment": "by_attachments"
+        }.items():  # fmt: skip
+            expected[:, :, calibration_parameters.places[FILE, key, None]] = found[derivative]
         if (clock := instrument.clock or name) != "recorder":
             # The motion is in the time of the forces: if their clock is late, the others are
             # early.
@@ -545,14 +549,18 @@ def test_readings_of_the_motion_are_linearised_as_the_estimators_do(which):
         assert rate == reading.rate
 
 
+def displaced(point):
+    """The robot with its anchors and attachments where the calibration has them."""
+    geometry = point.calibration.geometry
+    fixed = {key: each.reshape(-1, 3) for key, each in geometry.items()}
+    return replace(point.experiment.robot, **fixed)
+
+
 def delayed(point, name, quantity):
     """How readings exceed what is predicted for each second by which their clock is later: the way
     of the prediction in time."""
-    instrument, robot, gravity = (
-        point.experiment.instruments[name],
-        point.experiment.robot,
-        point.calibration.gravity,
-    )
+    instrument, gravity = point.experiment.instruments[name], point.calibration.gravity
+    robot = displaced(point)
     orders = commands_at(INSTANTS).reshape(-1, 4, COORDINATES)
     tension = states_at(point, INSTANTS).tension  # taken as known
 

@@ -136,11 +136,7 @@ class _RunExpressions:
         """Anchors and attachments, three numbers a cable; nothing without cables."""
         if not self.experiment.robot.m:
             return {}
-        places = self.calibration.calibration_parameters.places
-        return {
-            key + "s": ca.DM(self.calibration.values[places[ROBOT, key, None]])
-            for key in ("anchor", "attachment")
-        }
+        return {key: ca.DM(value) for key, value in self.calibration.geometry.items()}
 
     @cached_property
     def structure(self) -> Symbol:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from steelyard.arrays import Array
+from steelyard.experiment.faults import channels, clipped
 from steelyard.identification.model.calibration_parameters import DRAG, ROBOT
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.diagnosis import diagnose
@@ -236,6 +237,7 @@ def reasons(
     load = swinging(posterior)
     return [
         *contradictions,
+        *_of_clipped(posterior, settings),
         *([] if load is None else [str(load)]),
         *(diagnose(posterior, settings) if contradictions else ()),
         *_of_runs(posterior, settings),
@@ -314,6 +316,22 @@ def _of_forces(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]
                 f"run '{run}': {outliers:.0%} of the samples stand out ({_when(posterior, run)}); check"
                 " whether anything touched the platform"
             )
+
+
+def _of_clipped(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
+    """Force sensors at the end of their range: what they did not read is no noise."""
+    for run in posterior.experiment.runs:
+        name = posterior.experiment.force_instrument(run)
+        if name is None or run.name in posterior.held_out:
+            continue
+        for channel, _, component, values in channels(run.streams[name]):
+            share = float(np.mean(clipped(values[:, 0]))) if component is not None else 0.0
+            if share > settings.clipped:
+                yield (
+                    f"run '{run.name}': {channel} of {name} is at the end of its range in"
+                    f" {share:.0%} of its samples; take a sensor with a larger range, or set its"
+                    " amplifier"
+                )
 
 
 _INFLATED = {

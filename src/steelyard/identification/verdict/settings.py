@@ -34,6 +34,8 @@ class VerdictSettings:
     its_own: float = 1e-3
     """Least part of a column that no estimated unknown could stand in for; less says nothing about
     this number alone."""
+    clipped: float = 0.02
+    """Part of the samples of a force sensor at the end of its range, beyond which they count."""
     most_outliers: float = 0.05
     """Part of the samples of a run that may stand out: sound ones have .01 at most."""
     biased: float = 2.0
