@@ -62,6 +62,7 @@ def finished(
     known = found.identifiable
     value = np.where(known, value, np.nan)
     tests = directed_tests(found, settings)
+    disturbed, errors = disturbances(found), found_errors(found)
     return Estimate(
         method=method,
         value=value,
@@ -88,12 +89,18 @@ def finished(
                     {"name": t.name, "z": t.z, "size": t.size, "unit": t.unit} for t in tests[:5]
                 ],
             },
-            "disturbances": disturbances(found),
-            "found_errors": found_errors(found),
+            "disturbances": disturbed,
+            "found_errors": errors,
             **(details or {}),
             **_of_fit(found),
         },
-        notes=(*found.notes, *_notes(found), *notes_on_unstated(found), *notes, *_left_out(found)),
+        notes=(
+            *found.notes,
+            *_notes(found),
+            *notes_on_unstated(disturbed, errors),
+            *notes,
+            *_left_out(found),
+        ),
     )
 
 

@@ -4,7 +4,7 @@ devices do not have.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.model.motion_residuals import Segment
 from steelyard.identification.model.processes import Process
-from steelyard.identification.model.segment import values_at
 from steelyard.identification.solve.posterior import Posterior
 
 _AXES = "xyz"
@@ -68,14 +67,21 @@ def found_errors(found: Posterior) -> dict[str, dict[str, Any]]:
     }
 
 
-def notes_on_unstated(found: Posterior) -> list[str]:
-    """The same in words."""
-    return [*_on_disturbances(found), *_on_errors(found)]
+def notes_on_unstated(
+    disturbed: Sequence[Mapping[str, Any]], errors: Mapping[str, Mapping[str, Any]]
+) -> list[str]:
+    """The same in words.
+
+    Args:
+        disturbed: See :func:`disturbances`.
+        errors: See :func:`found_errors`.
+    """
+    return [*_on_disturbances(disturbed), *_on_errors(errors)]
 
 
-def _on_disturbances(found: Posterior) -> Iterator[str]:
+def _on_disturbances(disturbed: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Size, correlation time and largest value of every disturbance that is more than nothing."""
-    for each in disturbances(found):
+    for each in disturbed:
         size, time = float(np.max(each["root_mean_square"])), each["correlation_time"]
         owner, quantity, unit = each["owner"], each["quantity"].replace("_", " "), each["unit"]
         if size < 1e-3 * float(np.max(each["standard_deviation"])):
@@ -95,13 +101,14 @@ def _on_disturbances(found: Posterior) -> Iterator[str]:
         )
 
 
-def _on_errors(found: Posterior) -> Iterator[str]:
+def _on_errors(errors: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     """A hose in one sentence, other errors one by one."""
-    asked = list(found_errors(found).items())
-    stiffness = dict(asked).get(f"{ROBOT}.attached.stiffness")
+    stiffness = errors.get(f"{ROBOT}.attached.stiffness")
     if stiffness is not None:
         force = [
-            each["value"] for name, each in asked if name.startswith(f"{ROBOT}.attached.force")
+            each["value"]
+            for name, each in errors.items()
+            if name.startswith(f"{ROBOT}.attached.force")
         ]
         pulls = ", ".join(f"{value:.2g}" for value in force)
         yield (
@@ -109,7 +116,7 @@ def _on_errors(found: Posterior) -> Iterator[str]:
             f" {stiffness['value']:.2g} ± {stiffness['standard_deviation']:.1g} N/m; it was"
             " estimated beside the body"
         )
-    for name, each in asked:
+    for name, each in errors.items():
         if name.startswith(f"{ROBOT}.attached"):
             continue
         unit = "" if each["unit"] == "1" else f" {each['unit']}"
@@ -124,7 +131,7 @@ def _asked_for(found: Posterior) -> Iterator[tuple[int, CalibrationParameter]]:
     before = {
         (each.owner, each.key, each.run)
         for each in gather(found.experiment).entries
-        if each.suspected is not None and not each.deviation.any()
+        if each.is_absent
     }
     for place, parameter, _ in found.calibration.calibration_parameters.components():
         if (parameter.owner, parameter.key, parameter.run) in before and parameter.deviation.any():
@@ -135,13 +142,10 @@ def _along(segment: Segment, process: Process) -> tuple[Array, Array]:
     """Values of a process at the middles between knots, and these times [s], shapes (n, p) and
     (n,).
     """
-    inside = segment.knots[
-        (segment.knots >= segment.knots[5]) & (segment.knots <= segment.knots[-6])
-    ]
+    start, end = segment.span
+    inside = segment.knots[(segment.knots >= start) & (segment.knots <= end)]
     times = (inside[:-1] + inside[1:]) / 2
-    place = segment.process_places[process.source]
-    values = values_at(segment.basis(times), segment.coefficients[:, place])
-    return process.sizes * values, times
+    return segment.disturbance(process, segment.basis(times)), times
 
 
 def _unit(found: Posterior, process: Process) -> str:

@@ -33,7 +33,7 @@ from steelyard.identification.model.motion_residuals import (
     reference_clocks,
     time_of,
 )
-from steelyard.identification.model.segment import Basis, motion_at, values_at
+from steelyard.identification.model.segment import Basis, motion_at
 from steelyard.identification.model.sources import Source
 from steelyard.inertia import TEN
 from steelyard.instruments.equations import sensitivity, solve_for
@@ -368,10 +368,7 @@ def unmodelled_processes(segment: Segment, local: Basis, order: int = 0) -> Arra
     for each in segment.processes:
         part = UNMODELLED_PARTS.get(each.source)
         if part is not None:
-            own_place = segment.process_places[each.source]
-            found[:, part] = each.sizes * values_at(
-                local, segment.coefficients[:, own_place], order
-            )
+            found[:, part] = segment.disturbance(each, local, order)
     return found
 
 

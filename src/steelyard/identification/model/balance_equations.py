@@ -13,7 +13,11 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler
-from steelyard.identification.model.calibration_parameters import CalibrationValues
+from steelyard.identification.model.calibration_parameters import (
+    AIR,
+    ATTACHED,
+    CalibrationValues,
+)
 from steelyard.inertia import TEN
 from steelyard.motion.state import State, state_of_pose
 from steelyard.robot.cable_inertia import cable_inertia_expression
@@ -48,8 +52,8 @@ class _MovingBody(NamedTuple):
             "gravity": 3,
             "parameters": TEN,
             "drag": 1,
-            "attached": 16,
-            "air": 2,
+            "attached": sum(size for _, size in ATTACHED),
+            "air": sum(size for _, size in AIR),
         }
         return cls(**{name: ca.SX.sym(name, size) for name, size in sizes.items()})
 
@@ -64,7 +68,7 @@ class _MovingBody(NamedTuple):
         needed -= self.drag * _dragged(robot, state, self.gravity)
         if not robot.m:
             return needed
-        hose = ca.vertsplit(self.attached, [0, 3, 4, 13, 16])
+        hose = ca.vertsplit(self.attached, np.cumsum([0, *(size for _, size in ATTACHED)]).tolist())
         needed -= attached_wrench(state.position, state.rotation, middle_of(robot), *hose)
         speeds = (state.rotation, state.velocity, state.omega)
         return needed - air_wrench(*speeds, self.air[0], self.air[1])

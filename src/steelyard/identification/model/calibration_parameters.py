@@ -70,11 +70,16 @@ class CalibrationParameter:
     """1-sigma where the readings ask for it, see :class:`.Term`."""
 
     @property
+    def is_absent(self) -> bool:
+        """Whether it is taken as none unless the readings ask for it."""
+        return self.suspected is not None and not self.deviation.any()
+
+    @property
     def negligible(self) -> float:
         """Size that an error that is taken as none has not to be believed: it would be smaller than
         that of any device, so that something else imitates it.
         """
-        return _NEGLIGIBLE * (self.suspected or 0.0) if not self.deviation.any() else 0.0
+        return _NEGLIGIBLE * (self.suspected or 0.0) if self.is_absent else 0.0
 
     def names(self, m: int) -> list[str]:
         """A name for every component, as people would say it."""

@@ -132,6 +132,22 @@ class Segment:
         own = [each for each in self.processes if each.source == source]
         return (own[0], self.process_places[source]) if own else None
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """Where its spline begins and ends [s]."""
+        return float(self.knots[DEGREE]), float(self.knots[-DEGREE - 1])
+
+    def disturbance(self, process: Process, local: Basis, order: int = 0) -> Array:
+        """One of its processes, or a derivative of it by time, in SI units, shape (n, p).
+
+        Args:
+            process: One of them.
+            local: Spline functions at n times.
+            order: Of the derivative.
+        """
+        own = self.coefficients[:, self.process_places[process.source]]
+        return np.asarray(process.sizes * values_at(local, own, order))
+
     def disturbed(self, processes: tuple[Process, ...]) -> Segment:
         """The same motion with these processes beside it; those that it has not had are nothing yet."""
         count = sum(each.components for each in processes)
@@ -456,8 +472,7 @@ def _of_reading(
     n, k = found.shape
     disturbance = segment.process_of(reading.source)
     if disturbance is not None:
-        process, place = disturbance
-        found = found + process.sizes * values_at(local, segment.coefficients[:, place])
+        found = found + segment.disturbance(disturbance[0], local)
     residual = np.where(there, found, 0.0) / sigma
     border = Border(column_of, n, k)
     column = 0
@@ -477,8 +492,7 @@ def _of_reading(
             np.einsum("nki,ni->nk", j, rate) for j, rate in zip(by, motion[1:], strict=True)
         )
         if disturbance is not None:
-            process, place = disturbance
-            by_delay -= process.sizes * values_at(local, segment.coefficients[:, place], 1)
+            by_delay -= segment.disturbance(disturbance[0], local, 1)
         by_delay = by_delay[:, :, None]
         border.put(clock, by_delay)
         border.put(origin, -by_delay)

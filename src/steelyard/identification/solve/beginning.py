@@ -4,7 +4,7 @@ body.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,7 +30,12 @@ from steelyard.identification.model.motion_residuals import (
     time_of,
 )
 from steelyard.identification.model.sources import Source
-from steelyard.identification.samples.first_motion import first_motion, lacks_pose
+from steelyard.identification.samples.first_motion import (
+    FirstMotion,
+    first_motion,
+    lacks_pose,
+    with_first_motion,
+)
 from steelyard.identification.samples.preparation import Samples, prepare
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
@@ -120,14 +125,23 @@ def read(
     """
     parameters = gather(experiment)
     runs = experiment.runs if runs is None else runs
-    calibration = start or _first_values(experiment, parameters, runs)
+    begun = {
+        run.name: found
+        for run in runs
+        if lacks_pose(experiment, run) and (found := first_motion(experiment, run)) is not None
+    }
+    calibration = start or _first_values(parameters, begun)
     samples = []
     for i, run in enumerate(runs):
         tell(f"reading {run.name}", 0.2 * i / len(runs))
+        poses = begun.get(run.name)
         samples.append(
             prepare(
-                experiment,
-                run,
+                *(
+                    (experiment, run)
+                    if poses is None
+                    else with_first_motion(experiment, run, poses)
+                ),
                 thin=True,
                 calibration=calibration,
                 commanded=True,
@@ -142,14 +156,13 @@ def read(
 
 
 def _first_values(
-    experiment: Experiment, parameters: CalibrationParameters, runs: Sequence[Run]
+    parameters: CalibrationParameters, begun: Mapping[str, FirstMotion]
 ) -> CalibrationValues:
     """What is known beforehand, and the offsets of lengths that nothing else tells a pose from."""
     values = parameters.mean.copy()
-    for run in runs:
-        found = first_motion(experiment, run) if lacks_pose(experiment, run) else None
-        for name, offset in ({} if found is None else found.offsets).items():
-            values[parameters.place(name, "offset", run.name)] = offset
+    for run, found in begun.items():
+        for name, offset in found.offsets.items():
+            values[parameters.place(name, "offset", run)] = offset
     return CalibrationValues(parameters, values)
 
 

@@ -167,6 +167,8 @@ def known_body(experiment: Experiment, parameters: Array, size: float) -> tuple[
     """
     sizes = plausible(parameters, size)
     precision, pull = np.diag((_LARGEST * sizes) ** -2), np.zeros(TEN)
+    if not experiment.known:
+        return precision, pull
     body = Inertia.from_parameters(parameters).body_parameters
     J = body_jacobian(parameters)
     own = plausible_sizes(float(parameters[0]), size)

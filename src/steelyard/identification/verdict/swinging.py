@@ -16,7 +16,7 @@ from scipy.stats import f as fisher
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import UNMODELLED_PARTS
-from steelyard.identification.model.segment import motion_at, values_at
+from steelyard.identification.model.segment import motion_at
 from steelyard.identification.solve.posterior import Posterior
 
 _STEP = 0.02
@@ -60,11 +60,10 @@ def swinging(found: Posterior) -> Swinging | None:
         process = segment.process_of(force)
         if process is None or segment.static:
             continue
-        times = np.arange(segment.knots[5], segment.knots[-6], _STEP)
-        local = segment.basis(times)
-        own, place = process
+        local = segment.basis(np.arange(*segment.span, _STEP))
+        own, _ = process
         # What the cables do beyond the body is what they withstand.
-        pull = -own.sizes * values_at(local, segment.coefficients[:, place])
+        pull = -segment.disturbance(own, local)
         pose, _, acceleration, _ = motion_at(local, segment.coefficients)
         rotation = Rotation.from_quat(pose[:, 3:], scalar_first=True).as_matrix()
         independent = pull.size * _STEP / max(2 * own.time, _STEP)

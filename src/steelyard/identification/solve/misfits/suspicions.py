@@ -8,8 +8,9 @@ step of the fit in which they may move shows by how much the cost would fall (a 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from steelyard.identification.model.calibration_parameters import (
     ATTACHED,
     ROBOT,
     CalibrationParameter,
+    CalibrationParameters,
     Key,
 )
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
@@ -49,7 +51,8 @@ def with_suspicions(task: Task, found: Fit) -> tuple[Task, Fit]:
         worst = _worst(task, found.state, refused)
         if not worst:
             break
-        tried, state = _believed(task, found.state, worst)
+        parameters = task.calibration_parameters.believed(worst)
+        tried, state = _with_priors_of(task, found.state, parameters)
         there = fit(tried, state)
         if _is_possible(tried, there, worst):
             task, found = tried, there
@@ -98,7 +101,7 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key]) -> frozenset[Ke
     for each in task.calibration_parameters.entries:
         if (each.owner, each.key, each.run) in refused:
             continue
-        if each.suspected is not None and not each.deviation.any():
+        if each.is_absent:
             name = each.key.partition(".")[0] if each.owner == ROBOT else each.key
             suspects.setdefault((each.owner, name, each.run), []).append(each)
     if not suspects:
@@ -161,23 +164,16 @@ class _Gains:
     def of(cls, task: Task, state: FitState, wide: Array) -> _Gains:
         """About a state, with these 1-sigma of the calibration parameters, shape (u,)."""
         stated, parameters = task.calibration_parameters.deviation, task.calibration_parameters
-        active = task.active | (wide > stated)
-        loose = replace(task, calibration_parameters=parameters.widened(wide), active=active)
-        state = replace(
-            state,
-            calibration=replace(
-                state.calibration, calibration_parameters=loose.calibration_parameters
-            ),
-        )
+        loose, state = _with_priors_of(task, state, parameters.widened(wide))
         parts, _ = linearise(loose, state)
         step = step_of(loose, state, smooth(state, [each.all for each in parts]))
         scale = np.sqrt(np.diag(step.covariance))
         matrix = np.linalg.inv(step.covariance / np.outer(scale, scale))
         tighter, off = np.zeros((2, len(scale)))
-        held = active & (stated > 0)
+        held = loose.active & (stated > 0)
         column_of = loose.column_of(state)
         tighter[column_of[held]] = stated[held] ** -2 - wide[held] ** -2
-        off[column_of[active]] = (parameters.mean - state.calibration.values)[active]
+        off[column_of[loose.active]] = (parameters.mean - state.calibration.values)[loose.active]
         base = np.concatenate([np.arange(state.ten), column_of[task.active]])
         return cls(matrix, matrix @ (step.border / scale), scale, tighter, off, column_of, base)
 
@@ -186,9 +182,13 @@ class _Gains:
         they move.
         """
         own = self.column_of[places]
-        usual, _ = self._fall(self.base, own[:0])
         fall, moved = self._fall(np.union1d(self.base, own), own)
-        return float(chi2.sf(fall - usual, len(own))), moved
+        return float(chi2.sf(fall - self._usual, len(own))), moved
+
+    @cached_property
+    def _usual(self) -> float:
+        """Decrease of the cost with the priors as stated."""
+        return self._fall(self.base, self.base[:0])[0]
 
     def _fall(self, columns: NDArray[np.intp], own: NDArray[np.intp]) -> tuple[float, Array]:
         """Decrease of the cost where these columns alone may move, some of them widely."""
@@ -201,9 +201,10 @@ class _Gains:
         return float(right @ moved), np.asarray((moved * self.scale)[own])
 
 
-def _believed(task: Task, state: FitState, asked: Collection[Key]) -> tuple[Task, FitState]:
-    """Task and state with errors that may be there."""
-    parameters = task.calibration_parameters.believed(asked)
+def _with_priors_of(
+    task: Task, state: FitState, parameters: CalibrationParameters
+) -> tuple[Task, FitState]:
+    """Task and state with other priors, under which more may move."""
     active = task.active | (parameters.deviation > task.calibration_parameters.deviation)
     calibration = replace(state.calibration, calibration_parameters=parameters)
     task = replace(task, calibration_parameters=parameters, active=active)
