@@ -88,3 +88,22 @@ def test_values_are_those_of_the_spline(order):
     found = values_at(basis(GRID, times), coefficients, order)
     expected = BSpline(GRID, coefficients, DEGREE).derivative(order)(times)
     assert found == pytest.approx(expected)
+
+
+def test_changes_with_level_and_time_are_those_of_differences():
+    own = Process(SOURCE, np.ones(3), 0.7, 0.4, integrals_of(GRID))
+    step = 1e-5
+    for i, moved in enumerate(
+        (
+            lambda factor: own.at(own.level * factor, own.time),
+            lambda factor: own.at(own.level, own.time * factor),
+        )
+    ):
+        more, less = moved(np.exp(step)), moved(np.exp(-step))
+        expected = (more.precision - less.precision) / (2 * step)
+        assert own.changes[i] == pytest.approx(
+            expected, rel=1e-6, abs=1e-6 * np.abs(expected).max()
+        )
+        determinant = (more.log_determinant - less.log_determinant) / (2 * step)
+        found = own.components * own.log_determinant_changes[i]
+        assert found == pytest.approx(determinant, rel=1e-6, abs=1e-4)

@@ -1,7 +1,7 @@
 """Levels and correlation times of disturbances, as the readings tell them: by marginal likelihood.
 
 The readings stay as they are linearised; motion and processes are integrated out, which for a banded
-matrix is a determinant [MacKay1992]_.
+matrix is a determinant [MacKay1992]_; by its gradient, with L-BFGS-B [Byrd1995]_.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from steelyard.arrays import Array
 from steelyard.identification.model.motion_residuals import Segment
-from steelyard.identification.model.segment import NormalEquations
+from steelyard.identification.model.segment import NormalEquations, banded_trace
 from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.model.sources import Source
 
@@ -36,7 +36,7 @@ def likeliest(
     equations: Sequence[NormalEquations],
     settings: MotionSettings = MOTION,
 ) -> dict[Source, ProcessLevel]:
-    """Likeliest level and correlation time of every process, one after the other.
+    """Likeliest levels and correlation times of all processes together.
 
     Args:
         segments: With present motion and processes; what disturbs the same has one level.
@@ -48,15 +48,49 @@ def likeliest(
         for segment, each in zip(segments, equations, strict=True)
         if segment.processes
     ]
-    found = {
+    first = {
         each.source: ProcessLevel(each.level, each.time, 0.0)
         for segment, _ in pairs
         for each in segment.processes
     }
-    for _ in range(settings.level_sweeps if len(found) > 1 else 1):
-        for source in found:
-            found[source] = _search(pairs, found, source, settings)
-    return found
+    if not first:
+        return {}
+
+    def lack(logs: Array) -> tuple[float, Array]:
+        evidence, gradient = _evidence(pairs, _of_logs(first, logs))
+        return -evidence, -gradient
+
+    least, most = settings.shortest_correlation, settings.longest_correlation
+    wide = np.log(settings.level_range)
+    found = minimize(
+        lack,
+        np.log([(each.level, each.time) for each in first.values()]).ravel(),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[
+            bound
+            for each in first.values()
+            for bound in (
+                (np.log(each.level) - wide, np.log(each.level) + wide),
+                (np.log(least), np.log(most)),
+            )
+        ],
+        options={"maxfun": settings.level_trials, "gtol": settings.level_slope},
+    )
+    levels = _of_logs(first, found.x)
+    gains = {}
+    for source, level in levels.items():
+        none = level._replace(level=first[source].level * settings.no_level)
+        gains[source] = -float(found.fun) - _evidence(pairs, {**levels, source: none})[0]
+    return {source: each._replace(gain=gains[source]) for source, each in levels.items()}
+
+
+def _of_logs(sources: Mapping[Source, ProcessLevel], logs: Array) -> dict[Source, ProcessLevel]:
+    """Levels of logarithms of level and correlation time, shape (2 s,)."""
+    return {
+        source: ProcessLevel(float(level), float(time), 0.0)
+        for source, (level, time) in zip(sources, np.exp(logs).reshape(-1, 2), strict=True)
+    }
 
 
 def on_levels(segment: Segment, levels: Mapping[Source, ProcessLevel]) -> Segment:
@@ -67,46 +101,34 @@ def on_levels(segment: Segment, levels: Mapping[Source, ProcessLevel]) -> Segmen
     return replace(segment, processes=processes)
 
 
-def _search(
-    pairs: Sequence[tuple[Segment, NormalEquations]],
-    levels: Mapping[Source, ProcessLevel],
-    source: Source,
-    settings: MotionSettings,
-) -> ProcessLevel:
-    """The likeliest level of one, the others held."""
-    present = levels[source]
-
-    def moved(logs: Array) -> ProcessLevel:
-        level, time = np.exp(logs) * (present.level, present.time)
-        least, most = settings.shortest_correlation, settings.longest_correlation
-        return ProcessLevel(float(level), float(np.clip(time, least, most)), 0.0)
-
-    def lack(logs: Array) -> float:
-        return -_evidence(pairs, {**levels, source: moved(logs)})
-
-    step = settings.level_step
-    options = {
-        "initial_simplex": [[0.0, 0.0], [step, 0.0], [0.0, step]],
-        "xatol": settings.level_accuracy,
-        "fatol": 0.1,
-        "maxfev": settings.level_trials,
-    }
-    found = minimize(lack, np.zeros(2), method="Nelder-Mead", options=options)
-    none = lack(np.array([np.log(settings.no_level), 0.0]))
-    return moved(found.x)._replace(gain=none - float(found.fun))
-
-
 def _evidence(
     pairs: Sequence[tuple[Segment, NormalEquations]], levels: Mapping[Source, ProcessLevel]
-) -> float:
-    """Log marginal likelihood but for a constant."""
-    total = 0.0
+) -> tuple[float, Array]:
+    """Log marginal likelihood but for a constant, and its gradient by the logarithms of level and
+    correlation time of every source, shape (2 s,).
+
+    By a number on which the precision P of the processes depends, it changes by half the trace of
+    inv(P) dP less inv(K) dP, less half the cost dP of the likeliest coefficients; K is the matrix of
+    motion and processes.
+    """
+    total, gradient = 0.0, {source: np.zeros(2) for source in levels}
     for segment, readings in pairs:
         own = on_levels(segment, levels)
         try:
             whole = own.smooth(readings)
             total += 0.5 * (float(whole.motion_gradient @ whole.settled) - whole.log_determinant)
         except np.linalg.LinAlgError:
-            return -np.inf
+            return -np.inf, np.zeros(2 * len(levels))
         total += 0.5 * sum(each.log_determinant for each in own.processes) - 0.5 * own.prior_cost
-    return total
+        settled = own.coefficients + whole.settled.reshape(-1, own.block)
+        for each in own.processes:
+            place = own.process_places[each.source]
+            inverse = [
+                whole.inverse[:: own.block, i :: own.block] for i in range(place.start, place.stop)
+            ]
+            for i, change in enumerate(each.changes):
+                cost = each.cost(settled[:, place], change)
+                known = sum(banded_trace(change, part) for part in inverse)
+                free = each.components * each.log_determinant_changes[i]
+                gradient[each.source][i] += 0.5 * (free - known - cost)
+    return total, np.concatenate(list(gradient.values()))

@@ -24,6 +24,8 @@ from steelyard.smoothing import DEGREE
 
 _NODES = DEGREE + 1
 """Of the quadrature between two knots: exact for squares of the spline."""
+_LOG_STEP = 1e-4
+"""Step of the logarithm of a correlation time that shows how a determinant follows it."""
 
 
 class SplineIntegrals(NamedTuple):
@@ -65,21 +67,53 @@ class Process:
         value, rate, ends = self.integrals
         return (value / self.time + rate * self.time + ends) / (2 * self.level**2)
 
+    @cached_property
+    def changes(self) -> tuple[Array, Array]:
+        """Of the precision by the logarithms of level and correlation time, lower banded form, shape
+        (6, f) each.
+        """
+        value, rate, _ = self.integrals
+        by_time = (rate * self.time - value / self.time) / (2 * self.level**2)
+        return -2 * self.precision, by_time
+
     @property
     def log_determinant(self) -> float:
         """Of the precision of all components."""
-        factor = cholesky_banded(self.precision, lower=True, check_finite=False)
-        return float(2 * self.components * np.sum(np.log(factor[0])))
+        return float(self.components * _log_determinant(self.precision))
+
+    @cached_property
+    def log_determinant_changes(self) -> tuple[float, float]:
+        """Of the logarithm of the determinant of one component by the logarithms of level and
+        correlation time.
+        """
+        longer, shorter = (
+            _log_determinant(self.at(self.level, self.time * np.exp(step)).precision)
+            for step in (_LOG_STEP, -_LOG_STEP)
+        )
+        return -2.0 * self.precision.shape[1], (longer - shorter) / (2 * _LOG_STEP)
+
+    def cost(self, coefficients: Array, matrix: Array) -> float:
+        """Quadratic cost of the coefficients of all components.
+
+        Args:
+            coefficients: Shape (f, p).
+            matrix: Of one component, lower banded form, shape (6, f).
+        """
+        return float(sum(column @ banded_product(matrix, column) for column in coefficients.T))
 
     def roughness(self, coefficients: Array) -> float:
         """Cost of the coefficients of all components, shape (f, p)."""
-        return float(
-            sum(column @ banded_product(self.precision, column) for column in coefficients.T)
-        )
+        return self.cost(coefficients, self.precision)
 
     def at(self, level: float, time: float) -> Process:
         """The same of another level and correlation time."""
         return replace(self, level=level, time=time)
+
+
+def _log_determinant(precision: Array) -> float:
+    """Of a matrix in lower banded form."""
+    factor = cholesky_banded(precision, lower=True, check_finite=False)
+    return float(2 * np.sum(np.log(factor[0])))
 
 
 def integrals_of(grid: Array) -> SplineIntegrals:

@@ -16,6 +16,7 @@ from functools import cached_property, reduce
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg.lapack import dtbtrs
 
 from steelyard.arrays import Array
 from steelyard.smoothing import DEGREE
@@ -188,6 +189,12 @@ class NormalEquations:
     def settled(self) -> Array:
         """Step of the motion with the border held, shape (N,)."""
         return self.solve(self.motion_gradient)
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Coefficients with the covariance that the motion's matrix leaves, shape (N,)."""
+        white = rng.standard_normal(self.factor.shape[1])
+        solved, _ = dtbtrs(self.factor, white, uplo="L", trans="T")
+        return np.asarray(solved)
 
     def reduced(self) -> tuple[Array, Array]:
         """Matrix and right-hand side of the border with the motion eliminated (Schur complement),

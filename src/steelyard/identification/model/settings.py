@@ -188,19 +188,17 @@ class MotionSettings:
     """Correlation time [s] below which a disturbance is white noise at the rates of real sensors."""
     longest_correlation: float = 1000.0
     """Correlation time [s] above which it is a constant."""
-    first_correlation: float = 0.5
-    """Correlation time [s] with which a search begins: friction, creep and hoses take tenths of
-    seconds to seconds."""
-    level_accuracy: float = 0.1
-    """Of the logarithm of a level or correlation time: their own 1-sigma is larger."""
-    level_step: float = -1.5
-    """Of these logarithms, first step of a search."""
-    level_trials: int = 60
+    least_level: float = 1e-3
+    """1-sigma with which a search of a level begins at least, in units of the noise."""
+    level_range: float = 1e3
+    """By how much a level may differ from where its search begins."""
+    level_slope: float = 0.05
+    """Of the logarithm of the marginal likelihood by those of levels and correlation times, at which
+    they have arrived: they are known to tenths at best."""
+    level_trials: int = 40
     """Evaluations of the marginal likelihood at most."""
-    level_sweeps: int = 2
-    """Over several processes, which may stand in for each other."""
     no_level: float = 1e-4
-    """Part of the first level that is as good as none."""
+    """Part of a level that is as good as none."""
 
 
 MOTION = MotionSettings()

@@ -13,7 +13,7 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Run
-from steelyard.identification.model.balance import Balance, Forces, balance_of
+from steelyard.identification.model.balance import Balance, Forces, balance_of, regressor_at
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.fitted_motion import FittedMotion, fitted_motion
 from steelyard.identification.model.force_residuals import WhitenedBalance, whitened_balance
@@ -277,7 +277,11 @@ def _part(
     covariance = every.inverse if motion is None else motion
     noise = np.zeros((TEN, TEN))
     if looked_at and not segment.static:
-        noise = _regressor_noise(segment, balances, covariance, border, state.calibration.gravity)
+        noise = (
+            _left_noise(fitted, segment, balances, every)
+            if motion is None
+            else _regressor_noise(segment, balances, covariance, border, state.calibration.gravity)
+        )
     freedom = float(np.sum(~forces.left_out.all(axis=1))) * looked_at
     equations = BorderEquations(normal, gradient + normal @ at, noise, freedom)
     blocks = _blocks(segment, rows, every, state.parameters, run, task.settings)
@@ -405,6 +409,34 @@ def _regressor_noise(
     )
     white = whitener @ (there - back) / 2
     return np.asarray(np.einsum("nki,nkj->ij", white, white) * count / len(white))
+
+
+def _left_noise(
+    fitted: Fitted,
+    segment: Segment,
+    balances: Sequence[WhitenedBalance],
+    equations: NormalEquations,
+) -> Array:
+    """The same of a motion that follows the forces, as far as motion and processes leave it: what
+    they take of the readings tells nothing of the body, whether it is signal or noise.
+    """
+    state, settings = fitted.fit.state, fitted.task.settings
+    noise = equations.drawn(np.random.default_rng(0)).reshape(-1, segment.block)
+    moved = replace(segment, coefficients=segment.coefficients + noise)
+    rows = []
+    for each in balances:
+        there, here = (
+            regressor_at(fitted.task.experiment, one, each.at.time, state.calibration)
+            for one in (moved, segment)
+        )
+        root = each.root[:, None, None]
+        for row, own in zip(
+            each.rows, each.by_origin(root * (each.at.whitener @ (there - here))), strict=True
+        ):
+            rows.append(replace(row, by_errors=own, columns=np.arange(TEN)))
+    by_noise = segment.equations(TEN, rows)
+    left = by_noise.corner - by_noise.side.T @ equations.solve(by_noise.side)
+    return settings.beyond_noise * left
 
 
 def _blocks(

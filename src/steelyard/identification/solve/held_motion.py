@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
@@ -305,7 +304,7 @@ def gradient_bias(task: Task, state: FitState, parts: Sequence[Linearised]) -> A
         )
         here = _reduced_gradient(still + part.forces)
         for _ in range(task.settings.bias_draws):
-            noise = _drawn(held, rng).reshape(-1, segment.block)
+            noise = held.drawn(rng).reshape(-1, segment.block)
             for sign in (1, -1):
                 moved = replace(segment, coefficients=segment.coefficients + sign * noise)
                 rows = force_residuals(
@@ -327,10 +326,3 @@ def gradient_bias(task: Task, state: FitState, parts: Sequence[Linearised]) -> A
 def _reduced_gradient(equations: NormalEquations) -> Array:
     """Gradient by the border once the motion has followed, shape (b,)."""
     return np.asarray(equations.border_gradient - equations.side.T @ equations.settled)
-
-
-def _drawn(equations: NormalEquations, rng: np.random.Generator) -> Array:
-    """Coefficients of the motion with the covariance that its instruments leave, shape (N,)."""
-    white = rng.standard_normal(equations.factor.shape[1])
-    solved, _ = dtbtrs(equations.factor, white, uplo="L", trans="T")
-    return np.asarray(solved)

@@ -42,6 +42,7 @@ def fit(
     tell: Callable[[float], None] = lambda fraction: None,
     *,
     beginning: bool = False,
+    levels: bool = True,
 ) -> Fit:
     """Fit.
 
@@ -50,6 +51,7 @@ def fit(
         state: Where to begin.
         tell: Is told the fraction that is done, roughly.
         beginning: Whether it is only a beginning for another fit, so that less will do.
+        levels: Whether noise that is not stated is found on the way; else it stays as it is.
 
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
@@ -57,6 +59,7 @@ def fit(
     settings = task.settings
     accepted: _Accepted | None = None
     share = 1.0
+    uphill = 0
     converged = searched = False
     ratios: dict[Source, float] = {}
     unstated = UnstatedNoise.of(task, state)
@@ -66,7 +69,12 @@ def fit(
         parts, tally = linearise(task, state)
         readings = [each.all for each in parts]
         cost = tally.cost + _prior_cost(task, state)
-        if accepted is not None and not cost < accepted.cost * (1 + settings.same_cost):
+        if accepted is not None and not cost < accepted.cost + _rise(accepted, settings):
+            if uphill < settings.uphill:
+                uphill += 1
+                state = step_of(task, state, smooth(state, readings)).along(task, state, 1.0)
+                continue
+            uphill = 0
             if share < settings.least_share:
                 state = accepted.state
                 break
@@ -74,6 +82,7 @@ def fit(
             share *= settings.shorter
             state = accepted.step.along(task, accepted.state, share)
             continue
+        uphill = 0
         equations = smooth(state, readings)
         step = step_of(task, state, equations)
         settled, factors = True, state.factors
@@ -91,14 +100,15 @@ def fit(
                     equations = smooth(state, readings)
                     step = step_of(task, state, equations)
             ratios = ratios_of(task, equations, tally)
-            factors, unstated = unstated.followed(state, ratios)
-            settled = settled and not changed(task, state.factors, factors)
-            if settled and (arrived or step.decrement < settings.nearly_arrived * cost):
+            if levels:
+                factors, unstated = unstated.followed(state, ratios)
+                settled = settled and not changed(task, state.factors, factors)
+            if levels and settled and (arrived or step.decrement < settings.nearly_arrived * cost):
                 # Only a motion that is as free as it wants to be can say that a noise is not as
                 # stated.
                 factors = larger(task, state, ratios)
                 settled = not changed(task, state.factors, factors)
-                converged = settled and arrived
+            converged = settled and arrived
             if converged:
                 break
         last = accepted
@@ -119,6 +129,16 @@ def fit(
         task.stated,
         first_sigmas(task, state),
     )
+
+
+def _rise(accepted: _Accepted, settings: FitSettings) -> float:
+    """By how much the cost may rise with a step.
+
+    Steps end where the estimating equations are fulfilled, and these are not quite the derivative of
+    the cost: what nothing explains tells no gain. Near the end that is more than a step promises.
+    """
+    near = accepted.step.decrement < settings.nearly_arrived * accepted.cost
+    return (settings.nearly_arrived if near else settings.same_cost) * accepted.cost
 
 
 def _smoothed(state: FitState, level: Mapping[str, float]) -> FitState:

@@ -25,6 +25,7 @@ from steelyard.identification.solve.beginning import (
     with_body,
 )
 from steelyard.identification.solve.conclusion import Fitted, concluded, sound, stretch_of
+from steelyard.identification.solve.fit_state import FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.coherence import coherence
 from steelyard.identification.solve.misfits.disturbances import with_disturbances
@@ -138,24 +139,54 @@ def _fitted(
     readings: Readings, begun: Beginning, tell: Tell, vibrations: Mapping[str, _Vibration]
 ) -> Fitted:
     """Motion and forces, leaving out what stands alone."""
-    settings = readings.settings
-    state, force_samples = begun.state, readings.force_samples
     tell("motion and forces", 0.5)
-    task = replace(begun.task, force_samples=force_samples)
+    task = replace(begun.task, force_samples=readings.force_samples)
+    state = begun.state
     if vibrations:
         # The vibration first, by these clocks: before it is there, nothing holds them.
         active = task.active.copy()
         for run, vibrating in vibrations.items():
             active[task.calibration_parameters.place(vibrating.clock, "delay", run)] = False
         state = fit(replace(task, active=active), state).state
+    fitted = _cut(readings, begun, task, state, tell, vibrations)
+    if fitted.fit.converged:
+        return fitted
+    # Noise that is not stated and what nothing explains pull at each other: first the one, by a
+    # noise that is left as it is, then both.
+    tell("what nothing explains", 0.6)
+    fitted = _cut(readings, begun, task, state, tell, vibrations, levels=False)
+    found = with_disturbances(fitted.task, fitted.fit)
+    return replace(fitted, fit=found)
+
+
+def _cut(
+    readings: Readings,
+    begun: Beginning,
+    task: Task,
+    state: FitState,
+    tell: Tell,
+    vibrations: Mapping[str, _Vibration],
+    *,
+    levels: bool = True,
+) -> Fitted:
+    """A fit, again without the readings that stand out of it, until none does or it does not
+    arrive.
+    """
+    settings, force_samples = readings.settings, readings.force_samples
     contacts: dict[str, list[tuple[float, float]]] = {}
     spikes: dict[str, int] = {}
     for turn in range(settings.cuts):
         task = replace(task, force_samples=force_samples)
-        found = fit(task, state, lambda part: tell("motion and forces", 0.5 + 0.3 * part))
+        found = fit(
+            task,
+            state,
+            lambda part: tell("motion and forces", 0.5 + 0.3 * part),
+            levels=levels,
+        )
         state = found.state
         fitted = Fitted(task, found, begun.motion, force_samples, begun.lost, contacts, spikes)
-        if turn == settings.cuts - 1 or (not vibrations and _vibrations(readings, fitted)):
+        last = turn == settings.cuts - 1 or (levels and not found.converged)
+        if last or (not vibrations and _vibrations(readings, fitted)):
             # What is to be followed more closely need not be looked at for what stands out of it.
             break
         looked = [

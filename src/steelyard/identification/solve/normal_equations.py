@@ -165,6 +165,10 @@ def inverse_of(matrix: Array, scale: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix * np.outer(sizes, sizes)) * np.outer(sizes, sizes))
 
 
+_STRONG = 1e8
+"""Information in units of plausible sizes that is as good as certain."""
+
+
 def weak_directions(
     normal: Array,
     noise: Array,
@@ -190,17 +194,24 @@ def weak_directions(
         solved = np.linalg.solve(others * np.outer(size, size), normal[TEN:, :TEN] * size[:, None])
         information = information - (normal[:TEN, TEN:] * size) @ solved
     scaled = information * np.outer(scale, scale)
-    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+    # By the covariance with a unit of information more: what is known exactly must not drown what
+    # the readings tell, as it would beside it in one matrix.
+    left, vectors = np.linalg.eigh(_inverse(np.eye(TEN) + (scaled + scaled.T) / 2))
+    values = 1 / np.clip(left, 1e-300, None) - 1
     by_noise = np.einsum("ij,ik,kj->j", vectors, noise * np.outer(scale, scale), vectors)
-    weak = (
-        (values < by_noise)
-        | (values < 1e-12 * values[-1])
-        | (values < (settings.least_information if least is None else least))
-    )
+    enough = np.maximum(by_noise, settings.least_information if least is None else least)
+    weak = (left > 0) & (values < enough)
     directions = vectors[:, weak]
-    strength = max(1.0, float(values[-1])) * settings.held
-    held = (directions * strength) @ directions.T / np.outer(scale, scale)
+    best = float(np.clip(values[left > 0], 1.0, _STRONG).max(initial=1.0))
+    held = (directions * (best * settings.held)) @ directions.T / np.outer(scale, scale)
     return held, scale[:, None] * directions
+
+
+def _inverse(matrix: Array) -> Array:
+    """Of a positive definite matrix whose parts differ by many orders."""
+    size = 1 / np.sqrt(np.diag(matrix))
+    inverse = size[:, None] * np.linalg.inv(matrix * np.outer(size, size)) * size
+    return np.asarray((inverse + inverse.T) / 2)
 
 
 def enlarged(

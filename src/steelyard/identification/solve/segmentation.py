@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
+from steelyard.experiment.jumps import jumps
 from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.stuck import FEWEST_REPEATS, stuck_alone
 from steelyard.identification.model.balance import UNMODELLED, Forces
@@ -225,7 +226,8 @@ def _moving(
     """Segments of a run in motion, each with its readings and a motion to begin with."""
     notes: list[str] = []
     run, stuck = _without_stuck(experiment, run)
-    notes += stuck
+    run, jumped = _without_jumps(experiment, run)
+    notes += stuck + jumped
     streams = list(_streams(experiment, run, calibration, samples, settings))
     if not streams:
         return Recorded((), (), {}, tuple(notes))
@@ -593,4 +595,34 @@ def _without_stuck(experiment: Experiment, run: Run) -> tuple[Run, list[str]]:
                 )
             values[quantity] = np.where(mask, np.nan, each)
         streams[name] = replace(stream, values=values)
+    return replace(run, streams=streams), notes
+
+
+def _without_jumps(experiment: Experiment, run: Run) -> tuple[Run, list[str]]:
+    """The run without stretches in which an instrument shows another place."""
+    streams, notes = dict(run.streams), []
+    for name, stream in run.streams.items():
+        for quantity in experiment.instruments[name].quantities(experiment.robot.m):
+            values = stream.values.get(quantity.name)
+            if values is None or quantity.determines != ("position",) or quantity.unit != "m":
+                continue
+            time = experiment.common_time(run, name)
+            found = jumps(time, values)
+            left_out = np.zeros(len(values), dtype=bool)
+            for each in found:
+                left_out[each.first : each.end] = True
+                notes.append(
+                    f"run '{run.name}': {quantity.name} of {name} jumps by {1e3 * each.size:.0f} mm"
+                    f" between {time[each.first]:.2f} and {time[each.end - 1]:.2f} s: left out"
+                )
+            if found:
+                # What looks at another place has no orientation of this one either.
+                streams[name] = replace(
+                    stream,
+                    values={
+                        q: np.where(left_out.reshape(-1, *[1] * (v.ndim - 1)), np.nan, v)
+                        for q, v in stream.values.items()
+                    },
+                )
+                break
     return replace(run, streams=streams), notes

@@ -28,6 +28,9 @@ class FitSettings:
     """Of the body that a fit begins with: each weighs samples that stand far anew."""
     shorter: float = 0.3
     """Part of a step that is tried where the whole one does not descend."""
+    uphill: int = 1
+    """Steps that may go on from where the cost has risen, before a shorter one is tried: a curved
+    valley is left by its tangent and reached again by the next step [Chamberlain1982]_."""
     least_share: float = 1e-3
     """Part of a step below which there is no more to try."""
     border_arrived: float = 0.02
@@ -69,6 +72,9 @@ class FitSettings:
     least_information: float = 0.25
     """On a direction in units of plausible sizes and prior 1-sigma: one that is known no better
     than to twice its plausible size is not identifiable."""
+    beyond_noise: float = 3.0
+    """Information in units of what noise of the motion alone would leave, below which a direction is
+    not identifiable: a motion at rest has one, a single move from rest to rest six."""
     held: float = 1e3
     """By how much such a direction is held more firmly than the best known one."""
     significant: float = 0.95

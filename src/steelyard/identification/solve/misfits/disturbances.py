@@ -1,15 +1,17 @@
 """Disturbances that nothing explains: coloured noise of an instrument, an unmodelled wrench on the
 platform.
 
-Residuals of a fit that follow each other ask for a process beside the motion. The one that is
-asked for most is tried first; it stays where the marginal likelihood says so, and what the others
-still ask for is looked at again. Where nothing is asked for, nothing changes.
+Residuals of a fit that follow each other ask for a process beside the motion. The instrument that
+asks for it most is tried first, together with the wrench on the platform where that asks too: one
+pulls the motion to where the other is wrong. What the marginal likelihood wants stays, and what the
+others still ask for is looked at again. Where nothing is asked for, nothing changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
@@ -46,29 +48,46 @@ def with_disturbances(
     refused: set[Source] = set()
     first = found
     for i in range(task.settings.most_processes):
-        scores = colours(task, found.state)
         present = {each.source for s in found.state.segments for each in s.processes}
+        found_colours = colours(task, found.state)
         asked = {
-            source: score
-            for source, score in scores.items()
-            if score > task.settings.coloured and source not in present | refused
+            source: colour
+            for source, colour in found_colours.items()
+            if colour.score > task.settings.coloured and source not in present | refused
         }
         if not asked:
             break
         tell(i / task.settings.most_processes)
-        source = max(asked, key=lambda each: asked[each])
-        tried = _settled(task, _with(task, found.state, source))
-        if tried is None:
-            refused.add(source)
-        else:
-            found = tried
+        tried = {source: found_colours[source] for source in _most_asked(asked)}
+        settled = _settled(task, _with(task, found.state, tried))
+        found = found if settled is None else settled
+        present = {each.source for s in found.state.segments for each in s.processes}
+        refused |= set(tried) - present
     return found if found is first else fit(task, found.state)
 
 
-def colours(task: Task, state: FitState) -> dict[Source, float]:
-    """What may be disturbed -> how surely its residuals follow each other, a standard normal score,
-    the largest over axes and correlation times.
-    """
+def _most_asked(asked: Mapping[Source, Colour]) -> list[Source]:
+    """What is tried next: of the instruments the one with the largest score, and the wrench."""
+    wrench = [source for source in UNMODELLED_PARTS if source in asked]
+    instruments = [source for source in asked if source not in wrench]
+    tried = sorted(instruments, key=lambda each: -asked[each].score)[:1]
+    # Force and torque come together: an arm turns one into the other.
+    return tried + (list(UNMODELLED_PARTS) if wrench else [])
+
+
+class Colour(NamedTuple):
+    """How the residuals of a quantity follow each other."""
+
+    score: float
+    """How surely they do, a standard normal number: the largest over axes and correlation times."""
+    level: float
+    """1-sigma of the process that does it, over all axes, in the unit of the residuals."""
+    time: float
+    """Its correlation time [s]."""
+
+
+def colours(task: Task, state: FitState) -> dict[Source, Colour]:
+    """What may be disturbed -> how its residuals follow each other."""
     sums: dict[Source, list[tuple[Array, Array]]] = {}
     for segment, forces in zip(state.segments, task.force_samples, strict=True):
         if segment.static:
@@ -77,14 +96,24 @@ def colours(task: Task, state: FitState) -> dict[Source, float]:
         for source, time, score, information in pieces:
             own = _correlation(time, score, information, task.settings)
             sums.setdefault(source, []).append(own)
-    return {
-        source: float(np.max(_score(*(np.sum(each, axis=0) for each in zip(*own, strict=True)))))
-        for source, own in sums.items()
-    }
+    found = {}
+    for source, each in sums.items():
+        product = np.sum([products for products, _ in each], axis=0)
+        variance = np.sum([variances for _, variances in each], axis=0)
+        found[source] = _colour(product, variance, task.settings)
+    return found
 
 
-def _score(product: Array, variance: Array) -> Array:
-    return np.asarray(product / np.sqrt(np.maximum(variance, 1e-300)))
+def _colour(product: Array, variance: Array, settings: FitSettings) -> Colour:
+    """Of products of residuals and their variance where they are white, shape (t, k) each.
+
+    Where the residuals have a process of this correlation time, its variance times the variance of
+    the products is what these are in the mean.
+    """
+    score = product / np.sqrt(np.maximum(variance, 1e-300))
+    best = int(np.argmax(np.max(score, axis=1)))
+    square = float(np.sum(np.maximum(product[best], 0.0)) / max(np.sum(variance[best]), 1e-300))
+    return Colour(float(np.max(score[best])), np.sqrt(square), settings.correlations[best])
 
 
 def _of_motion(
@@ -145,9 +174,8 @@ def _correlation(
     return np.array(products), np.array(variances)
 
 
-def _with(task: Task, state: FitState, source: Source) -> FitState:
-    """A state with one process more; of an unmodelled wrench force and torque come together."""
-    sources = list(UNMODELLED_PARTS) if source in UNMODELLED_PARTS else [source]
+def _with(task: Task, state: FitState, sources: Mapping[Source, Colour]) -> FitState:
+    """A state with these processes more."""
     segments = []
     for segment, forces in zip(state.segments, task.force_samples, strict=True):
         new = _processes(task, state, segment, forces, sources)
@@ -156,17 +184,23 @@ def _with(task: Task, state: FitState, source: Source) -> FitState:
 
 
 def _processes(
-    task: Task, state: FitState, segment: Segment, forces: Forces | None, sources: Sequence[Source]
+    task: Task,
+    state: FitState,
+    segment: Segment,
+    forces: Forces | None,
+    sources: Mapping[Source, Colour],
 ) -> list[Process]:
     """Processes to begin with, of what is in a segment; poses at rest have none."""
     if segment.static:
         return []
     integrals, found = integrals_of(segment.knots), []
-    for source in sources:
+    for source, colour in sources.items():
         sizes = _sizes(task, state, segment, forces, source)
         if sizes is not None:
-            time = task.settings.motion.first_correlation
-            found.append(Process(source, sizes, 1.0, time, integrals))
+            # Of a wrench in its own units, of readings in those of their noise.
+            unit = sizes[0] if source in UNMODELLED_PARTS else 1.0
+            level = max(colour.level / unit, task.settings.motion.least_level)
+            found.append(Process(source, sizes, level, colour.time, integrals))
     return found
 
 
@@ -188,25 +222,56 @@ def _sizes(
 
 
 def _settled(task: Task, state: FitState) -> Fit | None:
-    """Motion, body and levels in turn; None: the new process is not asked for."""
+    """Motion, body and levels in turn; None: no process is asked for."""
     settings = task.settings
-    newest = next(s.processes[-1].source for s in reversed(state.segments) if s.processes)
     last: Mapping[Source, ProcessLevel] = {}
     found: Fit | None = None
     for _ in range(settings.level_fits):
-        parts, _tally = linearise(task, state)
-        levels = likeliest(state.segments, [each.all for each in parts], settings.motion)
-        new = UNMODELLED_PARTS if newest in UNMODELLED_PARTS else (newest,)
-        if max(levels[each].gain for each in new) < settings.asked_for:
+        levels = _levels(task, state)
+        while unwanted := _least_wanted(levels, settings):
+            state = _without(state, unwanted)
+            levels = _levels(task, state)
+        if not levels:
             return None
         segments = tuple(on_levels(each, levels) for each in state.segments)
         found = fit(task, replace(state, segments=segments), beginning=True)
         state = found.state
-        if last and all(
+        if levels.keys() == last.keys() and all(
             abs(np.log(each.level / last[source].level)) < settings.level_settled
             for source, each in levels.items()
-            if each.gain > settings.asked_for
         ):
             break
         last = levels
     return found
+
+
+def _levels(task: Task, state: FitState) -> dict[Source, ProcessLevel]:
+    parts, _ = linearise(task, state)
+    return likeliest(state.segments, [each.all for each in parts], task.settings.motion)
+
+
+def _least_wanted(
+    levels: Mapping[Source, ProcessLevel], settings: FitSettings
+) -> tuple[Source, ...]:
+    """The processes that the marginal likelihood does without most easily; none where it wants all.
+
+    One after the other: two may stand in for each other. Of the wrench both parts or none.
+    """
+    wrench = tuple(each for each in UNMODELLED_PARTS if each in levels)
+    alone = [(each,) for each in levels if each not in wrench]
+    gains = {
+        sources: max(levels[each].gain for each in sources)
+        for sources in (*alone, wrench)
+        if sources
+    }
+    least = min(gains, key=lambda each: gains[each], default=())
+    return least if least and gains[least] < settings.asked_for else ()
+
+
+def _without(state: FitState, sources: Collection[Source]) -> FitState:
+    """A state without these processes."""
+    segments = tuple(
+        segment.disturbed(tuple(each for each in segment.processes if each.source not in sources))
+        for segment in state.segments
+    )
+    return replace(state, segments=segments)

@@ -1,0 +1,128 @@
+"""Levels of disturbances by marginal likelihood, against matrices that are full."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.stats import multivariate_normal
+
+from steelyard.arrays import Array
+from steelyard.identification.model.process_levels import likeliest
+from steelyard.identification.model.processes import Process, embedded, integrals_of, places
+from steelyard.identification.model.segment import POSE, Rows, accumulate, basis, spread
+from steelyard.identification.solve.settings import FIT
+from steelyard.smoothing import DEGREE, knots
+
+GRID = knots(0.0, 12.0, 0.1)
+FUNCTIONS = len(GRID) - DEGREE - 1
+STEP = 0.04
+TIMES = np.arange(STEP, 12.0, STEP)
+FIRST, SECOND = ("imu", "orientation"), ("robot", "unmodelled force")
+NOISE = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbed:
+    """What is asked of a segment: a pose that is held at zero, and processes."""
+
+    processes: tuple[Process, ...]
+
+    @property
+    def block(self) -> int:
+        return POSE + sum(each.components for each in self.processes)
+
+    @cached_property
+    def coefficients(self) -> Array:
+        return np.zeros((FUNCTIONS, self.block))
+
+    @property
+    def process_places(self):
+        return places(self.processes)
+
+    @property
+    def prior_cost(self) -> float:
+        return 0.0
+
+    def smooth(self, equations):
+        bands = [
+            embedded(each.precision, i, self.block)
+            for each in self.processes
+            for i in range(*self.process_places[each.source].indices(self.block))
+        ]
+        still = np.zeros_like(bands[0])
+        for place in range(POSE):
+            still[0, place :: self.block] = 1e12
+        return equations.stiffened([*bands, still], self.coefficients)
+
+
+def walk(rng, level, time, count):
+    """Samples of a stationary Gauss-Markov process, shape (t, count)."""
+    kept = np.exp(-STEP / time)
+    values = [level * rng.normal(size=count)]
+    for _ in TIMES[1:]:
+        values.append(kept * values[-1] + level * np.sqrt(1 - kept**2) * rng.normal(size=count))
+    return np.array(values)
+
+
+def read(own, readings):
+    """Normal equations of readings of the sum of all processes."""
+    local = basis(GRID, TIMES)
+    derivative = np.zeros((len(TIMES), 3, own.block))
+    for each in own.processes:
+        derivative[:, :, own.process_places[each.source]] = np.eye(3) / NOISE
+    rows = Rows(
+        local.first,
+        -readings / NOISE,
+        spread(local, derivative, block=own.block),
+        np.zeros((len(TIMES), 3, 0)),
+    )
+    return accumulate(FUNCTIONS, 0, [rows], width=6 * own.block, block=own.block)
+
+
+def disturbed(*sources):
+    integrals = integrals_of(GRID)
+    return Disturbed(tuple(Process(each, np.ones(3), 1.0, 0.5, integrals) for each in sources))
+
+
+def likelihood(readings, *processes):
+    """Logarithm, by the full covariance of sums of processes of level and time, and noise."""
+    apart = np.abs(np.subtract.outer(TIMES, TIMES))
+    covariance = NOISE**2 * np.eye(len(TIMES))
+    for level, time in processes:
+        covariance += level**2 * np.exp(-apart / time)
+    return float(multivariate_normal.logpdf(readings.T, cov=covariance).sum())
+
+
+def recorded(seed, *processes):
+    rng = np.random.default_rng(seed)
+    return sum(walk(rng, *each, 3) for each in processes) + NOISE * rng.normal(size=(len(TIMES), 3))
+
+
+def test_level_and_time_are_those_of_the_full_likelihood():
+    readings = recorded(3, (0.5, 0.8))
+    own = disturbed(FIRST)
+    found = likeliest([own], [read(own, readings)])[FIRST]
+    expected = minimize(
+        lambda logs: -likelihood(readings, np.exp(logs)), np.log([0.5, 0.8]), method="Nelder-Mead"
+    )
+    assert np.log([found.level, found.time]) == pytest.approx(expected.x, abs=0.15)
+    assert found.gain == pytest.approx(-expected.fun - likelihood(readings), rel=0.03)
+
+
+def test_two_processes_share_what_each_explains():
+    true = (0.6, 0.4), (1.5, 6.0)
+    readings = recorded(5, *true)
+    own = disturbed(FIRST, SECOND)
+    own = Disturbed((own.processes[0], own.processes[1].at(1.0, 3.0)))
+    found = likeliest([own], [read(own, readings)])
+    levels = [(each.level, each.time) for each in found.values()]
+    assert likelihood(readings, *levels) > likelihood(readings, *true) - 0.5
+    assert min(each.gain for each in found.values()) > 10.0
+
+
+def test_what_is_not_there_has_no_gain():
+    readings = recorded(6, (1e-9, 1.0))
+    own = disturbed(FIRST)
+    assert likeliest([own], [read(own, readings)])[FIRST].gain < FIT.asked_for
