@@ -103,7 +103,7 @@ def recorded(seed, *processes):
 def test_level_and_time_are_those_of_the_full_likelihood():
     readings = recorded(3, (0.5, 0.8))
     own = disturbed(FIRST)
-    found = likeliest([own], [read(own, readings)])[FIRST]
+    found = likeliest([own], [read(own, readings)]).of[FIRST]
     expected = minimize(
         lambda logs: -likelihood(readings, np.exp(logs)), np.log([0.5, 0.8]), method="Nelder-Mead"
     )
@@ -116,7 +116,7 @@ def test_two_processes_share_what_each_explains():
     readings = recorded(5, *true)
     own = disturbed(FIRST, SECOND)
     own = Disturbed((own.processes[0], own.processes[1].at(1.0, 3.0)))
-    found = likeliest([own], [read(own, readings)])
+    found = likeliest([own], [read(own, readings)]).of
     levels = [(each.level, each.time) for each in found.values()]
     assert likelihood(readings, *levels) > likelihood(readings, *true) - 0.5
     assert min(each.gain for each in found.values()) > 10.0
@@ -125,4 +125,4 @@ def test_two_processes_share_what_each_explains():
 def test_what_is_not_there_has_no_gain():
     readings = recorded(6, (1e-9, 1.0))
     own = disturbed(FIRST)
-    assert likeliest([own], [read(own, readings)])[FIRST].gain < FIT.asked_for
+    assert likeliest([own], [read(own, readings)]).of[FIRST].gain < FIT.asked_for

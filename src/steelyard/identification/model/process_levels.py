@@ -31,11 +31,20 @@ class ProcessLevel(NamedTuple):
     """By how much it raises the log marginal likelihood."""
 
 
+class ProcessLevels(NamedTuple):
+    """Of all processes together."""
+
+    of: dict[Source, ProcessLevel]
+    evidence: float
+    """Log marginal likelihood with them, but for a constant that is the same for all processes on
+    the same readings."""
+
+
 def likeliest(
     segments: Sequence[Segment],
     equations: Sequence[NormalEquations],
     settings: MotionSettings = MOTION,
-) -> dict[Source, ProcessLevel]:
+) -> ProcessLevels:
     """Likeliest levels and correlation times of all processes together.
 
     Args:
@@ -54,7 +63,7 @@ def likeliest(
         for each in segment.processes
     }
     if not first:
-        return {}
+        return ProcessLevels({}, -np.inf)
 
     def lack(logs: Array) -> tuple[float, Array]:
         evidence, gradient = _evidence(pairs, _of_logs(first, logs))
@@ -75,14 +84,21 @@ def likeliest(
                 (np.log(least), np.log(most)),
             )
         ],
-        options={"maxfun": settings.level_trials, "gtol": settings.level_slope},
+        options={
+            "maxfun": settings.level_trials,
+            "gtol": settings.level_slope,
+            "ftol": settings.level_gain,
+        },
     )
     levels = _of_logs(first, found.x)
     gains = {}
     for source, level in levels.items():
         none = level._replace(level=first[source].level * settings.no_level)
         gains[source] = -float(found.fun) - _evidence(pairs, {**levels, source: none})[0]
-    return {source: each._replace(gain=gains[source]) for source, each in levels.items()}
+    return ProcessLevels(
+        {source: each._replace(gain=gains[source]) for source, each in levels.items()},
+        -float(found.fun),
+    )
 
 
 def _of_logs(sources: Mapping[Source, ProcessLevel], logs: Array) -> dict[Source, ProcessLevel]:

@@ -16,7 +16,7 @@ from functools import cached_property, reduce
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.linalg.lapack import dtbtrs
+from scipy.linalg.lapack import dtbtrs, dtrtri
 
 from steelyard.arrays import Array
 from steelyard.smoothing import DEGREE
@@ -290,37 +290,42 @@ def _selected_inverse(factor: Array, of_function: int) -> Array:
     width, size = factor.shape
     block = max(width - of_function, of_function)
     count = -(-size // block)
-    padded = np.zeros((width, (count + 1) * block))
+    padded, blocks = _blocks(width, block, count)
     padded[:, :size] = factor
     padded[0, size:] = 1.0
-    diagonal, below = np.zeros((count, block, block)), np.zeros((count, block, block))
-    columns = np.arange(count) * block
-    for d in range(width):
-        for j in range(block):
-            value, row = padded[d, columns + j], j + d
-            if row < block:
-                diagonal[:, row, j] = value
-            elif row < 2 * block:
-                below[:, row - block, j] = value
-    inverse = np.linalg.inv(diagonal)
+    diagonal, below = np.tril(blocks[:-1, :block]), blocks[:-1, block:]
+    inverse = np.array([dtrtri(each, lower=True)[0] for each in diagonal])
     own, step = inverse.transpose(0, 2, 1) @ inverse, below @ inverse
     across = np.zeros((count, block, block))
     for i in range(count - 2, -1, -1):
         across[i] = -own[i + 1] @ step[i]
         own[i] -= step[i].T @ across[i]
-    found = np.zeros_like(padded)
-    for d in range(width):
-        for j in range(block):
-            row = j + d
-            if row < block:
-                found[d, columns + j] = own[:, row, j]
-            elif row < 2 * block:
-                found[d, columns + j] = across[:, row - block, j]
+    found, blocks = _blocks(width, block, count)
+    blocks[:-1, :block], blocks[:-1, block:] = own, across
     # What lies below the matrix is nothing.
-    result = found[:, :size]
+    result = found[:, :size].copy()
     for d in range(1, width):
         result[d, size - d :] = 0.0
     return result
+
+
+def _blocks(width: int, block: int, count: int) -> tuple[Array, Array]:
+    """A matrix of zeros in lower banded form, shape (width, (count + 1) block), and a view of the
+    columns of its blocks, each with the block below it, shape (count + 1, 2 block, block).
+
+    Entry (r, c) of a column of blocks stands in row r - c of the band; what is above the diagonal or
+    below the band goes to rows that are not returned.
+    """
+    columns = (count + 1) * block
+    rows = np.zeros((3 * block, columns))
+    band = rows[block : block + width]
+    row, column = rows.strides
+    view = np.lib.stride_tricks.as_strided(
+        rows[block:],
+        shape=(count + 1, 2 * block, block),
+        strides=(block * column, row, column - row),
+    )
+    return band, view
 
 
 _AT_ONCE = 512

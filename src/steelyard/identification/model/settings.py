@@ -195,6 +195,8 @@ class MotionSettings:
     level_slope: float = 0.05
     """Of the logarithm of the marginal likelihood by those of levels and correlation times, at which
     they have arrived: they are known to tenths at best."""
+    level_gain: float = 3e-6
+    """The same by the relative gain of a step: hundredths of some ten thousand."""
     level_trials: int = 40
     """Evaluations of the marginal likelihood at most."""
     no_level: float = 1e-4

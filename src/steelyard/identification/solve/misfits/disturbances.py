@@ -24,7 +24,12 @@ from steelyard.identification.model.motion_residuals import (
     limit,
     motion_residuals,
 )
-from steelyard.identification.model.process_levels import ProcessLevel, likeliest, on_levels
+from steelyard.identification.model.process_levels import (
+    ProcessLevel,
+    ProcessLevels,
+    likeliest,
+    on_levels,
+)
 from steelyard.identification.model.processes import Process, integrals_of
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise
@@ -48,7 +53,7 @@ def with_disturbances(
     refused: set[Source] = set()
     first = found
     for i in range(task.settings.most_processes):
-        present = {each.source for s in found.state.segments for each in s.processes}
+        present = _processes_of(found.state)
         found_colours = colours(task, found.state)
         asked = {
             source: colour
@@ -58,21 +63,76 @@ def with_disturbances(
         if not asked:
             break
         tell(i / task.settings.most_processes)
-        tried = {source: found_colours[source] for source in _most_asked(asked)}
-        settled = _settled(task, _with(task, found.state, tried))
+        tried = _tried(task, found.state, asked, found_colours, present)
+        settled = _settled(task, tried)
         found = found if settled is None else settled
-        present = {each.source for s in found.state.segments for each in s.processes}
-        refused |= set(tried) - present
+        refused |= _processes_of(tried) - _processes_of(found.state)
     return found if found is first else fit(task, found.state)
 
 
-def _most_asked(asked: Mapping[Source, Colour]) -> list[Source]:
-    """What is tried next: of the instruments the one with the largest score, and the wrench."""
-    wrench = [source for source in UNMODELLED_PARTS if source in asked]
-    instruments = [source for source in asked if source not in wrench]
-    tried = sorted(instruments, key=lambda each: -asked[each].score)[:1]
+def _tried(
+    task: Task,
+    state: FitState,
+    asked: Mapping[Source, Colour],
+    known: Mapping[Source, Colour],
+    present: Collection[Source],
+) -> FitState:
+    """With what is tried next: of the instruments the one with the largest score, and the wrench.
+
+    Where two instruments tell the same part of the pose, the residuals are those of the worse one,
+    whichever is wrong: the marginal likelihood decides between them.
+    """
     # Force and torque come together: an arm turns one into the other.
-    return tried + (list(UNMODELLED_PARTS) if wrench else [])
+    wrench = [source for source in UNMODELLED_PARTS if asked.keys() & UNMODELLED_PARTS.keys()]
+    instruments = sorted(asked.keys() - set(UNMODELLED_PARTS), key=lambda each: -asked[each].score)
+    if not instruments:
+        return _with(task, state, {source: known[source] for source in wrench})
+    most = instruments[0]
+    parts = _parts(task, most)
+    rivals = [
+        each
+        for each in known
+        if each not in UNMODELLED_PARTS and each not in present and parts & _parts(task, each)
+    ]
+    choices = []
+    for each in rivals:
+        own = known[each]
+        if own.score < task.settings.coloured:
+            own = own._replace(level=_same(task, state, most, each, known), time=known[most].time)
+        choices.append({each: own, **{source: known[source] for source in wrench}})
+    states = [_with(task, state, each) for each in choices]
+    if len(states) == 1:
+        return states[0]
+    levels = [_levels(task, each) for each in states]
+    best = max(range(len(states)), key=lambda i: levels[i].evidence)
+    return _on_levels(states[best], levels[best].of)
+
+
+def _same(
+    task: Task, state: FitState, one: Source, other: Source, known: Mapping[Source, Colour]
+) -> float:
+    """Level of one quantity in units of the noise of another one; 1 where they are not alike."""
+    units, sigmas = set(), []
+    for source in (one, other):
+        quantity = task.experiment.instruments[source[0]].quantity(
+            source[1], task.experiment.robot.m
+        )
+        units.add(quantity.unit)
+        sigmas += [
+            reading.sigma * state.factors.get(source, 1.0)
+            for segment in state.segments
+            for reading in segment.readings
+            if reading.source == source
+        ][:1]
+    if len(units) > 1 or len(sigmas) < len((one, other)):
+        return 1.0
+    return known[one].level * sigmas[0] / sigmas[1]
+
+
+def _parts(task: Task, source: Source) -> frozenset[str]:
+    """Parts of the pose that readings tell."""
+    instrument = task.experiment.instruments[source[0]]
+    return frozenset(instrument.quantity(source[1], task.experiment.robot.m).determines)
 
 
 class Colour(NamedTuple):
@@ -227,14 +287,13 @@ def _settled(task: Task, state: FitState) -> Fit | None:
     last: Mapping[Source, ProcessLevel] = {}
     found: Fit | None = None
     for _ in range(settings.level_fits):
-        levels = _levels(task, state)
+        levels = _levels(task, state).of
         while unwanted := _least_wanted(levels, settings):
             state = _without(state, unwanted)
-            levels = _levels(task, state)
+            levels = _levels(task, state).of
         if not levels:
             return None
-        segments = tuple(on_levels(each, levels) for each in state.segments)
-        found = fit(task, replace(state, segments=segments), beginning=True)
+        found = fit(task, _on_levels(state, levels), beginning=True)
         state = found.state
         if levels.keys() == last.keys() and all(
             abs(np.log(each.level / last[source].level)) < settings.level_settled
@@ -245,7 +304,15 @@ def _settled(task: Task, state: FitState) -> Fit | None:
     return found
 
 
-def _levels(task: Task, state: FitState) -> dict[Source, ProcessLevel]:
+def _processes_of(state: FitState) -> set[Source]:
+    return {each.source for segment in state.segments for each in segment.processes}
+
+
+def _on_levels(state: FitState, levels: Mapping[Source, ProcessLevel]) -> FitState:
+    return replace(state, segments=tuple(on_levels(each, levels) for each in state.segments))
+
+
+def _levels(task: Task, state: FitState) -> ProcessLevels:
     parts, _ = linearise(task, state)
     return likeliest(state.segments, [each.all for each in parts], task.settings.motion)
 
