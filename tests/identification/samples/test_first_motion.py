@@ -11,6 +11,7 @@ from steelyard.identification.samples.first_motion import (
     FIRST_MOTION,
     first_motion,
     lacks_pose,
+    turns_are_told,
     with_first_motion,
 )
 from steelyard.instruments import Length
@@ -63,6 +64,20 @@ def test_only_what_has_no_pose_lacks_it():
     assert all(lacking(**instruments) for instruments, *_ in SETS.values())
     assert not lacking(imu=("orientation",), tracker=("position",))
     assert not lacking(imu=("orientation",), lengths=("length",))
+
+
+@pytest.mark.parametrize(
+    ("instruments", "told"),
+    [
+        ({"tracker": ("position",)}, False),
+        ({"tracker": ("position",), "imu": ("specific_force",)}, True),
+        ({"tracker": ("position",), "imu": ("angular_velocity",)}, True),
+        ({"lengths": ("length",)}, True),
+    ],
+)
+def test_forces_alone_do_not_tell_how_a_platform_turns(instruments, told):
+    experiment = recording(0, **instruments)
+    assert turns_are_told(experiment, experiment.runs[0]) == told
 
 
 def test_nothing_in_common_is_no_motion():

@@ -85,6 +85,19 @@ def lacks_pose(experiment: Experiment, run: Run) -> bool:
     return "orientation" not in there or not there & {"position", "length"}
 
 
+def turns_are_told(experiment: Experiment, run: Run) -> bool:
+    """Whether an instrument beside the forces says how the platform turns: a rate, lengths, or
+    several targets. Forces that have to tell it as well leave too little for the body.
+    """
+    told = [
+        quantity.determines
+        for name in run.streams
+        for quantity in experiment.instruments[name].quantities(experiment.robot.m)
+        if quantity.name in run.streams[name].values
+    ]
+    return any("rotation" in each for each in told) or told.count(("position",)) > 1
+
+
 def with_first_motion(
     experiment: Experiment, run: Run, found: FirstMotion
 ) -> tuple[Experiment, Run]:

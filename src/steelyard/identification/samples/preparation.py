@@ -25,6 +25,7 @@ from steelyard.identification.samples.first_motion import (
     FIRST_MOTION,
     first_motion,
     lacks_pose,
+    turns_are_told,
     with_first_motion,
 )
 from steelyard.identification.samples.reading import RunReader, SmoothPart
@@ -131,7 +132,7 @@ def prepare(
             moves.
     """
     robot = experiment.robot.with_straight_cables() if straight else experiment.robot
-    if commanded and lacks_pose(experiment, run):
+    if commanded and lacks_pose(experiment, run) and turns_are_told(experiment, run):
         found = first_motion(experiment, run)
         if found is not None:
             experiment, run = with_first_motion(experiment, run, found)

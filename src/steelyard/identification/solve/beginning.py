@@ -34,6 +34,7 @@ from steelyard.identification.samples.first_motion import (
     FirstMotion,
     first_motion,
     lacks_pose,
+    turns_are_told,
     with_first_motion,
 )
 from steelyard.identification.samples.preparation import Samples, prepare
@@ -128,7 +129,9 @@ def read(
     begun = {
         run.name: found
         for run in runs
-        if lacks_pose(experiment, run) and (found := first_motion(experiment, run)) is not None
+        if lacks_pose(experiment, run)
+        and turns_are_told(experiment, run)
+        and (found := first_motion(experiment, run)) is not None
     }
     calibration = start or _first_values(parameters, begun)
     samples = []

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.experiment.model import Experiment
+from steelyard.identification.model.balance import balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.motion_residuals import Segment
 from steelyard.identification.solve.beginning import (
@@ -28,7 +29,7 @@ from steelyard.identification.solve.conclusion import Fitted, concluded, sound, 
 from steelyard.identification.solve.fit_state import FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.coherence import coherence
-from steelyard.identification.solve.misfits.disturbances import with_disturbances
+from steelyard.identification.solve.misfits.disturbances import as_noise, with_disturbances
 from steelyard.identification.solve.misfits.outliers import look
 from steelyard.identification.solve.misfits.suspicions import with_suspicions
 from steelyard.identification.solve.posterior import Posterior, Progress
@@ -155,8 +156,45 @@ def _fitted(
     # noise that is left as it is, then both.
     tell("what nothing explains", 0.6)
     fitted = _cut(readings, begun, task, state, tell, vibrations, levels=False)
-    found = with_disturbances(fitted.task, fitted.fit)
-    return replace(fitted, fit=found)
+    fitted = replace(fitted, fit=with_disturbances(fitted.task, fitted.fit))
+    touched, changed = _touched(fitted, settings=readings.settings)
+    if not changed:
+        return fitted
+    return replace(
+        touched, fit=with_disturbances(touched.task, fit(touched.task, touched.fit.state))
+    )
+
+
+def _touched(fitted: Fitted, settings: FitSettings) -> tuple[Fitted, bool]:
+    """Without the forces in which something touches the platform, and whether these are more than
+    before: what stands out of all that an unmodelled wrench does elsewhere.
+    """
+    task, state = fitted.task, fitted.fit.state
+    assert state.parameters is not None
+    contacts = {run: list(each) for run, each in fitted.contacts.items()}
+    force_samples = []
+    for segment, forces in zip(state.segments, fitted.force_samples, strict=True):
+        plain, own = as_noise(segment, forces, state.factors)
+        at = balance_of(
+            task.experiment, plain, own, state.calibration, state.parameters, state.factors
+        )
+        looked = look(at, own, own.sigmas(segment, state.factors), settings)
+        contacts.setdefault(segment.run, []).extend(looked.contacts)
+        force_samples.append(replace(forces, left_out=looked.force_samples.left_out))
+    changed = any(
+        bool(np.any(new.left_out != old.left_out))
+        for new, old in zip(force_samples, fitted.force_samples, strict=True)
+    )
+    samples = tuple(force_samples)
+    return (
+        replace(
+            fitted,
+            task=replace(task, force_samples=samples),
+            force_samples=samples,
+            contacts=contacts,
+        ),
+        changed,
+    )
 
 
 def _cut(

@@ -17,7 +17,13 @@ import numpy as np
 from scipy.signal import lfilter
 
 from steelyard.arrays import Array
-from steelyard.identification.model.balance import UNMODELLED_PARTS, Forces, balance_of
+from steelyard.identification.model.balance import (
+    UNMODELLED,
+    UNMODELLED_PARTS,
+    Forces,
+    balance_of,
+)
+from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.motion_residuals import (
     Segment,
     Tally,
@@ -133,6 +139,24 @@ def _parts(task: Task, source: Source) -> frozenset[str]:
     """Parts of the pose that readings tell."""
     instrument = task.experiment.instruments[source[0]]
     return frozenset(instrument.quantity(source[1], task.experiment.robot.m).determines)
+
+
+def as_noise(
+    segment: Segment, forces: Forces, factors: Mapping[Source, float]
+) -> tuple[Segment, Forces]:
+    """A segment and its forces with the unmodelled wrench as white noise of the same size.
+
+    What touches the platform for a moment stands out of it; the process would follow it.
+    """
+    parts = {each.source: each for each in segment.processes if each.source in UNMODELLED_PARTS}
+    if not parts:
+        return segment, forces
+    square = forces.unmodelled_sigma(segment, factors) ** 2
+    for source, each in parts.items():
+        square[UNMODELLED_PARTS[source]] += (each.level * each.sizes) ** 2
+    factor = factors.get(segment.label(ROBOT, UNMODELLED), 1.0)
+    others = tuple(each for each in segment.processes if each.source not in parts)
+    return segment.disturbed(others), replace(forces, unmodelled=np.sqrt(square) / factor)
 
 
 class Colour(NamedTuple):
