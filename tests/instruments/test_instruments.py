@@ -81,7 +81,10 @@ def draw(instrument, seed=1):
     """Errors that are far from none, of every term."""
     rng = np.random.default_rng(seed)
     return {
-        term.key: term.nominal + rng.uniform(0.05, 0.3, term.size) for term in instrument.terms(M)
+        # So many parts of other cables add up.
+        term.key: term.nominal
+        + rng.uniform(0.05, 0.3, term.size) / (1.0 if term.key != "crosstalk" else M)
+        for term in instrument.terms(M)
     }
 
 
@@ -89,7 +92,23 @@ def draw(instrument, seed=1):
 
 
 def tension(i, c, robot, state):
-    return {"tension": [c["common_gain"] * c["gain"] * f + c["offset"] for *_, f, _ in rows(state)]}
+    return {
+        "tension": [
+            c["common_gain"] * c["gain"] * (f + of_others(c["crosstalk"], f)) + c["offset"]
+            for *_, f, _ in rows(state)
+        ]
+    }
+
+
+def of_others(parts, tensions):
+    """What sensors read of the other cables, told one by one."""
+    given = iter(parts)
+    return np.array(
+        [
+            sum(next(given) * other for j, other in enumerate(tensions) if j != i)
+            for i in range(len(tensions))
+        ]
+    )
 
 
 def tension_at_the_winch(i, c, robot, state):
@@ -99,6 +118,7 @@ def tension_at_the_winch(i, c, robot, state):
         away = arms + p - robot.anchors
         paid_out = np.sum(away * (v + np.cross(R @ w, arms)), axis=1) / np.linalg.norm(away, axis=1)
         behind = f * (1 - c["friction"] * np.tanh(paid_out / 0.01)) - c["viscous"] * paid_out
+        behind = behind + of_others(c["crosstalk"], behind)
         readings.append(c["common_gain"] * c["gain"] * behind + c["offset"])
     return {"tension": readings}
 
@@ -265,7 +285,13 @@ def test_a_perfect_instrument_has_gains_of_one_and_no_other_error(kind):
 
 # Default 1-sigma by the table of the contract; None: taken from the data.
 DEFAULTS = {
-    "tension": {"offset": None, "gain": 0.01, "common_gain": 0.005, "time_constant": 0.0},
+    "tension": {
+        "offset": None,
+        "gain": 0.01,
+        "common_gain": 0.005,
+        "time_constant": 0.0,
+        "crosstalk": 0.0,
+    },
     "tension at the winch of straight cables": {
         "offset": None,
         "gain": 0.01,
@@ -274,6 +300,7 @@ DEFAULTS = {
         "friction": 0.02,
         "presliding": 0.003,
         "viscous": 0.0,
+        "crosstalk": 0.0,
     },
     "wrench": {
         "offset.force": None,
@@ -753,6 +780,7 @@ def test_a_tension_follows_its_own_reading_gain_and_offset(state):
     # tension = (reading - offset) / (common gain x gain), differentiated by hand.
     instrument = Tension(kind="tension")
     calibration = draw(instrument, seed=9)
+    calibration["crosstalk"] *= 0.0
     gain, common = calibration["gain"], calibration["common_gain"]
     by_reading, by_errors, _ = sensitivity(
         "tension", instrument, STRAIGHT, ("tension",), {"tension": state.tension}, calibration
@@ -761,7 +789,7 @@ def test_a_tension_follows_its_own_reading_gain_and_offset(state):
     np.testing.assert_allclose(
         by_reading, np.broadcast_to(eye / (common * gain), by_reading.shape), rtol=1e-12
     )
-    whole = np.broadcast_to(by_errors, (N, M, 2 * M + 2))
+    whole = np.broadcast_to(by_errors, (N, M, 2 * M + 2 + M * (M - 1)))
     np.testing.assert_allclose(
         whole[:, :, :M], np.broadcast_to(-eye / (common * gain), (N, M, M)), rtol=1e-12
     )
@@ -769,6 +797,11 @@ def test_a_tension_follows_its_own_reading_gain_and_offset(state):
     np.testing.assert_allclose(whole[:, :, 2 * M], -t / common, rtol=1e-12)
     # A filter acts on the time of a reading.
     np.testing.assert_array_equal(whole[:, :, 2 * M + 1], 0.0)
+    # A part of another cable's tension takes as much from one's own.
+    pairs = [(i, j) for i in range(M) for j in range(M) if i != j]
+    for k, (i, j) in enumerate(pairs):
+        np.testing.assert_allclose(whole[:, i, 2 * M + 2 + k], -t[:, j], rtol=1e-12)
+        np.testing.assert_array_equal(np.delete(whole[:, :, 2 * M + 2 + k], i, axis=1), 0.0)
 
 
 # What an instrument says of itself

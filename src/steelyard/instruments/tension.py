@@ -34,6 +34,10 @@ _TRAVEL = 0.003
 """Default of the travel over which it builds up, and its 1-sigma [m]."""
 _VISCOUS = 20.0
 """1-sigma of the resistance to the rate of rollers that have one [N s/m]."""
+_CROSSTALK = 0.005
+"""1-sigma of the part of another cable that a sensor reads where sensors do so."""
+CROSSTALK = "crosstalk"
+"""Key of these parts."""
 PRESLIDING = "presliding"
 """Key of that travel."""
 _LEAST_TRAVEL = 3e-4
@@ -52,6 +56,9 @@ class TensionCalibration(ForceCalibration):
     """Factor on each cable."""
     common_gain: Prior = sigma(0.005)
     """Factor common to all cables."""
+    crosstalk: Prior | None = None
+    """Part of the tension of every other cable that a sensor reads too: a common frame, a shared
+    supply; None: none, unless the readings ask for it."""
     friction: Prior | None = None
     """Part of the tension that the roller between sensor and platform takes; None: .02 at the
     winch, where there is one."""
@@ -104,6 +111,13 @@ class Tension(Instrument):
             Term("gain", m, "1", c.gain, nominal=1.0),
             Term("common_gain", 1, "1", c.common_gain, nominal=1.0),
             c.filter_term,
+            Term(
+                CROSSTALK,
+                m * (m - 1),
+                "1",
+                c.crosstalk or exact(),
+                suspected=None if c.crosstalk else _CROSSTALK,
+            ),
         )
         return (
             always
@@ -126,8 +140,8 @@ class Tension(Instrument):
     def predict(
         self, state: State, calibration: Mapping[str, Symbol], robot: Robot
     ) -> dict[str, Symbol]:
-        """Gain times tension plus offset; at the winch with the weight that hangs between and less
-        what the roller takes.
+        """Gain times tension plus offset, with a part of the other cables' tensions; at the winch
+        with the weight that hangs between and less what the roller takes.
         """
         c = calibration
         tension = (
@@ -135,7 +149,19 @@ class Tension(Instrument):
             if self.end == "platform"
             else _behind_rollers(state, c["friction"], c["viscous"], robot)
         )
-        return {"tension": c["common_gain"] * c["gain"] * tension + c["offset"]}
+        mixed = tension + _of_others(c[CROSSTALK], robot.m) @ tension
+        return {"tension": c["common_gain"] * c["gain"] * mixed + c["offset"]}
+
+
+def _of_others(parts: Symbol, m: int) -> Symbol:
+    """Matrix of the parts of other cables that each sensor reads, row by row without the diagonal,
+    shape (m, m).
+    """
+    found = ca.SX.zeros(m, m)
+    places = [(i, j) for i in range(m) for j in range(m) if i != j]
+    for k, (i, j) in enumerate(places):
+        found[i, j] = parts[k]
+    return found
 
 
 def _behind_rollers(state: State, friction: Symbol, viscous: Symbol, robot: Robot) -> Symbol:

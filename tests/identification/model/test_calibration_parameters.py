@@ -82,6 +82,7 @@ TABLE = {
     ("cables", "gain"): (M, 0.01),
     ("cables", "common_gain"): (1, 0.005),
     ("cables", "time_constant"): (1, 0.0),
+    ("cables", "crosstalk"): (M * (M - 1), 0.0),
     ("sensor", "time_constant"): (1, 0.0),
     ("sensor", "offset.force"): (3, 7.0),  # the largest reading
     ("sensor", "offset.torque"): (3, 0.3),

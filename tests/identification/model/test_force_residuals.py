@@ -108,7 +108,9 @@ class Case:
         for key, place in self.calibration_parameters.places.items():
             if key[1] == TIME_CONSTANT:
                 values[place] = 0.0
-            if key[1] == "viscous" or (key[1].startswith(SURROUNDINGS) and not pulled):
+            if key[1] in {"viscous", "crosstalk"} or (
+                key[1].startswith(SURROUNDINGS) and not pulled
+            ):
                 values[place] = 0.0
             if key[1] == PRESLIDING:
                 values[place] = 0.1

@@ -19,6 +19,7 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT, Term
+from steelyard.instruments.tension import CROSSTALK
 
 ROBOT = "robot"
 """Owner of the errors of the robot file."""
@@ -90,6 +91,9 @@ class CalibrationParameter:
         # A robot of three cables has vectors that are no axes.
         if size == m and size > 1 and self.key in _PER_CABLE:
             return [f"{where} of cable {i + 1}" for i in range(size)]
+        if self.key == CROSSTALK:
+            pairs = [(i, j) for i in range(m) for j in range(m) if i != j]
+            return [f"{where} of cable {i + 1} from cable {j + 1}" for i, j in pairs]
         if size == 3:
             return [f"{where} {axis}" for axis in _AXES]
         return [where] if size == 1 else [f"{where} {i + 1}" for i in range(size)]

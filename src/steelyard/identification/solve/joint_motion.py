@@ -173,8 +173,10 @@ def _touched(fitted: Fitted, settings: FitSettings) -> tuple[Fitted, bool]:
     assert state.parameters is not None
     contacts = {run: list(each) for run, each in fitted.contacts.items()}
     force_samples = []
-    for segment, forces in zip(state.segments, fitted.force_samples, strict=True):
-        plain, own = as_noise(segment, forces, state.factors)
+    for segment, forces, before in zip(
+        state.segments, fitted.force_samples, fitted.balances, strict=True
+    ):
+        plain, own = as_noise(segment, forces, before.time, state.factors)
         at = balance_of(
             task.experiment, plain, own, state.calibration, state.parameters, state.factors
         )

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
+from scipy.stats import norm
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import (
@@ -142,20 +143,29 @@ def _parts(task: Task, source: Source) -> frozenset[str]:
 
 
 def as_noise(
-    segment: Segment, forces: Forces, factors: Mapping[Source, float]
+    segment: Segment, forces: Forces, times: Array, factors: Mapping[Source, float]
 ) -> tuple[Segment, Forces]:
-    """A segment and its forces with the unmodelled wrench as white noise of the same size.
+    """A segment and its forces with the unmodelled wrench as white noise of its usual size.
 
-    What touches the platform for a moment stands out of it; the process would follow it.
+    What touches the platform for a moment stands out of it; the process would follow it, and its
+    level with it.
+
+    Args:
+        segment: With its processes.
+        forces: Within it.
+        times: Of the force samples within the segment [s], shape (n,).
+        factors: Quantity -> by how much its noise exceeds what the readings say.
     """
-    parts = {each.source: each for each in segment.processes if each.source in UNMODELLED_PARTS}
+    parts = [each for each in segment.processes if each.source in UNMODELLED_PARTS]
     if not parts:
         return segment, forces
     square = forces.unmodelled_sigma(segment, factors) ** 2
-    for source, each in parts.items():
-        square[UNMODELLED_PARTS[source]] += (each.level * each.sizes) ** 2
+    local = segment.basis(times)
+    for each in parts:
+        usual = np.median(np.abs(segment.disturbance(each, local, 0))) / norm.ppf(0.75)
+        square[UNMODELLED_PARTS[each.source]] += usual**2
     factor = factors.get(segment.label(ROBOT, UNMODELLED), 1.0)
-    others = tuple(each for each in segment.processes if each.source not in parts)
+    others = tuple(each for each in segment.processes if each not in parts)
     return segment.disturbed(others), replace(forces, unmodelled=np.sqrt(square) / factor)
 
 
