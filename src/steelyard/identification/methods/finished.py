@@ -59,6 +59,8 @@ def finished(
     solution, calibration_parameters = found.solution, found.calibration.calibration_parameters
     value = Inertia.from_parameters(found.parameters).body_parameters if value is None else value
     covariance = found.body_covariance if covariance is None else covariance
+    # What is written is symmetric to the last bit, however it was computed.
+    covariance = (covariance + covariance.T) / 2
     known = found.identifiable
     value = np.where(known, value, np.nan)
     tests = directed_tests(found, settings)
