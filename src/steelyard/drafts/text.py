@@ -116,7 +116,7 @@ def as_text(
         f"robot: {scalar(robot_place)}",
         "# known: {mass: {value: 100.0, sigma: 0.1}}    # known beforehand [kg]; also"
         " center_of_gravity: {x: …} [m], inertia: {xx: …} [kg m^2]",
-        f"# uncertainty: {flow(UncertaintyForm().model_dump())}    # 1-sigma of the robot file [m],"
+        f"# uncertainty: {flow(UncertaintyForm().of_robot)}    # 1-sigma of the robot file [m],"
         " [m], [m/s^2]; the defaults",
         "instruments:",
     ]

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
+from steelyard.experiment.surroundings import (
+    AttachedForm,
+    DragForm,
+    KnownForm,
+    NotNegative,
+    Surroundings,
+    Unmodelled,
+)
 from steelyard.instruments import AnyInstrument
 from steelyard.yaml_file import FileModel
 
 FORMAT = "steelyard/1"
 Vector = tuple[float, float, float]
-NotNegative = Annotated[float, Field(ge=0)]
-
-
-class KnownForm(FileModel):
-    """A value known beforehand; a bare number is exact."""
-
-    value: float
-    sigma: NotNegative = 0.0
-
-    @model_validator(mode="before")
-    @classmethod
-    def _number(cls, value: Any) -> Any:
-        return value if isinstance(value, dict) else {"value": value}
 
 
 class KnownVectorForm(FileModel):
@@ -57,7 +52,7 @@ class KnownBodyForm(FileModel):
 
 
 class UncertaintyForm(FileModel):
-    """1-sigma of the robot file's values, per coordinate."""
+    """1-sigma of the robot file's values, per coordinate, and of the wrench that nothing explains."""
 
     anchor: NotNegative = 0.002
     """[m]"""
@@ -65,6 +60,14 @@ class UncertaintyForm(FileModel):
     """[m]"""
     gravity: NotNegative = 0.005
     """[m/s^2]"""
+    unmodelled: Unmodelled | None = None
+    """Wrench on the platform that nothing explains; None: estimated, and zero where the readings do
+    not ask for it; 0: there is none."""
+
+    @property
+    def of_robot(self) -> dict[str, float]:
+        """What is about the robot file."""
+        return {"anchor": self.anchor, "attachment": self.attachment, "gravity": self.gravity}
 
 
 class StreamForm(FileModel):
@@ -79,6 +82,8 @@ class StreamForm(FileModel):
     units: dict[str, str] = Field(default_factory=dict)
     """Column -> unit, where it is neither SI nor what the log itself states: g, deg, deg/s, mm, kN,
     us, …"""
+    scale: dict[str, float] = Field(default_factory=dict)
+    """Column -> what it is multiplied by, after its unit: -1 where a sign is turned."""
 
     @model_validator(mode="before")
     @classmethod
@@ -124,9 +129,19 @@ class ExperimentForm(FileModel):
     """Name of a bundled robot, or path of a robot file relative to this file."""
     known: KnownBodyForm = KnownBodyForm()
     uncertainty: UncertaintyForm = UncertaintyForm()
+    attached: tuple[AttachedForm, ...] = ()
+    """Hoses and umbilicals."""
+    drag: DragForm | None = None
+    """Of the air; None: estimated, and zero where the readings do not ask for it."""
     instruments: dict[str, AnyInstrument] = Field(min_length=1)
     """Name -> instrument."""
     runs: tuple[RunForm, ...] = Field(min_length=1)
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """What acts on the platform beside its cables."""
+        unmodelled = self.uncertainty.unmodelled
+        return Surroundings(unmodelled=unmodelled, attached=self.attached, drag=self.drag)
 
 
 class PlanForm(ExperimentForm):

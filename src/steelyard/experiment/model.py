@@ -13,6 +13,7 @@ from steelyard.arrays import Array
 from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.experiment.columns import stream_columns
+from steelyard.experiment.surroundings import Surroundings
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import DEFAULT_DELAY, Prior, exact, sigma
 from steelyard.robot.model import Robot
@@ -123,6 +124,8 @@ class Experiment:
     coordinate."""
     source: str = ""
     """File that it was read from."""
+    surroundings: Surroundings = field(default_factory=Surroundings)
+    """What acts on the platform beside its cables."""
 
     def __repr__(self) -> str:
         instruments = ", ".join(

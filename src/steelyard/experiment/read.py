@@ -87,7 +87,8 @@ def _experiment(
         instruments=form.instruments,
         runs=runs,
         known=_known(form.known),
-        uncertainty=form.uncertainty.model_dump(),
+        uncertainty=form.uncertainty.of_robot,
+        surroundings=form.surroundings,
         source=str(path),
     )
 
@@ -139,6 +140,19 @@ def check_instruments(
                 f"expected a robot with cables for an instrument of kind '{instrument.kind}', found"
                 f" none in robot '{robot.name}'; use kind 'wrench' or another robot",
             )
+        columns = {c for q in instrument.quantities(robot.m) for form in q.forms for c in form}
+        for column in sorted(instrument.unread - columns):
+            raise document.error(
+                ("instruments", name, "without"),
+                f"expected numbers of the {robot.m} cables of the robot, from 1, found"
+                f" {column[1:]}; correct it",
+            )
+        if columns and columns <= instrument.unread:
+            raise document.error(
+                ("instruments", name, "without"),
+                "expected a cable that has a sensor, found none; leave the instrument out of the"
+                " file, or correct this",
+            )
         delay = instrument.calibration.delay
         priors = [(term.key, term.prior, term.size) for term in instrument.terms(robot.m)]
         for key, prior, size in [*priors, *([("delay", delay, 1)] if delay else [])]:
@@ -165,7 +179,11 @@ def _read_run(
         )
     places = {
         name: StreamPlace(
-            document.path.parent / stream.file, stream.topic, stream.columns, stream.units
+            document.path.parent / stream.file,
+            stream.topic,
+            stream.columns,
+            stream.units,
+            stream.scale,
         )
         for name, stream in form.streams.items()
     }

@@ -10,7 +10,8 @@ from typing import Any, Literal
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
-from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownForm, RunForm, StreamForm
+from steelyard.experiment.form import RUN_KEYS, ExperimentForm, RunForm, StreamForm
+from steelyard.experiment.surroundings import DragForm, KnownForm
 from steelyard.instruments.base import Prior
 from steelyard.robot.file import RobotForm
 
@@ -25,6 +26,7 @@ _SHORT_FORMS: Mapping[type[BaseModel], Any] = {
         {"type": "null"},
     ],
     KnownForm: [{"type": "number", "description": "exact"}],
+    DragForm: [{**_SIGMA, "description": "exact"}],
     StreamForm: [{"type": "string", "description": "Path of the log, relative to this file."}],
 }
 """What may stand for a mapping: forms that take it so say it in a validator, which no schema can be

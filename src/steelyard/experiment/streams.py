@@ -44,6 +44,8 @@ class StreamPlace:
     units: Mapping[str, str] = field(default_factory=dict)
     """Names in the log (or of the contract) -> unit, where neither SI nor what the log itself
     states."""
+    scale: Mapping[str, float] = field(default_factory=dict)
+    """The same -> what they are multiplied by, after their unit."""
 
 
 def read_stream(
@@ -78,9 +80,9 @@ def read_stream(
         names = _Names(
             log, place, [name for name in log.names if name in needed or name not in claimed]
         )
-        quantities = _present_quantities(names, instrument, m)
+        quantities, unread = _present_quantities(names, instrument, m), instrument.unread
         timed = None if static else names.time()
-        contract = [name for _, form in quantities for name in form]
+        contract = [name for _, form in quantities for name in form if name not in unread]
         names.check(contract, instrument.kind)
         wanted = {name: str(names.of(name)) for name in contract}
         if timed is not None:
@@ -105,9 +107,14 @@ def read_stream(
     for quantity, form in quantities:
         # Quaternions and matrices have no unit.
         unit = _UNIT_OF_NO_ANGLE if quantity.rotation and len(form) != 3 else quantity.unit
-        factors = np.array([names.factor(c, unit) for c in form])
-        raw = table.beside([wanted[c] for c in form])
+        there = [c for c in form if c not in unread]
+        factors = np.array([names.factor(c, unit) * names.scale(c) for c in there])
+        raw = table.beside([wanted[c] for c in there])
         raw = raw if np.all(factors == 1) else raw * factors
+        if len(there) < len(form):
+            whole = np.full((n, len(form)), np.nan)
+            whole[:, [c not in unread for c in form]] = raw
+            raw = whole
         values[quantity.name] = _rotations(where, form, raw) if quantity.rotation else raw
         if quantity.rotation and len(form) == 3:
             angles[quantity.name] = raw
@@ -179,12 +186,18 @@ class _Names:
             for name in (c, self.asked(c), self.of(c))
             if name is not None
         }
-        for name in self.place.units:
-            if name not in named:
-                raise InputError(
-                    f"{path}: 'units': expected a column that is read, found '{name}'; known here:"
-                    f" {', '.join(sorted(named))}"
-                )
+        for key, stated in (("units", self.place.units), ("scale", self.place.scale)):
+            for name in stated:
+                if name not in named:
+                    raise InputError(
+                        f"{path}: '{key}': expected a column that is read, found '{name}'; known"
+                        f" here: {', '.join(sorted(named))}"
+                    )
+
+    def scale(self, column: str) -> float:
+        """What a column of the contract is multiplied by, after its unit."""
+        scale, in_log = self.place.scale, str(self.of(column))
+        return scale.get(in_log, scale.get(self.asked(column), scale.get(column, 1.0)))
 
     def factor(self, column: str, unit: str) -> float:
         """From the unit of a column in the log to an SI unit."""
@@ -217,7 +230,10 @@ def _present_quantities(
     found = []
     path, present = names.log.path, list(names.free)
     for quantity in instrument.quantities(m):
-        have = {form: [c for c in form if names.of(c) is not None] for form in quantity.forms}
+        have = {
+            form: [c for c in form if c in instrument.unread or names.of(c) is not None]
+            for form in quantity.forms
+        }
         complete = next((form for form in quantity.forms if len(have[form]) == len(form)), None)
         if complete:
             found.append((quantity, complete))
@@ -333,4 +349,5 @@ def needed_columns(instrument: Instrument, m: int, columns: Mapping[str, str]) -
         if q.required
         for form in q.forms
         for c in form
+        if c not in instrument.unread
     }

@@ -77,7 +77,10 @@ def write_experiment(
         "name": experiment.name,
         "robot": experiment.robot.name if bundled else "robot.yaml",
         **({"known": _known(experiment.known)} if experiment.known else {}),
-        "uncertainty": dict(experiment.uncertainty),
+        "uncertainty": {**experiment.uncertainty, **_unmodelled(experiment)},
+        **experiment.surroundings.model_dump(
+            mode="json", include={"attached", "drag"}, exclude_unset=True, exclude_none=True
+        ),
         "instruments": {
             name: instrument.model_dump(mode="json", exclude_unset=True)
             for name, instrument in experiment.instruments.items()
@@ -101,6 +104,13 @@ def _places(names: Sequence[str], what: str) -> list[str]:
         taken.add(place.casefold())
         places.append(place)
     return places
+
+
+def _unmodelled(experiment: Experiment) -> dict[str, Any]:
+    """Of the wrench that nothing explains, where something is stated."""
+    return experiment.surroundings.model_dump(
+        mode="json", include={"unmodelled"}, exclude_unset=True, exclude_none=True
+    )
 
 
 def _known(known: Mapping[str, tuple[float, float]]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.inspection.agreements.excerpt import Excerpt
 from steelyard.inspection.settings import INSPECTION, InspectionSettings
 from steelyard.instruments import Instrument
+from steelyard.instruments.noise import ColoredNoise, averaged
 
 
 def part_of(
@@ -83,8 +84,8 @@ def _averaged_noise(instrument: Instrument, often: int) -> Instrument:
     noise = dict(instrument).get("noise")
     if often == 1 or noise is None:
         return instrument
-    root = float(np.sqrt(often))
-    if isinstance(noise, float | int):
-        return instrument.model_copy(update={"noise": noise / root})
-    stated = {key: value / root for key, value in noise.model_dump().items() if value is not None}
+    less = float(1 / np.sqrt(often))
+    if isinstance(noise, float | int | ColoredNoise):
+        return instrument.model_copy(update={"noise": averaged(noise, less)})
+    stated = {key: averaged(value, less) for key, value in dict(noise).items() if value is not None}
     return instrument.model_copy(update={"noise": noise.model_copy(update=stated)})

@@ -14,11 +14,19 @@ from steelyard.instruments.base import (
     Mounting,
     Prior,
     Quantity,
-    Sigma,
     Term,
     Vector,
     mounting_rotation,
     sigma,
+)
+from steelyard.instruments.noise import (
+    AttitudeFilter,
+    Noise,
+    Sigma,
+    drift,
+    leaning,
+    white_part,
+    with_colored_part,
 )
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
@@ -31,6 +39,10 @@ class AttitudeCalibration(Calibration):
     """Small rotation of the instrument in the platform [rad]."""
     reference: Prior = sigma(0.02)
     """Small rotation of its reference frame against the world [rad]."""
+    filter: AttitudeFilter | None = None
+    """Time constant of a filter that follows the accelerometer [s]; None: not stated."""
+    heading: Sigma | None = None
+    """Random walk of the heading [rad/sqrt(s)]; None: not stated."""
 
 
 class Attitude(Instrument):
@@ -39,7 +51,7 @@ class Attitude(Instrument):
     kind: Literal["attitude"]
     rpy_deg: Vector = (0.0, 0.0, 0.0)
     """Instrument frame to platform frame [deg]."""
-    noise: Sigma | None = None
+    noise: Noise | None = None
     """1-sigma per sample and axis [rad]."""
     calibration: AttitudeCalibration = AttitudeCalibration()
 
@@ -50,14 +62,18 @@ class Attitude(Instrument):
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
+        c = self.calibration
         return (
             Quantity(
                 "orientation",
                 ORIENTATION_FORMS,
                 "rad",
-                self.noise,
+                white_part(self.noise),
                 rotation=True,
                 determines=("rotation",),
+                disturbed=with_colored_part(
+                    self.noise, leaning(c.filter), drift(c.heading, vertical=True)
+                ),
             ),
         )
 

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from steelyard import rotations
 from steelyard.arrays import Array
 from steelyard.batch import Symbol
+from steelyard.instruments.noise import Disturbance, Sigma
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 from steelyard.yaml_file import FileModel
@@ -27,7 +28,6 @@ from steelyard.yaml_file import FileModel
 Vector = tuple[float, float, float]
 Part = Literal["position", "rotation"]
 """Of a pose."""
-Sigma = Annotated[float, Field(ge=0)]
 ORIENTATION_FORMS = (
     ("qw", "qx", "qy", "qz"),
     ("roll", "pitch", "yaw"),
@@ -131,13 +131,15 @@ class Quantity:
     unit: str
     """SI unit of its columns (of angles, where a rotation is given by angles)."""
     noise: float | None
-    """1-sigma per sample and axis; None: not stated. Of a rotation: of the rotation vector on its
-    right [rad]."""
+    """White, 1-sigma per sample and axis; None: not stated. Of a rotation: of the rotation vector on
+    its right [rad]."""
     rotation: bool = False
     """Whether it is a rotation, shape (3, 3); else a vector."""
     required: bool = True
     determines: tuple[Part, ...] = ()
     """Parts of the pose, or of its derivatives, that follow from its readings alone."""
+    disturbed: tuple[Disturbance, ...] = ()
+    """Errors that go on for a while, as stated; those that nobody has stated are looked for."""
 
     @property
     def size(self) -> int:
@@ -215,6 +217,9 @@ class Calibration(FileModel):
 
     delay: Prior | None = None
     """Of its clock against the common time [s]; None: not stated."""
+    jitter: Sigma | None = None
+    """Time stamps are late by the absolute value of a normal number of this 1-sigma, each [s]; None:
+    not stated."""
 
 
 class ForceCalibration(Calibration):
@@ -223,6 +228,8 @@ class ForceCalibration(Calibration):
     time_constant: Prior = exact()
     """Of the first-order filter of the amplifier [s]; not stated: none, unless the readings ask for
     one."""
+    drift: Sigma | None = None
+    """Random walk of the offset [N/sqrt(s)], of torques [N m/sqrt(s)]; None: not stated."""
 
     @property
     def filter_term(self) -> Term:
@@ -274,6 +281,11 @@ class Instrument(FileModel, ABC):
     def remembers(self) -> bool:
         """Whether its reading depends on how the cables have moved before."""
         return False
+
+    @property
+    def unread(self) -> frozenset[str]:
+        """Columns of the contract that it does not have though its kind does."""
+        return frozenset()
 
     @property
     def target_limits(self) -> TargetLimits | None:

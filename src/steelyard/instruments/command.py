@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 
 from steelyard.batch import Symbol
 from steelyard.instruments.base import Instrument, Quantity, Term
+from steelyard.instruments.noise import white_part
 from steelyard.instruments.pose import PoseNoise
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
@@ -24,13 +25,17 @@ class Command(Instrument):
         """See :class:`Instrument`."""
         return (
             Quantity(
-                "position", (("x", "y", "z"),), "m", self.noise.position, determines=("position",)
+                "position",
+                (("x", "y", "z"),),
+                "m",
+                white_part(self.noise.position),
+                determines=("position",),
             ),
             Quantity(
                 "orientation",
                 (("roll", "pitch", "yaw"),),
                 "rad",
-                self.noise.rotation,
+                white_part(self.noise.rotation),
                 rotation=True,
                 determines=("rotation",),
             ),

@@ -17,11 +17,11 @@ from steelyard.instruments.base import (
     Mounting,
     Prior,
     Quantity,
-    Sigma,
     Term,
     Vector,
     sigma,
 )
+from steelyard.instruments.noise import Noise, white_part, with_colored_part
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 from steelyard.yaml_file import FileModel
@@ -68,7 +68,7 @@ class Distance(Instrument):
     point: Vector = (0.0, 0.0, 0.0)
     """Point whose distance is read, platform frame [m]."""
     plane: PlaneForm
-    noise: Sigma | None = None
+    noise: Noise | None = None
     """1-sigma per sample [m]."""
     calibration: DistanceCalibration = DistanceCalibration()
 
@@ -79,7 +79,15 @@ class Distance(Instrument):
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
-        return (Quantity("distance", (("d",),), "m", self.noise),)
+        return (
+            Quantity(
+                "distance",
+                (("d",),),
+                "m",
+                white_part(self.noise),
+                disturbed=with_colored_part(self.noise),
+            ),
+        )
 
     def terms(self, m: int) -> tuple[Term, ...]:
         """See :class:`Instrument`."""

@@ -18,12 +18,20 @@ from steelyard.instruments.base import (
     Mounting,
     Prior,
     Quantity,
-    Sigma,
     Term,
     Vector,
     exact,
     mounting_rotation,
     sigma,
+)
+from steelyard.instruments.noise import (
+    AttitudeFilter,
+    Noise,
+    Sigma,
+    drift,
+    leaning,
+    white_part,
+    with_colored_part,
 )
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
@@ -36,11 +44,11 @@ _POOR_SCALE = 0.02
 class ImuNoise(FileModel):
     """1-sigma per sample and axis [rad/s], [m/s^2], [rad]."""
 
-    angular_velocity: Sigma | None = None
+    angular_velocity: Noise | None = None
     """[rad/s]"""
-    specific_force: Sigma | None = None
+    specific_force: Noise | None = None
     """[m/s^2]"""
-    orientation: Sigma | None = None
+    orientation: Noise | None = None
     """[rad]"""
 
 
@@ -61,6 +69,15 @@ class ImuCalibration(Calibration):
     """Relative error of each axis; not stated: none, unless the readings ask for one."""
     accelerometer_scale: Prior = exact()
     """The same."""
+    gyro_drift: Sigma | None = None
+    """Random walk of the bias [rad/s/sqrt(s)]; None: not stated."""
+    accelerometer_drift: Sigma | None = None
+    """The same [m/s^2/sqrt(s)]."""
+    filter: AttitudeFilter | None = None
+    """Time constant of a filter by which its orientation follows the accelerometer [s]; None: not
+    stated."""
+    heading: Sigma | None = None
+    """Random walk of the heading of its orientation [rad/sqrt(s)]; None: not stated."""
 
 
 class Imu(Instrument):
@@ -95,32 +112,37 @@ class Imu(Instrument):
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
-        n = self.noise
+        n, c = self.noise, self.calibration
         return (
             Quantity(
                 "angular_velocity",
                 (("wx", "wy", "wz"),),
                 "rad/s",
-                n.angular_velocity,
+                white_part(n.angular_velocity),
                 required=False,
                 determines=("rotation",),
+                disturbed=with_colored_part(n.angular_velocity, drift(c.gyro_drift)),
             ),
             Quantity(
                 "specific_force",
                 (("ax", "ay", "az"),),
                 "m/s^2",
-                n.specific_force,
+                white_part(n.specific_force),
                 required=False,
                 determines=("position",),
+                disturbed=with_colored_part(n.specific_force, drift(c.accelerometer_drift)),
             ),
             Quantity(
                 "orientation",
                 ORIENTATION_FORMS,
                 "rad",
-                n.orientation,
+                white_part(n.orientation),
                 rotation=True,
                 required=False,
                 determines=("rotation",),
+                disturbed=with_colored_part(
+                    n.orientation, leaning(c.filter), drift(c.heading, vertical=True)
+                ),
             ),
         )
 

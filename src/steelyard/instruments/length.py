@@ -8,7 +8,8 @@ from typing import ClassVar, Literal
 import casadi as ca
 
 from steelyard.batch import Symbol
-from steelyard.instruments.base import Calibration, Instrument, Prior, Quantity, Sigma, Term, sigma
+from steelyard.instruments.base import Calibration, Instrument, Prior, Quantity, Term, sigma
+from steelyard.instruments.noise import Noise, white_part, with_colored_part
 from steelyard.motion.state import State
 from steelyard.robot.kinematics import shapes
 from steelyard.robot.model import Robot
@@ -29,7 +30,7 @@ class Length(Instrument):
     per_cable: ClassVar[bool] = True
 
     kind: Literal["length"]
-    noise: Sigma | None = None
+    noise: Noise | None = None
     """1-sigma per sample [m]."""
     calibration: LengthCalibration = LengthCalibration()
 
@@ -37,7 +38,14 @@ class Length(Instrument):
         """See :class:`Instrument`."""
         columns = tuple(f"l{i + 1}" for i in range(m))
         return (
-            Quantity("length", (columns,), "m", self.noise, determines=("position", "rotation")),
+            Quantity(
+                "length",
+                (columns,),
+                "m",
+                white_part(self.noise),
+                determines=("position", "rotation"),
+                disturbed=with_colored_part(self.noise),
+            ),
         )
 
     def terms(self, m: int) -> tuple[Term, ...]:

@@ -16,12 +16,12 @@ from steelyard.instruments.base import (
     Mounting,
     Prior,
     Quantity,
-    Sigma,
     Term,
     Vector,
     mounting_rotation,
     sigma,
 )
+from steelyard.instruments.noise import Noise, Sigma, reacquired, white_part, with_colored_part
 from steelyard.instruments.position import FrameCalibration, frame_terms, tracker_frame
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
@@ -31,9 +31,9 @@ from steelyard.yaml_file import FileModel
 class PoseNoise(FileModel):
     """1-sigma per sample and axis [m], [rad]."""
 
-    position: Sigma | None = None
+    position: Noise | None = None
     """[m]"""
-    rotation: Sigma | None = None
+    rotation: Noise | None = None
     """[rad]"""
 
 
@@ -45,6 +45,8 @@ class PoseCalibration(Calibration):
     target: Prior = sigma(0.005)
     """Place of the tracked frame in the platform [m]."""
     frame: FrameCalibration = FrameCalibration()
+    reacquired: Sigma | None = None
+    """Constant shift after each loss of the target [m]; None: not stated."""
 
 
 class Pose(Instrument):
@@ -66,17 +68,24 @@ class Pose(Instrument):
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
+        n = self.noise
         return (
             Quantity(
-                "position", (("x", "y", "z"),), "m", self.noise.position, determines=("position",)
+                "position",
+                (("x", "y", "z"),),
+                "m",
+                white_part(n.position),
+                determines=("position",),
+                disturbed=with_colored_part(n.position, reacquired(self.calibration.reacquired)),
             ),
             Quantity(
                 "orientation",
                 ORIENTATION_FORMS,
                 "rad",
-                self.noise.rotation,
+                white_part(n.rotation),
                 rotation=True,
                 determines=("rotation",),
+                disturbed=with_colored_part(n.rotation),
             ),
         )
 

@@ -15,13 +15,13 @@ from steelyard.instruments.base import (
     Mounting,
     Prior,
     Quantity,
-    Sigma,
     TargetLimits,
     Term,
     Vector,
     mounting_rotation,
     sigma,
 )
+from steelyard.instruments.noise import Noise, Sigma, reacquired, white_part, with_colored_part
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 from steelyard.yaml_file import FileModel
@@ -42,6 +42,8 @@ class PositionCalibration(Calibration):
     target: Prior = sigma(0.005)
     """Place of the target in the platform [m]."""
     frame: FrameCalibration = FrameCalibration()
+    reacquired: Sigma | None = None
+    """Constant shift after each loss of the target [m]; None: not stated."""
 
 
 class Position(Instrument):
@@ -51,7 +53,7 @@ class Position(Instrument):
     target: Vector = (0.0, 0.0, 0.0)
     """Tracked point in the platform frame [m]."""
     frame: FrameForm = FrameForm()
-    noise: Sigma | None = None
+    noise: Noise | None = None
     """1-sigma per sample and axis [m]."""
     calibration: PositionCalibration = PositionCalibration()
     limits: TargetLimits = TargetLimits()
@@ -69,7 +71,14 @@ class Position(Instrument):
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
         return (
-            Quantity("position", (("x", "y", "z"),), "m", self.noise, determines=("position",)),
+            Quantity(
+                "position",
+                (("x", "y", "z"),),
+                "m",
+                white_part(self.noise),
+                determines=("position",),
+                disturbed=with_colored_part(self.noise, reacquired(self.calibration.reacquired)),
+            ),
         )
 
     def terms(self, m: int) -> tuple[Term, ...]:

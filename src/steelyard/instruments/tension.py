@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from steelyard.arrays import Array
 from steelyard.batch import Symbol
@@ -16,11 +16,11 @@ from steelyard.instruments.base import (
     Instrument,
     Prior,
     Quantity,
-    Sigma,
     Term,
     exact,
     sigma,
 )
+from steelyard.instruments.noise import Noise, drift, white_part, with_colored_part
 from steelyard.motion.state import State
 from steelyard.robot.kinematics import cables_at, paid_out, shapes
 from steelyard.robot.model import Robot
@@ -77,9 +77,12 @@ class Tension(Instrument):
     per_cable: ClassVar[bool] = True
 
     kind: Literal["tension"]
-    noise: Sigma | None = None
+    noise: Noise | None = None
     """1-sigma per sample [N]."""
     calibration: TensionCalibration = TensionCalibration()
+    without: tuple[Annotated[int, Field(ge=1)], ...] = ()
+    """Numbers of the cables that have no sensor, from 1; their columns are not read and may be
+    absent."""
     end: Literal["platform", "winch"] = "platform"
     """At which end of the cable the sensors sit; at the winch its weight and its roller are between
     them and the platform."""
@@ -95,13 +98,26 @@ class Tension(Instrument):
         return self
 
     @property
+    def unread(self) -> frozenset[str]:
+        """See :class:`Instrument`."""
+        return frozenset(f"f{number}" for number in self.without)
+
+    @property
     def remembers(self) -> bool:
         """See :class:`Instrument`."""
         return self.end == "winch"
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
-        return (Quantity("tension", (tuple(f"f{i + 1}" for i in range(m)),), "N", self.noise),)
+        return (
+            Quantity(
+                "tension",
+                (tuple(f"f{i + 1}" for i in range(m)),),
+                "N",
+                white_part(self.noise),
+                disturbed=with_colored_part(self.noise, drift(self.calibration.drift)),
+            ),
+        )
 
     def terms(self, m: int) -> tuple[Term, ...]:
         """See :class:`Instrument`."""

@@ -15,12 +15,12 @@ from steelyard.instruments.base import (
     Mounting,
     Prior,
     Quantity,
-    Sigma,
     Term,
     Vector,
     exact,
     mounting_rotation,
 )
+from steelyard.instruments.noise import Noise, drift, white_part, with_colored_part
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 from steelyard.yaml_file import FileModel
@@ -31,9 +31,9 @@ _FROM_DATA = Prior.model_construct(value=None, sigma=None, per="experiment")
 class WrenchNoise(FileModel):
     """1-sigma per sample [N], [N m]."""
 
-    force: Sigma | None = None
+    force: Noise | None = None
     """[N]"""
-    torque: Sigma | None = None
+    torque: Noise | None = None
     """[N m]"""
 
 
@@ -86,9 +86,22 @@ class Wrench(Instrument):
 
     def quantities(self, m: int) -> tuple[Quantity, ...]:
         """See :class:`Instrument`."""
+        n, walk = self.noise, drift(self.calibration.drift)
         return (
-            Quantity("force", (("fx", "fy", "fz"),), "N", self.noise.force),
-            Quantity("torque", (("tx", "ty", "tz"),), "N m", self.noise.torque),
+            Quantity(
+                "force",
+                (("fx", "fy", "fz"),),
+                "N",
+                white_part(n.force),
+                disturbed=with_colored_part(n.force, walk),
+            ),
+            Quantity(
+                "torque",
+                (("tx", "ty", "tz"),),
+                "N m",
+                white_part(n.torque),
+                disturbed=with_colored_part(n.torque, walk),
+            ),
         )
 
     def terms(self, m: int) -> tuple[Term, ...]:

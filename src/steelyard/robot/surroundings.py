@@ -1,4 +1,4 @@
-"""What pulls at a platform beside its cables: a hose or an umbilical, and the air."""
+"""What pulls at a platform beside its cables: hoses and umbilicals, and the air."""
 
 from __future__ import annotations
 
@@ -11,6 +11,10 @@ from steelyard.robot.model import Robot
 
 _AIR = 1.2
 """Density [kg/m^3]."""
+_TAUT = 0.01
+"""Length within which a hose becomes taut, so that its pull follows smoothly [m]."""
+HOSE = (("at", 3), ("to", 3), ("force", 1), ("stiffness", 1), ("free", 1))
+"""What :func:`hose_wrench` takes of a hose, and how many numbers."""
 _SLOWEST = 1e-3
 """Speed below which drag is no longer quadratic, so that its derivative is smooth [m/s], [rad/s]."""
 
@@ -22,6 +26,27 @@ def middle_of(robot: Robot) -> Array:
     middle = np.array(robot.anchors.mean(axis=0))
     middle[2] -= 0.5 * float(np.linalg.norm(robot.anchors - middle, axis=1).mean())
     return middle
+
+
+def hose_wrench(position: Symbol, rotation: Symbol, gravity: Symbol, hose: Symbol) -> Symbol:
+    """Wrench on the platform about its origin of a hose that is described, in P [N], [N m], shape
+    (6,): a part of its weight, and a pull towards where it comes from when it is longer than it is
+    free.
+
+    Args:
+        position: Of the platform origin, world frame [m], shape (3,).
+        rotation: R_world_platform, shape (3, 3).
+        gravity: World frame [m/s^2], shape (3,).
+        hose: See :data:`HOSE`: where it is fixed to the platform, in P [m], and where it comes from,
+            world frame [m], weight [N], stiffness [N/m], free length [m]; shape (9,).
+    """
+    at, to, weight, stiffness, free = ca.vertsplit(hose, [0, 3, 6, 7, 8, 9])
+    along = to - position - rotation @ at
+    length = ca.sqrt(ca.sumsqr(along) + _TAUT**2)
+    beyond = length - free
+    pull = stiffness * (beyond + ca.sqrt(beyond**2 + _TAUT**2)) / 2
+    force = rotation.T @ (pull * along / length + weight * gravity / ca.norm_2(gravity))
+    return ca.vertcat(force, ca.cross(at, force))
 
 
 def attached_wrench(

@@ -18,6 +18,7 @@ from steelyard.instruments.equations import predict
 from steelyard.instruments.tension import PRESLIDING, rolled_along
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
+from steelyard.simulation.disturbances import disturbed
 from steelyard.simulation.response import Response
 
 _PAST = 4
@@ -127,9 +128,14 @@ def record(
             )
         source = command if instrument.commanded else response
         readings = _filtered(instrument, robot, source, times, errors[name].calibration)
-        noise = {q.name: q.noise or 0.0 for q in instrument.quantities(robot.m)}
-        values = {key: _noisy(value, noise[key], rng) for key, value in readings.items()}
-        streams[name] = Stream(times + errors[name].delay + origin, values, name)
+        quantities = {q.name: q for q in instrument.quantities(robot.m)}
+        values = {}
+        for key, value in readings.items():
+            for each in quantities[key].disturbed:
+                value = disturbed(value, each, times, source, rng)
+            values[key] = _noisy(value, quantities[key].noise or 0.0, rng)
+        stamps = times + errors[name].delay + origin
+        streams[name] = Stream(_late(stamps, instrument.calibration.jitter, rng), values, name)
         sync[name] = origin
     return streams, sync
 
@@ -185,6 +191,16 @@ class _Remembering:
         known, values = self._rolled
         rolling = np.column_stack([np.interp(times, known, column) for column in values.T])
         return replace(self.response.at(times), rolling=rolling)
+
+
+def _late(stamps: Array, jitter: float | None, rng: np.random.Generator) -> Array:
+    """Time stamps that are late by the absolute value of a normal number, in the order in which they
+    were taken.
+    """
+    if not jitter:
+        return stamps
+    late = stamps + np.abs(rng.normal(0.0, jitter, len(stamps)))
+    return np.asarray(np.maximum.accumulate(late))
 
 
 def _noisy(value: Array, sigma: float, rng: np.random.Generator) -> Array:

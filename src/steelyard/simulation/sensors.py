@@ -212,7 +212,12 @@ def _stated(form: SensorsForm, own_sync: Mapping[str, float], m: int) -> dict[st
                 instrument.clock is not None and instrument.clock == reference.clock
             )
             delay = sigma(0.0 if same else own_sync.get(name, form.sync))
-        calibration: dict[str, Any] = {}
+        terms = {term.key for term in instrument.terms(m)}
+        calibration: dict[str, Any] = {
+            key: getattr(instrument.calibration, key)
+            for key in instrument.calibration.model_fields_set
+            if not any(each == key or each.startswith(f"{key}.") for each in terms)
+        }
         for term in instrument.terms(m):
             if is_absent(term):
                 continue

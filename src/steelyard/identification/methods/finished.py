@@ -12,6 +12,7 @@ from steelyard.estimates.estimate import Estimate, judge
 from steelyard.identification.methods.unstated import (
     disturbances,
     found_errors,
+    notes_on_jitter,
     notes_on_unstated,
 )
 from steelyard.identification.model.calibration_parameters import as_tree
@@ -92,6 +93,7 @@ def finished(
                 ],
             },
             "disturbances": disturbed,
+            "jitter": dict(found.fit.state.jitters),
             "found_errors": errors,
             **(details or {}),
             **_of_fit(found),
@@ -100,6 +102,7 @@ def finished(
             *found.notes,
             *_notes(found),
             *notes_on_unstated(disturbed, errors),
+            *notes_on_jitter(found),
             *notes,
             *_left_out(found),
         ),

@@ -19,8 +19,16 @@ from steelyard.identification.model.calibration_parameters import (
 from steelyard.identification.model.motion_residuals import Segment
 from steelyard.identification.model.processes import Process
 from steelyard.identification.solve.posterior import Posterior
+from steelyard.instruments.noise import Cause
 
 _AXES = "xyz"
+_CAUSES: Mapping[Cause, str] = {
+    "colored": "has coloured noise",
+    "drift": "drifts",
+    "reacquired": "is shifted where the target was lost",
+    "filter": "leans as its filter follows the accelerometer",
+}
+"""What a disturbance does, after what it disturbs."""
 
 
 def disturbances(found: Posterior) -> list[dict[str, Any]]:
@@ -32,12 +40,14 @@ def disturbances(found: Posterior) -> list[dict[str, Any]]:
         for process in segment.processes:
             values, times = _along(segment, process)
             instant, axis = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
-            owner, quantity = process.source
+            owner, quantity = process.disturbs
             entries.append(
                 {
                     "run": segment.run,
                     "owner": owner,
                     "quantity": quantity,
+                    "cause": process.cause,
+                    "stated": process.is_stated,
                     "unit": _unit(found, process),
                     "standard_deviation": process.level * process.sizes,
                     "correlation_time": process.time,
@@ -79,6 +89,15 @@ def notes_on_unstated(
     return [*_on_disturbances(disturbed), *_on_errors(errors)]
 
 
+def notes_on_jitter(found: Posterior) -> list[str]:
+    """Time stamps that scatter though nobody has stated it, in words."""
+    return [
+        f"time stamps of {name} scatter: late by the absolute value of {jitter * 1e3:.2g} ms"
+        " (1-sigma) each; its readings count for less where they change quickly"
+        for name, jitter in found.fit.state.jitters.items()
+    ]
+
+
 def _on_disturbances(disturbed: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Size, correlation time and largest value of every disturbance that is more than nothing."""
     for each in disturbed:
@@ -93,7 +112,7 @@ def _on_disturbances(disturbed: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         what = (
             f"an {quantity} acts on the platform that nothing explains"
             if owner == ROBOT
-            else f"{quantity} of {owner} has coloured noise"
+            else f"{quantity} of {owner} {_CAUSES[each['cause']]}"
         )
         yield (
             f"run '{each['run']}': {what}: {size:.2g} {unit} rms, correlation time {time:.2g} s,"
@@ -149,7 +168,7 @@ def _along(segment: Segment, process: Process) -> tuple[Array, Array]:
 
 
 def _unit(found: Posterior, process: Process) -> str:
-    owner, quantity = process.source
+    owner, quantity = process.disturbs
     if process.source in UNMODELLED_PARTS:
         return "N" if quantity.endswith("force") else "N m"
     instrument = found.experiment.instruments[owner]

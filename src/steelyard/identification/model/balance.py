@@ -68,13 +68,21 @@ class Forces:
     unmodelled: Array | None = None
     """1-sigma of the white part of the wrench that nothing explains, in units of its level [N],
     [N m], shape (6,); None: the readings explain every wrench within their noise."""
+    late: Array | None = None
+    """1-sigma that time stamps which scatter add to each reading, shape (n, r); None: none."""
 
     def parts(self) -> Iterator[Forces]:
         """The same, some samples at a time: rows take much memory."""
         for start in range(0, len(self.time), AT_ONCE):
             own = slice(start, start + AT_ONCE)
             readings = {quantity: values[own] for quantity, values in self.readings.items()}
-            yield replace(self, time=self.time[own], readings=readings, left_out=self.left_out[own])
+            yield replace(
+                self,
+                time=self.time[own],
+                readings=readings,
+                left_out=self.left_out[own],
+                late=None if self.late is None else self.late[own],
+            )
 
     def sigmas(self, segment: Segment, factors: Mapping[Source, float]) -> Array:
         """1-sigma of every reading, shape (n, r)."""
@@ -89,7 +97,10 @@ class Forces:
         )
         # So wide that no reading of it matters, however good the sensor was.
         without = _LEFT_OUT * np.maximum(self.sigma * factor, largest)
-        return np.asarray(np.where(self.left_out, without, self.sigma * factor))
+        own = self.sigma * factor
+        if self.late is not None:
+            own = np.hypot(own, self.late)
+        return np.asarray(np.where(self.left_out, without, own))
 
     def unmodelled_sigma(self, segment: Segment, factors: Mapping[Source, float]) -> Array:
         """1-sigma of the white part of the wrench that nothing explains [N], [N m], shape (6,)."""
@@ -261,10 +272,12 @@ def balance_of(
     times = _times(experiment, segment, force_samples, calibration)
     local = segment.basis(times)
     inputs = moving_body(segment, local, calibration, parameters)
-    motion = motion_and_wrench(experiment.robot)(**inputs)
+    hoses = len(experiment.surroundings.attached)
+    motion = motion_and_wrench(experiment.robot, hoses)(**inputs)
     needed = motion.pop("wrench")
     motion |= _remembered(experiment, segment, force_samples, calibration, motion)
-    measured = _measured(experiment, segment, force_samples, calibration, motion)
+    told = undisturbed(segment, force_samples, local)
+    measured = _measured(experiment, segment, told, calibration, motion)
     left_over = measured.wrench - needed
     disturbance = unmodelled_processes(segment, local)
     if disturbance.any():
@@ -310,6 +323,7 @@ def moving_body(
         "drag": 0.0 if segment.static else calibration.drag,
         "attached": calibration.of_robot(*ATTACHED),
         "air": calibration.of_robot(*AIR),
+        "hoses": calibration.hoses,
     }
 
 
@@ -355,6 +369,21 @@ def _measured(
     return MeasuredForce(values, by_reading, structure)
 
 
+def undisturbed(segment: Segment, force_samples: Forces, local: Basis) -> Forces:
+    """Force readings less what processes add to them.
+
+    Args:
+        segment: With its processes.
+        force_samples: Within it.
+        local: Spline functions at their times.
+    """
+    readings = {
+        quantity: values - segment.disturbance_of((force_samples.name, quantity), local)
+        for quantity, values in force_samples.readings.items()
+    }
+    return replace(force_samples, readings=readings)
+
+
 def unmodelled_processes(segment: Segment, local: Basis, order: int = 0) -> Array:
     """Unmodelled wrench of the processes of a segment [N], [N m], or a derivative of it by time,
     zero where it has none, shape (n, 6).
@@ -384,5 +413,6 @@ def regressor_at(
         calibration: Present values of the calibration parameters.
     """
     inputs = moving_body(segment, segment.basis(times), calibration, np.zeros(TEN))
-    motion = motion_and_wrench(experiment.robot)(**inputs)
+    hoses = len(experiment.surroundings.attached)
+    motion = motion_and_wrench(experiment.robot, hoses)(**inputs)
     return platform_regressor(motion["specific_force"], motion["omega"], motion["alpha"])

@@ -23,10 +23,17 @@ from steelyard.motion.state import State, state_of_pose
 from steelyard.robot.cable_inertia import cable_inertia_expression
 from steelyard.robot.kinematics import cable_wrench, cables_at
 from steelyard.robot.model import Robot
-from steelyard.robot.surroundings import air_wrench, attached_wrench, middle_of
+from steelyard.robot.surroundings import (
+    HOSE,
+    air_wrench,
+    attached_wrench,
+    hose_wrench,
+    middle_of,
+)
 
 _MOTION = ("position", "rotation", "velocity", "omega", "alpha", "specific_force")
 """Fields of a state that the motion gives."""
+_PER_HOSE = sum(size for _, size in HOSE)
 
 
 class _MovingBody(NamedTuple):
@@ -42,9 +49,11 @@ class _MovingBody(NamedTuple):
     """Force, stiffness and their moments of a hose, shape (16,)."""
     air: Symbol
     """Of moving and of turning, shape (2,)."""
+    hoses: Symbol
+    """Those that are stated, shape (9 h,)."""
 
     @classmethod
-    def new(cls) -> _MovingBody:
+    def new(cls, hoses: int) -> _MovingBody:
         sizes = {
             "pose": 7,
             "rate": 7,
@@ -54,6 +63,7 @@ class _MovingBody(NamedTuple):
             "drag": 1,
             "attached": sum(size for _, size in ATTACHED),
             "air": sum(size for _, size in AIR),
+            "hoses": hoses * _PER_HOSE,
         }
         return cls(**{name: ca.SX.sym(name, size) for name, size in sizes.items()})
 
@@ -66,6 +76,8 @@ class _MovingBody(NamedTuple):
         state = self.state
         needed = newton_euler(self.parameters, state.specific_force, state.omega, state.alpha)
         needed -= self.drag * _dragged(robot, state, self.gravity)
+        for own in ca.vertsplit(self.hoses, _PER_HOSE) if self.hoses.numel() else ():
+            needed -= hose_wrench(state.position, state.rotation, self.gravity, own)
         if not robot.m:
             return needed
         hose = ca.vertsplit(self.attached, np.cumsum([0, *(size for _, size in ATTACHED)]).tolist())
@@ -86,9 +98,9 @@ class _Geometry(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def motion_and_wrench(heavy: Robot) -> Batched:
-    """Motion, and the wrench that moves the body, drags the cables and withstands hose and air."""
-    body = _MovingBody.new()
+def motion_and_wrench(heavy: Robot, hoses: int = 0) -> Batched:
+    """Motion, and the wrench that moves the body, drags the cables and withstands hoses and air."""
+    body = _MovingBody.new(hoses)
     state = body.state
     motion = {name: ca.densify(ca.SX(getattr(state, name))) for name in _MOTION}
     return Batched("moved", body._asdict(), {"wrench": body.wrench(heavy), **motion})
@@ -125,12 +137,12 @@ def taut_structure(robot: Robot) -> Batched:
 
 
 @lru_cache(maxsize=16)
-def derivatives_of_balance(heavy: Robot) -> Batched:
+def derivatives_of_balance(heavy: Robot, hoses: int = 0) -> Batched:
     """Of the wrench of the cables less what moves the body, by everything; sag is of no account for
     these.
     """
     robot = heavy.with_straight_cables()
-    body, fixed = _MovingBody.new(), _Geometry.of(robot)
+    body, fixed = _MovingBody.new(hoses), _Geometry.of(robot)
     tension = ca.SX.sym("tension", robot.m)
     state = body.state
     wrench = cable_wrench(robot, state.position, state.rotation, tension, *fixed)

@@ -20,6 +20,7 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT, Term
 from steelyard.instruments.tension import CROSSTALK
+from steelyard.robot.surroundings import HOSE
 
 ROBOT = "robot"
 """Owner of the errors of the robot file."""
@@ -36,6 +37,8 @@ ATTACHED = (
     ("attached.stiffness_moment", 3),
 )
 """Keys and sizes of what a hose does, see :func:`steelyard.robot.surroundings.attached_wrench`."""
+_HOSE = "hose"
+"""First part of the keys of hoses that are stated."""
 AIR = (("drag.area", 1), ("drag.turning", 1))
 """The same of the air, see :func:`steelyard.robot.surroundings.air_wrench`."""
 _PULL = 0.004
@@ -202,6 +205,14 @@ class CalibrationValues:
         """How far the platform feels the inertia of its cables."""
         return float(self.values[self.calibration_parameters.places[ROBOT, DRAG, None]][0])
 
+    @property
+    def hoses(self) -> Array:
+        """Of all hoses that are stated, one after the other, see
+        :data:`steelyard.robot.surroundings.HOSE`, shape (9 h,).
+        """
+        parts = hose_keys(self.calibration_parameters)
+        return self.of_robot(*parts) if parts else np.zeros(0)
+
     def of_robot(self, *parts: tuple[str, int]) -> Array:
         """Values of several parameters of the robot, one after the other; zero where they are not
         there.
@@ -306,14 +317,51 @@ def gather(experiment: Experiment) -> CalibrationParameters:
 
 def _surroundings(experiment: Experiment) -> Iterator[CalibrationParameter]:
     """What may pull at a platform on cables beside them; none, unless the readings ask for it."""
+    yield from _hoses(experiment)
     if not experiment.robot.m:
         return
     size, pull = experiment.robot.size, _PULL * _usual_tensions(experiment)
     units = ("N", "N/m", "N m", "N", "m^2", "m^5")
     sizes = (pull, pull, pull * size, pull * size, _BLUFF * size**2, _BLUFF * size**5)
+    air = experiment.surroundings.drag
+    stated: dict[str, tuple[float, float]] = {}
+    if air is not None:
+        # Of turning nothing is said but what that area may do at its size.
+        turning = (air.value + air.sigma) * size**3
+        stated = {AIR[0][0]: (air.value, air.sigma), AIR[1][0]: (0.0, turning)}
     for (key, count), unit, suspected in zip((*ATTACHED, *AIR), units, sizes, strict=True):
-        none = np.zeros(count)
-        yield CalibrationParameter(ROBOT, key, None, unit, none, none, suspected)
+        if key in stated:
+            mean, sigma = (np.full(count, value) for value in stated[key])
+            yield CalibrationParameter(ROBOT, key, None, unit, mean, sigma)
+        else:
+            none = np.zeros(count)
+            yield CalibrationParameter(ROBOT, key, None, unit, none, none, suspected)
+
+
+def _hoses(experiment: Experiment) -> Iterator[CalibrationParameter]:
+    """Those that are stated."""
+    units = {"force": "N", "stiffness": "N/m"}
+    for i, each in enumerate(experiment.surroundings.attached):
+        for part, _ in HOSE:
+            stated = getattr(each, part)
+            numbers = stated if isinstance(stated, tuple) else (stated,)
+            yield CalibrationParameter(
+                ROBOT,
+                f"{_HOSE}.{i + 1}.{part}",
+                None,
+                units.get(part, "m"),
+                np.array([number.value for number in numbers]),
+                np.array([number.sigma for number in numbers]),
+            )
+
+
+def hose_keys(parameters: CalibrationParameters) -> list[tuple[str, int]]:
+    """Keys and sizes of all that is stated of hoses."""
+    return [
+        (each.key, len(each.mean))
+        for each in parameters.entries
+        if each.owner == ROBOT and each.key.startswith(f"{_HOSE}.")
+    ]
 
 
 def _usual_tensions(experiment: Experiment) -> float:

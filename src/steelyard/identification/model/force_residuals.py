@@ -34,6 +34,7 @@ from steelyard.identification.model.calibration_parameters import (
     DRAG,
     ROBOT,
     CalibrationValues,
+    hose_keys,
 )
 from steelyard.identification.model.motion_residuals import (
     Border,
@@ -44,6 +45,7 @@ from steelyard.identification.model.motion_residuals import (
     robust_weight,
     time_of,
 )
+from steelyard.identification.model.processes import Process
 from steelyard.identification.model.segment import (
     POSE,
     Basis,
@@ -173,7 +175,9 @@ def whitened_balance(
         at,
         local,
         motion_at(local, segment.coefficients),
-        derivatives_of_balance(experiment.robot)(**inputs, **cables),
+        derivatives_of_balance(experiment.robot, len(experiment.surroundings.attached))(
+            **inputs, **cables
+        ),
     )
     by = _by_motion(point)
     border = Border(column_of, len(at.time), DIRECTIONS)
@@ -239,7 +243,21 @@ def _by_state(point: _BalancePoint, by_pose: Array) -> Array:
         if part is not None:
             place = segment.process_places[each.source]
             found[:, :, place] = -point.at.measured.unmodelled.wrench[:, :, part] * each.sizes
+    for each, place, own in _of_readings(point):
+        found[:, :, place] = -point.at.by_reading[:, :, own] * each.sizes
     return found
+
+
+def _of_readings(point: _BalancePoint) -> Iterator[tuple[Process, slice, slice]]:
+    """Processes that are added to the readings, where their coefficients stand, and which readings
+    these are.
+    """
+    start = 0
+    for quantity, values in point.force_samples.readings.items():
+        own = slice(start, start + values.shape[1])
+        start = own.stop
+        for each, place in point.segment.processes_of((point.force_samples.name, quantity)):
+            yield each, place, own
 
 
 def _by_terms(point: _BalancePoint) -> _ByParameters:
@@ -281,9 +299,10 @@ def _by_robot(point: _BalancePoint) -> _ByParameters:
     keys = ("gravity", "anchor", "attachment") if point.experiment.robot.m else ("gravity",)
     for key in keys:
         yield places[ROBOT, key, None], point.derivatives[f"by_{key}"]
-    for name, parts in (("by_attached", ATTACHED), ("by_air", AIR)):
+    hoses = hose_keys(point.calibration.calibration_parameters)
+    for name, parts in (("by_attached", ATTACHED), ("by_air", AIR), ("by_hoses", hoses)):
         column = 0
-        for key, size in parts if point.experiment.robot.m else ():
+        for key, size in parts if point.experiment.robot.m or parts is hoses else ():
             derivative = point.derivatives[name][:, :, column : column + size]
             yield places[ROBOT, key, None], derivative
             column += size
@@ -311,6 +330,9 @@ def _by_moving(point: _BalancePoint, by: tuple[Array, Array, Array]) -> _ByParam
     changes = unmodelled_processes(segment, point.local, 1)
     if changes.any():
         by_delay += np.einsum("nij,nj->ni", point.at.measured.unmodelled.wrench, changes)
+    for each, _, own in _of_readings(point):
+        rate = segment.disturbance(each, point.local, 1)
+        by_delay += np.einsum("nij,nj->ni", point.at.by_reading[:, :, own], rate)
     by_delay = by_delay[:, :, None]
     if clock != origin:
         yield clock, by_delay

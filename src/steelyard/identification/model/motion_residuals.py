@@ -75,6 +75,8 @@ class Reading:
     """1-sigma per sample and axis."""
     tension: Array | None = None
     """Of the cables [N], for instruments that look at these too, shape (n, m)."""
+    late: Array | None = None
+    """1-sigma that time stamps which scatter add to each number, shape (n, k); None: none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,12 +127,29 @@ class Segment:
         """What the processes disturb -> where its coefficients stand in those of a function."""
         return places_of(self.processes)
 
-    def process_of(self, source: Source) -> tuple[Process, slice] | None:
-        """The process that disturbs something, and where its coefficients stand in those of a
-        function; None: there is none.
+    def processes_of(self, source: Source) -> list[tuple[Process, slice]]:
+        """The processes that disturb a quantity, and where their coefficients stand in those of a
+        function.
         """
-        own = [each for each in self.processes if each.source == source]
-        return (own[0], self.process_places[source]) if own else None
+        return [
+            (each, self.process_places[each.source])
+            for each in self.processes
+            if each.disturbs == source
+        ]
+
+    def disturbance_of(self, source: Source, local: Basis, order: int = 0) -> Array | float:
+        """By how much a quantity is disturbed, or a derivative of that by time, in SI units, shape
+        (n, p); 0 where nothing does.
+
+        Args:
+            source: Owner and quantity.
+            local: Spline functions at n times.
+            order: Of the derivative.
+        """
+        return sum(
+            (self.disturbance(each, local, order) for each, _ in self.processes_of(source)),
+            start=0.0,
+        )
 
     @property
     def span(self) -> tuple[float, float]:
@@ -465,14 +484,15 @@ def _of_reading(
     )
     by = (linear["by_pose"], linear["by_rate"], linear["by_acceleration"])
     label = segment.label(*reading.source)
-    sigma = reading.sigma * factors.get(label, 1.0)
+    sigma: float | Array = reading.sigma * factors.get(label, 1.0)
+    if reading.late is not None:
+        sigma = np.hypot(sigma, reading.late[part])
     # A channel without a number is no sample of it.
     there = np.isfinite(linear["residual"])
     found = linear["residual"]
     n, k = found.shape
-    disturbance = segment.process_of(reading.source)
-    if disturbance is not None:
-        found = found + segment.disturbance(disturbance[0], local)
+    processes = segment.processes_of(reading.source)
+    found = found + segment.disturbance_of(reading.source, local)
     residual = np.where(there, found, 0.0) / sigma
     border = Border(column_of, n, k)
     column = 0
@@ -491,8 +511,7 @@ def _of_reading(
         by_delay = -sum(
             np.einsum("nki,ni->nk", j, rate) for j, rate in zip(by, motion[1:], strict=True)
         )
-        if disturbance is not None:
-            by_delay -= segment.disturbance(disturbance[0], local, 1)
+        by_delay = by_delay - segment.disturbance_of(reading.source, local, 1)
         by_delay = by_delay[:, :, None]
         border.put(clock, by_delay)
         border.put(origin, -by_delay)
@@ -514,8 +533,8 @@ def _of_reading(
         weight = inside * robust_weight(np.abs(residual), 1)
         tally.add(label, np.abs(residual), weight, 1)
     by_state = by
-    if disturbance is not None:
-        by_state = _with_process(by[0], *disturbance, segment.block), *by[1:]
+    if processes:
+        by_state = _with_processes(by[0], processes, segment.block), *by[1:]
     root = np.sqrt(weight)
     scale = (np.broadcast_to(root, residual.shape) / sigma)[:, :, None]
     return Rows(
@@ -528,12 +547,15 @@ def _of_reading(
     )
 
 
-def _with_process(by_pose: Array, process: Process, place: slice, block: int) -> Array:
-    """Derivative by the pose and by a process that is added to the reading, shape (n, k, block)."""
+def _with_processes(
+    by_pose: Array, processes: Iterable[tuple[Process, slice]], block: int
+) -> Array:
+    """Derivative by the pose and by processes that are added to the reading, shape (n, k, block)."""
     n, k, _ = by_pose.shape
     found = np.zeros((n, k, block))
     found[:, :, :POSE] = by_pose
-    found[:, :, place] = np.diag(process.sizes)
+    for process, place in processes:
+        found[:, :, place] = np.diag(process.sizes)
     return found
 
 

@@ -64,6 +64,9 @@ def likeliest(
     }
     if not first:
         return ProcessLevels({}, -np.inf)
+    processes = [each for segment, _ in pairs for each in segment.processes]
+    level_stated = {each.source for each in processes if each.level_stated}
+    time_stated = {each.source for each in processes if each.time_stated}
 
     def lack(logs: Array) -> tuple[float, Array]:
         evidence, gradient = _evidence(pairs, _of_logs(first, logs))
@@ -78,10 +81,12 @@ def likeliest(
         method="L-BFGS-B",
         bounds=[
             bound
-            for each in first.values()
+            for source, each in first.items()
             for bound in (
-                (np.log(each.level) - wide, np.log(each.level) + wide),
-                (np.log(least), np.log(most)),
+                _around(each.level, wide, source in level_stated),
+                (np.log(each.time),) * 2
+                if source in time_stated
+                else (np.log(least), np.log(most)),
             )
         ],
         options={
@@ -91,14 +96,23 @@ def likeliest(
         },
     )
     levels = _of_logs(first, found.x)
-    gains = {}
+    gains = dict.fromkeys(level_stated | time_stated, np.inf)
     for source, level in levels.items():
+        if source in gains:
+            # It is there, whatever the readings say.
+            continue
         none = level._replace(level=first[source].level * settings.no_level)
         gains[source] = -float(found.fun) - _evidence(pairs, {**levels, source: none})[0]
     return ProcessLevels(
         {source: each._replace(gain=gains[source]) for source, each in levels.items()},
         -float(found.fun),
     )
+
+
+def _around(value: float, wide: float, stated: bool) -> tuple[float, float]:
+    """Bounds of the logarithm of a level."""
+    own = 0.0 if stated else wide
+    return float(np.log(value) - own), float(np.log(value) + own)
 
 
 def _of_logs(sources: Mapping[Source, ProcessLevel], logs: Array) -> dict[Source, ProcessLevel]:

@@ -8,7 +8,7 @@ known of it is its level and its correlation time: the prior of a stationary Gau
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -20,6 +20,7 @@ from scipy.linalg import cholesky_banded
 from steelyard.arrays import Array
 from steelyard.identification.model.segment import POSE, banded_product, basis, quadrature
 from steelyard.identification.model.sources import Source
+from steelyard.instruments.noise import Cause, Disturbance
 from steelyard.smoothing import DEGREE
 
 _NODES = DEGREE + 1
@@ -46,7 +47,8 @@ class Process:
     """A disturbance of several components with one level and one correlation time."""
 
     source: Source
-    """What it disturbs: owner and quantity."""
+    """Owner and what it is: the quantity that it disturbs, with its cause behind unless it is the
+    noise of that quantity itself."""
     sizes: Array
     """Units that the components are told in: 1-sigma at level 1, shape (p,)."""
     level: float
@@ -55,6 +57,21 @@ class Process:
     """Correlation time [s]."""
     integrals: SplineIntegrals
     """Of a spline on the knots of the motion."""
+    cause: Cause = "colored"
+    """Of what is stated; what nobody has stated is noise."""
+    level_stated: bool = False
+    time_stated: bool = False
+
+    @property
+    def disturbs(self) -> Source:
+        """Owner and quantity that it disturbs."""
+        owner, name = self.source
+        return owner, name.removesuffix(f" {self.cause}")
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether somebody says that it is there."""
+        return self.level_stated or self.time_stated
 
     @property
     def components(self) -> int:
@@ -156,6 +173,34 @@ def embedded(band: Array, place: int, block: int) -> Array:
     found = np.zeros((width * block, functions * block))
     found[::block, place::block] = band
     return found
+
+
+def unresolved(stated: Iterable[Disturbance], spacing: float) -> float:
+    """1-sigma of what is stated of disturbances and goes on for too short a while to be a spline on
+    knots: it is white beside them.
+
+    Of a Gauss-Markov process the part above half a period per spacing, of a random walk the same.
+
+    Args:
+        stated: Of one quantity.
+        spacing: Of the knots [s].
+    """
+    square = 0.0
+    for each in stated:
+        if each.level is None:
+            continue
+        if each.cause == "drift":
+            square += each.level**2 * spacing / np.pi**2
+        elif each.time is not None:
+            slow = 2 / np.pi * np.arctan(np.pi * each.time / spacing)
+            square += each.level**2 * (1 - slow)
+    return float(np.sqrt(square))
+
+
+def named(source: Source, cause: Cause) -> Source:
+    """What a process is called by what it disturbs and its cause."""
+    owner, quantity = source
+    return source if cause == "colored" else (owner, f"{quantity} {cause}")
 
 
 def places(processes: Sequence[Process]) -> Mapping[Source, slice]:

@@ -67,6 +67,9 @@ class MotionSettings:
     carried over [s]: half a period of the slow motions that platforms make."""
     shortest: float = 1.0
     """Least length of a segment [s]: below it the ends, which one side tells, are most of it."""
+    lost: float = 0.1
+    """Stretch without a reading after which a target counts as lost [s]: trackers find one again in
+    tenths of a second at best."""
     margin: float = 0.1
     """Of the knots beyond the first and the last reading [s]: clocks may still be moved."""
     least_noise: float = 1e-4

@@ -132,6 +132,14 @@ def prepare(
             moves.
     """
     robot = experiment.robot.with_straight_cables() if straight else experiment.robot
+    if thin:
+        run = with_every_cable(experiment, run)
+    elif missing := cables_without(experiment, run):
+        raise InputError(
+            f"run '{run.name}': expected the force of every cable, found none of"
+            f" {', '.join(f'cable {i + 1}' for i in missing)}; use maximum-likelihood, which does"
+            " without"
+        )
     if commanded and lacks_pose(experiment, run) and turns_are_told(experiment, run):
         found = first_motion(experiment, run)
         if found is not None:
@@ -139,6 +147,27 @@ def prepare(
     sources = choose_sources(experiment, run, acceleration, commanded=commanded)
     task = RunReader(experiment, robot, run, sources, calibration)
     return _static(task) if run.static else _moving(task, settings, thin=thin)
+
+
+def cables_without(experiment: Experiment, run: Run) -> list[int]:
+    """Cables, from 0, of which no force is read in a run."""
+    force = experiment.force_instrument(run)
+    values = None if force is None else run.streams[force].values.get("tension")
+    return [] if values is None else np.flatnonzero(~np.isfinite(values).any(axis=0)).tolist()
+
+
+def with_every_cable(experiment: Experiment, run: Run) -> Run:
+    """A run in which cables without a sensor pull like the others: what begins with it finds out
+    how they do.
+    """
+    missing, force = cables_without(experiment, run), experiment.force_instrument(run)
+    if not missing or force is None:
+        return run
+    stream = run.streams[force]
+    values = stream.values["tension"].copy()
+    values[:, missing] = np.delete(values, missing, axis=1).mean(axis=1, keepdims=True)
+    stream = replace(stream, values={**stream.values, "tension": values})
+    return replace(run, streams={**run.streams, force: stream})
 
 
 def _static(task: RunReader) -> Samples:

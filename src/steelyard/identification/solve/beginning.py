@@ -37,9 +37,10 @@ from steelyard.identification.samples.first_motion import (
     turns_are_told,
     with_first_motion,
 )
-from steelyard.identification.samples.preparation import Samples, prepare
+from steelyard.identification.samples.preparation import Samples, prepare, with_every_cable
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
+from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.misfits.lost_readings import without_lost
 from steelyard.identification.solve.posterior import known_body, plausible
 from steelyard.identification.solve.segmentation import Recorded, recorded
@@ -128,7 +129,7 @@ def read(
     runs = experiment.runs if runs is None else runs
     begun = {
         run.name: found
-        for run in runs
+        for run in (with_every_cable(experiment, each) for each in runs)
         if lacks_pose(experiment, run)
         and turns_are_told(experiment, run)
         and (found := first_motion(experiment, run)) is not None
@@ -263,6 +264,7 @@ def _motion(
     beforehand.
     """
     settings = task.settings
+    task, state = with_jitter(task, state)
     tell("fitting the motion", 0.25)
     if not beginning:
         state = replace(state, segments=tuple(each.wandering for each in state.segments))

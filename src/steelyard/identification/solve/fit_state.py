@@ -36,6 +36,9 @@ class FitState:
     looked at."""
     factors: Mapping[Source, float] = field(default_factory=dict)
     """Quantity -> noise in units of what its readings say."""
+    jitters: Mapping[str, float] = field(default_factory=dict)
+    """Instrument -> 1-sigma of the jitter of its time stamps [s], where nobody has stated it and the
+    readings ask for it."""
 
     @property
     def ten(self) -> int:

@@ -30,11 +30,13 @@ from steelyard.identification.solve.fit_state import FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.coherence import coherence
 from steelyard.identification.solve.misfits.disturbances import as_noise, with_disturbances
+from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitter_found
 from steelyard.identification.solve.misfits.outliers import look
 from steelyard.identification.solve.misfits.suspicions import with_suspicions
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.segmentation import recorded, resampled
 from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.solve.stated_processes import with_stated
 from steelyard.smoothing import DEGREE
 
 _EXPLANATIONS = 2
@@ -88,7 +90,7 @@ def _posterior(readings: Readings, tell: Tell) -> Posterior:
         found = _fitted(readings, begun, tell, vibrations)
     tell("what nothing explains", 0.8)
     for turn in range(_EXPLANATIONS):
-        task, own = with_suspicions(found.task, found.fit)
+        task, own = with_suspicions(*with_jitter_found(found.task, found.fit))
         if turn and task is found.task:
             break
         found = replace(found, task=task, fit=with_disturbances(task, own))
@@ -142,7 +144,7 @@ def _fitted(
     """Motion and forces, leaving out what stands alone."""
     tell("motion and forces", 0.5)
     task = replace(begun.task, force_samples=readings.force_samples)
-    state = begun.state
+    task, state = with_jitter(task, with_stated(task, begun.state))
     if vibrations:
         # The vibration first, by these clocks: before it is there, nothing holds them.
         active = task.active.copy()
@@ -212,7 +214,8 @@ def _cut(
     """A fit, again without the readings that stand out of it, until none does or it does not
     arrive.
     """
-    settings, force_samples = readings.settings, readings.force_samples
+    settings = readings.settings
+    force_samples = tuple(each for each in task.force_samples if each is not None)
     contacts: dict[str, list[tuple[float, float]]] = {}
     spikes: dict[str, int] = {}
     for turn in range(settings.cuts):
@@ -225,7 +228,7 @@ def _cut(
         )
         state = found.state
         fitted = Fitted(task, found, begun.motion, force_samples, begun.lost, contacts, spikes)
-        last = turn == settings.cuts - 1 or (levels and not found.converged)
+        last = turn == settings.cuts - 1
         if last or (not vibrations and _vibrations(readings, fitted)):
             # What is to be followed more closely need not be looked at for what stands out of it.
             break

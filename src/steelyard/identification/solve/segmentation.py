@@ -24,6 +24,7 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.model.knot_spacing import Channelled, best_spacing
 from steelyard.identification.model.motion_residuals import PARTS, Reading, Segment, jerk_matrices
+from steelyard.identification.model.processes import unresolved
 from steelyard.identification.model.segment import motion_at
 from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.model.sources import Source
@@ -31,6 +32,7 @@ from steelyard.identification.samples.force_noise import force_sigma, least_sigm
 from steelyard.identification.samples.preparation import Samples
 from steelyard.instruments.base import Part
 from steelyard.instruments.equations import order_of
+from steelyard.instruments.noise import Disturbance
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, Samples1D, fit, knots
 
@@ -263,8 +265,10 @@ def _moving(
                     else spacing
                 ),
             )
-            sigma = stream.sigma or scatter(
-                stream.common[use], stream.values[use], start, end, width, settings
+            sigma = (
+                float(np.hypot(stream.sigma, unresolved(stream.disturbed, spacing)))
+                if stream.sigma
+                else scatter(stream.common[use], stream.values[use], start, end, width, settings)
             )
             least[stream.source] = min(
                 least.get(stream.source, np.inf), least_noise(stream.values[use], settings)
@@ -279,6 +283,7 @@ def _moving(
                     Reading(stream.source, stream.time[use], stream.values[use], sigma, tension)
                 )
         own = _force_samples(experiment, run, samples, start, end)
+        own = _with_unresolved(experiment, own, spacing)
         if coefficients is None or not readings or not len(own.time):
             continue
         segments.append(
@@ -349,6 +354,8 @@ class _MotionStream:
     determines: tuple[Part, ...]
     """Parts of the motion that follow from it."""
     needs_tension: bool = False
+    disturbed: tuple[Disturbance, ...] = ()
+    """Errors that go on for a while, as stated."""
 
 
 def _streams(
@@ -406,6 +413,7 @@ def _streams(
                 order_of(instrument, quantity.name, experiment.robot),
                 quantity.determines,
                 looks_at_cables,
+                quantity.disturbed,
             )
 
 
@@ -530,6 +538,28 @@ def _least_forces(experiment: Experiment, run: Run) -> dict[Source, float]:
     return {**found, (ROBOT, UNMODELLED): float(np.min(least))}
 
 
+def _usual(readings: Array) -> Array:
+    """Median of every column, of a column without a reading that of the others, shape (r,)."""
+    found = np.zeros(readings.shape[1])
+    there = np.isfinite(readings).any(axis=0)
+    if there.any():
+        found[there] = np.nanmedian(readings[:, there], axis=0)
+        found[~there] = found[there].mean()
+    return found
+
+
+def _with_unresolved(experiment: Experiment, forces: Forces, spacing: float) -> Forces:
+    """With the noise that stated disturbances add between knots."""
+    instrument, m = experiment.instruments[forces.name], experiment.robot.m
+    quantities = [instrument.quantity(q, m) for q in forces.readings]
+    if not all(q.noise for q in quantities):
+        return forces
+    further = np.concatenate(
+        [np.full(q.size, unresolved(q.disturbed, spacing)) for q in quantities]
+    )
+    return replace(forces, sigma=np.hypot(forces.sigma, further))
+
+
 def _force_samples(
     experiment: Experiment, run: Run, samples: Samples, start: float, end: float
 ) -> Forces:
@@ -548,7 +578,7 @@ def _force_samples(
     )
     stacked = np.hstack(list(values.values()))[inside]
     missing = ~np.isfinite(stacked)
-    filled = np.where(missing, np.nanmedian(stacked, axis=0) if len(stacked) else 0.0, stacked)
+    filled = np.where(missing, _usual(stacked), stacked)
     ends = np.cumsum([v.shape[1] for v in values.values()])[:-1]
     sigma = force_sigma(experiment, run, samples)[0]
     return Forces(

@@ -162,6 +162,14 @@ class FitSettings:
     level_settled: float = 0.2
     """Largest logarithm of a change of level at which these have settled."""
 
+    # Jitter of time stamps
+
+    jittering: float = 6.0
+    """Standard normal score of residuals that are larger where the readings change quickly, from
+    which stamps are taken to scatter: residuals have longer tails than squares of normal numbers."""
+    jitter_bound: float = 5.0
+    """Residual in units of their root mean square that a single one counts for at most."""
+
     # Blocks of residuals and long recordings
 
     block: float = 1.0

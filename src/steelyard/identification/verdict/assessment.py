@@ -191,6 +191,7 @@ def _proposal(owner: str, key: str) -> str:
         head = key.partition(".")[0]
         return {
             "attached": "look for a hose or a cable that pulls at the platform, or hold it differently",
+            "hose": "check this number of the hose under 'attached', or state a larger 'sigma' there",
             "drag": "the air seems to slow the platform; move it more slowly, or make it smaller",
             "anchor": "measure this anchor again, or state a larger 'uncertainty: {anchor: …}'",
             "attachment": (

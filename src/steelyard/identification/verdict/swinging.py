@@ -57,11 +57,11 @@ def swinging(found: Posterior) -> Swinging | None:
     force = next(iter(UNMODELLED_PARTS))
     best: Swinging | None = None
     for segment in found.fit.state.segments:
-        process = segment.process_of(force)
-        if process is None or segment.static:
+        processes = segment.processes_of(force)
+        if not processes or segment.static:
             continue
         local = segment.basis(np.arange(*segment.span, _STEP))
-        own, _ = process
+        (own, _), *_ = processes
         # What the cables do beyond the body is what they withstand.
         pull = -segment.disturbance(own, local)
         pose, _, acceleration, _ = motion_at(local, segment.coefficients)

@@ -16,6 +16,7 @@ from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.identify import Identification
+from steelyard.identification.model.balance import UNMODELLED
 from steelyard.identification.model.calibration_parameters import ROBOT, clock_of
 from steelyard.identification.residuals import Residuals, of_samples, residuals
 from steelyard.identification.samples.preparation import Samples, prepare
@@ -164,10 +165,15 @@ def _motion(samples: Samples, thinning: Thinning) -> Iterator[MotionTrack]:
 def _noise(experiment: Experiment, estimate: Estimate) -> Iterator[Noise]:
     """Noise of every quantity, as it was stated, assumed and estimated."""
     for name, quantities in estimate.details.get("noise", {}).items():
-        units = {
-            q.name: "rad" if q.rotation else q.unit
-            for q in experiment.instruments[name].quantities(experiment.robot.m)
-        }
+        # What is of no instrument is the white part of the unmodelled wrench, told by its force.
+        units = (
+            {UNMODELLED: "N"}
+            if name == ROBOT
+            else {
+                q.name: "rad" if q.rotation else q.unit
+                for q in experiment.instruments[name].quantities(experiment.robot.m)
+            }
+        )
         for quantity, found in quantities.items():
             unit = next((u for key, u in units.items() if quantity.startswith(key)), "")
             levels = [_number(found[key]) for key in ("stated", "used", "found")]

@@ -42,6 +42,7 @@ from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.settings import FitSettings
+from steelyard.identification.solve.stated_processes import denied
 
 
 def with_disturbances(
@@ -57,8 +58,12 @@ def with_disturbances(
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
-    refused: set[Source] = set()
+    refused: set[Source] = set(denied(task.experiment))
     first = found
+    processes = [each for segment in found.state.segments for each in segment.processes]
+    if any(not (each.level_stated and each.time_stated) for each in processes):
+        # What is stated in part: the rest by the readings.
+        found = _settled(task, found.state) or found
     for i in range(task.settings.most_processes):
         present = _processes_of(found.state)
         found_colours = colours(task, found.state)

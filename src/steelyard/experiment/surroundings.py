@@ -1,0 +1,93 @@
+"""What acts on the platform beside its cables, as an experiment file states it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from steelyard.yaml_file import FileModel
+
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class KnownForm(FileModel):
+    """A value known beforehand; a bare number is exact."""
+
+    value: float
+    sigma: NotNegative = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _number(cls, value: Any) -> Any:
+        return value if isinstance(value, dict) else {"value": value}
+
+
+def _exactly(value: float) -> KnownForm:
+    return KnownForm.model_validate(value)
+
+
+KnownVector = tuple[KnownForm, KnownForm, KnownForm]
+
+
+class UnmodelledForm(FileModel):
+    """A wrench on the platform that nothing explains, a Gauss-Markov process in the platform's axes;
+    what is absent is estimated.
+    """
+
+    force: NotNegative | None = None
+    """1-sigma per axis [N]."""
+    torque: NotNegative | None = None
+    """1-sigma per axis [N m]."""
+    time: Annotated[float, Field(gt=0)] | None = None
+    """Correlation time [s]."""
+
+
+def _form(value: Any) -> str:
+    return "stated" if isinstance(value, dict | UnmodelledForm) else "none"
+
+
+Unmodelled = Annotated[
+    Annotated[UnmodelledForm, Tag("stated")] | Annotated[float, Field(ge=0, le=0), Tag("none")],
+    Discriminator(_form),
+]
+"""0: there is none."""
+
+
+class AttachedForm(FileModel):
+    """A hose or an umbilical from a point of the platform to one of the world; any number may be
+    uncertain, ``{value, sigma}``.
+    """
+
+    at: KnownVector
+    """Where it is fixed to the platform, platform frame [m]."""
+    to: KnownVector
+    """Where it comes from, world frame [m]."""
+    force: KnownForm = _exactly(0.0)
+    """Part of its weight that the platform carries [N]."""
+    stiffness: KnownForm = _exactly(0.0)
+    """By how much it pulls towards where it comes from when it is longer than ``free`` [N/m]."""
+    free: KnownForm = _exactly(0.0)
+    """Length up to which it does not pull [m]."""
+
+
+class DragForm(FileModel):
+    """Air: drag coefficient times area [m^2]; a bare number is exact."""
+
+    value: NotNegative = 0.0
+    sigma: NotNegative = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _number(cls, value: Any) -> Any:
+        return value if isinstance(value, dict) else {"value": value}
+
+
+class Surroundings(FileModel):
+    """All of it."""
+
+    unmodelled: Unmodelled | None = None
+    """None: estimated, and zero where the readings do not ask for it."""
+    attached: tuple[AttachedForm, ...] = ()
+    drag: DragForm | None = None
+    """None: estimated, and zero where the readings do not ask for it."""
