@@ -242,8 +242,8 @@ EXPERIMENT_FILE = [
     ),
     case(
         "unknown key of calibration",
-        change(EXPERIMENT, "gyro_bias", "gyro_drift"),
-        r"experiment\.yaml:16: 'instruments\.imu\.calibration\.gyro_drift': .*found 'gyro_drift'",
+        change(EXPERIMENT, "gyro_bias", "gyro_heat"),
+        r"experiment\.yaml:16: 'instruments\.imu\.calibration\.gyro_heat': .*found 'gyro_heat'",
     ),
     case(
         "unknown key of run",

@@ -72,8 +72,10 @@ class Identification(Tabular):
 
     @property
     def result(self) -> str:
-        """Name of the best method that ran."""
-        return next(name for name in BEST_FIRST if name in self.estimates)
+        """Name of the best method that ran, of those that have numbers where any has."""
+        ran = [name for name in BEST_FIRST if name in self.estimates]
+        told = [name for name in ran if np.isfinite(self.estimates[name].value).any()]
+        return (told or ran)[0]
 
     @property
     def estimate(self) -> Estimate:
@@ -188,10 +190,21 @@ def identify(
             # The baseline needs more instruments than better methods do.
             baseline = error
             estimates.append(no_estimate(method.name, str(error)))
+    if not methods and not np.isfinite(estimates[-1].value).any():
+        # The best there is has not arrived: the motion held, as its instruments tell it.
+        fallen_back = Consistent()
+        try:
+            estimates.append(_estimate(fallen_back, used, posteriors, progress))
+            chosen.append(fallen_back)
+        except (NoBalanceError, InputError):
+            pass
     if baseline is not None and not any(np.isfinite(each.value).any() for each in estimates):
         raise baseline
     by_name = {each.method: each for each in estimates}
-    best = next(name for name in BEST_FIRST if name in by_name)
+    best = next(
+        (name for name in BEST_FIRST if name in by_name and np.isfinite(by_name[name].value).any()),
+        next(name for name in BEST_FIRST if name in by_name),
+    )
     fits = (method.fit for method in chosen if method.name == best)
     posterior = next((posteriors.get(fit) for fit in fits if fit is not None), None)
     return Identification(

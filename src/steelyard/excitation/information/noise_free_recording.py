@@ -30,7 +30,7 @@ from steelyard.simulation.response import ExactMotion
 
 _LEAST_TENSION = 1.0
 """At which the sag of a cable is evaluated [N]: a slack one would have none that is finite."""
-_AS_DESCRIBED = replace(FIT, suspicions=0, most_processes=0)
+_AS_DESCRIBED = replace(FIT, suspicions=0, most_processes=0, jittering=float("inf"))
 """A recording without noise shows nothing that is not described, but rounding that looks so."""
 
 

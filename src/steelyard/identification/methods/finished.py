@@ -62,7 +62,8 @@ def finished(
     covariance = found.body_covariance if covariance is None else covariance
     # What is written is symmetric to the last bit, however it was computed.
     covariance = (covariance + covariance.T) / 2
-    known = found.identifiable
+    # What did not arrive has no numbers.
+    known = found.identifiable & found.fit.converged
     value = np.where(known, value, np.nan)
     tests = directed_tests(found, settings)
     disturbed, errors = disturbances(found), found_errors(found)

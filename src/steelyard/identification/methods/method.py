@@ -13,9 +13,9 @@ from typing import ClassVar, Protocol
 
 from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment
+from steelyard.identification.methods.fall_back import fit_that_arrives
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.held_motion import fit_with_held_motion
-from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
@@ -100,13 +100,13 @@ class PosteriorMethod(ABC):
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Motion, body and calibration at once; see :func:`.fit_jointly`."""
+    """Motion, body and calibration at once; see :func:`.fit_that_arrives`."""
 
     settings: FitSettings = FIT
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Posterior:
-        """Posterior of an experiment; raises as :func:`.fit_jointly` does."""
-        return fit_jointly(experiment, progress, settings=self.settings)
+        """Posterior of an experiment; raises as :func:`.fit_that_arrives` does."""
+        return fit_that_arrives(experiment, progress, settings=self.settings)
 
 
 @dataclass(frozen=True)

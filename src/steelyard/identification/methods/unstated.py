@@ -35,31 +35,33 @@ def disturbances(found: Posterior) -> list[dict[str, Any]]:
     """Coloured noise and unmodelled wrench, one entry for each run that has it: owner, quantity, 1-sigma
     and root mean square per axis, largest value with its time and axis, in SI units.
     """
-    entries = []
+    return [entry for entry, _, _ in disturbances_along(found)]
+
+
+def disturbances_along(found: Posterior) -> Iterator[tuple[dict[str, Any], Array, Array]]:
+    """The same entries, each with times [s], shape (n,), and values in SI units, shape (n, p)."""
     for segment in found.fit.state.segments:
         for process in segment.processes:
             values, times = _along(segment, process)
             instant, axis = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
             owner, quantity = process.disturbs
-            entries.append(
-                {
-                    "run": segment.run,
-                    "owner": owner,
-                    "quantity": quantity,
-                    "cause": process.cause,
-                    "stated": process.is_stated,
-                    "unit": _unit(found, process),
-                    "standard_deviation": process.level * process.sizes,
-                    "correlation_time": process.time,
-                    "root_mean_square": np.sqrt(np.mean(values**2, axis=0)),
-                    "largest": {
-                        "value": float(values[instant, axis]),
-                        "time": float(times[instant]),
-                        "component": int(axis) + 1,
-                    },
-                }
-            )
-    return entries
+            entry = {
+                "run": segment.run,
+                "owner": owner,
+                "quantity": quantity,
+                "cause": process.cause,
+                "stated": process.is_stated,
+                "unit": _unit(found, process),
+                "standard_deviation": process.level * process.sizes,
+                "correlation_time": process.time,
+                "root_mean_square": np.sqrt(np.mean(values**2, axis=0)),
+                "largest": {
+                    "value": float(values[instant, axis]),
+                    "time": float(times[instant]),
+                    "component": int(axis) + 1,
+                },
+            }
+            yield entry, times, values
 
 
 def found_errors(found: Posterior) -> dict[str, dict[str, Any]]:

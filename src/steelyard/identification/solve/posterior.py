@@ -75,6 +75,21 @@ class Posterior:
     held_out: frozenset[str] = frozenset()
     """Runs whose forces were not looked at."""
     notes: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    """Instruments that were left out, since the fit did not arrive with them."""
+
+    @property
+    def by_contradiction(self) -> list[str]:
+        """Motion instruments, the one that departs most from the motion that all show first; none
+        where there is only one.
+        """
+        names = motion_instruments(self.experiment)
+        return sorted(names, key=lambda name: -self.departure(name)) if len(names) > 1 else []
+
+    def departure(self, name: str) -> float:
+        """By how much an instrument departs from that motion, in its noise."""
+        ratios = self.motion_ratios.items()
+        return max((ratio for (owner, _), ratio in ratios if owner == name), default=0.0)
 
     @property
     def calibration(self) -> CalibrationValues:
@@ -125,6 +140,16 @@ class Posterior:
             self.parameters, samples.specific_force, samples.omega, samples.alpha
         )
         return np.asarray(samples.wrench - moves)
+
+
+def motion_instruments(experiment: Experiment) -> list[str]:
+    """Those that have recorded how the platform moves."""
+    return [
+        name
+        for name, each in experiment.instruments.items()
+        if (each.is_motion or each.is_cable_motion)
+        and any(name in run.streams for run in experiment.runs)
+    ]
 
 
 def plausible(parameters: Array, size: float) -> Array:

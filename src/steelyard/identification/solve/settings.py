@@ -162,11 +162,19 @@ class FitSettings:
     level_settled: float = 0.2
     """Largest logarithm of a change of level at which these have settled."""
 
+    # What is tried where a fit does not arrive
+
+    left_out: int = 2
+    """Instruments of which one is left out then, one after the other: each costs a fit."""
+
     # Jitter of time stamps
 
     jittering: float = 6.0
     """Standard normal score of residuals that are larger where the readings change quickly, from
     which stamps are taken to scatter: residuals have longer tails than squares of normal numbers."""
+    least_jitter: float = 0.3
+    """What stamps that scatter must make of the noise of a reading at least: less is a twentieth of
+    its variance."""
     jitter_bound: float = 5.0
     """Residual in units of their root mean square that a single one counts for at most."""
 

@@ -18,6 +18,7 @@ from scipy.stats import chi2, norm
 
 from steelyard.arrays import Array
 from steelyard.experiment.faults import channels, clipped
+from steelyard.identification.model.balance import UNMODELLED_PARTS
 from steelyard.identification.model.calibration_parameters import DRAG, ROBOT
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.diagnosis import diagnose
@@ -25,6 +26,9 @@ from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.identification.verdict.swinging import swinging
 from steelyard.inertia import TEN, body_jacobian
 from steelyard.instruments.base import TIME_CONSTANT
+
+_INSTANTS = 500
+"""Along a segment, at which disturbances are looked at."""
 
 
 @dataclass(frozen=True)
@@ -238,6 +242,7 @@ def reasons(
     load = swinging(posterior)
     return [
         *contradictions,
+        *_of_disturbances(posterior, settings),
         *_of_clipped(posterior, settings),
         *([] if load is None else [str(load)]),
         *(diagnose(posterior, settings) if contradictions else ()),
@@ -250,15 +255,29 @@ def reasons(
 
 def _of_motion(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     """Motion instruments against each other and their stated noise."""
+    for name in posterior.left_out:
+        yield (
+            f"with {name} the estimate does not settle: it contradicts the other instruments, and"
+            f" this estimate is without it; check its axes, signs, units and 'sync', or leave it out"
+            f" yourself ('--without {name}')"
+        )
     if not posterior.motion_converged:
         yield (
             "the motion instruments contradict each other beyond repair; check their axes, signs,"
             " units and 'sync'"
         )
     elif not posterior.fit.converged:
+        worst = posterior.by_contradiction[:1]
         yield (
-            "the estimate did not settle: the description is far from what the data show; check"
-            " axes, signs, units and 'sync'"
+            f"the estimate did not settle in {posterior.fit.turns} steps: the description is far from"
+            " what the data show; check axes, signs, units and 'sync'"
+            + (
+                f", first of all of {worst[0]}, which departs from the motion by"
+                f" {posterior.departure(worst[0]):.1f} times its noise, or leave it out"
+                f" ('--without {worst[0]}')"
+                if worst
+                else ""
+            )
         )
     for (name, quantity), ratio in posterior.motion_ratios.items():
         stated = any(
@@ -278,6 +297,39 @@ def _of_motion(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]
                 f"{what} scatters by only {ratio:.2g} of its stated noise; check its unit and"
                 " 'noise'"
             )
+
+
+def _of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
+    """Disturbances that nobody has stated and that are larger than devices and surroundings make."""
+    robot = posterior.experiment.robot
+    weight = abs(float(posterior.parameters[0])) * float(np.linalg.norm(robot.gravity))
+    for segment in posterior.fit.state.segments:
+        local = segment.basis(np.linspace(*segment.span, _INSTANTS))
+        for process in () if segment.static else segment.processes:
+            rms = np.sqrt(np.mean(segment.disturbance(process, local) ** 2, axis=0))
+            owner, name = process.disturbs
+            part = UNMODELLED_PARTS.get(process.source)
+            if process.is_stated:
+                continue
+            if part is None:
+                quantity = posterior.experiment.instruments[owner].quantity(name, robot.m)
+                largest = settings.largest_disturbance.get(quantity.unit, np.inf)
+                if rms.max() > largest:
+                    yield (
+                        f"run '{segment.run}': {name.replace('_', ' ')} of {owner} departs for a"
+                        f" while from what all others show, by {rms.max():.2g} {quantity.unit} rms,"
+                        " which is more than devices drift; check its axes, signs, units and 'sync',"
+                        " or state it under 'noise'"
+                    )
+                continue
+            arm, unit = (1.0, "N") if part.start == 0 else (robot.size, "N m")
+            if rms.max() > settings.largest_wrench * weight * arm:
+                yield (
+                    f"run '{segment.run}': an {name} that nothing explains is as large as"
+                    f" {rms.max():.2g} {unit} rms, a large part of the weight; check the geometry of"
+                    " the robot, the order and the signs of its forces, and what touches the"
+                    " platform, or state it under 'uncertainty: {unmodelled: …}'"
+                )
 
 
 def _of_forces(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,13 @@ class VerdictSettings:
     """Part of the samples of a force sensor at the end of its range, beyond which they count."""
     most_outliers: float = 0.05
     """Part of the samples of a run that may stand out: sound ones have .01 at most."""
+    largest_disturbance: Mapping[str, float] = field(
+        default_factory=lambda: {"m": 0.1, "rad": 0.3, "rad/s": 0.1, "m/s^2": 0.5}
+    )
+    """Unit -> rms of a disturbance of an instrument that nobody has stated, beyond which it is no
+    drift, filter or lost target but an error of the description."""
+    largest_wrench: float = 0.1
+    """The same of an unmodelled wrench, as a part of the weight: by the platform's size of torques."""
     biased: float = 2.0
     """A bias by noise in the regressor of so many 1-sigma is no longer small, so that a correction
     of first order need not be enough."""

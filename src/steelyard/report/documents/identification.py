@@ -7,13 +7,14 @@ from __future__ import annotations
 from steelyard.report.blocks.document import Document
 from steelyard.report.documents.sections.calibration import calibration
 from steelyard.report.documents.sections.correlation import correlation
+from steelyard.report.documents.sections.disturbances import disturbances
 from steelyard.report.documents.sections.made import made
 from steelyard.report.documents.sections.platform import platform
 from steelyard.report.documents.sections.residuals import residuals, wrench
 from steelyard.report.documents.sections.result import lead, result
 from steelyard.report.evidence.summary import Summary
 
-SECTIONS = (result, platform, wrench, residuals, calibration, correlation, made)
+SECTIONS = (result, platform, wrench, residuals, disturbances, calibration, correlation, made)
 """In the order in which they are shown; each is left out where it has nothing to say."""
 
 

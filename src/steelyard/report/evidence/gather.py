@@ -4,7 +4,7 @@ else.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.identify import Identification
+from steelyard.identification.methods.unstated import disturbances_along
 from steelyard.identification.model.balance import UNMODELLED
 from steelyard.identification.model.calibration_parameters import ROBOT, clock_of
 from steelyard.identification.residuals import Residuals, of_samples, residuals
@@ -28,6 +29,7 @@ from steelyard.report.evidence.values import (
     CalibrationEstimate,
     ClockDelay,
     DirectedTest,
+    DisturbanceTrack,
     EstimatedBody,
     Evidence,
     MotionTrack,
@@ -88,8 +90,32 @@ def evidence_of(identification: Identification, thinning: Thinning = THINNING) -
         tests=tuple(_tests(estimate)),
         clocks=tuple(_clocks(identification, posterior)) if posterior else (),
         contacts=tuple(_contacts(estimate)),
+        disturbances=tuple(_disturbances(posterior, names, thinning)) if posterior else (),
         not_drawn=len(experiment.runs) - len(shown.runs),
     )
+
+
+def _disturbances(
+    posterior: Posterior, runs: Collection[str], thinning: Thinning
+) -> Iterator[DisturbanceTrack]:
+    """What went on for a while beside the model, in the runs that are shown."""
+    for each, times, values in disturbances_along(posterior):
+        if each["run"] not in runs:
+            continue
+        few = evenly(len(times), thinning.most_instants)
+        yield DisturbanceTrack(
+            run=each["run"],
+            owner=each["owner"],
+            quantity=each["quantity"],
+            cause=each["cause"],
+            stated=each["stated"],
+            unit=each["unit"],
+            deviation=tuple(rounded(each["standard_deviation"], 6)),
+            correlation_time=float(each["correlation_time"]),
+            rms=tuple(rounded(each["root_mean_square"], 6)),
+            time=tuple(rounded(times[few], 7)),
+            values=tuple(tuple(rounded(column, 5)) for column in values[few].T),
+        )
 
 
 def _tests(estimate: Estimate) -> Iterator[DirectedTest]:

@@ -126,6 +126,32 @@ class Noise:
 
 
 @dataclass(frozen=True)
+class DisturbanceTrack:
+    """An error of a quantity, or a wrench on the platform, that goes on for a while, k components,
+    thinned.
+    """
+
+    run: str
+    owner: str
+    """Instrument; of an unmodelled wrench the robot."""
+    quantity: str
+    cause: str
+    """``colored``, ``drift``, ``reacquired`` or ``filter``."""
+    stated: bool
+    unit: str
+    deviation: tuple[Real, ...]
+    """1-sigma by component."""
+    correlation_time: Real
+    """[s]"""
+    rms: tuple[Real, ...]
+    """By component."""
+    time: tuple[Real, ...]
+    """Common time [s]."""
+    values: tuple[tuple[Real, ...], ...]
+    """By component."""
+
+
+@dataclass(frozen=True)
 class CalibrationEstimate:
     """One component of a systematic error of an instrument."""
 
@@ -204,5 +230,6 @@ class Evidence:
     clocks: tuple[ClockDelay, ...] = ()
     contacts: tuple[tuple[str, Real, Real], ...] = ()
     """Run, beginning and end of what touched the platform [s]."""
+    disturbances: tuple[DisturbanceTrack, ...] = ()
     not_drawn: int = 0
     """Runs of which no readings and motions are kept, to bound the size."""

@@ -107,6 +107,8 @@ class _Scattering:
     """Squared residuals, shape (n,)."""
     by_time: Array
     """Squared rates, shape (n,)."""
+    sigma: float
+    """1-sigma of their noise as it is stated, or as it began."""
 
     @property
     def score(self) -> float:
@@ -117,6 +119,11 @@ class _Scattering:
         usual = float(np.mean(self.square))
         size = usual * np.sqrt(2 * np.sum(spread**2))
         return float(np.sum(self.square * spread) / size) if size > 0 else 0.0
+
+    def shows(self, jitter: float, least: float) -> bool:
+        """Whether a jitter [s] makes more than a small part of the noise."""
+        late = SCATTER * jitter * float(np.sqrt(np.mean(self.by_time)))
+        return late > least * self.sigma
 
     @property
     def jitter(self) -> float:
@@ -144,6 +151,8 @@ def _asked(task: Task, state: FitState) -> tuple[str, float] | None:
         stated = task.experiment.instruments[each.name].calibration.jitter is not None
         if stated or each.name in present or each.score < task.settings.jittering:
             continue
+        if not each.shows(each.jitter, task.settings.least_jitter):
+            continue
         if best is None or each.score > best.score:
             best = each
     return None if best is None else (best.name, best.jitter)
@@ -153,6 +162,7 @@ def _scatterings(task: Task, state: FitState) -> Iterator[_Scattering]:
     """Of every quantity of the motion instruments."""
     squares: dict[Source, list[Array]] = {}
     rates: dict[Source, list[Array]] = {}
+    sigmas: dict[Source, float] = {}
     for segment in state.segments:
         for reading in () if segment.static else segment.readings:
             if task.experiment.instruments[reading.source[0]].commanded:
@@ -164,10 +174,11 @@ def _scatterings(task: Task, state: FitState) -> Iterator[_Scattering]:
             bound = task.settings.jitter_bound * float(np.sqrt(np.mean(residual[use] ** 2)))
             held = np.clip(residual[use], -bound, bound)
             squares.setdefault(reading.source, []).append(held.ravel() ** 2)
+            sigmas[reading.source] = reading.sigma
             rates.setdefault(reading.source, []).append(rate[use].ravel() ** 2)
     for source, each in squares.items():
         square = np.concatenate(each)
-        yield _Scattering(source[0], square, np.concatenate(rates[source]))
+        yield _Scattering(source[0], square, np.concatenate(rates[source]), sigmas[source])
 
 
 def _residual(task: Task, state: FitState, segment: Segment, reading: Reading) -> Array:
