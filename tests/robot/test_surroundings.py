@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from steelyard.robot.file import read_robot
-from steelyard.robot.surroundings import air_wrench, attached_wrench, middle_of
+from steelyard.robot.surroundings import air_wrench, attached_wrench, hose_wrench, middle_of
 
 ROBOT = read_robot("cogiro")
 POSITION, TURNED = np.array([0.4, -0.3, 1.7]), Rotation.from_rotvec([0.2, -0.1, 0.4])
@@ -33,6 +33,38 @@ def test_a_hose_pulls_at_its_point():
     pull = TURNED.inv().apply(force - stiffness * (POSITION - middle))
     np.testing.assert_allclose(found[:3], pull, atol=1e-12)
     np.testing.assert_allclose(found[3:], np.cross(point, pull), atol=1e-12)
+
+
+def hose(position, at, to, weight, stiffness, free):
+    described = np.concatenate([at, to, [weight, stiffness, free]])
+    gravity = ca.DM([0.0, 0.0, -9.81])
+    return numbers(
+        hose_wrench(ca.DM(position), ca.DM(TURNED.as_matrix()), gravity, ca.DM(described))
+    )
+
+
+def test_a_stated_hose_pulls_where_it_comes_from_once_it_is_taut():
+    at, to = np.array([0.1, -0.5, 0.9]), np.array([0.0, 3.0, 5.4])
+    point = POSITION + TURNED.apply(at)
+    length = np.linalg.norm(to - point)
+    pull = 12.0 * (length - 1.5) * (to - point) / length + [0, 0, -7.0]
+    found = hose(POSITION, at, to, 7.0, 12.0, 1.5)
+    np.testing.assert_allclose(found[:3], TURNED.inv().apply(pull), rtol=1e-4)
+    np.testing.assert_allclose(found[3:], np.cross(at, found[:3]), atol=1e-12)
+    slack = hose(POSITION, at, to, 7.0, 12.0, length + 1.0)
+    np.testing.assert_allclose(slack[:3], TURNED.inv().apply([0, 0, -7.0]), atol=1e-3)
+
+
+def test_a_stated_hose_does_the_work_that_its_length_takes():
+    at, to = np.array([0.1, -0.5, 0.9]), np.array([0.0, 3.0, 5.4])
+    steps = np.linspace(0.0, 1.0, 2001)[:, None] * [0.5, -1.0, 0.3]
+    along = np.array([TURNED.apply(hose(POSITION + s, at, to, 0.0, 12.0, 1.5)[:3]) for s in steps])
+    work = np.sum((along[1:] + along[:-1]) / 2 * np.diff(steps, axis=0))
+    stored = [
+        6.0 * (np.linalg.norm(to - POSITION - s - TURNED.apply(at)) - 1.5) ** 2
+        for s in steps[[0, -1]]
+    ]
+    assert work == pytest.approx(stored[0] - stored[1], rel=1e-4)
 
 
 def air(velocity, omega):

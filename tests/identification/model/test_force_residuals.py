@@ -14,6 +14,7 @@ from scipy.stats import chi2
 from simulated import BODY, EXACT, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.surroundings import Surroundings
 from steelyard.identification.model import balance
 from steelyard.identification.model.balance import UNMODELLED_PARTS, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import (
@@ -23,7 +24,7 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.model.force_residuals import BALANCE, sample_weight, whitened_balance
 from steelyard.identification.model.motion_residuals import Reading, Segment, Tally, limit
-from steelyard.identification.model.processes import Process, integrals_of
+from steelyard.identification.model.processes import Process, integrals_of, named
 from steelyard.identification.model.segment import POSE
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.instruments.base import TIME_CONSTANT
@@ -65,6 +66,10 @@ FORCES = {
     "wrench": Wrench.model_validate(WRENCH),
     "wrench on the sensor": Wrench.model_validate({**WRENCH, "acts_on": "sensor"}),
 }
+HOSES = (
+    {"at": (0.1, -0.2, 0.9), "to": (0.0, 3.0, 5.4), "force": 12.0, "stiffness": 12.0, "free": 1.5},
+    {"at": (0.0, 0.3, -0.4), "to": (-2.0, 0.0, 0.5), "stiffness": 40.0, "free": 8.0},
+)  # one that pulls, one that is slack
 ATTITUDE = Attitude.model_validate({"kind": "attitude", "noise": 0.01})
 
 
@@ -82,6 +87,8 @@ class Case:
         reference=None,
         disturbed=False,
         pulled=False,
+        drifting=False,
+        hoses=(),
         seed=7,
     ):
         rng = np.random.default_rng(seed)
@@ -96,6 +103,7 @@ class Case:
             suite,
             (Run("run", streams, sync, static=static),),
             uncertainty=EXACT,
+            surroundings=Surroundings.model_validate({"attached": hoses}),
         )
         self.calibration_parameters = gather(self.experiment)
         outside = [
@@ -133,13 +141,17 @@ class Case:
         self.segment = Segment(
             "run", grid, (attitude,), coefficients, static=static, reference=reference
         )
-        if disturbed:
-            self.segment = self.segment.disturbed(
-                tuple(
-                    Process(source, np.array([1.0, 2.0, 3.0]), 1.0, 0.5, integrals_of(GRID))
-                    for source in UNMODELLED_PARTS
-                )
-            )
+        if disturbed or drifting:
+            processes = [
+                Process(source, np.array([1.0, 2.0, 3.0]), 1.0, 0.5, integrals_of(GRID))
+                for source in (UNMODELLED_PARTS if disturbed else ())
+            ]
+            for quantity in instrument.quantities(self.robot.m) if drifting else ():
+                sizes = 1 + 0.1 * np.arange(quantity.size)
+                for cause in ("colored", "drift"):
+                    source = named(("forces", quantity.name), cause)
+                    processes.append(Process(source, sizes, 1.0, 0.5, integrals_of(GRID), cause))
+            self.segment = self.segment.disturbed(tuple(processes))
             coefficients = self.segment.coefficients.copy()
             coefficients[:, POSE:] = 5 * rng.normal(size=coefficients[:, POSE:].shape)
             self.segment = replace(self.segment, coefficients=coefficients)
@@ -232,6 +244,15 @@ CASES = {
     "disturbed": {"force": "platform end", "disturbed": True},
     "disturbed wrench": {"force": "wrench", "disturbed": True},
     "pulled by a hose": {"force": "platform end", "pulled": True},
+    "drifting sensors": {"force": "platform end", "drifting": True},
+    "drifting sensors beside a disturbance": {
+        "force": "platform end",
+        "drifting": True,
+        "disturbed": True,
+    },
+    "drifting wrench": {"force": "wrench", "drifting": True},
+    "held by two hoses that are stated": {"force": "platform end", "hoses": HOSES},
+    "a wrench sensor with a hose": {"force": "wrench", "hoses": HOSES[:1]},
 }
 
 
@@ -320,6 +341,9 @@ def test_derivatives_by_every_systematic_error_are_those_of_differences(case):
         still = found.segment.static
         outside = {key for key in keys if key.startswith("attached" if still else SURROUNDINGS)}
         fixed = {("robot", key) for key in {"anchor", "attachment"} | outside}
+    hoses = [k for o, k, _ in found.calibration_parameters.places if k.startswith("hose")]
+    # A slack hose does nothing, but its weight does.
+    fixed |= {("robot", key) for key in hoses}
     assert acting == terms | clocks | fixed | {("robot", "gravity")}
 
 

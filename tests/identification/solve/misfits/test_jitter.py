@@ -1,0 +1,52 @@
+"""Time stamps that scatter."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from simulated import PAPER, RECORDER, TRUTH, changed, sound
+
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.solve.joint_motion import fit_jointly
+
+pytestmark = pytest.mark.integration
+
+JITTER = 0.01  # [s]
+
+
+def unstated(seed):
+    """A recording whose tracker's stamps scatter, which nobody says."""
+    tracker = changed(PAPER["tracker"], calibration={"jitter": JITTER})
+    whole = RECORDER(seed, instruments={**PAPER, "tracker": tracker})
+    instruments = {**whole.instruments, "tracker": PAPER["tracker"]}
+    return type(whole)(**{**vars(whole), "instruments": instruments})
+
+
+def test_it_is_found_and_intervals_stay_true():
+    total, seeds = 0.0, range(3)
+    for seed in seeds:
+        posterior = fit_jointly(unstated(seed))
+        assert posterior.fit.state.jitters == {"tracker": pytest.approx(JITTER, rel=0.15)}
+        found = MaximumLikelihood().of(posterior)
+        assert found.verdict.accepted, found.verdict.reasons
+        assert any("time stamps of tracker scatter" in note for note in found.notes)
+        error = found.value - TRUTH
+        total += error @ np.linalg.solve(found.covariance, error)
+    low, high = chi2.ppf([1e-3, 1 - 1e-3], 10 * len(seeds))
+    assert low < total < high
+
+
+def test_stamps_that_do_not_scatter_are_not_taken_to():
+    for seed in range(3):
+        assert fit_jointly(sound(seed)).fit.state.jitters == {}
+
+
+def test_stamps_of_the_forces_widen_their_noise_where_they_change():
+    cables = changed(PAPER["cables"], rate=100.0, noise=0.5, calibration={"jitter": JITTER})
+    posterior = fit_jointly(RECORDER(1, instruments={**PAPER, "cables": cables}))
+    (forces,) = posterior.force_samples
+    assert forces.late.shape == forces.left_out.shape
+    # A tension that changes by hundreds of newtons a second, some milliseconds late.
+    assert np.quantile(forces.late, 0.9) > 0.5
+    found = MaximumLikelihood().of(posterior)
+    error = found.value - TRUTH
+    assert error @ np.linalg.solve(found.covariance, error) < chi2.ppf(1 - 1e-3, 10)
