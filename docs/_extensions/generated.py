@@ -115,6 +115,9 @@ def _terms(kind: type[Instrument], instrument: Instrument) -> tuple[Term, ...]:
 def _term(key: str, text: str, term: Term | None, *, per_cable: bool) -> str:
     text, _, _ = text.partition(" Default:")
     text, _, stated = text.partition("; default: ")
+    if term is None and key != "delay":
+        # Errors that go on for a while: none is assumed, and most are looked for.
+        return f"| `{key}` | not stated | {_sentence(text.partition('; without it')[0])} | each |"
     if term is None:
         return (
             f"| `{key}` | .05 s; 0 for the clock that defines the time |"

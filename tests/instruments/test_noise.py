@@ -58,26 +58,31 @@ def test_it_is_written_as_it_was_stated():
         assert written["noise"] == noise
 
 
-def test_what_knots_do_not_follow_is_the_part_above_their_frequency():
-    step, correlation, spacing = 0.002, 0.3, 0.2
+SPACING = 0.2  # of the knots [s]
+STEP = 0.002  # of the samples [s]
+
+
+def density_at_the_end(values):
+    """Two-sided spectral density times the sampling rate, just above half a period per spacing."""
+    frequency = np.fft.rfftfreq(len(values), STEP)
+    band = (frequency > 0.98 / (2 * SPACING)) & (frequency < 1.02 / (2 * SPACING))
+    return np.mean(np.abs(np.fft.rfft(values)[band]) ** 2) / len(values)
+
+
+@pytest.mark.parametrize("correlation", [0.02, 0.3, 3.0])
+def test_what_knots_do_not_follow_has_the_density_of_where_they_end(correlation):
     rng = np.random.default_rng(3)
-    values = markov(rng.normal(size=(2**18, 1)), step / correlation)[:, 0]
-    spectrum = np.fft.rfft(values)
-    spectrum[np.fft.rfftfreq(len(values), step) < 1 / (2 * spacing)] = 0.0
-    left = np.std(np.fft.irfft(spectrum))
+    values = markov(rng.normal(size=(2**21, 1)), STEP / correlation)[:, 0]
     stated = [Disturbance("colored", 1.0, correlation)]
-    assert unresolved(stated, spacing) == pytest.approx(left, rel=0.03)
+    white = unresolved(stated, SPACING, STEP)
+    assert white**2 == pytest.approx(density_at_the_end(values), rel=0.06)
 
 
 def test_the_same_of_a_random_walk():
-    step, spacing = 0.002, 0.2
     rng = np.random.default_rng(4)
     # Slowly forgotten, it is the walk within seconds.
     correlation = 50.0
-    values = markov(rng.normal(size=(2**20, 1)), step / correlation)[:, 0] * np.sqrt(
-        correlation / 2
-    )
-    spectrum = np.fft.rfft(values)
-    spectrum[np.fft.rfftfreq(len(values), step) < 1 / (2 * spacing)] = 0.0
-    left = np.std(np.fft.irfft(spectrum)[1000:-1000])
-    assert unresolved([Disturbance("drift", 1.0)], spacing) == pytest.approx(left, rel=0.05)
+    values = markov(rng.normal(size=(2**21, 1)), STEP / correlation)[:, 0]
+    values *= np.sqrt(correlation / 2)
+    white = unresolved([Disturbance("drift", 1.0)], SPACING, STEP)
+    assert white**2 == pytest.approx(density_at_the_end(values), rel=0.06)

@@ -175,25 +175,28 @@ def embedded(band: Array, place: int, block: int) -> Array:
     return found
 
 
-def unresolved(stated: Iterable[Disturbance], spacing: float) -> float:
-    """1-sigma of what is stated of disturbances and goes on for too short a while to be a spline on
-    knots: it is white beside them.
+def unresolved(stated: Iterable[Disturbance], spacing: float, step: float) -> float:
+    """1-sigma of white noise that stands for what is stated of disturbances and goes on for too short
+    a while to be a spline on knots.
 
-    Of a Gauss-Markov process the part above half a period per spacing, of a random walk the same.
+    It has the spectral density of the disturbances at the frequency of half a period per spacing,
+    where the spline ends: what is above is less, so that nothing is taken to be more certain than
+    it is.
 
     Args:
         stated: Of one quantity.
         spacing: Of the knots [s].
+        step: Between samples [s].
     """
-    square = 0.0
+    square, highest = 0.0, np.pi / spacing
     for each in stated:
         if each.level is None:
             continue
         if each.cause == "drift":
-            square += each.level**2 * spacing / np.pi**2
+            square += (each.level / highest) ** 2 / step
         elif each.time is not None:
-            slow = 2 / np.pi * np.arctan(np.pi * each.time / spacing)
-            square += each.level**2 * (1 - slow)
+            low = 2 * each.level**2 * each.time / step
+            square += low / (1 + (highest * each.time) ** 2)
     return float(np.sqrt(square))
 
 

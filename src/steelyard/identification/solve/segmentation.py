@@ -266,7 +266,7 @@ def _moving(
                 ),
             )
             sigma = (
-                float(np.hypot(stream.sigma, unresolved(stream.disturbed, spacing)))
+                float(np.hypot(stream.sigma, unresolved(stream.disturbed, spacing, stream.step)))
                 if stream.sigma
                 else scatter(stream.common[use], stream.values[use], start, end, width, settings)
             )
@@ -356,6 +356,11 @@ class _MotionStream:
     needs_tension: bool = False
     disturbed: tuple[Disturbance, ...] = ()
     """Errors that go on for a while, as stated."""
+
+    @property
+    def step(self) -> float:
+        """Between samples [s]."""
+        return float(np.median(np.diff(self.common))) if len(self.common) > 1 else 1.0
 
 
 def _streams(
@@ -554,8 +559,9 @@ def _with_unresolved(experiment: Experiment, forces: Forces, spacing: float) -> 
     quantities = [instrument.quantity(q, m) for q in forces.readings]
     if not all(q.noise for q in quantities):
         return forces
+    step = float(np.median(np.diff(forces.time))) if len(forces.time) > 1 else 1.0
     further = np.concatenate(
-        [np.full(q.size, unresolved(q.disturbed, spacing)) for q in quantities]
+        [np.full(q.size, unresolved(q.disturbed, spacing, step)) for q in quantities]
     )
     return replace(forces, sigma=np.hypot(forces.sigma, further))
 

@@ -280,19 +280,22 @@ def _of_motion(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]
             )
         )
     for (name, quantity), ratio in posterior.motion_ratios.items():
-        stated = any(
-            q.name == quantity and q.noise
+        own = [
+            q
             for q in posterior.experiment.instruments[name].quantities(
                 posterior.calibration.calibration_parameters.m
             )
-        )
+            if q.name == quantity
+        ]
+        stated = any(q.noise for q in own)
         what = f"{quantity.replace('_', ' ')} of {name}"
         if stated and ratio**2 > settings.twice:
             yield (
                 f"{what} departs from the motion that all instruments show by {ratio:.1f} times its"
                 " stated noise; check its axes, signs, units, 'sync' and 'noise'"
             )
-        elif stated and ratio**2 < settings.much_less:
+        # What is stated of disturbances may be less than stated.
+        elif stated and not any(q.disturbed for q in own) and ratio**2 < settings.much_less:
             yield (
                 f"{what} scatters by only {ratio:.2g} of its stated noise; check its unit and"
                 " 'noise'"
@@ -332,6 +335,18 @@ def _of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterato
                 )
 
 
+def _is_disturbed(posterior: Posterior) -> bool:
+    """Whether it is stated that force readings are disturbed: their noise may be less than that."""
+    experiment = posterior.experiment
+    forces = {experiment.force_instrument(run) for run in experiment.runs} - {None}
+    return any(
+        quantity.disturbed
+        for name in forces
+        if name is not None
+        for quantity in experiment.instruments[name].quantities(experiment.robot.m)
+    )
+
+
 def _of_forces(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     """Forces against the motion: size and drift of the residual, samples that stand out."""
     total, solution = posterior.total, posterior.solution
@@ -352,7 +367,12 @@ def _of_forces(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]
             " what the stated noise explains; check the order and the unit of the force sensors,"
             " the geometry of the robot, and whether anything touched the platform"
         )
-    elif posterior.stated and solution.ratio < settings.much_less and small:
+    elif (
+        posterior.stated
+        and solution.ratio < settings.much_less
+        and small
+        and not _is_disturbed(posterior)
+    ):
         yield (
             "forces and motion balance better than the stated noise allows"
             f" ({np.sqrt(max(solution.ratio, 0.0)):.2g} of it); check the unit of the forces and"
