@@ -240,6 +240,7 @@ def test_clocks_of_an_experiment():
     assert run.sync["cables"] == pytest.approx(experiment.runs[0].streams["cables"].time[0])
 
 
+@pytest.mark.slow
 def test_when_a_clock_counts_as_found_can_be_set():
     experiment, _ = recorded(0)
     auto = without_clocks(experiment)

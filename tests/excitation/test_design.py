@@ -656,6 +656,7 @@ def wait_for_a_search(process):
         time.sleep(0.2)
 
 
+@pytest.mark.slow
 def test_an_interrupted_search_ends_with_one_sentence_and_leaves_nothing(tmp_path):
     """Ctrl-C in a terminal reaches the searching processes too."""
     command = [

@@ -77,6 +77,7 @@ def test_levels_can_be_set(whole):
     assert "data" not in {each.told for each in found.excitation.body}
 
 
+@pytest.mark.slow
 def test_a_clock_that_is_late_beyond_its_prior_is_remarked():
     experiment = late("tracker", 0.1)(sound(1))
     tracker = experiment.instruments["tracker"]

@@ -475,6 +475,7 @@ def test_sensors_at_the_winch_are_not_taken_for_some_at_the_platform():
 
 
 @pytest.mark.integration
+@pytest.mark.slow
 def test_forces_of_a_run_left_out_are_predicted():
     experiment, _ = recorded(RUBBING, 8, {"a": rig(), "b": rig()})
     (found,) = predict_held_out(experiment, frozenset({"b"}))

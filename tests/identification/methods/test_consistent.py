@@ -165,6 +165,7 @@ def test_a_pull_to_the_right_body_helps_what_the_data_tell_badly():
     assert np.linalg.norm(pulled) < 1.1 * np.linalg.norm(free)
 
 
+@pytest.mark.slow
 def test_a_pull_to_a_wrong_body_is_not_let_to_spoil_good_data():
     experiment = sound(1)
     wrong = Inertia(BODY.mass * 1.5, BODY.center_of_gravity + 0.3, BODY.inertia * 2)

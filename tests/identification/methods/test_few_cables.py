@@ -23,7 +23,9 @@ def truth_of(name):
 
 
 @pytest.mark.parametrize("name", ["three-cables-00", "four-cables-00"])
-@pytest.mark.parametrize("method", ["maximum-likelihood", "least-squares"])
+@pytest.mark.parametrize(
+    "method", ["maximum-likelihood", pytest.param("least-squares", marks=pytest.mark.slow)]
+)
 def test_all_ten_come_out_with_true_intervals(name, method):
     experiment = read_experiment(FOLDER / name / "experiment.yaml")
     found = identify(experiment, [method]).estimate

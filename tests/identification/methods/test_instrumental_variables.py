@@ -112,6 +112,7 @@ def test_good_instruments_lose_little(estimates):
         assert np.all((ratio > 0.85) & (ratio < 1.3))
 
 
+@pytest.mark.slow
 def test_a_noisy_gyro_biases_least_squares_and_is_told_by_the_test():
     noise = {"angular_velocity": 0.03, "specific_force": 0.03, "orientation": 0.0035}
     instruments = {**PAPER, "imu": changed(PAPER["imu"], noise=noise)}

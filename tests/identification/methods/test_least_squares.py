@@ -159,6 +159,7 @@ def test_errors_are_of_the_size_that_is_stated():
     assert chi2.ppf(RARE, 80) < sum(chi) < chi2.isf(RARE, 80)
 
 
+@pytest.mark.slow
 def test_sound_recordings_are_accepted_and_say_how_they_were_made():
     for seed in SEEDS:
         estimate = METHOD.of(studied(seed))
@@ -354,6 +355,7 @@ def test_a_tool_on_a_wrench_sensor_by_its_poses(kuka):
     np.testing.assert_allclose(offset, [9.077, -1.018, 9.985], atol=0.1)
 
 
+@pytest.mark.slow
 def test_a_tool_that_turns_about_one_axis_beside_its_poses(kuka):
     estimate = METHOD(only(kuka, "poses", "baseline"))
     assert abs(estimate.value[0] - 0.932) < 0.005
@@ -368,6 +370,7 @@ def test_a_tool_that_turns_about_one_axis_beside_its_poses(kuka):
 # Long recordings
 
 
+@pytest.mark.slow
 def test_a_long_recording_window_by_window_is_nearly_as_good_as_at_once():
     recorder = moving([1] * 6, duration=36.0, harmonics=18)
     experiment = recorder(6)

@@ -180,6 +180,7 @@ def test_a_noise_larger_than_stated_counts_as_it_is():
     assert surprise(estimate) < LIMIT
 
 
+@pytest.mark.slow
 def test_an_accelerometer_in_another_unit_is_named():
     wrong = with_values(
         sound(1), "imu", lambda t, v: (t, {**v, "specific_force": v["specific_force"] / 9.80665})

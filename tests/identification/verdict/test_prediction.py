@@ -130,6 +130,7 @@ def written(experiment, tmp_path):
     return folder / "experiment.yaml"
 
 
+@pytest.mark.slow
 def test_holdout_from_the_command_line(run, written, prediction, tmp_path):
     out = tmp_path / "results"
     status, text, err = run(

@@ -159,12 +159,14 @@ def _fitted(
     tell("what nothing explains", 0.6)
     fitted = _cut(readings, begun, task, state, tell, vibrations, levels=False)
     fitted = replace(fitted, fit=with_disturbances(fitted.task, fitted.fit))
-    touched, changed = _touched(fitted, settings=readings.settings)
-    if not changed:
-        return fitted
-    return replace(
-        touched, fit=with_disturbances(touched.task, fit(touched.task, touched.fit.state))
-    )
+    for _ in range(readings.settings.cuts):
+        # What touches the platform is in the level of what nothing explains: smaller without.
+        touched, changed = _touched(fitted, settings=readings.settings)
+        if not changed:
+            break
+        again = fit(touched.task, touched.fit.state)
+        fitted = replace(touched, fit=with_disturbances(touched.task, again, anew=True))
+    return fitted
 
 
 def _touched(fitted: Fitted, settings: FitSettings) -> tuple[Fitted, bool]:

@@ -50,6 +50,7 @@ def test_where_nothing_is_asked_for_nothing_is_tried():
 
 
 @pytest.mark.parametrize("disturbed", [pushed, walking])
+@pytest.mark.slow
 def test_a_disturbance_is_found_and_intervals_stay_true(disturbed):
     source = ("robot", "unmodelled force") if disturbed is pushed else ("imu", "orientation")
     total = 0.0

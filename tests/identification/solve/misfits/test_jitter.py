@@ -40,6 +40,7 @@ def test_stamps_that_do_not_scatter_are_not_taken_to():
         assert fit_jointly(sound(seed)).fit.state.jitters == {}
 
 
+@pytest.mark.slow
 def test_stamps_of_the_forces_widen_their_noise_where_they_change():
     cables = changed(PAPER["cables"], rate=100.0, noise=0.5, calibration={"jitter": JITTER})
     posterior = fit_jointly(RECORDER(1, instruments={**PAPER, "cables": cables}))

@@ -46,7 +46,11 @@ from steelyard.identification.solve.stated_processes import denied
 
 
 def with_disturbances(
-    task: Task, found: Fit, tell: Callable[[float], None] = lambda fraction: None
+    task: Task,
+    found: Fit,
+    tell: Callable[[float], None] = lambda fraction: None,
+    *,
+    anew: bool = False,
 ) -> Fit:
     """A fit with the processes that its residuals ask for.
 
@@ -54,6 +58,8 @@ def with_disturbances(
         task: What has been fitted.
         found: How.
         tell: Is called with the fraction that is done, roughly.
+        anew: Whether levels that are there already are looked at again, since the readings are
+            others.
 
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
@@ -61,7 +67,8 @@ def with_disturbances(
     refused: set[Source] = set(denied(task.experiment))
     first = found
     processes = [each for segment in found.state.segments for each in segment.processes]
-    if any(not (each.level_stated and each.time_stated) for each in processes):
+    free = [each for each in processes if not (each.level_stated and each.time_stated)]
+    if free and (anew or any(each.is_stated for each in free)):
         # What is stated in part: the rest by the readings.
         found = _settled(task, found.state) or found
     for i in range(task.settings.most_processes):
