@@ -7,7 +7,7 @@ that the knots do not follow, finer knots do.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -157,7 +157,10 @@ def _fitted(
     # Noise that is not stated and what nothing explains pull at each other: first the one, by a
     # noise that is left as it is, then both.
     tell("what nothing explains", 0.6)
+    # What touched the platform stands out even there.
+    task, before = replace(task, force_samples=fitted.force_samples), fitted.contacts
     fitted = _cut(readings, begun, task, state, tell, vibrations, levels=False)
+    fitted = replace(fitted, contacts=_joined(before, fitted.contacts))
     fitted = replace(fitted, fit=with_disturbances(fitted.task, fitted.fit))
     for _ in range(readings.settings.cuts):
         # What touches the platform is in the level of what nothing explains: smaller without.
@@ -167,6 +170,14 @@ def _fitted(
         again = fit(touched.task, touched.fit.state)
         fitted = replace(touched, fit=with_disturbances(touched.task, again, anew=True))
     return fitted
+
+
+def _joined(
+    one: Mapping[str, Sequence[tuple[float, float]]],
+    other: Mapping[str, Sequence[tuple[float, float]]],
+) -> dict[str, list[tuple[float, float]]]:
+    """Contacts of both, run by run."""
+    return {run: [*one.get(run, ()), *other.get(run, ())] for run in {**one, **other}}
 
 
 def _touched(fitted: Fitted, settings: FitSettings) -> tuple[Fitted, bool]:

@@ -28,6 +28,8 @@ _CAUSES: Mapping[str, str] = {
     "filter": "filter that follows the accelerometer",
 }
 _AXES = ("x", "y", "z")
+_PER_CABLE = frozenset({"tension", "length"})
+"""Quantities with a number for each cable."""
 
 
 def disturbances(summary: Summary) -> Section | None:
@@ -93,14 +95,15 @@ def _figure(each: DisturbanceTrack) -> Figure:
     """One of them over time."""
     unit = _unit(each)
     values = np.array(each.values) * unit.factor
-    names = _AXES if len(values) == len(_AXES) else [str(i + 1) for i in range(len(values))]
+    per_cable = each.quantity in _PER_CABLE
+    names = [f"cable {i + 1}" for i in range(len(values))] if per_cable else _AXES[: len(values)]
     who = "platform" if _is_wrench(each) else each.owner
     quantity = words(each.quantity)
     instant = int(np.argmax(np.abs(values).max(axis=0)))
+    axes_of = "the platform" if _is_wrench(each) else "the instrument"
     text = (
-        f"{quantity} of {who} in run {each.run} over time, in the axes of the"
-        f" {'platform' if _is_wrench(each) else 'instrument'}; largest"
-        f" {np.abs(values).max():.3g} {unit.name} at {each.time[instant]:.1f} s."
+        f"{quantity} of {who} in run {each.run} over time,"
+        f" {'by cable' if per_cable else f'in the axes of {axes_of}'}; largest {np.abs(values).max():.3g} {unit.name} at {each.time[instant]:.1f} s."
     )
     return Figure(
         slug("disturbance", each.run, each.owner, each.quantity, each.cause),
