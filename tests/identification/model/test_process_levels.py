@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
 from steelyard.arrays import Array
-from steelyard.identification.model.process_levels import likeliest
+from steelyard.identification.model.process_levels import ProcessLevel, _evidence, likeliest
 from steelyard.identification.model.processes import Process, embedded, integrals_of, places
 from steelyard.identification.model.segment import POSE, Rows, accumulate, basis, spread
 from steelyard.identification.solve.settings import FIT
@@ -126,3 +126,80 @@ def test_what_is_not_there_has_no_gain():
     readings = recorded(6, (1e-9, 1.0))
     own = disturbed(FIRST)
     assert likeliest([own], [read(own, readings)]).of[FIRST].gain < FIT.asked_for
+
+
+# With body and calibration beside them
+
+SHAPE = np.cos(2.0 * TIMES) + 0.3 * TIMES  # by which a parameter each acts on the first two axes
+PRIOR = 5.0  # 1-sigma of them
+
+
+def read_beside(own, readings):
+    """Normal equations of readings of the sum of all processes and of two parameters."""
+    local = basis(GRID, TIMES)
+    derivative = np.zeros((len(TIMES), 3, own.block))
+    for each in own.processes:
+        derivative[:, :, own.process_places[each.source]] = np.eye(3) / NOISE
+    by_parameters = np.zeros((len(TIMES), 3, 2))
+    by_parameters[:, 0, 0] = by_parameters[:, 1, 1] = SHAPE / NOISE
+    rows = Rows(
+        local.first, -readings / NOISE, spread(local, derivative, block=own.block), by_parameters
+    )
+    return accumulate(FUNCTIONS, 2, [rows], width=6 * own.block, block=own.block)
+
+
+def likelihood_beside(readings, *processes):
+    """Logarithm, by the full covariance with that of the parameters."""
+    apart = np.abs(np.subtract.outer(TIMES, TIMES))
+    covariance = NOISE**2 * np.eye(len(TIMES))
+    for level, time in processes:
+        covariance += level**2 * np.exp(-apart / time)
+    wide = covariance + PRIOR**2 * np.outer(SHAPE, SHAPE)
+    return sum(
+        float(multivariate_normal.logpdf(column, cov=own))
+        for column, own in zip(readings.T, (wide, wide, covariance), strict=True)
+    )
+
+
+def prior():
+    return np.eye(2) / PRIOR**2, np.zeros(2)
+
+
+def test_parameters_beside_them_are_integrated_out():
+    # What the parameters do is no process, however wrong they are.
+    readings = recorded(7, (0.4, 0.8)) + np.outer(SHAPE, [6.0, -4.0, 0.0])
+    own = disturbed(FIRST)
+    found = likeliest([own], [read_beside(own, readings)], prior=prior()).of[FIRST]
+    expected = minimize(
+        lambda logs: -likelihood_beside(readings, np.exp(logs)),
+        np.log([0.4, 0.8]),
+        method="Nelder-Mead",
+    )
+    assert np.log([found.level, found.time]) == pytest.approx(expected.x, abs=0.15)
+    gain = -expected.fun - likelihood_beside(readings)
+    assert found.gain == pytest.approx(gain, rel=0.05)
+    held = likeliest([own], [read_beside(own, readings)]).of[FIRST]
+    assert held.level > 3 * found.level
+
+
+def test_the_gradient_is_that_of_differences():
+    readings = recorded(8, (0.4, 0.8)) + np.outer(SHAPE, [1.0, 2.0, 0.0])
+    own = disturbed(FIRST, SECOND)
+    pairs = [(own, read_beside(own, readings))]
+
+    def at(logs):
+        levels = dict(
+            zip(
+                (FIRST, SECOND),
+                [ProcessLevel(*pair, 0.0) for pair in np.exp(logs).reshape(2, 2)],
+                strict=True,
+            )
+        )
+        return _evidence(pairs, levels, prior())
+
+    logs = np.log([0.5, 0.4, 0.8, 3.0])
+    _, gradient = at(logs)
+    differences = [
+        (at(logs + step)[0] - at(logs - step)[0]) / 2e-4 for step in 1e-4 * np.eye(len(logs))
+    ]
+    assert gradient == pytest.approx(differences, rel=1e-3, abs=1e-3)

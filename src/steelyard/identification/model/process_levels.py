@@ -1,7 +1,8 @@
 """Levels and correlation times of disturbances, as the readings tell them: by marginal likelihood.
 
 The readings stay as they are linearised; motion and processes are integrated out, which for a banded
-matrix is a determinant [MacKay1992]_; by its gradient, with L-BFGS-B [Byrd1995]_.
+matrix is a determinant [MacKay1992]_, and body and calibration with them, which else would be held
+where a process that is too large has left them; by its gradient, with L-BFGS-B [Byrd1995]_.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ def likeliest(
     segments: Sequence[Segment],
     equations: Sequence[NormalEquations],
     settings: MotionSettings = MOTION,
+    prior: tuple[Array, Array] | None = None,
 ) -> ProcessLevels:
     """Likeliest levels and correlation times of all processes together.
 
@@ -51,6 +53,8 @@ def likeliest(
         segments: With present motion and processes; what disturbs the same has one level.
         equations: Of their readings alone.
         settings: Bounds and accuracy.
+        prior: Precision of the border and its pull, shapes (b, b) and (b,); None: the border is
+            held.
     """
     pairs = [
         (segment, each)
@@ -69,7 +73,7 @@ def likeliest(
     time_stated = {each.source for each in processes if each.time_stated}
 
     def lack(logs: Array) -> tuple[float, Array]:
-        evidence, gradient = _evidence(pairs, _of_logs(first, logs))
+        evidence, gradient = _evidence(pairs, _of_logs(first, logs), prior)
         return -evidence, -gradient
 
     least, most = settings.shortest_correlation, settings.longest_correlation
@@ -102,7 +106,7 @@ def likeliest(
             # It is there, whatever the readings say.
             continue
         none = level._replace(level=first[source].level * settings.no_level)
-        gains[source] = -float(found.fun) - _evidence(pairs, {**levels, source: none})[0]
+        gains[source] = -float(found.fun) - _evidence(pairs, {**levels, source: none}, prior)[0]
     return ProcessLevels(
         {source: each._replace(gain=gains[source]) for source, each in levels.items()},
         -float(found.fun),
@@ -132,25 +136,37 @@ def on_levels(segment: Segment, levels: Mapping[Source, ProcessLevel]) -> Segmen
 
 
 def _evidence(
-    pairs: Sequence[tuple[Segment, NormalEquations]], levels: Mapping[Source, ProcessLevel]
+    pairs: Sequence[tuple[Segment, NormalEquations]],
+    levels: Mapping[Source, ProcessLevel],
+    prior: tuple[Array, Array] | None,
 ) -> tuple[float, Array]:
     """Log marginal likelihood but for a constant, and its gradient by the logarithms of level and
     correlation time of every source, shape (2 s,).
 
     By a number on which the precision P of the processes depends, it changes by half the trace of
     inv(P) dP less inv(K) dP, less half the cost dP of the likeliest coefficients; K is the matrix of
-    motion and processes.
+    motion and processes. The Schur complement S of the border changes by F' dP F, with F how the
+    processes follow the border.
     """
     total, gradient = 0.0, {source: np.zeros(2) for source in levels}
-    for segment, readings in pairs:
-        own = on_levels(segment, levels)
-        try:
+    smoothed = []
+    try:
+        for segment, readings in pairs:
+            own = on_levels(segment, levels)
             whole = own.smooth(readings)
             total += 0.5 * (float(whole.motion_gradient @ whole.settled) - whole.log_determinant)
-        except np.linalg.LinAlgError:
-            return -np.inf, np.zeros(2 * len(levels))
-        total += 0.5 * sum(each.log_determinant for each in own.processes) - 0.5 * own.prior_cost
-        settled = own.coefficients + whole.settled.reshape(-1, own.block)
+            total += 0.5 * sum(each.log_determinant for each in own.processes)
+            total -= 0.5 * own.prior_cost
+            smoothed.append((own, whole))
+        border = None if prior is None else _border([whole for _, whole in smoothed], *prior)
+    except np.linalg.LinAlgError:
+        return -np.inf, np.zeros(2 * len(levels))
+    if border is not None:
+        total += border.evidence
+    for own, whole in smoothed:
+        step = whole.settled if border is None else whole.motion_step(border.step)
+        settled = own.coefficients + step.reshape(-1, own.block)
+        root = None if border is None else whole.followed @ border.root
         for each in own.processes:
             place = own.process_places[each.source]
             inverse = [
@@ -159,6 +175,50 @@ def _evidence(
             for i, change in enumerate(each.changes):
                 cost = each.cost(settled[:, place], change)
                 known = sum(banded_trace(change, part) for part in inverse)
+                if root is not None:
+                    known += sum(
+                        float(np.vdot(own_rows, _banded_products(change, own_rows)))
+                        for own_rows in (
+                            root[k :: own.block] for k in range(place.start, place.stop)
+                        )
+                    )
                 free = each.components * each.log_determinant_changes[i]
                 gradient[each.source][i] += 0.5 * (free - known - cost)
     return total, np.concatenate(list(gradient.values()))
+
+
+class _Border(NamedTuple):
+    """Body and calibration, with motion and processes integrated out."""
+
+    evidence: float
+    """What they add to the log marginal likelihood."""
+    step: Array
+    """To where they are likeliest, shape (b,)."""
+    root: Array
+    """Of their covariance, whose product with its transpose it is, shape (b, b)."""
+
+
+def _border(equations: Sequence[NormalEquations], precision: Array, pull: Array) -> _Border:
+    """Of the equations of all segments, with what is known beforehand.
+
+    Raises:
+        numpy.linalg.LinAlgError: The readings do not determine them.
+    """
+    reduced = [each.reduced() for each in equations]
+    matrix = np.sum([own for own, _ in reduced], axis=0) + precision
+    right = np.sum([own for _, own in reduced], axis=0) + pull
+    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    factor = np.linalg.cholesky((matrix + matrix.T) / 2 * np.outer(scale, scale))
+    root = scale[:, None] * np.linalg.inv(factor).T
+    step = root @ (root.T @ right)
+    determinant = 2 * float(np.sum(np.log(np.diag(factor))) - np.sum(np.log(scale)))
+    return _Border(0.5 * (float(right @ step) - determinant), step, root)
+
+
+def _banded_products(band: Array, columns: Array) -> Array:
+    """Products of a symmetric matrix in lower banded form with columns, shape (f, b)."""
+    product = band[0][:, None] * columns
+    for d in range(1, len(band)):
+        product[d:] += band[d, :-d, None] * columns[:-d]
+        product[:-d] += band[d, :-d, None] * columns[d:]
+    return np.asarray(product)

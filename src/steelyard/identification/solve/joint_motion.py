@@ -15,7 +15,7 @@ import numpy as np
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
-from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.motion_residuals import Segment, reference_clocks, time_of
 from steelyard.identification.solve.beginning import (
     Beginning,
     Readings,
@@ -153,14 +153,17 @@ def _fitted(
         state = fit(replace(task, active=active), state).state
     fitted = _cut(readings, begun, task, state, tell, vibrations)
     if fitted.fit.converged:
-        return fitted
+        followed = _with_tensions(fitted)
+        if followed is fitted:
+            return fitted
+        return replace(followed, fit=fit(followed.task, followed.fit.state))
     # Noise that is not stated and what nothing explains pull at each other: first the one, by a
     # noise that is left as it is, then both.
     tell("what nothing explains", 0.6)
     # What touched the platform stands out even there.
     task, before = replace(task, force_samples=fitted.force_samples), fitted.contacts
     fitted = _cut(readings, begun, task, state, tell, vibrations, levels=False)
-    fitted = replace(fitted, contacts=_joined(before, fitted.contacts))
+    fitted = _with_tensions(replace(fitted, contacts=_joined(before, fitted.contacts)))
     fitted = replace(fitted, fit=with_disturbances(fitted.task, fitted.fit))
     for _ in range(readings.settings.cuts):
         # What touches the platform is in the level of what nothing explains: smaller without.
@@ -170,6 +173,37 @@ def _fitted(
         again = fit(touched.task, touched.fit.state)
         fitted = replace(touched, fit=with_disturbances(touched.task, again, anew=True))
     return fitted
+
+
+def _with_tensions(fitted: Fitted) -> Fitted:
+    """With the stretch and the sag of cables, where lengths are read, by tensions as they are by
+    now: at first they are those of the readings, with all their gains and offsets; the very same
+    where no instrument looks at them.
+    """
+    task, state = fitted.task, fitted.fit.state
+    if not any(r.tension is not None for segment in state.segments for r in segment.readings):
+        return fitted
+    segments = []
+    for segment, at, forces in zip(
+        state.segments, fitted.balances, fitted.force_samples, strict=True
+    ):
+        # Where something touches the platform, the readings know and the balance does not.
+        touched = np.asarray(forces.left_out.all(axis=1))
+        carried = np.where(touched[:, None], at.measured.values, at.carried)
+        references = reference_clocks(task.experiment, task.calibration_parameters, segment)
+        readings = []
+        for each in segment.readings:
+            if each.tension is not None and not segment.static:
+                name, clock = each.source[0], each.time
+                times, *_ = time_of(
+                    task.experiment, segment, state.calibration, references, name, clock
+                )
+                columns = [np.interp(times, at.time, column) for column in carried.T]
+                each = replace(each, tension=np.column_stack(columns))
+            readings.append(each)
+        segments.append(replace(segment, readings=tuple(readings)))
+    state = replace(state, segments=tuple(segments))
+    return replace(fitted, fit=replace(fitted.fit, state=state))
 
 
 def _joined(
@@ -241,7 +275,8 @@ def _cut(
         )
         state = found.state
         fitted = Fitted(task, found, begun.motion, force_samples, begun.lost, contacts, spikes)
-        last = turn == settings.cuts - 1
+        # What does not arrive may do without what touched the platform; once more it does not.
+        last = turn == settings.cuts - 1 or (levels and turn > 0 and not found.converged)
         if last or (not vibrations and _vibrations(readings, fitted)):
             # What is to be followed more closely need not be looked at for what stands out of it.
             break

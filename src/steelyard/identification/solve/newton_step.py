@@ -43,8 +43,11 @@ class NewtonStep:
         parameters = (
             None if state.parameters is None else state.parameters + share * self.border[:ten]
         )
-        return FitState(
-            segments, replace(state.calibration, values=values), parameters, state.factors
+        return replace(
+            state,
+            segments=segments,
+            calibration=replace(state.calibration, values=values),
+            parameters=parameters,
         )
 
 
@@ -87,6 +90,17 @@ def step_of(
         constant=gained,
         covariance=scale[:, None] * inverse * scale,
     )
+
+
+def border_prior(task: Task, state: FitState) -> tuple[Array, Array]:
+    """Precision of what is known beforehand of body and calibration, and its pull from where they
+    are now, shapes (b, b) and (b,).
+    """
+    deviation = task.calibration_parameters.deviation[task.active]
+    scale = np.concatenate([task.sizes[: state.ten], deviation])
+    nothing = np.zeros((len(scale), len(scale)))
+    matrix, right = _with_priors(task, state, nothing, nothing[0], scale)
+    return matrix / np.outer(scale, scale), right / scale
 
 
 def _with_priors(

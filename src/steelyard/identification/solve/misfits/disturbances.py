@@ -41,6 +41,7 @@ from steelyard.identification.model.processes import Process, integrals_of
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise
 from steelyard.identification.solve.joint_fit import fit
+from steelyard.identification.solve.newton_step import border_prior
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.solve.stated_processes import denied
 
@@ -360,7 +361,12 @@ def _on_levels(state: FitState, levels: Mapping[Source, ProcessLevel]) -> FitSta
 
 def _levels(task: Task, state: FitState) -> ProcessLevels:
     parts, _ = linearise(task, state)
-    return likeliest(state.segments, [each.all for each in parts], task.settings.motion)
+    return likeliest(
+        state.segments,
+        [each.all for each in parts],
+        task.settings.motion,
+        prior=border_prior(task, state),
+    )
 
 
 def _least_wanted(
