@@ -187,7 +187,7 @@ def _evidence(
     return total, np.concatenate(list(gradient.values()))
 
 
-class _Border(NamedTuple):
+class _SettledBorder(NamedTuple):
     """Body and calibration, with motion and processes integrated out."""
 
     evidence: float
@@ -198,7 +198,7 @@ class _Border(NamedTuple):
     """Of their covariance, whose product with its transpose it is, shape (b, b)."""
 
 
-def _border(equations: Sequence[NormalEquations], precision: Array, pull: Array) -> _Border:
+def _border(equations: Sequence[NormalEquations], precision: Array, pull: Array) -> _SettledBorder:
     """Of the equations of all segments, with what is known beforehand.
 
     Raises:
@@ -212,7 +212,7 @@ def _border(equations: Sequence[NormalEquations], precision: Array, pull: Array)
     root = scale[:, None] * np.linalg.inv(factor).T
     step = root @ (root.T @ right)
     determinant = 2 * float(np.sum(np.log(np.diag(factor))) - np.sum(np.log(scale)))
-    return _Border(0.5 * (float(right @ step) - determinant), step, root)
+    return _SettledBorder(0.5 * (float(right @ step) - determinant), step, root)
 
 
 def _banded_products(band: Array, columns: Array) -> Array:
