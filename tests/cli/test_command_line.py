@@ -237,6 +237,7 @@ platform: {mass: 4.2, center_of_gravity: [0.02, -0.03, 0.08], inertia: {xx: 0.05
 """
 
 
+@pytest.mark.slow
 def test_a_body_on_a_wrench_sensor_from_simulation_to_estimate(run, tmp_path):
     (tmp_path / "tool.yaml").write_text(BODY)
     assert (

@@ -234,6 +234,7 @@ def test_designed_motion_tells_the_inertia_several_times_better_than_the_usual_o
         assert worst > times * J.max()
 
 
+@pytest.mark.slow
 def test_check_says_what_a_motion_cannot_tell_and_what_it_exceeds(run, tmp_path):
     times = np.linspace(0, 6, 601)
     move = RestToRest(np.array([0, 0, 2, 0, 0, 0.0]), np.array([1.0, 0, 2, 0, 0, 0]), 1.0, 2.5)
@@ -396,6 +397,7 @@ def test_body_on_a_wrench_sensor_is_designed_for_too(tmp_path):
 # What it is made of
 
 
+@pytest.mark.slow
 def test_natural_frequencies_are_those_of_a_platform_that_is_let_go():
     """Moved by a tenth of a millimetre in one mode it swings with the frequency of that mode."""
     pose = np.array([0, 0, 2, 0, 0, 0.0])

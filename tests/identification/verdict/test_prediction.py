@@ -77,6 +77,7 @@ def test_forces_that_are_held_out_are_not_looked_at(experiment):
     assert LeastSquares().of(other).verdict == LeastSquares().of(one).verdict
 
 
+@pytest.mark.slow
 def test_the_estimate_beside_it_is_that_of_the_other_runs(experiment):
     held = identify(experiment, [LeastSquares()], holdout=["b"])
     alone = identify(replace(experiment, runs=experiment.runs[:1]), [LeastSquares()])

