@@ -26,6 +26,7 @@ LAYERS = [
     {"clocks"},
     {"simulation"},
     {"bodies", "estimates"},
+    {"natural_frequencies"},
     {"identification"},
     {"excitation"},
     {"inspection"},

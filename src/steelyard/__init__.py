@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from steelyard.identification.identify import Identification as Identification
     from steelyard.identification.identify import identify as identify
     from steelyard.identification.methods.consistent import Consistent as Consistent
+    from steelyard.identification.methods.force_free import ForceFree as ForceFree
     from steelyard.identification.methods.instrumental_variables import (
         InstrumentalVariables as InstrumentalVariables,
     )
@@ -57,6 +58,8 @@ if TYPE_CHECKING:
     from steelyard.inertia import Inertia as Inertia
     from steelyard.inspection.inspect import Inspection as Inspection
     from steelyard.inspection.inspect import inspect as inspect
+    from steelyard.natural_frequencies.frequencies import Frequencies as Frequencies
+    from steelyard.natural_frequencies.frequencies import frequencies as frequencies
     from steelyard.report.figures import figure as figure
     from steelyard.report.figures import figures as figures
     from steelyard.report.write import write_results as write_results
@@ -75,6 +78,8 @@ _WHERE = {
     "Experiment": "experiment.model",
     "Exported": "exports.exported",
     "FittedMotion": "identification.model.fitted_motion",
+    "ForceFree": "identification.methods.force_free",
+    "Frequencies": "natural_frequencies.frequencies",
     "Identification": "identification.identify",
     "Inertia": "inertia",
     "InfeasibleError": "errors",
@@ -98,6 +103,7 @@ _WHERE = {
     "export": "exports.formats",
     "figure": "report.figures",
     "figures": "report.figures",
+    "frequencies": "natural_frequencies.frequencies",
     "identify": "identification.identify",
     "import_robot": "imports.formats",
     "inspect": "inspection.inspect",

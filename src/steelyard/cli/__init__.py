@@ -16,6 +16,7 @@ _VERBS = {
     "demo": "steelyard.cli.verbs.demo:demo",
     "design": "steelyard.cli.verbs.design:design",
     "export": "steelyard.cli.verbs.export:export",
+    "frequencies": "steelyard.cli.verbs.frequencies:frequencies",
     "identify": "steelyard.cli.verbs.identify:identify",
     "import": "steelyard.cli.verbs.imports:import_",
     "init": "steelyard.cli.verbs.init:init",

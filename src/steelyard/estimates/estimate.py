@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.digits import LABELS, ten_numbers
+from steelyard.digits import LABELS, number, ten_numbers
 from steelyard.display import Display
+from steelyard.estimates.per_mass import PER_MASS_PARAMETERS, PerMass
 from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS, Inertia, symmetric
 from steelyard.robot.model import Robot
 from steelyard.tables import Tabular
@@ -23,6 +24,7 @@ BEST_FIRST = (
     "least-squares",
     "instrumental-variables",
     "two-step",
+    "force-free",
     "recursive",
 )
 """Which estimate is the ``result`` where several ran."""
@@ -34,7 +36,8 @@ Label = Literal["data", "prior", "unidentifiable"]
 class Verdict:
     """Whether an estimate can be relied on."""
 
-    accepted: bool
+    accepted: bool | None
+    """None: the method is a baseline, whose model was not tested."""
     reasons: tuple[str, ...]
     """Why not, in words and numbers."""
     parameters: Mapping[str, Label]
@@ -43,7 +46,11 @@ class Verdict:
     def __str__(self) -> str:
         if self.accepted:
             return "accepted"
-        return f"not accepted: {'; '.join(self.reasons) or 'no reason given'}"
+        return f"{self._said}: {'; '.join(self.reasons) or 'no reason given'}"
+
+    @property
+    def _said(self) -> str:
+        return "not assessed" if self.accepted is None else "not accepted"
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +77,8 @@ class Estimate(Tabular):
     """How it was made."""
     notes: tuple[str, ...] = ()
     """What a reader should know."""
+    per_mass: PerMass | None = None
+    """Centre of gravity and inertia over mass, where the mass is not measured by the forces."""
 
     @property
     def mass(self) -> float:
@@ -122,6 +131,14 @@ class Estimate(Tabular):
                 "parameters": dict(self.verdict.parameters),
             },
         }
+        if self.per_mass is not None:
+            entries["inertia_per_mass"] = plain(self.per_mass.inertia)
+            spread = plain(symmetric(self.per_mass.standard_deviation[3:]))
+            entries["standard_deviation"]["inertia_per_mass"] = spread
+            entries["covariance_per_mass"] = {
+                "parameters": list(PER_MASS_PARAMETERS),
+                "matrix": plain(self.per_mass.covariance),
+            }
         if self.residuals:
             entries["residuals"] = plain(self.residuals)
         if self.details:
@@ -159,11 +176,21 @@ class Estimate(Tabular):
             (name, unit, shown, "" if label == "data" else label)
             for (name, unit, _), shown, label in rows
         ]
-        verdict = "accepted" if self.verdict.accepted else "not accepted"
+        if self.per_mass is not None:
+            cells += [(*each, "") for each in per_mass_rows(self.per_mass)]
+        verdict = str(self.verdict).partition(":")[0]
         count = (f"notes: {len(self.notes)}",) if self.notes else ()
         return Display(
             f"{self.method}: {verdict}", tuple(cells), sentences=(*self.verdict.reasons, *count)
         )
+
+
+def per_mass_rows(found: PerMass) -> list[tuple[str, str, str]]:
+    """Name, unit and value with 1-sigma of the inertia over mass, element by element."""
+    pairs = zip(found.value[3:], found.standard_deviation[3:], strict=True)
+    shown = [number(v, s) if np.isfinite(v) else number(None) for v, s in pairs]
+    names = [f"{name} / mass" for name, *_ in LABELS[4:]]
+    return [(name, "m²", text) for name, text in zip(names, shown, strict=True)]
 
 
 def named(ten: Array) -> dict[str, Any]:

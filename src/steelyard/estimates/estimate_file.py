@@ -23,6 +23,7 @@ from steelyard.estimates.named_estimate import (
     short_names,
     shortened,
 )
+from steelyard.estimates.per_mass import PER_MASS_PARAMETERS, PerMass
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six
 from steelyard.json_file import read_json
 from steelyard.yaml_file import FileModel, YamlDocument, require_file, validate
@@ -95,7 +96,7 @@ class _CovarianceForm(_LenientForm):
 
 
 class _VerdictForm(_LenientForm):
-    accepted: bool
+    accepted: bool | None
     reasons: tuple[str, ...] = ()
     parameters: dict[Literal[BODY_PARAMETERS], Label] = Field(default_factory=dict)  # type: ignore[valid-type]
 
@@ -103,6 +104,8 @@ class _VerdictForm(_LenientForm):
 class _EntryForm(_BodyForm):
     standard_deviation: _BodyForm
     covariance: _CovarianceForm | None = None
+    inertia_per_mass: tuple[Triple, Triple, Triple] | None = None
+    covariance_per_mass: _CovarianceForm | None = None
     verdict: _VerdictForm
     notes: tuple[str, ...] = ()
 
@@ -291,7 +294,31 @@ def _estimate(document: YamlDocument, name: str, entry: _EntryForm) -> Estimate:
             parameters=entry.verdict.parameters,
         ),
         notes=tuple(printable(note) for note in entry.notes),
+        per_mass=_per_mass(document, key, entry),
     )
+
+
+def _per_mass(document: YamlDocument, key: tuple[str, ...], entry: _EntryForm) -> PerMass | None:
+    """Centre of gravity and inertia over mass, where they are there."""
+    if entry.inertia_per_mass is None or entry.covariance_per_mass is None:
+        return None
+    given = entry.covariance_per_mass
+    matrix = np.array(given.matrix, dtype=np.float64)
+    count = len(PER_MASS_PARAMETERS)
+    if given.parameters != PER_MASS_PARAMETERS or matrix.shape != (count, count):
+        raise document.error(
+            (*key, "covariance_per_mass"),
+            f"expected a matrix over {', '.join(PER_MASS_PARAMETERS)}, found one of shape"
+            f" {matrix.shape}; let identify write the file again",
+        )
+    inertia = np.array(entry.inertia_per_mass, dtype=np.float64)
+    value = np.concatenate([np.array(entry.center_of_gravity, dtype=np.float64), six(inertia)])
+    known = np.flatnonzero(np.isfinite(value) & np.isfinite(np.diag(matrix)))
+    block = np.ix_(known, known)
+    problem = covariance_problem(matrix[block], [PER_MASS_PARAMETERS[i] for i in known])
+    if problem is not None:
+        raise document.error((*key, "covariance_per_mass", "matrix"), f"{problem}; correct it")
+    return PerMass(value, (matrix + matrix.T) / 2)
 
 
 def _ten(document: YamlDocument, key: tuple[str, ...], body: _BodyForm) -> Array:

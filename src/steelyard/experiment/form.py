@@ -93,6 +93,8 @@ class StreamForm(FileModel):
 
 RUN_KEYS = frozenset({"name", "static", "sync", "window"})
 """Keys of a run that are not instruments."""
+_LOCKED = {"winches": "locked"}
+"""One more, where it has this value: encoders may be called so, and have a file."""
 
 
 class RunForm(FileModel):
@@ -105,6 +107,8 @@ class RunForm(FileModel):
     sync: dict[str, float] | Literal["auto"] | None = None
     """Instrument -> time of one common event on its clock [s]; 'auto' finds them from the data;
     without it the clocks agree."""
+    winches: Literal["locked"] | None = None
+    """Whether the unstrained lengths of the cables are constant; a run without forces needs it."""
     window: tuple[float, float] | None = None
     """Part to use [s], after that event, or after the first force sample."""
     streams: dict[str, StreamForm]
@@ -116,8 +120,13 @@ class RunForm(FileModel):
         """Keys that are not those of a run name instruments."""
         if not isinstance(value, dict):
             return value
-        rest = {key: entry for key, entry in value.items() if key not in RUN_KEYS}
-        return {**{key: entry for key, entry in value.items() if key in RUN_KEYS}, "streams": rest}
+        own = {
+            key: entry
+            for key, entry in value.items()
+            if key in RUN_KEYS or (key in _LOCKED and entry == _LOCKED[key])
+        }
+        rest = {key: entry for key, entry in value.items() if key not in own}
+        return {**own, "streams": rest}
 
 
 class ExperimentForm(FileModel):

@@ -96,6 +96,8 @@ class Run:
     found: bool = False
     """Whether the times under ``sync`` were found from the data: they are no better known than any
     clock."""
+    locked: bool = False
+    """Whether the winches were locked, so that the unstrained lengths of the cables are constant."""
     excluded: tuple[Fault, ...] = ()
     """Readings that were taken out of the streams when they were read, since their sensors had
     stopped."""
@@ -126,6 +128,9 @@ class Experiment:
     """File that it was read from."""
     surroundings: Surroundings = field(default_factory=Surroundings)
     """What acts on the platform beside its cables."""
+    mass_assumed: bool = False
+    """Whether the mass under ``known`` is an assumption, since nothing weighs the platform: first
+    moment and inertia are told in multiples of it."""
 
     def __repr__(self) -> str:
         instruments = ", ".join(
@@ -242,9 +247,7 @@ class Experiment:
             return stated
         if reference is None:
             return sigma(DEFAULT_DELAY)
-        same_clock = name == reference or (
-            instrument.clock is not None and instrument.clock == self.instruments[reference].clock
-        )
+        same_clock = (instrument.clock or name) == (self.instruments[reference].clock or reference)
         return exact() if same_clock else sigma(DEFAULT_DELAY)
 
     def common_time(self, run: Run, name: str, delay: float | None = None) -> Array:

@@ -14,6 +14,7 @@ from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, P
 from steelyard.experiment.model import Experiment, Fault, Run
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
 from steelyard.experiment.stuck import without_stuck
+from steelyard.experiment.unread import with_unread_cables
 from steelyard.instruments import Instrument
 from steelyard.logs.log import NoRowsError
 from steelyard.robot.file import read_robot
@@ -25,6 +26,8 @@ _FEWEST_SAMPLES = 10
 _BESIDE = 5.0
 """Of a stream beside the window of its run that is read along [s]: clocks may differ by their
 delays, filters have edges."""
+_DIRECTIONS = 6
+"""Of a wrench: as many locked cables leave a platform no motion."""
 _NAME = re.compile(r"\w[\w \-]*")
 """Names of instruments: they name files and columns of tables."""
 
@@ -43,8 +46,8 @@ def read_experiment(path: str | Path) -> Experiment:
     form = validate(ExperimentForm, document)
     robot = _described(form, document)
     runs = tuple(_read_run(i, run, form, robot, document) for i, run in enumerate(form.runs))
-    experiment = _experiment(form, robot, runs, path)
-    for i, run in enumerate(runs):
+    experiment = with_unread_cables(_experiment(form, robot, runs, path))
+    for i, run in enumerate(experiment.runs):
         _check_run(experiment, run, document, ("runs", i))
     return experiment
 
@@ -222,6 +225,7 @@ def _read_run(
         window=form.window,
         static=form.static,
         unsynchronised=form.sync == "auto" and not form.static,
+        locked=form.winches == "locked",
         excluded=excluded,
     )
 
@@ -275,16 +279,41 @@ def _sync(
     return given
 
 
+def _columns(m: int) -> list[str]:
+    """Of the tensions of all cables."""
+    return [f"f{i + 1}" for i in range(m)]
+
+
 def _check_run(
     experiment: Experiment, run: Run, document: YamlDocument, key: tuple[str | int, ...]
 ) -> None:
     """What one run needs before anything can be estimated from it."""
     force = experiment.force_instrument(run)
-    if force is None:
+    m = experiment.robot.m
+    if force is None and not run.locked:
+        swings = (
+            ", or write 'winches: locked' where the platform swung on cables of constant length"
+            if 0 < m < _DIRECTIONS and not run.static
+            else ""
+        )
         raise document.error(
             key,
             f"run '{run.name}': expected a stream of kind 'tension' or 'wrench', found none; add"
-            " the forces",
+            f" the forces{swings}",
+        )
+    if run.locked and (not m or run.static):
+        raise document.error(
+            (*key, "winches"),
+            f"run '{run.name}': expected 'winches: locked' of a robot with cables in a run in"
+            f" motion, found {'poses at rest' if run.static else 'no cable'}; remove the key",
+        )
+    unread = force is None or experiment.instruments[force].unread.issuperset(_columns(m))
+    if unread and m >= _DIRECTIONS:
+        raise document.error(
+            key,
+            f"run '{run.name}': expected forces, or fewer than {_DIRECTIONS} cables on which the"
+            f" platform swings while the winches are locked, found {m} cables and no forces: it"
+            " hangs still, which tells nothing; add the forces",
         )
     instruments = [experiment.instruments[name] for name in run.streams]
     if not any(each.is_motion or each.is_cable_motion for each in instruments):
@@ -309,6 +338,7 @@ def _check_run(
                 f" {lengths} rows; align the files",
             )
         return
+    assert force is not None  # cables that nobody reads stand in for it
     span = {name: experiment.common_time(run, name) for name in run.streams}
     start, end = run.window or (-math.inf, math.inf)
     for name, time in span.items():

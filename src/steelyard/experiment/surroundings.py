@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from steelyard.yaml_file import FileModel
 
@@ -43,12 +43,23 @@ class UnmodelledForm(FileModel):
     """Correlation time [s]."""
 
 
+def _nothing(value: float) -> float:
+    """0, the only number that says something of a force and of a torque."""
+    if value:
+        raise ValueError(
+            f"expected 0, or a mapping of 'force', 'torque' and 'time', found {value:g}; write"
+            " {force: …, torque: …}"
+        )
+    return value
+
+
 def _form(value: Any) -> str:
     return "stated" if isinstance(value, dict | UnmodelledForm) else "none"
 
 
 Unmodelled = Annotated[
-    Annotated[UnmodelledForm, Tag("stated")] | Annotated[float, Field(ge=0, le=0), Tag("none")],
+    Annotated[UnmodelledForm, Tag("stated")]
+    | Annotated[float, AfterValidator(_nothing), Tag("none")],
     Discriminator(_form),
 ]
 """0: there is none."""

@@ -14,6 +14,7 @@ from steelyard.experiment.columns import stream_columns
 from steelyard.experiment.form import FORMAT
 from steelyard.experiment.model import Experiment, Stream
 from steelyard.instruments import Instrument
+from steelyard.instruments.unread_cables import UnreadCables
 from steelyard.robot.file import bundled_names, read_robot, robot_file
 from steelyard.tables import to_polars
 from steelyard.yaml_file import to_yaml
@@ -61,14 +62,18 @@ def write_experiment(
         entry: dict[str, Any] = {"name": run.name}
         if run.static:
             entry["static"] = True
+        if run.locked:
+            entry["winches"] = "locked"
         for name, stream in run.streams.items():
+            if isinstance(experiment.instruments[name], UnreadCables):
+                continue
             file = f"{place}/{names[name]}.{tables}"
             write = write_stream if tables == "csv" else write_parquet_stream
             instrument, m = experiment.instruments[name], experiment.robot.m
             write(stream, instrument, m, folder / file, timed=not run.static)
             entry[name] = file
         if run.sync:
-            entry["sync"] = dict(run.sync)
+            entry["sync"] = {k: v for k, v in run.sync.items() if k in entry}
         if run.window:
             entry["window"] = list(run.window)
         runs.append(entry)
@@ -76,7 +81,7 @@ def write_experiment(
         "format": FORMAT,
         "name": experiment.name,
         "robot": experiment.robot.name if bundled else "robot.yaml",
-        **({"known": _known(experiment.known)} if experiment.known else {}),
+        **({"known": known} if (known := _known(_stated(experiment))) else {}),
         "uncertainty": {**experiment.uncertainty, **_unmodelled(experiment)},
         **experiment.surroundings.model_dump(
             mode="json", include={"attached", "drag"}, exclude_unset=True, exclude_none=True
@@ -84,6 +89,7 @@ def write_experiment(
         "instruments": {
             name: instrument.model_dump(mode="json", exclude_unset=True)
             for name, instrument in experiment.instruments.items()
+            if not isinstance(instrument, UnreadCables)
         },
         "runs": runs,
     }
@@ -111,6 +117,12 @@ def _unmodelled(experiment: Experiment) -> dict[str, Any]:
     return experiment.surroundings.model_dump(
         mode="json", include={"unmodelled"}, exclude_unset=True, exclude_none=True
     )
+
+
+def _stated(experiment: Experiment) -> dict[str, tuple[float, float]]:
+    """What is known beforehand, without what is only assumed."""
+    assumed = {"mass"} if experiment.mass_assumed else set[str]()
+    return {name: value for name, value in experiment.known.items() if name not in assumed}
 
 
 def _known(known: Mapping[str, tuple[float, float]]) -> dict[str, Any]:

@@ -10,12 +10,21 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.clocks.offsets import Offset
-from steelyard.digits import LABELS, ten_numbers
+from steelyard.digits import LABELS, number, ten_numbers
 from steelyard.display import Display
 from steelyard.errors import InputError
-from steelyard.estimates.estimate import BEST_FIRST, FORMAT, Estimate, named, no_estimate
+from steelyard.estimates.estimate import (
+    BEST_FIRST,
+    FORMAT,
+    Estimate,
+    named,
+    no_estimate,
+    per_mass_rows,
+)
 from steelyard.experiment.model import Experiment
+from steelyard.experiment.unread import is_unread
 from steelyard.identification.methods.consistent import Consistent
+from steelyard.identification.methods.force_free import ForceFree
 from steelyard.identification.methods.instrumental_variables import InstrumentalVariables
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
@@ -32,6 +41,7 @@ from steelyard.tables import Tabular
 
 AVAILABLE: dict[str, Callable[[], Method]] = {
     "two-step": TwoStep,
+    "force-free": ForceFree,
     "least-squares": LeastSquares,
     "instrumental-variables": InstrumentalVariables,
     "consistent": Consistent,
@@ -73,9 +83,7 @@ class Identification(Tabular):
     @property
     def result(self) -> str:
         """Name of the best method that ran, of those that have numbers where any has."""
-        ran = [name for name in BEST_FIRST if name in self.estimates]
-        told = [name for name in ran if np.isfinite(self.estimates[name].value).any()]
-        return (told or ran)[0]
+        return _best(self.estimates)
 
     @property
     def estimate(self) -> Estimate:
@@ -136,9 +144,22 @@ class Identification(Tabular):
             tuple(
                 (name, unit, *cells)
                 for (name, unit, _), *cells in zip(LABELS, *columns, strict=True)
-            ),
+            )
+            + self._per_mass(),
             head=("", "", *self.estimates),
             sentences=tuple(f"{name}: {each.verdict}" for name, each in self.estimates.items()),
+        )
+
+    def _per_mass(self) -> tuple[tuple[str, ...], ...]:
+        """Rows of the inertia over mass by all methods; none where every one has the mass."""
+        each = [estimate.per_mass for estimate in self.estimates.values()]
+        rows = [None if found is None else per_mass_rows(found) for found in each]
+        some = next((own for own in rows if own is not None), None)
+        if some is None:
+            return ()
+        return tuple(
+            (name, unit, *(number(None) if own is None else own[i][2] for own in rows))
+            for i, (name, unit, _) in enumerate(some)
         )
 
 
@@ -148,21 +169,27 @@ def identify(
     progress: Progress = None,
     *,
     holdout: Sequence[str] = (),
+    ready: Mapping[str, Method] | None = None,
 ) -> Identification:
     """Estimate the inertial parameters of the platform.
 
     Args:
         experiment: With at least one run.
-        methods: Estimators or names of them (``two-step``, ``least-squares``,
+        methods: Estimators or names of them (``two-step``, ``force-free``, ``least-squares``,
             ``instrumental-variables``, ``consistent``, ``maximum-likelihood``, ``all``); none: the
-            best there is, with the two steps of the paper beside it.
+            best there is, with the two steps of the paper beside it, or ``force-free`` where no
+            force is read.
         progress: Is told what is being done and the fraction that is done.
         holdout: Names of runs to leave out, whose forces are predicted.
+        ready: Name -> estimator to take in place of the one with default settings.
 
     Raises:
         InputError: A run lacks what a method needs, or there is no run or no method of a name.
     """
-    chosen = chosen_methods([methods] if isinstance(methods, str) else methods)
+    methods = [methods] if isinstance(methods, str) else methods
+    chosen = chosen_methods(methods or default_methods(experiment), ready)
+    if ALL in methods:
+        chosen = [each for each in chosen if not (each.is_baseline and each.lack(experiment))]
     names = [run.name for run in experiment.runs]
     for name in holdout:
         if name not in names:
@@ -201,10 +228,7 @@ def identify(
     if baseline is not None and not any(np.isfinite(each.value).any() for each in estimates):
         raise baseline
     by_name = {each.method: each for each in estimates}
-    best = next(
-        (name for name in BEST_FIRST if name in by_name and np.isfinite(by_name[name].value).any()),
-        next(name for name in BEST_FIRST if name in by_name),
-    )
+    best = _best(by_name)
     fits = (method.fit for method in chosen if method.name == best)
     posterior = next((posteriors.get(fit) for fit in fits if fit is not None), None)
     return Identification(
@@ -217,6 +241,13 @@ def identify(
         used,
         posterior,
     )
+
+
+def _best(estimates: Mapping[str, Estimate]) -> str:
+    """Name of the best method, of those that have numbers where any has."""
+    ran = [name for name in BEST_FIRST if name in estimates]
+    told = [name for name in ran if np.isfinite(estimates[name].value).any()]
+    return (told or ran)[0]
 
 
 def _estimate(
@@ -240,6 +271,14 @@ def _left_out(experiment: Experiment) -> Iterator[str]:
                 f" {fault.start:.3f} to {fault.end:.3f} s on its clock while others move"
                 f" ({fault.count} samples): left out"
             )
+
+
+def default_methods(experiment: Experiment) -> tuple[str, ...]:
+    """The best there is, with the usual regression beside it: the two steps of the paper, or without
+    forces that on what the cables cannot carry.
+    """
+    baseline = ForceFree.name if is_unread(experiment) else TwoStep.name
+    return (baseline, MaximumLikelihood.name)
 
 
 def chosen_methods(

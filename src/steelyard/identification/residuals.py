@@ -136,10 +136,8 @@ def _forces(
     wrench = np.concatenate([b.wrench for *_, b in parts])
     over = np.concatenate([b.left_over for *_, b in parts])
     # The noise of the wrench differs from pose to pose; its middle will do for a picture.
-    few = np.concatenate([b.whitener[:: max(1, len(b.whitener) // 200)] for *_, b in parts])
-    spread = np.linalg.inv(few)
-    sigma = np.sqrt(np.median(np.sum(spread**2, axis=2), axis=0))
-    left_out = np.concatenate([f.left_out for _, f, _ in parts])
+    sigma = np.sqrt(np.median(np.concatenate([b.noise.variance for *_, b in parts]), axis=0))
+    left_out = np.concatenate([f.left_out | f.guessed for _, f, _ in parts])
     lost = np.broadcast_to(left_out.any(axis=1, keepdims=True), wrench.shape)
     yield from _wrench(run.name, time, wrench, wrench - over, sigma, lost, static=segment.static)
     column = 0

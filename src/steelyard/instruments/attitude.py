@@ -19,15 +19,7 @@ from steelyard.instruments.base import (
     mounting_rotation,
     sigma,
 )
-from steelyard.instruments.noise import (
-    AttitudeFilter,
-    Noise,
-    Sigma,
-    drift,
-    leaning,
-    white_part,
-    with_colored_part,
-)
+from steelyard.instruments.noise import AttitudeFilter, Noise, Sigma, of_orientation, white_part
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 
@@ -71,9 +63,7 @@ class Attitude(Instrument):
                 white_part(self.noise),
                 rotation=True,
                 determines=("rotation",),
-                disturbed=with_colored_part(
-                    self.noise, leaning(c.filter), drift(c.heading, vertical=True)
-                ),
+                disturbed=of_orientation(self.noise, c.filter, c.heading),
             ),
         )
 

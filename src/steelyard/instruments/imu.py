@@ -29,7 +29,7 @@ from steelyard.instruments.noise import (
     Noise,
     Sigma,
     drift,
-    leaning,
+    of_orientation,
     white_part,
     with_colored_part,
 )
@@ -140,9 +140,7 @@ class Imu(Instrument):
                 rotation=True,
                 required=False,
                 determines=("rotation",),
-                disturbed=with_colored_part(
-                    n.orientation, leaning(c.filter), drift(c.heading, vertical=True)
-                ),
+                disturbed=of_orientation(n.orientation, c.filter, c.heading),
             ),
         )
 

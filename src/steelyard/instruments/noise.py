@@ -88,11 +88,15 @@ def reacquired(shift: float | None) -> Disturbance | None:
     return None if shift is None else Disturbance("reacquired", shift)
 
 
-def leaning(constant: float | None) -> Disturbance | None:
-    """How an attitude leans that follows the accelerometer: for about the time constant of its
-    filter [s], by what the data tell; None: not stated.
+def of_orientation(
+    noise: float | ColoredNoise | None, constant: float | None, heading: float | None
+) -> tuple[Disturbance, ...]:
+    """All that is stated of an orientation: its noise, the time constant of the filter that it
+    comes from [s], how its heading walks [rad/sqrt(s)].
     """
-    return None if constant is None else Disturbance("filter", None, constant)
+    # It leans for about the time constant of its filter, by what the data tell.
+    lean = None if constant is None else Disturbance("filter", None, constant)
+    return with_colored_part(noise, lean, drift(heading, vertical=True))
 
 
 def averaged(noise: float | ColoredNoise, factor: float) -> float | ColoredNoise:

@@ -85,7 +85,8 @@ def attached_wrench(
 def air_wrench(
     rotation: Symbol, velocity: Symbol, omega: Symbol, area: Symbol, turning: Symbol
 ) -> Symbol:
-    """Wrench of still air on the platform about its origin, in P [N], [N m], shape (6,).
+    """Wrench of still air on the platform about its origin, in P [N], [N m], shape (6,); see
+    :func:`damping_wrench` for what grows with the rate itself.
 
     Args:
         rotation: R_world_platform, shape (3, 3).
@@ -98,3 +99,19 @@ def air_wrench(
     speed = ca.sqrt(ca.sumsqr(ahead) + _SLOWEST**2)
     spin = ca.sqrt(ca.sumsqr(omega) + _SLOWEST**2)
     return -0.5 * _AIR * ca.vertcat(area * speed * ahead, turning * spin * omega)
+
+
+def damping_wrench(
+    rotation: Symbol, velocity: Symbol, omega: Symbol, moving: Symbol, turning: Symbol
+) -> Symbol:
+    """Wrench on a platform that swings, of cables, rollers and slow air, which decays its swings
+    alike whatever their size; in P [N], [N m], shape (6,).
+
+    Args:
+        rotation: R_world_platform, shape (3, 3).
+        velocity: Of the platform origin, world frame [m/s], shape (3,).
+        omega: Angular velocity, platform frame [rad/s], shape (3,).
+        moving: Force over velocity [N s/m].
+        turning: Torque over angular velocity [N m s].
+    """
+    return -ca.vertcat(moving * (rotation.T @ velocity), turning * omega)

@@ -4,26 +4,17 @@ the accelerometer.
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.instruments.noise import Disturbance
-from steelyard.motion.state import State
-
-
-class Motion(Protocol):
-    """What the platform did."""
-
-    def at(self, times: Array) -> State:
-        """States at times [s]."""
+from steelyard.simulation.response import Response
 
 
 def disturbed(
-    value: Array, stated: Disturbance, times: Array, motion: Motion, rng: np.random.Generator
+    value: Array, stated: Disturbance, times: Array, motion: Response, rng: np.random.Generator
 ) -> Array:
     """Readings with one disturbance; rotations of shape (n, 3, 3) are turned by it.
 
@@ -69,7 +60,7 @@ def markov(white: Array, step: float) -> Array:
     return np.asarray(lfilter([1.0], [1.0, -kept], drive, axis=0))
 
 
-def _leaning(times: Array, constant: float, motion: Motion) -> Array:
+def _leaning(times: Array, constant: float, motion: Response) -> Array:
     """Rotation vectors in the world by which an attitude is wrong that takes what the accelerometer
     reads for the vertical, with this time constant [s]; shape (n, 3).
     """

@@ -74,3 +74,29 @@ def test_cables_carry_what_they_can_of_an_unmodelled_wrench():
     carried = structure @ (unmodelled.reading @ wrench)[:, :, None]
     across = wrench - carried[:, :, 0]
     assert np.einsum("nij,ni->nj", structure, across) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("m", "unread"),
+    [(8, [2]), (8, [0, 3, 5]), (4, [1]), (4, [0, 1, 2, 3]), (3, [0, 1, 2]), (2, [0, 1])],
+)
+def test_a_reading_that_nobody_reads_is_the_limit_of_one_of_infinite_noise(m, unread):
+    """Least squares over the readings that nobody reads, as unknowns, is the same."""
+    rng = np.random.default_rng(m)
+    n, level = 5, 1e-3 if m - len(unread) < 6 else None
+    structure = structures(rng, n, m)
+    by_reading = np.broadcast_to(np.eye(m), (n, m, m))
+    wrench = None if level is None else level * UnmodelledWrench.of(structure, by_reading).wrench
+    left_out = np.isin(np.arange(m), unread)
+    noise = BalanceNoise.of(structure @ by_reading, np.full((n, m), 2.0), wrench, left_out)
+    left_over = rng.normal(size=(n, 6))
+    residual = np.einsum("nij,nj->ni", noise.whitener, left_over)
+    for i in range(n):
+        white = np.linalg.inv(np.linalg.cholesky(noise.parts[i] @ noise.parts[i].T))
+        across = white @ structure[i][:, unread]
+        pulled, *_ = np.linalg.lstsq(across, white @ left_over[i], rcond=None)
+        assert noise.pulled[i] @ left_over[i] == pytest.approx(pulled, rel=1e-4, abs=1e-6)
+        rest = white @ left_over[i] - across @ pulled
+        assert residual[i] @ residual[i] == pytest.approx(rest @ rest, rel=1e-4, abs=1e-9)
+    assert noise.decided.sum(axis=1) == pytest.approx(6 - len(unread), rel=1e-4)
+    assert noise.correction(residual)[:, unread] == pytest.approx(0.0)

@@ -45,8 +45,8 @@ POINTS = replace(
     ROBOT, name="points", pulley_radius=np.zeros(8)
 )  # cables leave from points: directions in one line
 BARE = Robot("sensor", np.zeros((0, 3)), np.zeros((0, 3)))
-SURROUNDINGS = ("attached", "drag")  # what pulls beside the cables
-OUTSIDE = 18  # numbers that say so, the last ones
+SURROUNDINGS = ("attached", "drag", "damping")  # what pulls beside the cables
+OUTSIDE = 20  # numbers that say so, the last ones
 SIGMAS = np.array([3.0, 5.0, 4.0, 6.0, 5.0, 2.0, 5.0, 8.0])  # [N]
 TENSION = {"kind": "tension", "clock": "recorder", "calibration": {"offset": 5.0}}
 WRENCH = {

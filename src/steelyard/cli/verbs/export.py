@@ -95,7 +95,7 @@ def export(
     with results_file(out, force=force) as path:
         path.write_text(text, encoding="utf-8", newline="\n")
     if as_json:
-        values = {
+        values: dict[str, Any] = {
             "written": str(out),
             "format": format_,
             "convention": form.convention,

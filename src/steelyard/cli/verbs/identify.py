@@ -111,7 +111,7 @@ def identify(
 ) -> None:
     """Estimate mass, centre of gravity and inertia from the recordings that EXPERIMENT lists."""
     from steelyard.experiment.read import read_experiment
-    from steelyard.identification.identify import chosen_methods
+    from steelyard.identification.identify import chosen_methods, default_methods
     from steelyard.identification.identify import identify as identified
     from steelyard.identification.methods.consistent import Consistent
     from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
@@ -128,19 +128,21 @@ def identify(
         Consistent(regions=regions, towards_nominal=towards_nominal),
         MaximumLikelihood(regions=regions, towards_nominal=towards_nominal),
     )
-    chosen = chosen_methods(methods, {method.name: method for method in with_options})
+    ready: dict[str, Any] = {method.name: method for method in with_options}
+    # A name that is wrong is said before anything is read.
+    chosen_methods(methods, ready)
     if out is not None:
         check_target(out, force=force)
     recorded = selected(read_experiment(experiment), runs).without(*without)
     with progress(quiet=quiet) as tell:
-        found = identified(recorded, chosen, tell, holdout=holdout)
+        found = identified(recorded, methods, tell, holdout=holdout, ready=ready)
     truth = known_truth(experiment.parent)
     if out is None:
         summary = summarise(found, truth, with_evidence=False)
     else:
         options = _in_words(
             {
-                "method": methods or ["maximum-likelihood", "two-step"],
+                "method": methods or list(reversed(default_methods(recorded))),
                 "acceleration": acceleration,
                 "combine": combine,
                 "run": runs,

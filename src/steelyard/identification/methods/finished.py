@@ -15,6 +15,7 @@ from steelyard.identification.methods.unstated import (
     notes_on_jitter,
     notes_on_unstated,
 )
+from steelyard.identification.methods.unweighed import up_to_mass
 from steelyard.identification.model.calibration_parameters import as_tree
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.assessment import (
@@ -65,17 +66,19 @@ def finished(
     # What did not arrive has no numbers.
     known = found.identifiable & found.fit.converged
     value = np.where(known, value, np.nan)
+    covariance = np.where(np.outer(known, known), covariance, np.nan)
     tests = directed_tests(found, settings)
+    verdict = judge(
+        value,
+        reasons=[*further, *reasons(found, tests, settings)],
+        by_prior=[bool(p) for p in label_mask(found)],
+    )
     disturbed, errors = disturbances(found), found_errors(found)
-    return Estimate(
+    estimate = Estimate(
         method=method,
         value=value,
-        covariance=np.where(np.outer(known, known), covariance, np.nan),
-        verdict=judge(
-            value,
-            reasons=[*further, *reasons(found, tests, settings)],
-            by_prior=[bool(p) for p in label_mask(found)],
-        ),
+        covariance=covariance,
+        verdict=verdict,
         calibration=as_tree(
             found.experiment, calibration_parameters, found.calibration.values, found.deviations
         ),
@@ -108,6 +111,7 @@ def finished(
             *_left_out(found),
         ),
     )
+    return up_to_mass(found.experiment, estimate)
 
 
 def _residuals(found: Posterior) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from steelyard.dynamics import platform_regressor
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, plausible_radius
 from steelyard.experiment.model import Experiment
+from steelyard.experiment.unread import is_unread
 from steelyard.identification.methods.body_fit import BodyFit, finish, from_two_steps, median, merge
 from steelyard.identification.methods.linear import LinearFit, block_sums, covariance_of, solve
 from steelyard.identification.methods.settings import TWO_STEP, TwoStepSettings
@@ -55,8 +56,8 @@ class TwoStep:
     fit: ClassVar[None] = None
 
     def lack(self, experiment: Experiment) -> str:
-        """Nothing that is seen before the samples are prepared."""
-        return ""
+        """What the method needs and the experiment has not, in words; empty where all is there."""
+        return "it needs the force of every cable, found none" if is_unread(experiment) else ""
 
     @property
     def is_baseline(self) -> bool:

@@ -70,6 +70,27 @@ class Forces:
     [N m], shape (6,); None: the readings explain every wrench within their noise."""
     late: Array | None = None
     """1-sigma that time stamps which scatter add to each reading, shape (n, r); None: none."""
+    unread: NDArray[np.bool_] | None = None
+    """Readings of cables without a sensor, whose values are a guess, shape (r,); None: there are
+    none."""
+
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        """Samples in which something else than the body pulls, shape (n,)."""
+        return np.asarray(self.left_out.all(axis=1))
+
+    @property
+    def guessed(self) -> NDArray[np.bool_]:
+        """Readings that nobody reads, shape (r,)."""
+        none = np.zeros(self.left_out.shape[1], dtype=bool)
+        return none if self.unread is None else self.unread
+
+    @property
+    def places(self) -> dict[str, slice]:
+        """Quantity -> where its readings stand among the r numbers of a sample."""
+        ends = np.cumsum([values.shape[1] for values in self.readings.values()]).tolist()
+        starts = [0, *ends[:-1]]
+        return {q: slice(*each) for q, *each in zip(self.readings, starts, ends, strict=True)}
 
     def parts(self) -> Iterator[Forces]:
         """The same, some samples at a time: rows take much memory."""
@@ -187,6 +208,8 @@ class Balance:
     """Of what is left over."""
     disturbance: Array
     """Unmodelled wrench of the processes of the segment [N], [N m], shape (n, 6)."""
+    unread: NDArray[np.bool_] | None = None
+    """Readings of cables without a sensor, shape (r,); None: there are none."""
 
     @property
     def structure(self) -> Array | None:
@@ -229,6 +252,8 @@ class Balance:
     def carried(self) -> Array:
         """``tension`` or ``wrench`` of the corrected readings, shape (n, m) or (n, 6)."""
         off = self.correction[:, : self.noise.readings] * self.sigmas
+        if self.unread is not None:
+            off[:, self.unread] = np.einsum("nfi,ni->nf", self.noise.pulled, self.left_over)
         return np.asarray(self.measured.values - np.einsum("nkr,nr->nk", self._by_reading, off))
 
     @cached_property
@@ -285,8 +310,18 @@ def balance_of(
     sigmas = force_samples.sigmas(segment, factors)
     unmodelled_sigma = force_samples.unmodelled_sigma(segment, factors)
     white = measured.unmodelled.wrench * unmodelled_sigma if unmodelled_sigma.any() else None
-    noise = BalanceNoise.of(measured.wrench_by_reading, sigmas, white)
-    return Balance(times, motion, measured, left_over, sigmas, unmodelled_sigma, noise, disturbance)
+    noise = BalanceNoise.of(measured.wrench_by_reading, sigmas, white, force_samples.unread)
+    return Balance(
+        times,
+        motion,
+        measured,
+        left_over,
+        sigmas,
+        unmodelled_sigma,
+        noise,
+        disturbance,
+        force_samples.unread,
+    )
 
 
 def _times(

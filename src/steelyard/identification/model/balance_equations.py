@@ -27,6 +27,7 @@ from steelyard.robot.surroundings import (
     HOSE,
     air_wrench,
     attached_wrench,
+    damping_wrench,
     hose_wrench,
     middle_of,
 )
@@ -48,7 +49,7 @@ class _MovingBody(NamedTuple):
     attached: Symbol
     """Force, stiffness and their moments of a hose, shape (16,)."""
     air: Symbol
-    """Of moving and of turning, shape (2,)."""
+    """Drag and damping, each of moving and of turning, shape (4,)."""
     hoses: Symbol
     """Those that are stated, shape (9 h,)."""
 
@@ -83,7 +84,8 @@ class _MovingBody(NamedTuple):
         hose = ca.vertsplit(self.attached, np.cumsum([0, *(size for _, size in ATTACHED)]).tolist())
         needed -= attached_wrench(state.position, state.rotation, middle_of(robot), *hose)
         speeds = (state.rotation, state.velocity, state.omega)
-        return needed - air_wrench(*speeds, self.air[0], self.air[1])
+        needed -= air_wrench(*speeds, self.air[0], self.air[1])
+        return needed - damping_wrench(*speeds, self.air[2], self.air[3])
 
 
 class _Geometry(NamedTuple):

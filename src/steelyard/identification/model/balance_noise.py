@@ -2,8 +2,8 @@
 explains where the readings cannot tell every wrench.
 
 Fewer than six cables with a sensor span fewer than six directions. In the others the balance holds
-as exactly as the model of the robot does, which is a noise of its own and never zero. A reading of
-infinite noise, that of a cable without a sensor, takes its direction out of the balance.
+as exactly as the model of the robot does, which is a noise of its own and never zero. A cable without a sensor pulls as hard
+as it will: its direction is taken out of the balance.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 
@@ -59,27 +60,68 @@ class BalanceNoise:
     there is one [N], [N m], shape (n, 6, r) or (n, 6, r + 6)."""
     readings: int
     """Number r of readings."""
+    free: Array
+    """Wrench that a unit of every reading makes that is not read, shape (n, 6, f)."""
 
     @classmethod
-    def of(cls, by_reading: Array, sigmas: Array, unmodelled: Array | None) -> BalanceNoise:
+    def of(
+        cls,
+        by_reading: Array,
+        sigmas: Array,
+        unmodelled: Array | None,
+        unread: NDArray[np.bool_] | None = None,
+    ) -> BalanceNoise:
         """Of readings and of an unmodelled wrench.
 
         Args:
             by_reading: How the wrench follows the readings, shape (n, 6, r).
             sigmas: 1-sigma of the readings, shape (n, r).
             unmodelled: Wrench that 1-sigma of every part of the unmodelled wrench makes [N], [N m],
-                shape (n, 6, 6); None: there is none.
+                shape (n, 6, 6); None: there is none, and six readings at least.
+            unread: Readings that nobody reads: f of them, shape (r,); None: none.
         """
-        parts = by_reading * sigmas[:, None, :]
+        if unread is None:
+            unread = np.zeros(by_reading.shape[2], dtype=bool)
+        parts = by_reading * np.where(unread, 0.0, sigmas)[:, None, :]
         if unmodelled is not None:
             parts = np.concatenate([parts, unmodelled], axis=2)
-        return cls(parts, by_reading.shape[2])
+        return cls(parts, by_reading.shape[2], by_reading[:, :, unread])
+
+    @property
+    def variance(self) -> Array:
+        """Of each part of the wrench by what is read and by the unmodelled wrench [N^2], [N^2 m^2],
+        shape (n, 6).
+        """
+        return np.asarray(np.sum(self.parts**2, axis=2))
 
     @cached_property
     def whitener(self) -> Array:
-        """Matrices that make the noise white with unit variance, shape (n, 6, 6)."""
+        """Matrices that make the noise white with unit variance, in as many directions as anything
+        is known of, shape (n, 6, 6).
+        """
+        if not self.free.shape[2]:
+            return self._of_read
+        across, inverse = self._pulled
+        return np.asarray(self._of_read - across @ (inverse @ self._of_read))
+
+    @cached_property
+    def pulled(self) -> Array:
+        """By how much readings that nobody reads have to change so that a wrench that is left over
+        vanishes, shape (n, f, 6).
+        """
+        return np.asarray(self._pulled[1] @ self._of_read)
+
+    @cached_property
+    def _pulled(self) -> tuple[Array, Array]:
+        """What these make of the whitened balance, shape (n, 6, f), and its pseudo-inverse."""
+        across = self._of_read @ self.free
+        return across, np.asarray(np.linalg.pinv(across), dtype=np.float64)
+
+    @cached_property
+    def _of_read(self) -> Array:
+        """The same of what is read alone."""
         # Rows are scaled first: forces and torques have different units and sizes.
-        scale = np.sqrt(np.sum(self.parts**2, axis=2))
+        scale = np.sqrt(self.variance)
         scaled = self.parts / scale[:, :, None]
         variance = scaled @ scaled.transpose(0, 2, 1) + _ROUNDING * np.eye(DIRECTIONS)
         return np.asarray(np.linalg.inv(np.linalg.cholesky(variance)) / scale[:, None, :])

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.unread import is_unread
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT, Term
 from steelyard.instruments.tension import CROSSTALK
@@ -39,8 +40,13 @@ ATTACHED = (
 """Keys and sizes of what a hose does, see :func:`steelyard.robot.surroundings.attached_wrench`."""
 _HOSE = "hose"
 """First part of the keys of hoses that are stated."""
-AIR = (("drag.area", 1), ("drag.turning", 1))
-"""The same of the air, see :func:`steelyard.robot.surroundings.air_wrench`."""
+DAMPING = (("damping.moving", 1), ("damping.turning", 1))
+"""The same of what decays swings, see :func:`steelyard.robot.surroundings.damping_wrench`."""
+AIR = (("drag.area", 1), ("drag.turning", 1), *DAMPING)
+"""And of the air, see :func:`steelyard.robot.surroundings.air_wrench`."""
+_DECAY = 0.2
+"""1-sigma of the rate at which swings decay where no force is read [1/s]: two per cent of critical
+damping at a hertz."""
 _PULL = 0.004
 """1-sigma of the force of a hose, as a part of all tensions; of its stiffness the same over a metre."""
 _BLUFF = 3.0
@@ -321,14 +327,20 @@ def _surroundings(experiment: Experiment) -> Iterator[CalibrationParameter]:
     if not experiment.robot.m:
         return
     size, pull = experiment.robot.size, _PULL * _usual_tensions(experiment)
-    units = ("N", "N/m", "N m", "N", "m^2", "m^5")
-    sizes = (pull, pull, pull * size, pull * size, _BLUFF * size**2, _BLUFF * size**5)
+    units = ("N", "N/m", "N m", "N", "m^2", "m^5", "N s/m", "N m s")
+    bluff = (_BLUFF * size**2, _BLUFF * size**5)
+    sizes = (pull, pull, pull * size, pull * size, *bluff, None, None)
     air = experiment.surroundings.drag
     stated: dict[str, tuple[float, float]] = {}
     if air is not None:
         # Of turning nothing is said but what that area may do at its size.
         turning = (air.value + air.sigma) * size**3
         stated = {AIR[0][0]: (air.value, air.sigma), AIR[1][0]: (0.0, turning)}
+    if is_unread(experiment):
+        # All that moves the platform is its weight: what decays its swings matters.
+        damping = _DECAY * experiment.known["mass"][0]
+        for (key, _), arm in zip(DAMPING, (1.0, size**2), strict=True):
+            stated[key] = (0.0, damping * arm)
     for (key, count), unit, suspected in zip((*ATTACHED, *AIR), units, sizes, strict=True):
         if key in stated:
             mean, sigma = (np.full(count, value) for value in stated[key])

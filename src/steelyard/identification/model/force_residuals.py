@@ -41,6 +41,7 @@ from steelyard.identification.model.motion_residuals import (
     Segment,
     Tally,
     limit,
+    rate_along,
     reference_clocks,
     robust_weight,
     time_of,
@@ -181,7 +182,7 @@ def whitened_balance(
     )
     by = _by_motion(point)
     border = Border(column_of, len(at.time), DIRECTIONS)
-    border.extend(np.arange(TEN), point.derivatives["by_parameters"])
+    border.extend(np.arange(TEN), _by_body(point, parameters))
     for place, derivative in chain(_by_terms(point), _by_robot(point), _by_moving(point, by)):
         border.put(place, derivative)
     by_errors, columns = border.collected()
@@ -193,7 +194,7 @@ def whitened_balance(
         moved = covariance_of(held, by_coefficients, local.first, segment.block)
         whole = np.linalg.solve(np.eye(DIRECTIONS) + moved, at.residual[:, :, None])[:, :, 0]
         size = np.sqrt(np.sum(at.residual * whole, axis=1))
-    weight = segment.holds(at.time) * robust_weight(size, DIRECTIONS)
+    weight = segment.holds(at.time) * robust_weight(size, DIRECTIONS) * ~force_samples.touched
     tally_forces(tally, segment, force_samples, at, weight, size)
     root = np.sqrt(weight)
     rows = Rows(
@@ -207,6 +208,20 @@ def whitened_balance(
     if force_samples.unmodelled is None:
         return WhitenedBalance(at, root, (rows,))
     return WhitenedBalance(at, root, tuple(_by_origin(rows, at, segment)))
+
+
+def _by_body(point: _BalancePoint, parameters: Array) -> Array:
+    """Derivative of the balance by the ten parameters, shape (n, 6, 10).
+
+    Where no cable has a sensor, it is told in multiples of the mass, and so is what is left of it: a
+    body that shrinks would shrink its residual, and the likelihood would rise for nothing.
+    """
+    found = point.derivatives["by_parameters"]
+    if not point.force_samples.guessed.all():
+        return found
+    found = found.copy()
+    found[:, :, 0] -= point.at.left_over / parameters[0]
+    return found
 
 
 def _by_motion(point: _BalancePoint) -> tuple[Array, Array, Array]:
@@ -252,10 +267,7 @@ def _of_readings(point: _BalancePoint) -> Iterator[tuple[Process, slice, slice]]
     """Processes that are added to the readings, where their coefficients stand, and which readings
     these are.
     """
-    start = 0
-    for quantity, values in point.force_samples.readings.items():
-        own = slice(start, start + values.shape[1])
-        start = own.stop
+    for quantity, own in point.force_samples.places.items():
         for each, place in point.segment.processes_of((point.force_samples.name, quantity)):
             yield each, place, own
 
@@ -324,9 +336,7 @@ def _by_moving(point: _BalancePoint, by: tuple[Array, Array, Array]) -> _ByParam
         name,
         point.force_samples.time,
     )
-    by_delay = -sum(
-        np.einsum("nki,ni->nk", each, rate) for each, rate in zip(by, point.motion[1:], strict=True)
-    )
+    by_delay = -rate_along(by, point.motion)
     changes = unmodelled_processes(segment, point.local, 1)
     if changes.any():
         by_delay += np.einsum("nij,nj->ni", point.at.measured.unmodelled.wrench, changes)
@@ -337,7 +347,8 @@ def _by_moving(point: _BalancePoint, by: tuple[Array, Array, Array]) -> _ByParam
     if clock != origin:
         yield clock, by_delay
         yield origin, -by_delay
-    yield parameters.place(name, TIME_CONSTANT, segment.run), by_delay
+    if any(term.key == TIME_CONSTANT for term in point.instrument.terms(point.experiment.robot.m)):
+        yield parameters.place(name, TIME_CONSTANT, segment.run), by_delay
     yield parameters.places[ROBOT, DRAG, None], point.derivatives["by_drag"][:, :, None]
 
 
@@ -388,18 +399,15 @@ def tally_forces(
         else 1.0
     )
     near = used_at_all & (size <= limit(6) * max(1.0, usual))
-    column = 0
     correction, decided = at.correction, at.noise.decided
-    for quantity, values in force_samples.readings.items():
-        own = slice(column, column + values.shape[1])
-        column = own.stop
+    for quantity, own in force_samples.places.items():
         used = ~force_samples.left_out[:, own]
         label = segment.label(force_samples.name, quantity)
         _count(tally, label, correction[:, own] * used, decided[:, own] * used, weight, near)
         tally.far[label] += int(np.sum(~used))
     if force_samples.unmodelled is not None:
-        label = segment.label(ROBOT, UNMODELLED)
-        _count(tally, label, correction[:, column:], decided[:, column:], weight, near)
+        label, rest = segment.label(ROBOT, UNMODELLED), at.noise.readings
+        _count(tally, label, correction[:, rest:], decided[:, rest:], weight, near)
     tally.cost += float(np.sum(size**2 * weight * (2 - weight)))
 
 

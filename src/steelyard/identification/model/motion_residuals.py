@@ -8,7 +8,7 @@ that the data tell [Wahba1978]_, so that a spline of many knots is no freer than
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -464,6 +464,17 @@ def looked_at(
     return times, local, motion, linear
 
 
+def rate_along(by: Sequence[Array], motion: Sequence[Array]) -> Array:
+    """By how much something changes in a second as the platform moves, shape (n, k).
+
+    Args:
+        by: Its derivatives by pose, rate and acceleration, shape (n, k, 7) each.
+        motion: Pose and its first three time derivatives, shape (n, 7) each.
+    """
+    parts = [np.einsum("nki,ni->nk", j, rate) for j, rate in zip(by, motion[1:], strict=True)]
+    return np.asarray(sum(parts))
+
+
 def _of_reading(
     experiment: Experiment,
     segment: Segment,
@@ -508,9 +519,7 @@ def _of_reading(
             calibration_parameters.place(each, "delay", segment.run) for each in (own, reference)
         )
         # A later clock looks at an earlier instant of the motion.
-        by_delay = -sum(
-            np.einsum("nki,ni->nk", j, rate) for j, rate in zip(by, motion[1:], strict=True)
-        )
+        by_delay = -rate_along(by, motion)
         by_delay = by_delay - segment.disturbance_of(reading.source, local, 1)
         by_delay = by_delay[:, :, None]
         border.put(clock, by_delay)

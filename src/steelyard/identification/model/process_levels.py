@@ -177,10 +177,8 @@ def _evidence(
                 known = sum(banded_trace(change, part) for part in inverse)
                 if root is not None:
                     known += sum(
-                        float(np.vdot(own_rows, _banded_products(change, own_rows)))
-                        for own_rows in (
-                            root[k :: own.block] for k in range(place.start, place.stop)
-                        )
+                        each.cost(root[k :: own.block], change)
+                        for k in range(place.start, place.stop)
                     )
                 free = each.components * each.log_determinant_changes[i]
                 gradient[each.source][i] += 0.5 * (free - known - cost)
@@ -213,12 +211,3 @@ def _border(equations: Sequence[NormalEquations], precision: Array, pull: Array)
     step = root @ (root.T @ right)
     determinant = 2 * float(np.sum(np.log(np.diag(factor))) - np.sum(np.log(scale)))
     return _SettledBorder(0.5 * (float(right @ step) - determinant), step, root)
-
-
-def _banded_products(band: Array, columns: Array) -> Array:
-    """Products of a symmetric matrix in lower banded form with columns, shape (f, b)."""
-    product = band[0][:, None] * columns
-    for d in range(1, len(band)):
-        product[d:] += band[d, :-d, None] * columns[:-d]
-        product[:-d] += band[d, :-d, None] * columns[d:]
-    return np.asarray(product)

@@ -268,7 +268,11 @@ def banded_window(band: Array, start: int, width: int) -> Array:
 
 
 def banded_product(band: Array, vector: Array) -> Array:
-    """Product of a symmetric matrix in lower banded form with a vector."""
+    """Product of a symmetric matrix in lower banded form with a vector, shape (n,), or with columns,
+    shape (n, c).
+    """
+    if vector.ndim == 2:
+        band = band[:, :, None]
     product = band[0] * vector
     for d in range(1, len(band)):
         product[d:] += band[d, :-d] * vector[:-d]

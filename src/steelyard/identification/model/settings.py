@@ -93,6 +93,9 @@ class MotionSettings:
     """On cables [s]: platforms on cables move below 25 Hz."""
     finest_on_sensor: float = 0.005
     """On a wrench sensor [s]: arms vibrate up to 100 Hz."""
+    swinging: float = 0.04
+    """Largest spacing where no force is read [s]: platforms swing with up to 4 Hz, of whose
+    accelerations these knots pass all but some thousandths."""
     widest: float = 0.45
     """[s]: about a second of motion between knots tells nothing about accelerations."""
     judged: float = 20.0

@@ -14,6 +14,7 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.unread import is_unread
 from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
@@ -369,9 +370,18 @@ def _first_body(
                 np.einsum("nki,i->nk", A, parameters) - residual,
                 optimize=True,
             )
+        if "mass" in experiment.known:
+            # Without forces it is all that tells how large the body is.
+            mass, sigma = experiment.known["mass"]
+            weight_of_mass = max(sigma, 1e-3 * mass) ** -2
+            normal[0, 0] += weight_of_mass
+            right[0] += weight_of_mass * mass
         scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         solution, *_ = np.linalg.lstsq(normal * np.outer(scale, scale), scale * right, rcond=1e-9)
         parameters = scale * solution
+        if is_unread(experiment) and parameters[0]:
+            # It is told in multiples of the mass.
+            parameters = parameters * (experiment.known["mass"][0] / parameters[0])
     return np.asarray(parameters)
 
 

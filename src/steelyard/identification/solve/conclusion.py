@@ -195,7 +195,7 @@ def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
     )
     solution = replace(solution, ratio=_force_ratio(found, sources, frozenset()))
     freedom = max(total.freedom, 1.0)
-    wide = enlarged(solution, blocks, result.identifiable, freedom, task.settings)
+    wide = enlarged(solution, blocks, result.told, freedom, task.settings)
     # What the verdict asks is how the forces compare with what was stated of them.
     wide = replace(wide, ratio=_force_ratio(found, sources, task.stated))
     covariance = np.where(np.outer(estimated, estimated), wide.covariance, 0.0)
@@ -282,7 +282,7 @@ def _part(
             if motion is None
             else _regressor_noise(segment, balances, covariance, border, state.calibration.gravity)
         )
-    freedom = float(np.sum(~forces.left_out.all(axis=1))) * looked_at
+    freedom = float(np.sum(~forces.touched)) * looked_at
     equations = BorderEquations(normal, gradient + normal @ at, noise, freedom)
     blocks = _blocks(segment, rows, every, state.parameters, run, task.settings)
     return SegmentEquations(

@@ -93,7 +93,10 @@ def _posterior(readings: Readings, tell: Tell) -> Posterior:
         task, own = with_suspicions(*with_jitter_found(found.task, found.fit))
         if turn and task is found.task:
             break
-        found = replace(found, task=task, fit=with_disturbances(task, own))
+        before, found = found, replace(found, task=task, fit=with_disturbances(task, own))
+        if found.fit is before.fit:
+            # Nothing is asked for, and would not be a second time.
+            break
     tell("how well it is known", 0.85)
     return concluded([stretch_of(readings, found)])
 
@@ -188,8 +191,7 @@ def _with_tensions(fitted: Fitted) -> Fitted:
         state.segments, fitted.balances, fitted.force_samples, strict=True
     ):
         # Where something touches the platform, the readings know and the balance does not.
-        touched = np.asarray(forces.left_out.all(axis=1))
-        carried = np.where(touched[:, None], at.measured.values, at.carried)
+        carried = np.where(forces.touched[:, None], at.measured.values, at.carried)
         references = reference_clocks(task.experiment, task.calibration_parameters, segment)
         readings = []
         for each in segment.readings:

@@ -103,10 +103,9 @@ def first_sigmas(task: Task, state: FitState) -> dict[Source, float]:
         if force_samples is not None:
             if force_samples.unmodelled is not None:
                 found[segment.label(ROBOT, UNMODELLED)] = float(force_samples.unmodelled[0])
-            ends = np.cumsum([0, *(v.shape[1] for v in force_samples.readings.values())])
             found |= {
-                segment.label(force_samples.name, q): float(force_samples.sigma[i])
-                for q, i in zip(force_samples.readings, ends, strict=False)
+                segment.label(force_samples.name, q): float(force_samples.sigma[own.start])
+                for q, own in force_samples.places.items()
             }
     return found
 

@@ -198,9 +198,13 @@ def weak_directions(
     # the readings tell, as it would beside it in one matrix.
     left, vectors = np.linalg.eigh(_inverse(np.eye(TEN) + (scaled + scaled.T) / 2))
     values = 1 / np.clip(left, 1e-300, None) - 1
-    by_noise = np.einsum("ij,ik,kj->j", vectors, noise * np.outer(scale, scale), vectors)
-    enough = np.maximum(by_noise, settings.least_information if least is None else least)
-    weak = (left > 0) & (values < enough)
+    # Noise tells as much as it does before anything else is uncertain: so does the motion.
+    alone, by_noise = (
+        np.einsum("ij,ik,kj->j", vectors, each * np.outer(scale, scale), vectors)
+        for each in (normal[:TEN, :TEN], noise)
+    )
+    enough = settings.least_information if least is None else least
+    weak = (left > 0) & ((values < enough) | (alone < by_noise))
     directions = vectors[:, weak]
     best = float(np.clip(values[left > 0], 1.0, _STRONG).max(initial=1.0))
     held = (directions * (best * settings.held)) @ directions.T / np.outer(scale, scale)

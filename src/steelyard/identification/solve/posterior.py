@@ -129,6 +129,12 @@ class Posterior:
         return identifiable_parameters(float(self.parameters[0]), self.body_covariance, self.size)
 
     @property
+    def told(self) -> NDArray[np.bool_]:
+        """Those of them that are no assumption, shape (10,)."""
+        assumed = np.arange(TEN) == 0
+        return np.asarray(self.identifiable & ~(assumed & self.experiment.mass_assumed))
+
+    @property
     def body_covariance(self) -> Array:
         """Of the ten of :data:`steelyard.inertia.BODY_PARAMETERS`, shape (10, 10)."""
         J = body_jacobian(self.parameters)

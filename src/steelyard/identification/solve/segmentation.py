@@ -33,6 +33,7 @@ from steelyard.identification.samples.preparation import Samples
 from steelyard.instruments.base import Part
 from steelyard.instruments.equations import order_of
 from steelyard.instruments.noise import Disturbance
+from steelyard.instruments.unread_cables import UnreadCables
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, Samples1D, fit, knots
 
@@ -243,6 +244,9 @@ def _moving(
     finest = np.inf
     if spacing is None:
         spacing, finest = _spacing(experiment, streams, stretches, settings)
+        if isinstance(experiment.instruments[force], UnreadCables):
+            # The balance is no looser than its equations: the motion has to be able to fulfil them.
+            spacing = min(spacing, settings.swinging)
     pose = poses_of(samples)
     least = _least_forces(experiment, run)
     segments, force_samples = [], []
@@ -584,6 +588,7 @@ def _force_samples(
     )
     stacked = np.hstack(list(values.values()))[inside]
     missing = ~np.isfinite(stacked)
+    unread = _unread(experiment, name, missing)
     filled = np.where(missing, _usual(stacked), stacked)
     ends = np.cumsum([v.shape[1] for v in values.values()])[:-1]
     sigma = force_sigma(experiment, run, samples)[0]
@@ -592,13 +597,28 @@ def _force_samples(
         time=time[inside],
         readings=dict(zip(values, np.split(filled, ends, axis=1), strict=True)),
         sigma=sigma,
-        left_out=missing,
-        unmodelled=_unmodelled(experiment, name, missing, sigma),
+        left_out=missing & ~unread,
+        unmodelled=_unmodelled(experiment, name, unread, sigma),
+        unread=unread if unread.any() else None,
     )
 
 
+def _unread(experiment: Experiment, name: str, missing: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Readings that nobody reads: of cables without a sensor, or without a single number, shape (r,).
+
+    Args:
+        experiment: With the force instrument.
+        name: Of it.
+        missing: Readings that are not there, shape (n, r).
+    """
+    instrument = experiment.instruments[name]
+    quantities = instrument.quantities(experiment.robot.m)
+    columns = [column for q in quantities for column in q.forms[0]]
+    return np.array([c in instrument.unread for c in columns]) | missing.all(axis=0)
+
+
 def _unmodelled(
-    experiment: Experiment, name: str, missing: NDArray[np.bool_], sigma: Array
+    experiment: Experiment, name: str, unread: NDArray[np.bool_], sigma: Array
 ) -> Array | None:
     """1-sigma of the white part of the wrench that nothing explains, in units of its level, where
     the cables with a sensor cannot carry every wrench, shape (6,); None: they can.
@@ -606,7 +626,7 @@ def _unmodelled(
     robot = experiment.robot
     if experiment.instruments[name].measured_force != "tension":
         return None
-    if int(np.sum(~missing.all(axis=0))) >= DIRECTIONS:
+    if int(np.sum(~unread)) >= DIRECTIONS:
         return None
     return float(np.median(sigma)) * np.array([1.0] * 3 + [robot.size] * 3)
 

@@ -20,7 +20,6 @@ from steelyard.identification.model.balance import UNMODELLED_PARTS, Forces
 from steelyard.identification.model.motion_residuals import Segment
 from steelyard.identification.model.processes import (
     Process,
-    SplineIntegrals,
     integrals_of,
     named,
 )
@@ -39,13 +38,10 @@ _LEAST = 0.05
 
 def denied(experiment: Experiment) -> frozenset[Source]:
     """What is stated not to be there, and is not asked for either."""
-    found = set(UNMODELLED_PARTS) if experiment.surroundings.unmodelled == 0.0 else set()
-    for name, instrument in experiment.instruments.items():
-        for quantity in instrument.quantities(experiment.robot.m):
-            for each in quantity.disturbed:
-                if each.cause == "colored" and each.level == 0:
-                    found.add((name, quantity.name))
-    return frozenset(found)
+    wrench = UNMODELLED_PARTS if experiment.surroundings.unmodelled == 0.0 else ()
+    stated = _disturbances(experiment)
+    none = (source for source, each in stated if each.cause == "colored" and each.level == 0)
+    return frozenset([*wrench, *none])
 
 
 def with_stated(task: Task, state: FitState) -> FitState:
@@ -59,42 +55,61 @@ def with_stated(task: Task, state: FitState) -> FitState:
     return replace(state, segments=tuple(segments))
 
 
+def size_of(
+    task: Task, state: FitState, segment: Segment, forces: Forces | None, source: Source
+) -> Array | None:
+    """Noise of what may be disturbed, the unit of its process, shape (p,); None: it is not in the
+    segment.
+    """
+    if source in UNMODELLED_PARTS:
+        if forces is None:
+            return None
+        arm = 1.0 if source == next(iter(UNMODELLED_PARTS)) else task.experiment.robot.size
+        return np.full(3, arm * float(np.median(forces.sigma)))
+    owner, name = source
+    sigmas = {each.source: each.sigma for each in segment.readings}
+    if forces is not None:
+        sigmas |= {(forces.name, q): float(forces.sigma[p.start]) for q, p in forces.places.items()}
+    if source not in sigmas:
+        return None
+    width = task.experiment.instruments[owner].quantity(name, task.experiment.robot.m).size
+    return np.full(width, sigmas[source] * state.factors.get(source, 1.0))
+
+
+def _disturbances(experiment: Experiment) -> Iterator[tuple[Source, Disturbance]]:
+    """All that are stated, of the unmodelled wrench and of every quantity."""
+    unmodelled = experiment.surroundings.unmodelled
+    if isinstance(unmodelled, UnmodelledForm):
+        for source, level in zip(
+            UNMODELLED_PARTS, (unmodelled.force, unmodelled.torque), strict=True
+        ):
+            yield source, Disturbance("colored", level, unmodelled.time)
+    for name, instrument in experiment.instruments.items():
+        for quantity in instrument.quantities(experiment.robot.m):
+            for each in quantity.disturbed:
+                yield (name, quantity.name), each
+
+
 def _stated(
     task: Task, state: FitState, segment: Segment, forces: Forces | None
 ) -> Iterator[Process]:
     """Of one segment."""
-    integrals = integrals_of(segment.knots)
-    experiment, settings = task.experiment, task.settings.motion
-    unmodelled = experiment.surroundings.unmodelled
-    if isinstance(unmodelled, UnmodelledForm) and forces is not None:
-        usual = float(np.median(forces.sigma))
-        arms = (1.0, experiment.robot.size)
-        levels = (unmodelled.force, unmodelled.torque)
-        for source, level, arm in zip(UNMODELLED_PARTS, levels, arms, strict=True):
-            own = Disturbance("colored", level, unmodelled.time)
-            yield from _process(source, own, np.full(3, arm * usual), integrals, segment, settings)
-    sigmas = {each.source: each.sigma for each in segment.readings}
-    if forces is not None:
-        ends = np.cumsum([0, *(v.shape[1] for v in forces.readings.values())])
-        sigmas |= {
-            (forces.name, q): float(forces.sigma[i])
-            for q, i in zip(forces.readings, ends, strict=False)
-        }
-    for source, sigma in sigmas.items():
-        instrument = experiment.instruments[source[0]]
-        quantity = instrument.quantity(source[1], experiment.robot.m)
-        size = np.full(quantity.size, sigma * state.factors.get(source, 1.0))
-        for each in quantity.disturbed:
-            for process in _process(source, each, size, integrals, segment, settings):
-                share = _shares_of_heading(segment, instrument) if each.vertical else 1.0
-                yield replace(process, sizes=process.sizes * share)
+    for source, each in _disturbances(task.experiment):
+        noise = size_of(task, state, segment, forces, source)
+        if noise is None:
+            continue
+        for process in _process(source, each, noise, segment, task.settings.motion):
+            if not each.vertical:
+                yield process
+                continue
+            share = _shares_of_heading(segment, task.experiment.instruments[source[0]])
+            yield replace(process, sizes=process.sizes * share)
 
 
 def _process(
     source: Source,
     stated: Disturbance,
     noise: Array,
-    integrals: SplineIntegrals,
     segment: Segment,
     settings: MotionSettings = MOTION,
 ) -> Iterator[Process]:
@@ -104,7 +119,6 @@ def _process(
         source: What it disturbs.
         stated: Of it.
         noise: 1-sigma of the readings, where its level is to be found, shape (p,).
-        integrals: Of the segment's splines.
         segment: Along which it goes.
         settings: Bounds of correlation times.
     """
@@ -127,7 +141,7 @@ def _process(
         sizes,
         1.0,
         float(time) if time is not None else np.sqrt(settings.shortest_correlation * (end - start)),
-        integrals,
+        integrals_of(segment.knots),
         stated.cause,
         level_stated=level is not None,
         time_stated=time is not None,

@@ -196,6 +196,9 @@ def _proposal(owner: str, key: str) -> str:
         return {
             "attached": "look for a hose or a cable that pulls at the platform, or hold it differently",
             "hose": "check this number of the hose under 'attached', or state a larger 'sigma' there",
+            "damping": (
+                "swings decay faster than is plausible; look for what rubs at cables or rollers"
+            ),
             "drag": "the air seems to slow the platform; move it more slowly, or make it smaller",
             "anchor": "measure this anchor again, or state a larger 'uncertainty: {anchor: …}'",
             "attachment": (
@@ -309,11 +312,11 @@ def _of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterato
     for segment in posterior.fit.state.segments:
         local = segment.basis(np.linspace(*segment.span, _INSTANTS))
         for process in () if segment.static else segment.processes:
+            if process.is_stated:
+                continue
             rms = np.sqrt(np.mean(segment.disturbance(process, local) ** 2, axis=0))
             owner, name = process.disturbs
             part = UNMODELLED_PARTS.get(process.source)
-            if process.is_stated:
-                continue
             if part is None:
                 quantity = posterior.experiment.instruments[owner].quantity(name, robot.m)
                 largest = settings.largest_disturbance.get(quantity.unit, np.inf)
@@ -443,7 +446,7 @@ def _of_runs(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
             for i in np.unique(posterior.blocks.run)
         ]
     )
-    use = np.flatnonzero(posterior.identifiable)
+    use = np.flatnonzero(posterior.told)
     if not len(use):
         return
     chi = 0.0

@@ -126,7 +126,8 @@ def _doubted(estimates: Sequence[NamedEstimate]) -> Iterator[Statement]:
         verdict = each.estimate.verdict
         if not verdict.accepted:
             reasons = "; ".join(verdict.reasons) or "no reason given"
-            text = f"{each.name}: was not accepted when it was made: {reasons}"
+            said = "accepted" if verdict.accepted is False else "assessed"
+            text = f"{each.name}: was not {said} when it was made: {reasons}"
             yield Statement(text, "bad")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.clocks.offsets import Offset
 from steelyard.digits import LABELS
-from steelyard.estimates.estimate import Estimate
+from steelyard.estimates.estimate import Estimate, per_mass_rows
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.report.evidence.gather import body_of, evidence_of
@@ -187,4 +187,9 @@ def _statements(estimates: Mapping[str, Estimate]) -> list[str]:
     notes: dict[str, None] = {}
     for estimate in estimates.values():
         notes |= dict.fromkeys(f"{estimate.method}: {note}" for note in estimate.notes)
-    return [*verdicts, *notes]
+    ratios = [
+        f"{name}: " + ", ".join(" ".join(row[i] for i in (0, 2, 1)) for row in per_mass_rows(found))
+        for name, estimate in estimates.items()
+        if (found := estimate.per_mass) is not None
+    ]
+    return [*verdicts, *ratios, *notes]

@@ -40,7 +40,8 @@ class EstimatedBody:
     covariance: Annotated[tuple[Ten, ...], _TEN]
     labels: Annotated[tuple[str, ...], _TEN]
     """What determined each of the ten: ``data``, ``prior`` or ``unidentifiable``."""
-    accepted: bool
+    accepted: bool | None
+    """None: not assessed."""
     reasons: tuple[str, ...]
 
 

@@ -43,7 +43,7 @@ from steelyard.identification.solve.fit_state import Fit, FitState, Task, linear
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.newton_step import border_prior
 from steelyard.identification.solve.settings import FitSettings
-from steelyard.identification.solve.stated_processes import denied
+from steelyard.identification.solve.stated_processes import denied, size_of
 
 
 def with_disturbances(
@@ -302,30 +302,13 @@ def _processes(
         return []
     integrals, found = integrals_of(segment.knots), []
     for source, colour in sources.items():
-        sizes = _sizes(task, state, segment, forces, source)
+        sizes = size_of(task, state, segment, forces, source)
         if sizes is not None:
             # Of a wrench in its own units, of readings in those of their noise.
             unit = sizes[0] if source in UNMODELLED_PARTS else 1.0
             level = max(colour.level / unit, task.settings.motion.least_level)
             found.append(Process(source, sizes, level, colour.time, integrals))
     return found
-
-
-def _sizes(
-    task: Task, state: FitState, segment: Segment, forces: Forces | None, source: Source
-) -> Array | None:
-    """Units of a process of a segment, shape (p,); None: what it disturbs is not in it."""
-    if source in UNMODELLED_PARTS:
-        if forces is None:
-            return None
-        arm = 1.0 if source == next(iter(UNMODELLED_PARTS)) else task.experiment.robot.size
-        return np.full(3, arm * float(np.median(forces.sigma)))
-    own = [each for each in segment.readings if each.source == source]
-    if not own:
-        return None
-    sigma = own[0].sigma * state.factors.get(source, 1.0)
-    width = 3 if own[0].values.ndim == 3 else own[0].values.shape[1]
-    return np.full(width, sigma)
 
 
 def _settled(task: Task, state: FitState) -> Fit | None:

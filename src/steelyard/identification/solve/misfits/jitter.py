@@ -7,8 +7,9 @@ is its rate times as much, white from sample to sample.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -20,9 +21,9 @@ from steelyard.identification.model.motion_residuals import (
     Reading,
     Segment,
     looked_at,
+    rate_along,
     reference_clocks,
 )
-from steelyard.identification.model.segment import Basis
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
@@ -51,9 +52,7 @@ def with_jitter(task: Task, state: FitState) -> tuple[Task, FitState]:
             force_samples.append(forces)
             continue
         readings = tuple(
-            replace(
-                each, late=jitters[each.source[0]] * SCATTER * _rates(task, state, segment, each)
-            )
+            _with_lateness(task, state, segment, each, SCATTER * jitters[each.source[0]])
             if each.source[0] in jitters
             else each
             for each in segment.readings
@@ -66,6 +65,14 @@ def with_jitter(task: Task, state: FitState) -> tuple[Task, FitState]:
         replace(task, force_samples=tuple(force_samples)),
         replace(state, segments=tuple(segments)),
     )
+
+
+def _with_lateness(
+    task: Task, state: FitState, segment: Segment, reading: Reading, scatter: float
+) -> Reading:
+    """A reading whose stamps scatter by so much [s]."""
+    _, rate = _residual_and_rate(task, state, segment, reading)
+    return replace(reading, late=scatter * rate)
 
 
 def with_jitter_found(task: Task, found: Fit) -> tuple[Task, Fit]:
@@ -125,7 +132,7 @@ class _Scattering:
         late = SCATTER * jitter * float(np.sqrt(np.mean(self.by_time)))
         return late > least * self.sigma
 
-    @property
+    @cached_property
     def jitter(self) -> float:
         """The likeliest [s], beside white noise of any size."""
         highest = float(np.mean(self.square)) / max(float(np.mean(self.by_time)), 1e-300)
@@ -167,8 +174,7 @@ def _scatterings(task: Task, state: FitState) -> Iterator[_Scattering]:
         for reading in () if segment.static else segment.readings:
             if task.experiment.instruments[reading.source[0]].commanded:
                 continue
-            residual = _residual(task, state, segment, reading)
-            rate = _rates(task, state, segment, reading)
+            residual, rate = _residual_and_rate(task, state, segment, reading)
             use = np.isfinite(residual).all(axis=1)
             # One spike is no jitter: it counts for what noise may do at most.
             bound = task.settings.jitter_bound * float(np.sqrt(np.mean(residual[use] ** 2)))
@@ -181,26 +187,19 @@ def _scatterings(task: Task, state: FitState) -> Iterator[_Scattering]:
         yield _Scattering(source[0], square, np.concatenate(rates[source]), sigmas[source])
 
 
-def _residual(task: Task, state: FitState, segment: Segment, reading: Reading) -> Array:
-    """Of a quantity against the motion and its disturbances, shape (n, k)."""
-    _, local, _, linear = _looked_at(task, state, segment, reading)
-    return np.asarray(linear["residual"] + segment.disturbance_of(reading.source, local))
-
-
-def _rates(task: Task, state: FitState, segment: Segment, reading: Reading) -> Array:
-    """By how much readings change in a second, shape (n, k)."""
-    _, _, motion, linear = _looked_at(task, state, segment, reading)
-    by = (linear["by_pose"], linear["by_rate"], linear["by_acceleration"])
-    return np.asarray(
-        sum(np.einsum("nki,ni->nk", j, rate) for j, rate in zip(by, motion[1:], strict=True))
-    )
-
-
-def _looked_at(
+def _residual_and_rate(
     task: Task, state: FitState, segment: Segment, reading: Reading
-) -> tuple[Array, Basis, tuple[Array, Array, Array, Array], Mapping[str, Array]]:
+) -> tuple[Array, Array]:
+    """Of a quantity against the motion and its disturbances, and by how much it changes in a second,
+    shape (n, k) each.
+    """
     references = reference_clocks(task.experiment, task.calibration_parameters, segment)
-    return looked_at(task.experiment, segment, reading, slice(None), state.calibration, references)
+    _, local, motion, linear = looked_at(
+        task.experiment, segment, reading, slice(None), state.calibration, references
+    )
+    by = (linear["by_pose"], linear["by_rate"], linear["by_acceleration"])
+    residual = linear["residual"] + segment.disturbance_of(reading.source, local)
+    return np.asarray(residual), rate_along(by, motion)
 
 
 def _force_rates(forces: Forces) -> Array:

@@ -55,13 +55,11 @@ def look(
     spikes = (largest > settings.alone) & (rest < limit(5))
     spikes &= ~_in_a_row(spikes, worst, 2 * settings.contact_samples)
     left_out[rows[spikes], worst[spikes]] = True
-    contacts = _contacts(
-        at.time, (size > limit(6)) & ~spikes & ~force_samples.left_out.all(axis=1), settings
-    )
+    contacts = _contacts(at.time, (size > limit(6)) & ~spikes & ~force_samples.touched, settings)
     touched = np.zeros(len(size), dtype=bool)
     for start, end in contacts:
         touched |= (at.time >= start) & (at.time <= end)
-    already = force_samples.left_out.all(axis=1)
+    already = force_samples.touched
     if (touched | already).mean() > settings.most_cut:
         contacts, touched = (), np.zeros_like(touched)
     left_out[touched] = True

@@ -27,9 +27,10 @@ def lead(summary: Summary) -> Statement:
     best = summary.best
     known = ", ".join(_said(best, name, place) for name, place in _PARTS)
     if not best.accepted:
-        return Statement(
-            f"Not accepted: {'; '.join(best.reasons)}. As estimated by {best.name}: {known}.", "bad"
-        )
+        tone: Tone = "bad" if best.accepted is False else "note"
+        said = "Not accepted" if best.accepted is False else "Not assessed"
+        why = "; ".join(best.reasons)
+        return Statement(f"{said}: {why}. As estimated by {best.name}: {known}.", tone)
     return Statement(f"{known[:1].upper()}{known[1:]} (1-sigma), by {best.name}: accepted.", "good")
 
 

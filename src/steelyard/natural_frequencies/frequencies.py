@@ -1,0 +1,325 @@
+r"""Natural frequencies and mode shapes of a body that hangs on the cables of a robot, with the
+uncertainty that its estimate leaves.
+
+Small swings about the equilibrium: :math:`M \ddot x + K x = 0`. Cables that keep their length take
+out the directions in which they would change; their tensions times the second derivative of the
+lengths are in K, beside the weight [Goldstein2002]_. Cables that stretch add their stiffness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import eigh, null_space
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array, readonly
+from steelyard.dynamics import platform_wrench
+from steelyard.errors import InfeasibleError, InputError
+from steelyard.estimates.estimate import Estimate
+from steelyard.inertia import BODY_PARAMETERS, TEN, Inertia
+from steelyard.natural_frequencies.equilibrium import Equilibrium, at_rest, rigid_cables, settled
+from steelyard.natural_frequencies.hanging_body import Place, forces, mass_matrix
+from steelyard.robot.kinematics import cables_at
+from steelyard.robot.model import Robot
+from steelyard.robot.tension import distribute
+
+FORMAT = "steelyard-frequencies/1"
+DIRECTIONS = 6
+"""Of a platform: with as many taut cables of constant length it cannot swing."""
+_STEP = 1e-4
+"""Relative step of a body parameter that shows how frequencies follow it."""
+_UNSTABLE = 1e-6
+"""Part of the largest squared frequency that a negative one may have by rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """A natural mode."""
+
+    frequency: float
+    """[Hz]"""
+    standard_deviation: float | None
+    """1-sigma from the covariance of the body [Hz]; None: it has none."""
+    shape: Array
+    """Twist of the platform: velocity of its origin, then angular velocity [rad], along the axes of
+    the world, of unit length with the platform's size as that of an angle, shape (6,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frequencies:
+    """A body at rest on cables, and how it swings about that."""
+
+    robot: str
+    place: Place
+    lengths: Array
+    """Unstrained lengths of the cables [m], shape (m,)."""
+    tension: Array
+    """At the platform, at rest [N], NaN where the mass is not known, shape (m,)."""
+    modes: tuple[Mode, ...]
+    """In ascending order of their frequencies."""
+    elastic: bool
+    """Whether the cables stretch and sag."""
+
+    @property
+    def pose(self) -> Array:
+        """x, y, z [m], roll, pitch, yaw [rad], shape (6,)."""
+        rpy = Rotation.from_matrix(self.place.rotation).as_euler("ZYX")[::-1]
+        return np.concatenate([self.place.position, rpy])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values in the shape of the contract."""
+        return {
+            "format": FORMAT,
+            "robot": self.robot,
+            "elastic": self.elastic,
+            "pose": self.pose.tolist(),
+            "lengths": self.lengths.tolist(),
+            "modes": [
+                {
+                    "frequency": each.frequency,
+                    "standard_deviation": each.standard_deviation,
+                    "shape": each.shape.tolist(),
+                }
+                for each in self.modes
+            ],
+            "tension": [float(v) if np.isfinite(v) else None for v in self.tension],
+        }
+
+
+def frequencies(
+    robot: Robot,
+    body: Inertia | Estimate | None = None,
+    *,
+    pose: ArrayLike | None = None,
+    lengths: Sequence[float] | None = None,
+    elastic: bool = False,
+) -> Frequencies:
+    """Natural frequencies about the equilibrium on cables of constant length.
+
+    Args:
+        robot: With its cables.
+        body: That hangs on them, or an estimate of it; None: the nominal platform.
+        pose: x, y, z [m], roll, pitch, yaw [rad]: the cables have the lengths of this pose; with
+            fewer than six cables the body then comes to rest beside it, shape (6,).
+        lengths: Of the cables in place of it, unstrained [m].
+        elastic: Whether the cables stretch and sag as the robot file says; with six cables and more
+            they do in any case.
+
+    Raises:
+        InputError: Neither pose nor lengths, or both; no equilibrium; a body that is not known well
+            enough; no stiffness where it is needed.
+    """
+    known, covariance, weighed = _body(robot, body)
+    if (pose is None) == (lengths is None):
+        raise InputError(
+            "expected either a pose or the lengths of the cables, found"
+            f" {'neither' if pose is None else 'both'}; give one of --pose and --lengths"
+        )
+    if not robot.m:
+        raise InputError(f"robot '{robot.name}': expected cables, found none; use another robot")
+    elastic = elastic or robot.m >= DIRECTIONS
+    if elastic and robot.cable.axial_stiffness is None:
+        raise InputError(
+            f"robot '{robot.name}': expected 'axial_stiffness' under 'cable', found none; state it"
+            + (", or leave --elastic out" if robot.m < DIRECTIONS else "")
+        )
+    if elastic and not weighed:
+        raise InputError(
+            "expected an estimate with a mass, since cables stretch under it, found one without;"
+            " leave --elastic out, or identify with 'known: {mass: …}'"
+        )
+    rest, own = _rest(robot, known, pose, lengths, elastic=elastic)
+    cables = robot if elastic else rigid_cables(robot)
+    squares, shapes = _modes(cables, known, rest)
+    found = np.sqrt(squares) / (2 * np.pi)
+    deviations: list[float | None] = [None] * len(found)
+    if covariance is not None:
+        J = _sensitivity(cables, known, own, rest, len(found))
+        spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", J, covariance, J), 0.0))
+        deviations = [float(v) for v in spread]
+    return Frequencies(
+        robot.name,
+        rest.place,
+        own,
+        rest.tension if weighed else np.full(robot.m, np.nan),
+        tuple(
+            Mode(float(f), s, shape) for f, s, shape in zip(found, deviations, shapes, strict=True)
+        ),
+        elastic,
+    )
+
+
+def _body(robot: Robot, body: Inertia | Estimate | None) -> tuple[Inertia, Array | None, bool]:
+    """The body, the covariance of its ten parameters where there is one, shape (10, 10), and whether
+    its mass is known; else it is one of a kilogram.
+    """
+    if body is None:
+        if robot.platform is None:
+            raise InputError(
+                f"robot '{robot.name}': expected a nominal 'platform', found none; name an estimate"
+            )
+        return robot.platform, None, True
+    if isinstance(body, Inertia):
+        return body, None, True
+    if body.body is not None:
+        return _possible(body.body), body.covariance, True
+    if body.per_mass is not None and np.isfinite(body.per_mass.value).all():
+        value = body.per_mass.value
+        covariance = np.zeros((TEN, TEN))
+        covariance[1:, 1:] = body.per_mass.covariance
+        return _possible(Inertia.from_body_parameters([1.0, *value])), covariance, False
+    missing = [name for name, v in zip(BODY_PARAMETERS, body.value, strict=True) if np.isnan(v)]
+    raise InputError(
+        "expected an estimate of a whole body, or of its inertia per mass, found one without"
+        f" {', '.join(missing)}; record a motion that tells them"
+    )
+
+
+def _possible(body: Inertia) -> Inertia:
+    """The body, if it can exist."""
+    if body.is_physical:
+        return body
+    raise InputError(
+        "expected a body that can exist, found one that cannot; choose the method consistent or"
+        " maximum-likelihood"
+    )
+
+
+def _rest(
+    robot: Robot,
+    body: Inertia,
+    pose: ArrayLike | None,
+    lengths: Sequence[float] | None,
+    *,
+    elastic: bool,
+) -> tuple[Equilibrium, Array]:
+    """Where the body comes to rest, and the lengths of the cables [m], shape (m,)."""
+    if lengths is not None:
+        own = np.asarray(lengths, dtype=np.float64)
+        if own.shape != (robot.m,) or not (np.isfinite(own) & (own > 0)).all():
+            raise InputError(
+                f"--lengths: expected {robot.m} lengths above zero [m], found"
+                f" {', '.join(f'{v:g}' for v in np.ravel(own))}; give one for every cable"
+            )
+        return at_rest(robot, body, own, None, elastic=elastic), own
+    given = np.asarray(pose, dtype=np.float64)
+    if given.shape != (DIRECTIONS,) or not np.isfinite(given).all():
+        raise InputError(
+            "--pose: expected x, y, z [m], roll, pitch, yaw [rad], found"
+            f" {', '.join(f'{v:g}' for v in np.ravel(given))}; correct it"
+        )
+    place = Place(
+        readonly(given[:3], (3,), "position"),
+        Rotation.from_euler("ZYX", given[:2:-1]).as_matrix(),
+    )
+    if robot.m >= DIRECTIONS:
+        return _held(robot, body, place)
+    rigid = rigid_cables(robot)
+    own = forces(rigid, body, place, np.ones(robot.m), np.zeros(6)).length
+    return at_rest(robot, body, own, place, elastic=elastic), own
+
+
+def _held(robot: Robot, body: Inertia, place: Place) -> tuple[Equilibrium, Array]:
+    """A body at rest in a pose that its cables can hold, and their unstrained lengths [m]."""
+    still = np.zeros((1, 3))
+    felt = -(place.rotation.T @ robot.gravity)[None]
+    wrench = platform_wrench(body.parameters, felt, still, still)
+    # Sagging cables pull a little lower than straight ones: their direction follows the tension.
+    cables, tension = robot.with_straight_cables(), np.ones(robot.m)
+    for _ in range(_TURNS):
+        structure = cables_at(cables, place.position[None], place.rotation[None], tension).structure
+        try:
+            tension = distribute(structure, wrench, robot.tension_limits)[0]
+        except InfeasibleError:
+            low, high = robot.tension_limits
+            raise InputError(
+                f"--pose: expected a pose in which the cables of '{robot.name}' can hold"
+                f" {body.mass:.4g} kg with {low:g} to {high:g} N, found that they cannot; choose"
+                " another"
+            ) from None
+        cables = robot
+    length = forces(robot, body, place, tension, np.zeros(6)).length
+    found = settled(robot, body, length, Equilibrium(place, tension))
+    if found is None:
+        raise InputError(
+            "--pose: expected a pose in which the body comes to rest, found none; choose another"
+        )
+    return found, length
+
+
+_TURNS = 3
+"""Tensions and directions of sagging cables in turn."""
+
+
+def _modes(robot: Robot, body: Inertia, rest: Equilibrium) -> tuple[Array, list[Array]]:
+    """Squares of the angular frequencies [1/s^2], ascending, and the shapes of the modes."""
+    at = forces(robot, body, rest.place, rest.tension, np.zeros(6))
+    taut = rest.taut
+    stiffness = -at.by_pose
+    across = np.eye(DIRECTIONS)
+    turns = at.length_by_pose[taut]
+    yields = at.length_by_tension[np.ix_(taut, taut)]
+    if yields.any():
+        stiffness = stiffness + at.by_tension[:, taut] @ np.linalg.solve(yields, turns)
+    else:
+        across = null_space(turns)
+    if not across.shape[1]:
+        raise InputError(
+            f"expected fewer than {DIRECTIONS} taut cables, so that the platform can swing, found"
+            f" {len(taut)}; give --elastic"
+        )
+    mass = mass_matrix(body, rest.place.rotation)
+    reduced = across.T @ (stiffness + stiffness.T) @ across / 2
+    squares, vectors = eigh(reduced, across.T @ mass @ across)
+    if squares[0] < -_UNSTABLE * abs(squares[-1]):
+        raise InputError(
+            "expected an equilibrium that is stable, found one from which the platform falls; check"
+            " the lengths or the pose"
+        )
+    size = _size(robot)
+    return np.maximum(squares, 0.0), [
+        _shape(across @ vector, rest.place.rotation, size) for vector in vectors.T
+    ]
+
+
+def _size(robot: Robot) -> float:
+    """Radius of the platform [m]; of one that hangs on a single point a metre."""
+    return robot.size if robot.size > 0 else 1.0
+
+
+def _shape(change: Array, rotation: Array, size: float) -> Array:
+    """A change of the pose along the axes of the world, of unit length, its largest part positive."""
+    twist = np.concatenate([change[:3], rotation @ change[3:]])
+    scaled = twist * np.array([1.0] * 3 + [size] * 3)
+    largest = scaled[np.argmax(np.abs(scaled))]
+    return np.asarray(twist / (np.sign(largest) * np.linalg.norm(scaled)))
+
+
+def _sensitivity(
+    cables: Robot, body: Inertia, lengths: Array, rest: Equilibrium, count: int
+) -> Array:
+    """How the frequencies follow the ten body parameters on the same lengths, shape (count, 10)."""
+    value, size = body.body_parameters, _size(cables)
+    steps = _STEP * np.array([body.mass, *[size] * 3, *[body.mass * size**2] * 6])
+    found = np.zeros((count, TEN))
+    for i, step in enumerate(steps):
+        sides = []
+        for sign in (1.0, -1.0):
+            other = value.copy()
+            other[i] += sign * step
+            near = Inertia.from_body_parameters(other)
+            start = replace(rest, tension=rest.tension * near.mass / body.mass)
+            moved = settled(cables, near, lengths, start)
+            if moved is None:
+                raise InputError(
+                    "expected an equilibrium that stays where the body changes a little, found a"
+                    " cable at the edge of slack; choose another pose"
+                )
+            sides.append(np.sqrt(_modes(cables, near, moved)[0]) / (2 * np.pi))
+        found[:, i] = (sides[0] - sides[1]) / (2 * step)
+    return found

@@ -1,0 +1,128 @@
+"""A body on cables of constant length: what acts on it about a pose, and how that changes with the
+pose and the tensions.
+
+Small changes of the pose are a displacement of the platform origin along the axes of the world and a
+rotation vector in the platform frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from steelyard import rotations
+from steelyard.arrays import Array
+from steelyard.inertia import Inertia
+from steelyard.robot.kinematics import shapes
+from steelyard.robot.model import Robot
+from steelyard.rotations import cross_matrices
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A pose of the platform."""
+
+    position: Array
+    """Of the platform origin, world frame [m], shape (3,)."""
+    rotation: Array
+    """R_world_platform, shape (3, 3)."""
+
+    def moved(self, change: Array) -> Place:
+        """By a small change, shape (6,)."""
+        turned = np.asarray(ca.evalf(rotations.exp(ca.DM(change[3:]))))
+        return Place(self.position + change[:3], self.rotation @ turned)
+
+
+@dataclass(frozen=True, eq=False)
+class HangingForces:
+    """What acts on a body at a pose, and the lengths of its cables."""
+
+    force: Array
+    """Along the changes of the pose: of weight and cables [N], [N m], shape (6,)."""
+    by_pose: Array
+    """Its derivative by them at constant tensions, shape (6, 6)."""
+    by_tension: Array
+    """Shape (6, m)."""
+    length: Array
+    """Unstrained [m], shape (m,)."""
+    length_by_pose: Array
+    """Shape (m, 6)."""
+    length_by_tension: Array
+    """Shape (m, m); zero where cables neither stretch nor sag."""
+    potential: float
+    """Of the weight [J]."""
+    potential_by_pose: Array
+    """Shape (6,)."""
+
+
+def forces(
+    robot: Robot, body: Inertia, place: Place, tension: Array, change: Array
+) -> HangingForces:
+    """About a pose.
+
+    Args:
+        robot: Its cables.
+        body: That hangs on them.
+        place: The pose.
+        tension: At the platform [N], shape (m,).
+        change: Small, of the pose, shape (6,).
+    """
+    found = _function(robot)(
+        place.position, place.rotation, change, tension, body.mass, body.center_of_gravity
+    )
+    force, by_pose, by_tension, length, l_pose, l_tension, potential, p_pose = map(np.array, found)
+    return HangingForces(
+        force.ravel(),
+        by_pose,
+        by_tension,
+        length.ravel(),
+        l_pose,
+        l_tension,
+        float(potential.item()),
+        p_pose.ravel(),
+    )
+
+
+def mass_matrix(body: Inertia, rotation: Array) -> Array:
+    """Of the kinetic energy by the rates of the changes of the pose, shape (6, 6)."""
+    h = cross_matrices(body.first_moment[None])[0]
+    mixed = -rotation @ h
+    return np.block([[body.mass * np.eye(3), mixed], [mixed.T, body.inertia_about_origin]])
+
+
+@lru_cache(maxsize=16)
+def _function(robot: Robot) -> Any:
+    """Of pose, its change, tensions, mass and centre of gravity to the parts of :class:`HangingForces`."""
+    position, base, change = ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3), ca.SX.sym("x", 6)
+    tension, mass, center = ca.SX.sym("T", robot.m), ca.SX.sym("m"), ca.SX.sym("c", 3)
+    place = position + change[:3]
+    rotation = base @ rotations.exp(change[3:])
+    gravity = ca.DM(robot.gravity)
+    potential = -mass * ca.dot(gravity, place + rotation @ center)
+    cables = shapes(robot, place, rotation, tension)
+    force = mass * gravity
+    torque = mass * ca.cross(center, rotation.T @ gravity)
+    for i, each in enumerate(cables):
+        pull = each.direction * tension[i]
+        force += pull
+        torque += ca.cross(ca.DM(robot.attachments[i]), rotation.T @ pull)
+    total = ca.vertcat(force, torque)
+    length = ca.vertcat(*[each.length for each in cables])
+    return ca.Function(
+        "hanging_body",
+        [position, base, change, tension, mass, center],
+        [
+            total,
+            ca.jacobian(total, change),
+            ca.jacobian(total, tension),
+            length,
+            ca.jacobian(length, change),
+            ca.jacobian(length, tension),
+            potential,
+            ca.gradient(potential, change),
+        ],
+    )

@@ -1,0 +1,98 @@
+"""Bodies of platforms that swing on locked cables, without force sensors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mujoco_swings import swings
+from simulated import sound
+
+from steelyard.errors import InputError
+from steelyard.estimates.per_mass import PerMass
+from steelyard.identification.identify import identify
+from steelyard.identification.methods.force_free import ForceFree
+from steelyard.identification.methods.two_step import TwoStep
+from steelyard.inertia import BODY_PARAMETERS
+
+
+def truth_of(body):
+    return PerMass.of(body.body_parameters, np.zeros((10, 10))).value
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    return swings(4, runs=2, seed=1, duration=5.0, noise=(1e-5, 1e-5), geometry=0.0)
+
+
+def test_per_mass_follows_the_ten_as_differences_do():
+    rng = np.random.default_rng(0)
+    value, root = np.abs(rng.normal(size=10)) + 1, rng.normal(size=(10, 10))
+    found = PerMass.of(value, root @ root.T)
+    step = 1e-6
+    jacobian = np.column_stack(
+        [(truth(value + step * way) - truth(value - step * way)) / (2 * step) for way in np.eye(10)]
+    )
+    np.testing.assert_allclose(found.covariance, jacobian @ root @ root.T @ jacobian.T, rtol=1e-6)
+
+
+def truth(value):
+    return PerMass.of(value, np.zeros((10, 10))).value
+
+
+def test_regression_finds_the_body_where_the_motion_has_hardly_noise(recorded):
+    found = ForceFree()(recorded.experiment)
+    assert found.per_mass is not None
+    off = found.per_mass.value - truth_of(recorded.body)
+    assert np.abs(off[:3]).max() < 2e-3
+    assert np.abs(off[3:]).max() < 0.05 * truth_of(recorded.body)[3:6].max()
+    # Nothing has weighed it.
+    untold = np.isin(BODY_PARAMETERS, ("cx", "cy", "cz"), invert=True)
+    assert np.isnan(found.value[untold]).all()
+    assert np.isfinite(found.value[~untold]).all()
+    assert found.verdict.parameters["mass"] == "unidentifiable"
+    # A baseline is not said to be accepted.
+    assert found.verdict.accepted is None
+    assert str(found.verdict).startswith("not assessed: a baseline")
+    assert found.to_dict()["verdict"]["accepted"] is None
+    entry = found.to_dict()
+    assert entry["mass"] is None
+    assert np.shape(entry["inertia_per_mass"]) == (3, 3)
+    assert np.shape(entry["standard_deviation"]["inertia_per_mass"]) == (3, 3)
+
+
+def test_a_mass_that_is_known_gives_the_inertia(recorded):
+    known = {"mass": (recorded.body.mass, 0.009)}
+    weighed = replace(recorded.experiment, known=known, mass_assumed=False)
+    found, untold = ForceFree()(weighed), ForceFree()(recorded.experiment)
+    assert found.value[0] == recorded.body.mass
+    assert found.standard_deviation[0] == pytest.approx(0.009)
+    np.testing.assert_allclose(found.value[4:] / found.mass, untold.per_mass.value[3:], rtol=1e-9)
+    # All of the inertia follows the mass.
+    relative = found.covariance[4:, 0] / found.value[4:] / found.covariance[0, 0] * found.mass
+    np.testing.assert_allclose(relative, 1.0, rtol=1e-6)
+
+
+def test_methods_that_need_forces_say_so(recorded):
+    assert "force of every cable" in TwoStep().lack(recorded.experiment)
+    assert ForceFree().lack(recorded.experiment) == ""
+
+
+def test_with_forces_there_is_another_method():
+    with pytest.raises(InputError, match="use another method"):
+        ForceFree()(sound(0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("m", [3, 4])
+def test_maximum_likelihood_of_swings_in_mujoco(m):
+    found = identify(swings(m, runs=4, seed=m).experiment)
+    assert list(found.estimates) == ["force-free", "maximum-likelihood"]
+    per_mass = found.estimate.per_mass
+    off = per_mass.value - truth_of(swings(m, runs=0, seed=m).body)
+    scaled = off / per_mass.standard_deviation
+    correlation = per_mass.covariance / np.outer(
+        per_mass.standard_deviation, per_mass.standard_deviation
+    )
+    assert scaled @ np.linalg.solve(correlation, scaled) / 9 < 2.5
+    assert np.abs(off[:3]).max() < 4e-3
+    assert np.abs(off[3:6] / per_mass.value[3:6]).max() < 0.03

@@ -1,0 +1,173 @@
+"""A platform that swings on locked cables in MuJoCo: an oracle that shares no equation of motion
+with the package."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.unread import with_unread_cables
+from steelyard.inertia import Inertia
+from steelyard.instruments.pose import Pose
+from steelyard.robot.model import CableProperties, Robot
+
+STEP = 5e-4  # [s]
+RATE = 100  # [Hz]
+PUSHED = 2.5  # [s] after which nobody touches the platform
+STIFFNESS = 3e5  # EA [N]
+ANCHORS = {
+    1: [[0, 0, 3]],
+    2: [[-2, 0, 3], [2, 0.2, 3]],
+    3: [[-2, -1.5, 3], [2, -1.5, 3], [0, 2, 3]],
+    4: [[-2, -1.5, 3], [2, -1.5, 3], [2, 1.5, 3], [-2, 1.5, 3]],
+}
+ATTACHMENTS = {
+    1: [[0.05, 0, 0.2]],
+    2: [[-0.3, 0, 0.15], [0.3, 0, 0.15]],
+    3: [[-0.3, -0.2, 0.1], [0.3, -0.2, 0.1], [0, 0.3, 0.1]],
+    4: [[-0.3, -0.25, 0.1], [0.3, -0.25, 0.1], [0.3, 0.25, 0.1], [-0.3, 0.25, 0.1]],
+}
+BODY = Inertia(
+    9.0,
+    np.array([0.03, 0.01, -0.03]),
+    np.array([[0.3, -0.02, 0.02], [-0.02, 0.6, 0.003], [0.02, 0.003, 0.65]]),
+)
+
+
+def swinging_robot(m, stiffness=STIFFNESS):
+    cable = CableProperties(axial_stiffness=stiffness)
+    return Robot(f"swing {m}", np.array(ANCHORS[m]), np.array(ATTACHMENTS[m]), cable=cable)
+
+
+def locked_model(robot, body, lengths, damping_ratio=0.0, step=STEP):
+    """The body on tendons of constant unstrained lengths [m]."""
+    numbers = lambda values: " ".join(f"{v:.17g}" for v in np.ravel(values))  # noqa: E731
+    stiffness = robot.cable.axial_stiffness / np.asarray(lengths)
+    damping = 2 * damping_ratio * np.sqrt(stiffness * body.mass / 4)
+    J = body.inertia
+    full = [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]]
+    anchors = "".join(
+        f'<site name="a{i}" pos="{numbers(a)}"/>' for i, a in enumerate(robot.anchors)
+    )
+    attachments = "".join(
+        f'<site name="b{i}" pos="{numbers(b)}"/>' for i, b in enumerate(robot.attachments)
+    )
+    tendons = "".join(
+        f'<spatial stiffness="{stiffness[i]:.17g}" damping="{damping[i]:.17g}"'
+        f' springlength="0 {lengths[i]:.17g}"><site site="a{i}"/><site site="b{i}"/></spatial>'
+        for i in range(robot.m)
+    )
+    return mujoco.MjModel.from_xml_string(f"""
+        <mujoco><option timestep="{step}" integrator="RK4" gravity="{numbers(robot.gravity)}"/>
+        <compiler balanceinertia="false"/>
+        <worldbody>{anchors}<body name="platform"><freejoint/>
+        <inertial mass="{body.mass}" pos="{numbers(body.center_of_gravity)}" fullinertia="{numbers(full)}"/>
+        {attachments}</body></worldbody><tendon>{tendons}</tendon></mujoco>""")
+
+
+def linear_frequencies(robot, body, lengths, start):
+    """Of MuJoCo's accelerations about the equilibrium near a pose [Hz], ascending, by differences."""
+    model = locked_model(robot, body, lengths)
+    data = mujoco.MjData(model)
+    place = np.array(start)
+
+    def acceleration(change):
+        data.qpos[:], data.qvel[:] = place, 0.0
+        mujoco.mj_integratePos(model, data.qpos, np.asarray(change, dtype=float), 1.0)
+        mujoco.mj_forward(model, data)
+        return data.qacc.copy()
+
+    for _ in range(8):
+        ways = 1e-6 * np.eye(6)
+        slope = np.array([(acceleration(d) - acceleration(-d)) / 2e-6 for d in ways]).T
+        step, *_ = np.linalg.lstsq(slope, -acceleration(np.zeros(6)), rcond=1e-12)
+        data.qpos[:] = place
+        mujoco.mj_integratePos(model, data.qpos, step, 1.0)
+        place = data.qpos.copy()
+    squares = np.sort(np.linalg.eigvals(-slope).real)
+    return np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi)
+
+
+@dataclass(frozen=True)
+class Swings:
+    """Recordings of a platform that hands have pushed, and the truth."""
+
+    experiment: Experiment
+    body: Inertia
+
+
+def swings(m, runs, seed, duration=10.0, noise=(3e-4, 5e-4), geometry=0.002):
+    """Pushed by hand on locked cables, seen by motion capture once the hands are off.
+
+    Args:
+        m: Number of cables.
+        runs: Number of recordings.
+        seed: Of everything that is drawn.
+        duration: Of each [s].
+        noise: Of position [m] and orientation [rad].
+        geometry: Errors of anchors and attachments, 1-sigma [m].
+    """
+    rng = np.random.default_rng(seed)
+    drawn = swinging_robot(m)
+    true = Robot(
+        drawn.name,
+        drawn.anchors + geometry * rng.normal(size=drawn.anchors.shape),
+        drawn.attachments + geometry * rng.normal(size=drawn.attachments.shape),
+        cable=drawn.cable,
+    )
+    pose = Pose.model_validate(
+        {
+            "kind": "pose",
+            "noise": {"position": noise[0], "rotation": noise[1]},
+            "calibration": {
+                "frame": {"position": 0.005, "rotation": 0.003},
+                "misalignment": 0.003,
+                "target": 0.002,
+            },
+        }
+    )
+    found = []
+    for i in range(runs):
+        seen = _swing(true, rng, duration)
+        time = 5.0 + np.arange(len(seen)) / RATE
+        turned = Rotation.from_quat(seen[:, 3:7], scalar_first=True)
+        turned = turned * Rotation.from_rotvec(noise[1] * rng.normal(size=(len(seen), 3)))
+        values = {
+            "position": seen[:, :3] + noise[0] * rng.normal(size=(len(seen), 3)),
+            "orientation": turned.as_matrix(),
+        }
+        found.append(Run(f"swing {i}", {"pose": Stream(time, values, "MuJoCo")}, locked=True))
+    uncertainty = {"anchor": geometry, "attachment": geometry, "gravity": 0.005}
+    experiment = Experiment("swings", drawn, {"pose": pose}, tuple(found), uncertainty=uncertainty)
+    return Swings(with_unread_cables(experiment), BODY)
+
+
+def _swing(robot, rng, duration):
+    """Poses after some pushes, of a swing in which every cable stays taut, shape (n, 7)."""
+    while True:
+        place = np.array([rng.uniform(-0.6, 0.6), rng.uniform(-0.4, 0.4), rng.uniform(0.8, 1.6)])
+        lengths = np.linalg.norm(robot.anchors - place - robot.attachments, axis=1)
+        model = locked_model(robot, BODY, lengths, damping_ratio=0.02)
+        data = mujoco.MjData(model)
+        data.qpos[:3], data.qpos[3:] = place, [1, 0, 0, 0]
+        for _ in range(30_000):
+            mujoco.mj_step(model, data)
+            data.qvel[:] *= 0.997
+        pushes = [
+            (rng.uniform(0, 1.5), BODY.mass * rng.normal(size=6) * [1, 1, 0.3, 0.15, 0.15, 0.15])
+            for _ in range(2)
+        ]
+        seen, taut, begun = [], True, data.time
+        while (now := data.time - begun) < PUSHED + duration:
+            push = sum(
+                w * np.sin(np.pi * (now - s) / 0.6) ** 2 for s, w in pushes if s < now < s + 0.6
+            )
+            data.xfrc_applied[1] = push
+            if now >= PUSHED and round(now / STEP) % round(1 / RATE / STEP) == 0:
+                seen.append(data.qpos.copy())
+                taut = taut and bool((data.ten_length > lengths).all())
+            mujoco.mj_step(model, data)
+        if taut:
+            return np.array(seen)
