@@ -167,6 +167,9 @@ def inverse_of(matrix: Array, scale: Array) -> Array:
 
 _STRONG = 1e8
 """Information in units of plausible sizes that is as good as certain."""
+_CLEAR = 4.0
+"""Information of a motion in that of its noise, of which it contains as much again as it scatters, that
+noise does not reach by chance."""
 
 
 def weak_directions(
@@ -198,13 +201,15 @@ def weak_directions(
     # the readings tell, as it would beside it in one matrix.
     left, vectors = np.linalg.eigh(_inverse(np.eye(TEN) + (scaled + scaled.T) / 2))
     values = 1 / np.clip(left, 1e-300, None) - 1
-    # Noise tells as much as it does before anything else is uncertain: so does the motion.
+    # What noise tells is before anything else is uncertain. Where that hides what the motion tells,
+    # the motion has to stand far above the noise likewise.
     alone, by_noise = (
         np.einsum("ij,ik,kj->j", vectors, each * np.outer(scale, scale), vectors)
         for each in (normal[:TEN, :TEN], noise)
     )
     enough = settings.least_information if least is None else least
-    weak = (left > 0) & ((values < enough) | (alone < by_noise))
+    of_noise = (values < by_noise) & (alone < _CLEAR * by_noise)
+    weak = (left > 0) & ((values < enough) | of_noise)
     directions = vectors[:, weak]
     best = float(np.clip(values[left > 0], 1.0, _STRONG).max(initial=1.0))
     held = (directions * (best * settings.held)) @ directions.T / np.outer(scale, scale)
