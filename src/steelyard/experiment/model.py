@@ -111,6 +111,26 @@ class Run:
 
 
 @dataclass(frozen=True, eq=False)
+class SeenFrequencies:
+    """Natural frequencies with which the platform has been seen to swing on cables of constant
+    length.
+    """
+
+    run: str
+    instrument: str
+    row: int
+    """Of the table, from 1."""
+    pose: Array | None
+    """x, y, z [m], roll, pitch, yaw [rad], shape (6,); None: the lengths are given."""
+    lengths: Array | None
+    """Of the cables, unstrained [m], shape (m,); None: the pose is given."""
+    frequency: Array
+    """Ascending [Hz], shape (k,)."""
+    sigma: Array
+    """1-sigma [Hz], shape (k,)."""
+
+
+@dataclass(frozen=True, eq=False)
 class Experiment:
     """One robot, the instruments on it, and the runs recorded with them."""
 
@@ -128,6 +148,8 @@ class Experiment:
     """File that it was read from."""
     surroundings: Surroundings = field(default_factory=Surroundings)
     """What acts on the platform beside its cables."""
+    frequencies: tuple[SeenFrequencies, ...] = ()
+    """Observations that belong to no motion."""
     mass_assumed: bool = False
     """Whether the mass under ``known`` is an assumption, since nothing weighs the platform: first
     moment and inertia are told in multiples of it."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, PlanForm, RunForm
 from steelyard.experiment.model import Experiment, Fault, Run
+from steelyard.experiment.seen_frequencies import with_frequencies_apart
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
 from steelyard.experiment.stuck import without_stuck
 from steelyard.experiment.unread import with_unread_cables
@@ -46,9 +47,10 @@ def read_experiment(path: str | Path) -> Experiment:
     form = validate(ExperimentForm, document)
     robot = _described(form, document)
     runs = tuple(_read_run(i, run, form, robot, document) for i, run in enumerate(form.runs))
-    experiment = with_unread_cables(_experiment(form, robot, runs, path))
-    for i, run in enumerate(experiment.runs):
-        _check_run(experiment, run, document, ("runs", i))
+    experiment = with_unread_cables(with_frequencies_apart(_experiment(form, robot, runs, path)))
+    numbers = {run.name: i for i, run in enumerate(runs)}
+    for run in experiment.runs:
+        _check_run(experiment, run, document, ("runs", numbers[run.name]))
     return experiment
 
 
@@ -205,7 +207,7 @@ def _read_run(
                 place,
                 whole.instruments[name],
                 robot.m,
-                static=form.static,
+                static=form.static or whole.instruments[name].tabular,
                 claimed=claimed,
                 span=spans.get(name),
             )
@@ -217,7 +219,9 @@ def _read_run(
             ) from None
     excluded: tuple[Fault, ...] = ()
     if not form.static:
-        streams, excluded = without_stuck(streams, whole.instruments)
+        timed = {k: v for k, v in streams.items() if not whole.instruments[k].tabular}
+        timed, excluded = without_stuck(timed, whole.instruments)
+        streams |= timed
     return Run(
         name=form.name,
         streams=streams,
@@ -246,7 +250,8 @@ def _spans(
         event = first_time(places[force])
         # Clocks that agree have their event at the same time; of others only the forces' is known
         # yet.
-        sync = dict.fromkeys(places if form.sync != "auto" else [force], event)
+        timed = [name for name in places if not whole.instruments[name].tabular]
+        sync = dict.fromkeys(timed if form.sync != "auto" else [force], event)
     start, end = form.window
     return sync, {
         name: (event + start - _BESIDE, event + end + _BESIDE) for name, event in sync.items()
@@ -261,7 +266,7 @@ def _sync(
         return {}
     given = dict(form.sync)
     for name, stream in form.streams.items():
-        if name in given:
+        if name in given or whole.instruments[name].tabular:
             continue
         clock = whole.instruments[name].clock
         partners = [

@@ -53,7 +53,9 @@ def with_unread_cables(experiment: Experiment) -> Experiment:
 def is_unread(experiment: Experiment) -> bool:
     """Whether no run reads the forces that carry the platform."""
     hangs = any(isinstance(each, UnreadCables) for each in experiment.instruments.values())
-    return hangs and not any(_weighs(experiment, run) for run in experiment.runs)
+    return (hangs or bool(experiment.frequencies)) and not any(
+        _weighs(experiment, run) for run in experiment.runs
+    )
 
 
 def _weighs(experiment: Experiment, run: Run) -> bool:

@@ -16,11 +16,21 @@ from steelyard.instruments.imu import Imu as Imu
 from steelyard.instruments.length import Length as Length
 from steelyard.instruments.pose import Pose as Pose
 from steelyard.instruments.position import Position as Position
+from steelyard.instruments.swing_frequencies import SwingFrequencies as SwingFrequencies
 from steelyard.instruments.tension import Tension as Tension
 from steelyard.instruments.wrench import Wrench as Wrench
 
 AnyInstrument = Annotated[
-    Tension | Wrench | Imu | Attitude | Position | Pose | Length | Distance | Command,
+    Tension
+    | Wrench
+    | Imu
+    | Attitude
+    | Position
+    | Pose
+    | Length
+    | Distance
+    | Command
+    | SwingFrequencies,
     Field(discriminator="kind"),
 ]
 """Every kind, told apart by its key ``kind``."""

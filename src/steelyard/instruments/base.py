@@ -248,6 +248,8 @@ class Instrument(FileModel, ABC):
     """Field of :class:`steelyard.motion.state.State` that a force instrument reads."""
     per_cable: ClassVar[bool] = False
     """Whether it has a reading for every cable."""
+    tabular: ClassVar[bool] = False
+    """Whether its rows are observations without a time, each about a pose of its own."""
 
     kind: str
     clock: str | None = None
@@ -270,7 +272,8 @@ class Instrument(FileModel, ABC):
     @property
     def is_motion(self) -> bool:
         """Whether it measures how the platform moves, by itself and not by its cables."""
-        return self.is_measurement and not self.is_force and not self.per_cable
+        otherwise = self.is_force or self.per_cable or self.tabular
+        return self.is_measurement and not otherwise
 
     @property
     def is_cable_motion(self) -> bool:

@@ -115,6 +115,54 @@ def frequencies(
             enough; no stiffness where it is needed.
     """
     known, covariance, weighed = _body(robot, body)
+    if elastic and not weighed:
+        raise InputError(
+            "expected an estimate with a mass, since cables stretch under it, found one without;"
+            " leave --elastic out, or identify with 'known: {mass: …}'"
+        )
+    found = natural(robot, known, pose=pose, lengths=lengths, elastic=elastic)
+    deviations: list[float | None] = [None] * len(found.frequencies)
+    if covariance is not None:
+        J = sensitivity(found)
+        spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", J, covariance, J), 0.0))
+        deviations = [float(v) for v in spread]
+    modes = zip(found.frequencies, deviations, found.shapes, strict=True)
+    return Frequencies(
+        robot.name,
+        found.rest.place,
+        found.lengths,
+        found.rest.tension if weighed else np.full(robot.m, np.nan),
+        tuple(Mode(float(f), sigma, shape) for f, sigma, shape in modes),
+        found.elastic,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class NaturalModes:
+    """A body at rest on cables, and its natural modes."""
+
+    cables: Robot
+    """As they act: of constant length, or elastic."""
+    body: Inertia
+    lengths: Array
+    """Unstrained [m], shape (m,)."""
+    rest: Equilibrium
+    frequencies: Array
+    """Ascending [Hz], shape (k,)."""
+    shapes: tuple[Array, ...]
+    """See :class:`Mode`."""
+    elastic: bool
+
+
+def natural(
+    robot: Robot,
+    body: Inertia,
+    *,
+    pose: ArrayLike | None = None,
+    lengths: ArrayLike | None = None,
+    elastic: bool = False,
+) -> NaturalModes:
+    """Natural modes of a body; arguments and errors of :func:`frequencies`."""
     if (pose is None) == (lengths is None):
         raise InputError(
             "expected either a pose or the lengths of the cables, found"
@@ -128,30 +176,11 @@ def frequencies(
             f"robot '{robot.name}': expected 'axial_stiffness' under 'cable', found none; state it"
             + (", or leave --elastic out" if robot.m < DIRECTIONS else "")
         )
-    if elastic and not weighed:
-        raise InputError(
-            "expected an estimate with a mass, since cables stretch under it, found one without;"
-            " leave --elastic out, or identify with 'known: {mass: …}'"
-        )
-    rest, own = _rest(robot, known, pose, lengths, elastic=elastic)
+    rest, own = _rest(robot, body, pose, lengths, elastic=elastic)
     cables = robot if elastic else rigid_cables(robot)
-    squares, shapes = _modes(cables, known, rest)
+    squares, shapes = _modes(cables, body, rest)
     found = np.sqrt(squares) / (2 * np.pi)
-    deviations: list[float | None] = [None] * len(found)
-    if covariance is not None:
-        J = _sensitivity(cables, known, own, rest, len(found))
-        spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", J, covariance, J), 0.0))
-        deviations = [float(v) for v in spread]
-    return Frequencies(
-        robot.name,
-        rest.place,
-        own,
-        rest.tension if weighed else np.full(robot.m, np.nan),
-        tuple(
-            Mode(float(f), s, shape) for f, s, shape in zip(found, deviations, shapes, strict=True)
-        ),
-        elastic,
-    )
+    return NaturalModes(cables, body, own, rest, found, tuple(shapes), elastic)
 
 
 def _body(robot: Robot, body: Inertia | Estimate | None) -> tuple[Inertia, Array | None, bool]:
@@ -194,7 +223,7 @@ def _rest(
     robot: Robot,
     body: Inertia,
     pose: ArrayLike | None,
-    lengths: Sequence[float] | None,
+    lengths: ArrayLike | None,
     *,
     elastic: bool,
 ) -> tuple[Equilibrium, Array]:
@@ -300,13 +329,16 @@ def _shape(change: Array, rotation: Array, size: float) -> Array:
     return np.asarray(twist / (np.sign(largest) * np.linalg.norm(scaled)))
 
 
-def _sensitivity(
-    cables: Robot, body: Inertia, lengths: Array, rest: Equilibrium, count: int
-) -> Array:
-    """How the frequencies follow the ten body parameters on the same lengths, shape (count, 10)."""
+def sensitivity(found: NaturalModes) -> Array:
+    """How frequencies [Hz] follow the ten body parameters on the same lengths, shape (k, 10).
+
+    Raises:
+        InputError: A cable is at the edge of slack.
+    """
+    cables, body, rest = found.cables, found.body, found.rest
     value, size = body.body_parameters, _size(cables)
     steps = _STEP * np.array([body.mass, *[size] * 3, *[body.mass * size**2] * 6])
-    found = np.zeros((count, TEN))
+    slopes = np.zeros((len(found.frequencies), TEN))
     for i, step in enumerate(steps):
         sides = []
         for sign in (1.0, -1.0):
@@ -314,12 +346,12 @@ def _sensitivity(
             other[i] += sign * step
             near = Inertia.from_body_parameters(other)
             start = replace(rest, tension=rest.tension * near.mass / body.mass)
-            moved = settled(cables, near, lengths, start)
+            moved = settled(cables, near, found.lengths, start)
             if moved is None:
                 raise InputError(
                     "expected an equilibrium that stays where the body changes a little, found a"
                     " cable at the edge of slack; choose another pose"
                 )
             sides.append(np.sqrt(_modes(cables, near, moved)[0]) / (2 * np.pi))
-        found[:, i] = (sides[0] - sides[1]) / (2 * step)
-    return found
+        slopes[:, i] = (sides[0] - sides[1]) / (2 * step)
+    return slopes

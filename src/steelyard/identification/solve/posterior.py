@@ -29,6 +29,7 @@ from steelyard.identification.solve.normal_equations import (
     summed,
 )
 from steelyard.inertia import BODY_PARAMETERS, TEN, Inertia, body_jacobian
+from steelyard.natural_frequencies.information import frequency_information
 
 Progress = Callable[[str, float], None] | None
 """Is called with what is being done and the fraction that is done."""
@@ -193,11 +194,16 @@ def known_body(experiment: Experiment, parameters: Array, size: float) -> tuple[
     """Precision of what is known about the body beforehand, and its pull, shapes (10, 10) and
     (10,).
 
-    That it is not much larger than its robot, and what the user knows. Without the former an
+    That it is not much larger than its robot, what natural frequencies tell that somebody has seen, and
+    what the user knows. Without the former an
     inertia that the data do not tell may grow until unseen vibrations explain all torques with it.
     """
     sizes = plausible(parameters, size)
     precision, pull = np.diag((_LARGEST * sizes) ** -2), np.zeros(TEN)
+    seen = frequency_information(experiment, parameters, sizes)
+    if seen is not None:
+        of_seen, toward = seen.about()
+        precision, pull = precision + of_seen, pull + toward
     if not experiment.known:
         return precision, pull
     body = Inertia.from_parameters(parameters).body_parameters

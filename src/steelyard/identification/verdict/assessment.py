@@ -20,7 +20,7 @@ from steelyard.arrays import Array
 from steelyard.experiment.faults import channels, clipped
 from steelyard.identification.model.balance import UNMODELLED_PARTS
 from steelyard.identification.model.calibration_parameters import DRAG, ROBOT
-from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.solve.posterior import Posterior, plausible
 from steelyard.identification.verdict.diagnosis import diagnose
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.identification.verdict.swinging import swinging
@@ -450,11 +450,15 @@ def _of_runs(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     if not len(use):
         return
     chi = 0.0
+    size = plausible(posterior.parameters, posterior.size)[use]
     for scores, each in zip(by_run - by_run.mean(axis=0), sums, strict=True):
-        information = each.normal[np.ix_(use, use)]
-        chi += float(
-            scores[use] @ np.linalg.pinv(information, rcond=1e-10, hermitian=True) @ scores[use]
-        )
+        # Noise of a motion gives its scores a mean where it tells hardly more than noise would:
+        # unknown, since the motion follows the readings, up to what it takes of each parameter.
+        taken = each.noise[np.ix_(use, use)] * posterior.parameters[use]
+        variance = each.normal[np.ix_(use, use)] + taken @ taken.T
+        scaled = scores[use] * size
+        inverse = np.linalg.pinv(variance * np.outer(size, size), rcond=1e-10, hermitian=True)
+        chi += float(scaled @ inverse @ scaled)
     freedom = (len(sums) - 1) * len(use)
     if chi2.sf(chi / posterior.noise_factor, freedom) < settings.family / 10:
         yield (

@@ -96,9 +96,11 @@ class Swings:
 
     experiment: Experiment
     body: Inertia
+    true: Robot
+    """With the errors of its geometry."""
 
 
-def swings(m, runs, seed, duration=10.0, noise=(3e-4, 5e-4), geometry=0.002):
+def swings(m, runs, seed, duration=10.0, noise=(3e-4, 5e-4), geometry=0.002, body=BODY):
     """Pushed by hand on locked cables, seen by motion capture once the hands are off.
 
     Args:
@@ -108,6 +110,7 @@ def swings(m, runs, seed, duration=10.0, noise=(3e-4, 5e-4), geometry=0.002):
         duration: Of each [s].
         noise: Of position [m] and orientation [rad].
         geometry: Errors of anchors and attachments, 1-sigma [m].
+        body: That swings.
     """
     rng = np.random.default_rng(seed)
     drawn = swinging_robot(m)
@@ -130,7 +133,7 @@ def swings(m, runs, seed, duration=10.0, noise=(3e-4, 5e-4), geometry=0.002):
     )
     found = []
     for i in range(runs):
-        seen = _swing(true, rng, duration)
+        seen = _swing(true, body, rng, duration)
         time = 5.0 + np.arange(len(seen)) / RATE
         turned = Rotation.from_quat(seen[:, 3:7], scalar_first=True)
         turned = turned * Rotation.from_rotvec(noise[1] * rng.normal(size=(len(seen), 3)))
@@ -141,33 +144,38 @@ def swings(m, runs, seed, duration=10.0, noise=(3e-4, 5e-4), geometry=0.002):
         found.append(Run(f"swing {i}", {"pose": Stream(time, values, "MuJoCo")}, locked=True))
     uncertainty = {"anchor": geometry, "attachment": geometry, "gravity": 0.005}
     experiment = Experiment("swings", drawn, {"pose": pose}, tuple(found), uncertainty=uncertainty)
-    return Swings(with_unread_cables(experiment), BODY)
+    return Swings(with_unread_cables(experiment), body, true)
 
 
-def _swing(robot, rng, duration):
+def _swing(robot, body, rng, duration):
     """Poses after some pushes, of a swing in which every cable stays taut, shape (n, 7)."""
+    every = round(1 / RATE / STEP)
     while True:
         place = np.array([rng.uniform(-0.6, 0.6), rng.uniform(-0.4, 0.4), rng.uniform(0.8, 1.6)])
         lengths = np.linalg.norm(robot.anchors - place - robot.attachments, axis=1)
-        model = locked_model(robot, BODY, lengths, damping_ratio=0.02)
+        model = locked_model(robot, body, lengths, damping_ratio=0.02)
         data = mujoco.MjData(model)
         data.qpos[:3], data.qpos[3:] = place, [1, 0, 0, 0]
-        for _ in range(30_000):
-            mujoco.mj_step(model, data)
-            data.qvel[:] *= 0.997
+        # In honey until it hangs still.
+        model.dof_damping[:] = 6 * body.mass * np.array([1, 1, 1, 0.1, 0.1, 0.1])
+        mujoco.mj_step(model, data, 30_000)
+        model.dof_damping[:] = 0.0
         pushes = [
-            (rng.uniform(0, 1.5), BODY.mass * rng.normal(size=6) * [1, 1, 0.3, 0.15, 0.15, 0.15])
+            (rng.uniform(0, 1.5), body.mass * rng.normal(size=6) * [1, 1, 0.3, 0.15, 0.15, 0.15])
             for _ in range(2)
         ]
-        seen, taut, begun = [], True, data.time
-        while (now := data.time - begun) < PUSHED + duration:
-            push = sum(
+        begun = data.time
+        while (now := data.time - begun) < PUSHED:
+            data.xfrc_applied[1] = sum(
                 w * np.sin(np.pi * (now - s) / 0.6) ** 2 for s, w in pushes if s < now < s + 0.6
             )
-            data.xfrc_applied[1] = push
-            if now >= PUSHED and round(now / STEP) % round(1 / RATE / STEP) == 0:
-                seen.append(data.qpos.copy())
-                taut = taut and bool((data.ten_length > lengths).all())
             mujoco.mj_step(model, data)
+        seen = []
+        for _ in range(round(duration * RATE)):
+            seen.append(data.qpos.copy())
+            taut = bool((data.ten_length > lengths).all())
+            if not taut:
+                break
+            mujoco.mj_step(model, data, every)
         if taut:
             return np.array(seen)
