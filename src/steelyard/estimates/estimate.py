@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.digits import LABELS, number, ten_numbers
 from steelyard.display import Display
+from steelyard.estimates.geometry import FoundGeometry
 from steelyard.estimates.per_mass import PER_MASS_PARAMETERS, PerMass
 from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS, Inertia, symmetric
 from steelyard.robot.model import Robot
@@ -79,6 +80,8 @@ class Estimate(Tabular):
     """What a reader should know."""
     per_mass: PerMass | None = None
     """Centre of gravity and inertia over mass, where the mass is not measured by the forces."""
+    geometry: FoundGeometry | None = None
+    """Of the robot, as it was found beside these."""
 
     @property
     def mass(self) -> float:
@@ -139,6 +142,8 @@ class Estimate(Tabular):
                 "parameters": list(PER_MASS_PARAMETERS),
                 "matrix": plain(self.per_mass.covariance),
             }
+        if self.geometry is not None:
+            entries["geometry"] = self.geometry.to_dict()
         if self.residuals:
             entries["residuals"] = plain(self.residuals)
         if self.details:

@@ -16,6 +16,7 @@ from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.estimates.covariance_check import ROUNDED, covariance_problem
 from steelyard.estimates.estimate import FORMAT, Estimate, Label, Verdict
+from steelyard.estimates.geometry import FoundGeometry
 from steelyard.estimates.named_estimate import (
     FILE_NAME,
     LONGEST_NAME,
@@ -95,6 +96,16 @@ class _CovarianceForm(_LenientForm):
     matrix: tuple[tuple[Number, ...], ...]
 
 
+class _PointsForm(_LenientForm):
+    anchors: tuple[_Known, ...]
+    attachments: tuple[_Known, ...]
+
+
+class _GeometryForm(_PointsForm):
+    nominal: _PointsForm
+    covariance: _CovarianceForm
+
+
 class _VerdictForm(_LenientForm):
     accepted: bool | None
     reasons: tuple[str, ...] = ()
@@ -106,6 +117,7 @@ class _EntryForm(_BodyForm):
     covariance: _CovarianceForm | None = None
     inertia_per_mass: tuple[Triple, Triple, Triple] | None = None
     covariance_per_mass: _CovarianceForm | None = None
+    geometry: _GeometryForm | None = None
     verdict: _VerdictForm
     notes: tuple[str, ...] = ()
 
@@ -295,6 +307,7 @@ def _estimate(document: YamlDocument, name: str, entry: _EntryForm) -> Estimate:
         ),
         notes=tuple(printable(note) for note in entry.notes),
         per_mass=_per_mass(document, key, entry),
+        geometry=_geometry(document, key, entry.geometry),
     )
 
 
@@ -319,6 +332,36 @@ def _per_mass(document: YamlDocument, key: tuple[str, ...], entry: _EntryForm) -
     if problem is not None:
         raise document.error((*key, "covariance_per_mass", "matrix"), f"{problem}; correct it")
     return PerMass(value, (matrix + matrix.T) / 2)
+
+
+def _geometry(
+    document: YamlDocument, key: tuple[str, ...], form: _GeometryForm | None
+) -> FoundGeometry | None:
+    """Anchors and attachments as they were found, where they are there."""
+    if form is None:
+        return None
+    counts = [len(each) for of in (form, form.nominal) for each in (of.anchors, of.attachments)]
+    if len(set(counts)) > 1:
+        raise document.error(
+            (*key, "geometry"),
+            "expected as many anchors as attachments, found"
+            f" {', '.join(str(each) for each in counts)}; let identify write the file again",
+        )
+    points, nominal = (
+        np.array([of.anchors, of.attachments], dtype=np.float64) for of in (form, form.nominal)
+    )
+    matrix = np.array(form.covariance.matrix, dtype=np.float64)
+    found = FoundGeometry(nominal, points, matrix)
+    if form.covariance.parameters != found.names() or matrix.shape != (len(found.names()),) * 2:
+        raise document.error(
+            (*key, "geometry", "covariance"),
+            f"expected a matrix over {', '.join(found.names()[:10])}, …, found one of shape"
+            f" {matrix.shape}; let identify write the file again",
+        )
+    problem = covariance_problem(matrix, list(found.names()))
+    if problem is not None:
+        raise document.error((*key, "geometry", "covariance", "matrix"), f"{problem}; correct it")
+    return found
 
 
 def _ten(document: YamlDocument, key: tuple[str, ...], body: _BodyForm) -> Array:

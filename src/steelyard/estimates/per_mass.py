@@ -37,18 +37,24 @@ class PerMass:
         """Of the ten of :data:`steelyard.inertia.BODY_PARAMETERS` and their covariance, shapes (10,)
         and (10, 10).
         """
-        mass, ratios = value[0], value[4:] / value[0]
-        jacobian = np.zeros((9, 10))
-        jacobian[:3, 1:4] = np.eye(3)
-        jacobian[3:, 4:] = np.eye(6) / mass
-        jacobian[3:, 0] = -np.where(np.isfinite(ratios), ratios, 0.0) / mass
+        jacobian = cls.jacobian(value)
         known = np.isfinite(value[1:])
         whole = np.where(np.isfinite(covariance), covariance, 0.0)
         spread = jacobian @ whole @ jacobian.T
         return cls(
-            np.concatenate([value[1:4], ratios]),
+            np.concatenate([value[1:4], value[4:] / value[0]]),
             np.where(np.outer(known, known), (spread + spread.T) / 2, np.nan),
         )
+
+    @staticmethod
+    def jacobian(value: Array) -> Array:
+        """Derivative of the nine by the ten body parameters, shape (9, 10)."""
+        mass, ratios = value[0], value[4:] / value[0]
+        found = np.zeros((9, 10))
+        found[:3, 1:4] = np.eye(3)
+        found[3:, 4:] = np.eye(6) / mass
+        found[3:, 0] = -np.where(np.isfinite(ratios), ratios, 0.0) / mass
+        return found
 
     @property
     def inertia(self) -> Array:

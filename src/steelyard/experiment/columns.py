@@ -29,7 +29,10 @@ def stream_columns(
         if quantity.name not in values:
             continue
         numbers = values[quantity.name]
-        form = quantity.forms[0]
+        form = next(
+            (f for f in quantity.forms if quantity.rotation or len(f) == numbers.shape[1]),
+            quantity.forms[0],
+        )
         if quantity.rotation:
             numbers = _as_columns(numbers, form)
         unit = "1" if len(form) == 4 and quantity.rotation else quantity.unit

@@ -128,6 +128,8 @@ class SeenFrequencies:
     """Ascending [Hz], shape (k,)."""
     sigma: Array
     """1-sigma [Hz], shape (k,)."""
+    noise: float | None
+    """The same as it was stated of the table [Hz]; None: it was not."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run, SeenFrequencies, Stream
 from steelyard.instruments.swing_frequencies import SwingFrequencies
@@ -77,25 +76,42 @@ def _rows(experiment: Experiment, run: Run, name: str, stream: Stream) -> Iterat
             lengths=given[0] if given[0] is not pose else None,
             frequency=seen,
             sigma=sigma,
+            noise=instrument.noise,
         )
 
 
-def frequency_table(seen: list[SeenFrequencies]) -> dict[str, Array]:
-    """Rows of one table as columns of the contract, NaN where nothing stands, shape (n,) each."""
-    columns: dict[str, Array] = {}
-    most = max(len(each.frequency) for each in seen)
-    rows = []
-    for each in seen:
-        place = each.pose if each.pose is not None else each.lengths
-        assert place is not None
-        padded = np.full(most, np.nan)
-        padded[: len(each.frequency)] = each.frequency
-        rows.append((each.pose is not None, place, padded))
-    for posed, names in (
-        (True, ["x", "y", "z", "roll", "pitch", "yaw"]),
-        (False, [f"l{i + 1}" for i in range(max(len(p) for _, p, _ in rows))]),
-    ):
-        if any(own == posed for own, *_ in rows):
-            for i, name in enumerate(names):
-                columns[name] = np.array([p[i] if own == posed else np.nan for own, p, _ in rows])
-    return columns | {f"f{i + 1}": np.array([f[i] for *_, f in rows]) for i in range(most)}
+def with_frequencies_together(experiment: Experiment) -> Experiment:
+    """The experiment with its natural frequencies as tables of its runs, as files have them.
+
+    Args:
+        experiment: Of :func:`with_frequencies_apart`.
+    """
+    tables: dict[tuple[str, str], list[SeenFrequencies]] = {}
+    for each in experiment.frequencies:
+        tables.setdefault((each.run, each.instrument), []).append(each)
+    instruments, runs = dict(experiment.instruments), {run.name: run for run in experiment.runs}
+    for (name, instrument), rows in tables.items():
+        stated = {} if rows[0].noise is None else {"noise": rows[0].noise}
+        instruments[instrument] = SwingFrequencies.model_validate({"kind": "frequencies", **stated})
+        run = runs.get(name, Run(name, {}))
+        runs[name] = replace(run, streams={**run.streams, instrument: _table(rows)})
+    return replace(experiment, instruments=instruments, runs=tuple(runs.values()), frequencies=())
+
+
+def _table(rows: Sequence[SeenFrequencies]) -> Stream:
+    """Rows of one table, NaN where nothing stands."""
+    seen = np.full((len(rows), max(len(each.frequency) for each in rows)), np.nan)
+    for own, each in zip(seen, rows, strict=True):
+        own[: len(each.frequency)] = each.frequency
+    values = {"frequencies": seen}
+    poses, lengths = (
+        [each for each in places if each is not None]
+        for places in ([each.pose for each in rows], [each.lengths for each in rows])
+    )
+    if poses:
+        whole = np.array([np.full(6, np.nan) if r.pose is None else r.pose for r in rows])
+        values |= {"position": whole[:, :3], "angles": whole[:, 3:]}
+    if lengths:
+        none = np.full(len(lengths[0]), np.nan)
+        values["lengths"] = np.array([none if r.lengths is None else r.lengths for r in rows])
+    return Stream(np.arange(float(len(rows))), values, rows[0].instrument)

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from steelyard.experiment.columns import stream_columns
 from steelyard.experiment.form import FORMAT
 from steelyard.experiment.model import Experiment, Stream
+from steelyard.experiment.seen_frequencies import with_frequencies_together
 from steelyard.instruments import Instrument
 from steelyard.instruments.unread_cables import UnreadCables
 from steelyard.robot.file import bundled_names, read_robot, robot_file
@@ -44,6 +45,7 @@ def write_experiment(
         with_robot: Whether to write the robot file of a bundled robot too, so that the folder says
             all by itself.
     """
+    experiment = with_frequencies_together(experiment)
     folder = Path(folder)
     description = robot_file(experiment.robot)
     bundled = (
@@ -70,7 +72,8 @@ def write_experiment(
             file = f"{place}/{names[name]}.{tables}"
             write = write_stream if tables == "csv" else write_parquet_stream
             instrument, m = experiment.instruments[name], experiment.robot.m
-            write(stream, instrument, m, folder / file, timed=not run.static)
+            timed = not (run.static or instrument.tabular)
+            write(stream, instrument, m, folder / file, timed=timed)
             entry[name] = file
         if run.sync:
             entry["sync"] = {k: v for k, v in run.sync.items() if k in entry}

@@ -23,6 +23,7 @@ from steelyard.estimates.estimate import (
 )
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.unread import is_unread
+from steelyard.identification.by_frequencies import by_frequencies
 from steelyard.identification.methods.consistent import Consistent
 from steelyard.identification.methods.force_free import ForceFree
 from steelyard.identification.methods.instrumental_variables import InstrumentalVariables
@@ -190,7 +191,13 @@ def identify(
     chosen = chosen_methods(methods or default_methods(experiment), ready)
     if ALL in methods:
         chosen = [each for each in chosen if not (each.is_baseline and each.lack(experiment))]
+        if not experiment.runs:
+            chosen = [each for each in chosen if each.name == MaximumLikelihood.name]
     names = [run.name for run in experiment.runs]
+    if holdout and not names:
+        raise InputError(
+            "--holdout: expected runs in motion, found natural frequencies alone; leave it out"
+        )
     for name in holdout:
         if name not in names:
             raise InputError(
@@ -255,6 +262,12 @@ def _estimate(
 ) -> Estimate:
     """By one method; a posterior that several draw from is fitted once, and not in vain."""
     fit = method.fit
+    if not experiment.runs:
+        if method.name != MaximumLikelihood.name:
+            return no_estimate(
+                method.name, "it needs a run in motion, found natural frequencies alone"
+            )
+        return by_frequencies(experiment, method.name)
     if fit is None or method.lack(experiment):
         return method(experiment, progress)
     if fit not in posteriors:
@@ -277,6 +290,8 @@ def default_methods(experiment: Experiment) -> tuple[str, ...]:
     """The best there is, with the usual regression beside it: the two steps of the paper, or without
     forces that on what the cables cannot carry.
     """
+    if not experiment.runs:
+        return (MaximumLikelihood.name,)
     baseline = ForceFree.name if is_unread(experiment) else TwoStep.name
     return (baseline, MaximumLikelihood.name)
 

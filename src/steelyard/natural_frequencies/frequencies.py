@@ -21,6 +21,7 @@ from steelyard.arrays import Array, readonly
 from steelyard.dynamics import platform_wrench
 from steelyard.errors import InfeasibleError, InputError
 from steelyard.estimates.estimate import Estimate
+from steelyard.estimates.geometry import FoundGeometry
 from steelyard.inertia import BODY_PARAMETERS, TEN, Inertia
 from steelyard.natural_frequencies.equilibrium import Equilibrium, at_rest, rigid_cables, settled
 from steelyard.natural_frequencies.hanging_body import Place, forces, mass_matrix
@@ -120,21 +121,78 @@ def frequencies(
             "expected an estimate with a mass, since cables stretch under it, found one without;"
             " leave --elastic out, or identify with 'known: {mass: …}'"
         )
+    geometry = body.geometry if isinstance(body, Estimate) and not elastic else None
+    if geometry is not None and robot.m < DIRECTIONS and geometry.is_of(robot):
+        return _with_geometry(robot, known, geometry, pose, lengths, weighed=weighed)
     found = natural(robot, known, pose=pose, lengths=lengths, elastic=elastic)
     deviations: list[float | None] = [None] * len(found.frequencies)
     if covariance is not None:
         J = sensitivity(found)
         spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", J, covariance, J), 0.0))
         deviations = [float(v) for v in spread]
+    return _told(found, deviations, weighed=weighed)
+
+
+def _told(found: NaturalModes, deviations: Sequence[float | None], *, weighed: bool) -> Frequencies:
+    """What there is to tell of natural modes, with their 1-sigma."""
     modes = zip(found.frequencies, deviations, found.shapes, strict=True)
+    tension = found.rest.tension
     return Frequencies(
-        robot.name,
+        found.cables.name,
         found.rest.place,
         found.lengths,
-        found.rest.tension if weighed else np.full(robot.m, np.nan),
+        tension if weighed else np.full(len(tension), np.nan),
         tuple(Mode(float(f), sigma, shape) for f, sigma, shape in modes),
         found.elastic,
     )
+
+
+def _with_geometry(
+    robot: Robot,
+    body: Inertia,
+    geometry: FoundGeometry,
+    pose: ArrayLike | None,
+    lengths: ArrayLike | None,
+    *,
+    weighed: bool,
+) -> Frequencies:
+    """On the robot as it was found beside the body: errors of both go together."""
+    found = natural(geometry.of(robot), body, pose=pose, lengths=lengths)
+    per_mass = sensitivity(found)[:, 1:] * [1, 1, 1, *[body.mass] * 6]
+    J = np.hstack([per_mass, _by_points(found, robot, geometry, pose, lengths)])
+    spread = np.einsum("ij,jk,ik->i", J, geometry.covariance, J)
+    return _told(found, np.sqrt(np.maximum(spread, 0.0)).tolist(), weighed=weighed)
+
+
+def _by_points(
+    found: NaturalModes,
+    robot: Robot,
+    geometry: FoundGeometry,
+    pose: ArrayLike | None,
+    lengths: ArrayLike | None,
+) -> Array:
+    """How frequencies [Hz] follow the coordinates of anchors and attachments, shape (k, 6 m)."""
+    slopes = []
+    for place in np.ndindex(geometry.points.shape):
+        sides = []
+        for sign in (1.0, -1.0):
+            points = geometry.points.copy()
+            points[place] += sign * _MOVED
+            moved = replace(geometry, points=points).of(robot)
+            near = natural(moved, found.body, pose=pose, lengths=lengths)
+            if len(near.frequencies) != len(found.frequencies):
+                raise InputError(_AT_THE_EDGE)
+            sides.append(near.frequencies)
+        slopes.append((sides[0] - sides[1]) / (2 * _MOVED))
+    return np.column_stack(slopes)
+
+
+_MOVED = 1e-5
+"""Step of a coordinate [m]."""
+_AT_THE_EDGE = (
+    "expected an equilibrium that stays where body or robot change a little, found a cable at the"
+    " edge of slack; choose another pose"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,10 +406,7 @@ def sensitivity(found: NaturalModes) -> Array:
             start = replace(rest, tension=rest.tension * near.mass / body.mass)
             moved = settled(cables, near, found.lengths, start)
             if moved is None:
-                raise InputError(
-                    "expected an equilibrium that stays where the body changes a little, found a"
-                    " cable at the edge of slack; choose another pose"
-                )
+                raise InputError(_AT_THE_EDGE)
             sides.append(np.sqrt(_modes(cables, near, moved)[0]) / (2 * np.pi))
         slopes[:, i] = (sides[0] - sides[1]) / (2 * step)
     return slopes

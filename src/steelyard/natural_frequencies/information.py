@@ -85,6 +85,21 @@ def frequency_information(
     return FrequencyInformation(seen, predicted, np.array(scaled), J, spread)
 
 
+def check_predictable(experiment: Experiment, body: Inertia) -> None:
+    """Refuse rows of frequencies at which a body cannot hang.
+
+    Raises:
+        InputError: With the row, and why.
+    """
+    for each in experiment.frequencies:
+        try:
+            _modes_of(experiment.robot, body, each)
+        except InputError as error:
+            raise InputError(
+                f"run '{each.run}': row {each.row} of '{each.instrument}': {error}"
+            ) from None
+
+
 @lru_cache(maxsize=8)
 def _linearised(
     experiment: Experiment, parameters: tuple[float, ...]

@@ -15,7 +15,7 @@ from steelyard.identification.methods.unstated import (
     notes_on_jitter,
     notes_on_unstated,
 )
-from steelyard.identification.methods.unweighed import up_to_mass
+from steelyard.identification.methods.unweighed import found_geometry, up_to_mass
 from steelyard.identification.model.calibration_parameters import as_tree
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.assessment import (
@@ -76,6 +76,7 @@ def finished(
     disturbed, errors = disturbances(found), found_errors(found)
     estimate = Estimate(
         method=method,
+        geometry=found_geometry(found),
         value=value,
         covariance=covariance,
         verdict=verdict,

@@ -18,6 +18,7 @@ from scipy.stats import chi2, norm
 
 from steelyard.arrays import Array
 from steelyard.experiment.faults import channels, clipped
+from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import UNMODELLED_PARTS
 from steelyard.identification.model.calibration_parameters import DRAG, ROBOT
 from steelyard.identification.solve.posterior import Posterior, plausible
@@ -26,6 +27,7 @@ from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.identification.verdict.swinging import swinging
 from steelyard.inertia import TEN, body_jacobian
 from steelyard.instruments.base import TIME_CONSTANT
+from steelyard.natural_frequencies.information import frequency_information
 
 _INSTANTS = 500
 """Along a segment, at which disturbances are looked at."""
@@ -251,6 +253,7 @@ def reasons(
         *(diagnose(posterior, settings) if contradictions else ()),
         *_of_runs(posterior, settings),
         *_of_description(tests, 1 if contradictions else settings.most_named, settings),
+        *of_frequencies(posterior.experiment, posterior.parameters, posterior.size, settings),
         *_of_nominal(posterior, settings),
         *_of_bias(posterior, settings),
     ]
@@ -467,6 +470,41 @@ def _of_runs(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
         )
 
 
+def of_frequencies(
+    experiment: Experiment, parameters: Array, size: float, settings: VerdictSettings
+) -> Iterator[str]:
+    """Natural frequencies that somebody has seen and a body does not have.
+
+    Args:
+        experiment: With what was seen.
+        parameters: The ten linear ones of the body, shape (10,).
+        size: Plausible radius of the body [m].
+        settings: Levels of the verdict.
+    """
+    if not experiment.frequencies:
+        return
+    seen = frequency_information(experiment, parameters, plausible(parameters, size))
+    if seen is None:
+        yield (
+            "the body that the recordings tell cannot hang as the natural frequencies say; check"
+            " their poses or lengths"
+        )
+        return
+    z = seen.residual(parameters) / np.sqrt(np.diag(seen.covariance))
+    residual = seen.residual(parameters)
+    chi = float(residual @ np.linalg.solve(seen.covariance, residual))
+    if chi2.sf(chi, len(z)) < settings.family / 10:
+        of_each = [each for each in experiment.frequencies for _ in each.frequency]
+        worst = int(np.argmax(np.abs(z)))
+        own = of_each[worst]
+        yield (
+            f"the natural frequencies do not fit (chi-square {chi:.0f} on {len(z)}), most in run"
+            f" '{own.run}', row {own.row}: seen {seen.seen[worst]:.4g} Hz, predicted"
+            f" {seen.seen[worst] - residual[worst]:.4g} Hz; check its pose or lengths, or whether"
+            " the load was another"
+        )
+
+
 def _of_description(
     tests: Sequence[Finding], most: int, settings: VerdictSettings
 ) -> Iterator[str]:
@@ -533,10 +571,13 @@ def label_mask(posterior: Posterior) -> NDArray[np.bool_]:
     """
     if not posterior.experiment.known:
         return np.zeros(TEN, dtype=bool)
+    size = plausible(posterior.parameters, posterior.size)
+    seen = frequency_information(posterior.experiment, posterior.parameters, size)
     J = body_jacobian(posterior.parameters)
     use = np.flatnonzero(posterior.solution.estimated)
     precision = posterior.prior.precision.copy()
-    precision[:TEN, :TEN] = 0.0
+    # Frequencies are data.
+    precision[:TEN, :TEN] = 0.0 if seen is None else seen.about()[0]
     matrix = posterior.total.normal[np.ix_(use, use)] + precision[np.ix_(use, use)]
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     alone = np.linalg.pinv(matrix * np.outer(scale, scale), rcond=1e-14, hermitian=True) * np.outer(
