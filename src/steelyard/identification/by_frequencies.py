@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
 import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import chi2
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import (
@@ -13,19 +18,29 @@ from steelyard.estimates.estimate import (
 )
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.unweighed import up_to_mass
-from steelyard.identification.solve.posterior import cost_of_known, known_body, plausible
+from steelyard.identification.solve.posterior import known_body, plausible
 from steelyard.identification.verdict.assessment import of_frequencies
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.natural_frequencies.information import check_predictable, frequency_information
 
-_TURNS = 60
-_ARRIVED = 1e-3
-"""Largest step of one of the ten in its 1-sigma."""
-_SHORTEST = 1e-6
-"""Part of a step below which nothing descends any more."""
-_PLAUSIBLE = 0.5
-"""Radii of gyration of a body of which nothing is known, in radii of the platform."""
+_TURNS = 40
+_BELOW = (0.2, -0.1)
+_GYRATION = (0.5, 0.25)
+"""Depths of centres of gravity and radii of gyration to begin with, in radii of the platform."""
+_WIDE = 10.0
+"""1-sigma of the nine numbers of a body: anything that is no point."""
+_CANNOT_HANG = 1e6
+"""Residual of a body that cannot hang as the rows say."""
+_SMALL = 1e-6
+
+
+class _Found(NamedTuple):
+    """The end of a search."""
+
+    parameters: Array
+    """The ten linear ones, shape (10,)."""
+    cost: float
 
 
 def by_frequencies(
@@ -41,17 +56,30 @@ def by_frequencies(
     Raises:
         InputError: The platform, as it is known beforehand, cannot hang as the rows say.
     """
-    start = _first_body(experiment)
-    check_predictable(experiment, Inertia.from_parameters(start))
+    starts = _first_bodies(experiment)
+    modes = check_predictable(experiment, starts[0])
     size = plausible_radius(experiment.robot)
-    found, spread = _fitted(experiment, start, size)
+    count = sum(len(each.frequency) for each in experiment.frequencies)
+    fits = [_fitted(experiment, starts[0], size)]
+    partial = any(len(each.frequency) < modes for each in experiment.frequencies)
+    if partial or fits[0].cost > chi2.isf(settings.family, count):
+        # Modes that were not seen may be these or those.
+        fits += [_fitted(experiment, other, size) for other in starts[1:]]
+    best = min(fits, key=lambda each: each.cost)
+    found = best.parameters
+    precision, _ = known_body(experiment, found, size)
+    scale = plausible(found, size)
+    spread = np.linalg.inv(precision * np.outer(scale, scale)) * np.outer(scale, scale)
     J = body_jacobian(found)
     covariance = J @ spread @ J.T
     covariance = (covariance + covariance.T) / 2
     value = Inertia.from_parameters(found).body_parameters
     known = identifiable_parameters(float(value[0]), covariance, size)
     value = np.where(known, value, np.nan)
-    reasons = list(of_frequencies(experiment, found, size, settings))
+    reasons = [
+        *of_frequencies(experiment, found, size, settings),
+        *_of_others(fits, best, spread, settings),
+    ]
     estimate = Estimate(
         method=method,
         value=value,
@@ -62,54 +90,70 @@ def by_frequencies(
     return up_to_mass(experiment, estimate)
 
 
-def _first_body(experiment: Experiment) -> Array:
-    """The nominal platform with the mass that is known or assumed, else a body of the size of its
-    platform; ten linear parameters.
+def _of_others(
+    fits: Sequence[_Found], best: _Found, covariance: Array, settings: VerdictSettings
+) -> Iterator[str]:
+    """Another body that has what was seen nearly as well."""
+    limit = float(chi2.isf(settings.family / 10, len(covariance)))
+    use = slice(1, None)
+    for other in fits:
+        off = (other.parameters - best.parameters)[use]
+        apart = float(off @ np.linalg.solve(covariance[use, use], off))
+        if other.cost < best.cost + limit and apart > limit:
+            yield (
+                "another body has these natural frequencies nearly as well, with modes that were not"
+                " seen in other places; add rows, or all frequencies of a row"
+            )
+            return
+
+
+def _first_bodies(experiment: Experiment) -> list[Inertia]:
+    """Where to begin: the nominal platform with the mass that is known or assumed, and bodies of the
+    size of the platform about the middle of its attachments and below.
     """
-    mass, nominal = experiment.known["mass"][0], experiment.robot.platform
-    if nominal is not None:
-        return np.asarray(nominal.parameters * (mass / nominal.mass))
-    attachments = experiment.robot.attachments
-    radius = _PLAUSIBLE * plausible_radius(experiment.robot)
-    centre = attachments.mean(axis=0) + 0.2 * radius * _down(experiment)
-    return Inertia(mass, centre, mass * radius**2 * np.eye(3)).parameters
+    mass, robot = experiment.known["mass"][0], experiment.robot
+    radius = plausible_radius(robot)
+    down = robot.gravity / np.linalg.norm(robot.gravity)
+    found = [
+        Inertia(
+            mass,
+            robot.attachments.mean(axis=0) + below * radius * down,
+            mass * (part * radius) ** 2 * np.diag([0.8, 1.0, 1.2]),
+        )
+        for below in _BELOW
+        for part in _GYRATION
+    ]
+    nominal = robot.platform
+    if nominal is None:
+        return found
+    inertia = nominal.inertia * (mass / nominal.mass)
+    return [Inertia(mass, nominal.center_of_gravity, inertia), *found]
 
 
-def _down(experiment: Experiment) -> Array:
-    gravity = experiment.robot.gravity
-    return np.asarray(gravity / np.linalg.norm(gravity))
+def _fitted(experiment: Experiment, start: Inertia, size: float) -> _Found:
+    """The body nearest to what was seen; over bodies that can exist, by their log-Cholesky parameters [Rucker2022]_ without the first, which is the mass."""
+    first, sizes = start.log_cholesky, plausible(start.parameters, size)
+    count = sum(len(each.frequency) for each in experiment.frequencies)
 
+    def at(x: Array) -> Array:
+        return Inertia.from_log_cholesky(np.concatenate([first[:1], first[1:] + x])).parameters
 
-def _fitted(experiment: Experiment, start: Array, size: float) -> tuple[Array, Array]:
-    """The ten linear parameters and their covariance, by Gauss-Newton with shorter steps where one
-    does not descend.
-    """
-    scale = plausible(start, size)
-    found, cost = start, _cost(experiment, start, size)
-    for _ in range(_TURNS):
-        precision, pull = known_body(experiment, found, size)
-        inverse = np.linalg.inv(precision * np.outer(scale, scale))
-        covariance = inverse * np.outer(scale, scale)
-        step = scale * (inverse @ (scale * (pull - precision @ found)))
-        share = 1.0
-        while share > _SHORTEST and not _cost(experiment, found + share * step, size) <= cost:
-            share /= 2
-        if share <= _SHORTEST:
-            break
-        found = found + share * step
-        cost = _cost(experiment, found, size)
-        if np.max(np.abs(share * step) / np.sqrt(np.diag(covariance))) < _ARRIVED:
-            break
-    return found, covariance
+    def residual(x: Array) -> Array:
+        seen = frequency_information(experiment, at(x), sizes)
+        if seen is None:
+            return np.full(count + 9, _CANNOT_HANG)
+        root = np.linalg.cholesky(seen.covariance)
+        return np.concatenate([np.linalg.solve(root, seen.residual(at(x))), x / _WIDE])
 
+    def jacobian(x: Array) -> Array:
+        seen = frequency_information(experiment, at(x), sizes)
+        if seen is None:
+            return np.zeros((count + 9, 9))
+        ways = _SMALL * np.eye(9)
+        by_x = np.column_stack([(at(x + d) - at(x - d)) / (2 * _SMALL) for d in ways])
+        root = np.linalg.cholesky(seen.covariance)
+        slopes = -np.linalg.solve(root, seen.by_parameters @ by_x)
+        return np.vstack([slopes, np.eye(9) / _WIDE])
 
-def _cost(experiment: Experiment, parameters: Array, size: float) -> float:
-    """Square of what does not fit, of frequencies and of what is known; infinite for bodies that
-    cannot hang so.
-    """
-    seen = frequency_information(experiment, parameters, plausible(parameters, size))
-    if seen is None:
-        return np.inf
-    residual = seen.residual(parameters)
-    misfit = residual @ np.linalg.solve(seen.covariance, residual)
-    return float(misfit) + cost_of_known(experiment, parameters, size)
+    found = least_squares(residual, np.zeros(9), jacobian, x_scale=0.1, max_nfev=_TURNS)
+    return _Found(at(found.x), float(2 * found.cost))

@@ -159,32 +159,70 @@ def _with_geometry(
     """On the robot as it was found beside the body: errors of both go together."""
     found = natural(geometry.of(robot), body, pose=pose, lengths=lengths)
     per_mass = sensitivity(found)[:, 1:] * [1, 1, 1, *[body.mass] * 6]
-    J = np.hstack([per_mass, _by_points(found, robot, geometry, pose, lengths)])
+    J = np.hstack([per_mass, by_points(found)])
     spread = np.einsum("ij,jk,ik->i", J, geometry.covariance, J)
     return _told(found, np.sqrt(np.maximum(spread, 0.0)).tolist(), weighed=weighed)
 
 
-def _by_points(
-    found: NaturalModes,
-    robot: Robot,
-    geometry: FoundGeometry,
-    pose: ArrayLike | None,
-    lengths: ArrayLike | None,
-) -> Array:
-    """How frequencies [Hz] follow the coordinates of anchors and attachments, shape (k, 6 m)."""
-    slopes = []
-    for place in np.ndindex(geometry.points.shape):
+def beside(found: NaturalModes, body: Inertia) -> NaturalModes | None:
+    """The same of another body on the same lengths, which comes to rest near by; None: it does not.
+
+    Raises:
+        InputError: It would fall from there.
+    """
+    scaled = replace(found.rest, tension=found.rest.tension * body.mass / found.body.mass)
+    rest = settled(found.cables, body, found.lengths, scaled)
+    if rest is None:
+        return None
+    at = forces(found.cables, body, rest.place, rest.tension, np.zeros(6))
+    slack = rest.tension == 0
+    if (at.length[slack] > found.lengths[slack]).any():
+        return None
+    squares, shapes = _modes(found.cables, body, rest)
+    hertz = np.sqrt(squares) / (2 * np.pi)
+    return replace(found, body=body, rest=rest, frequencies=hertz, shapes=tuple(shapes))
+
+
+def by_points(found: NaturalModes) -> Array:
+    """How frequencies [Hz] follow the coordinates of anchors and attachments, shape (k, 6 m).
+
+    Cables whose lengths were given keep them, those of a pose have them by this geometry.
+
+    Raises:
+        InputError: A cable is at the edge of slack.
+    """
+    robot, slopes = found.cables, []
+    points = np.array([robot.anchors, robot.attachments])
+    for place in np.ndindex(points.shape):
         sides = []
         for sign in (1.0, -1.0):
-            points = geometry.points.copy()
-            points[place] += sign * _MOVED
-            moved = replace(geometry, points=points).of(robot)
-            near = natural(moved, found.body, pose=pose, lengths=lengths)
-            if len(near.frequencies) != len(found.frequencies):
-                raise InputError(_AT_THE_EDGE)
-            sides.append(near.frequencies)
+            own = points.copy()
+            own[place] += sign * _MOVED
+            cables = replace(robot, anchors=own[0], attachments=own[1])
+            lengths = found.lengths
+            if found.asked is not None:
+                lengths = _lengths_at(cables, found.body, found.asked)
+            sides.append(_near(cables, found.body, lengths, found.rest))
         slopes.append((sides[0] - sides[1]) / (2 * _MOVED))
     return np.column_stack(slopes)
+
+
+def _near(cables: Robot, body: Inertia, lengths: Array, rest: Equilibrium) -> Array:
+    """Frequencies [Hz] of a body and cables that differ little from those with an equilibrium."""
+    moved = settled(cables, body, lengths, rest)
+    if moved is None:
+        raise InputError(_AT_THE_EDGE)
+    return _hertz(cables, body, moved)
+
+
+def _hertz(cables: Robot, body: Inertia, rest: Equilibrium) -> Array:
+    """Natural frequencies about an equilibrium [Hz], ascending."""
+    return np.asarray(np.sqrt(_modes(cables, body, rest)[0]) / (2 * np.pi))
+
+
+def _lengths_at(cables: Robot, body: Inertia, place: Place) -> Array:
+    """Of cables of constant length at a pose [m], shape (m,)."""
+    return forces(cables, body, place, np.ones(cables.m), np.zeros(6)).length
 
 
 _MOVED = 1e-5
@@ -205,6 +243,8 @@ class NaturalModes:
     lengths: Array
     """Unstrained [m], shape (m,)."""
     rest: Equilibrium
+    asked: Place | None
+    """Pose whose lengths the cables have; None: their lengths were given."""
     frequencies: Array
     """Ascending [Hz], shape (k,)."""
     shapes: tuple[Array, ...]
@@ -234,11 +274,11 @@ def natural(
             f"robot '{robot.name}': expected 'axial_stiffness' under 'cable', found none; state it"
             + (", or leave --elastic out" if robot.m < DIRECTIONS else "")
         )
-    rest, own = _rest(robot, body, pose, lengths, elastic=elastic)
+    rest, own, asked = _rest(robot, body, pose, lengths, elastic=elastic)
     cables = robot if elastic else rigid_cables(robot)
     squares, shapes = _modes(cables, body, rest)
     found = np.sqrt(squares) / (2 * np.pi)
-    return NaturalModes(cables, body, own, rest, found, tuple(shapes), elastic)
+    return NaturalModes(cables, body, own, rest, asked, found, tuple(shapes), elastic)
 
 
 def _body(robot: Robot, body: Inertia | Estimate | None) -> tuple[Inertia, Array | None, bool]:
@@ -284,8 +324,10 @@ def _rest(
     lengths: ArrayLike | None,
     *,
     elastic: bool,
-) -> tuple[Equilibrium, Array]:
-    """Where the body comes to rest, and the lengths of the cables [m], shape (m,)."""
+) -> tuple[Equilibrium, Array, Place | None]:
+    """Where the body comes to rest, the lengths of the cables [m], shape (m,), and the pose that
+    these are of, where it hangs beside one.
+    """
     if lengths is not None:
         own = np.asarray(lengths, dtype=np.float64)
         if own.shape != (robot.m,) or not (np.isfinite(own) & (own > 0)).all():
@@ -293,7 +335,7 @@ def _rest(
                 f"--lengths: expected {robot.m} lengths above zero [m], found"
                 f" {', '.join(f'{v:g}' for v in np.ravel(own))}; give one for every cable"
             )
-        return at_rest(robot, body, own, None, elastic=elastic), own
+        return at_rest(robot, body, own, None, elastic=elastic), own, None
     given = np.asarray(pose, dtype=np.float64)
     if given.shape != (DIRECTIONS,) or not np.isfinite(given).all():
         raise InputError(
@@ -305,10 +347,9 @@ def _rest(
         Rotation.from_euler("ZYX", given[:2:-1]).as_matrix(),
     )
     if robot.m >= DIRECTIONS:
-        return _held(robot, body, place)
-    rigid = rigid_cables(robot)
-    own = forces(rigid, body, place, np.ones(robot.m), np.zeros(6)).length
-    return at_rest(robot, body, own, place, elastic=elastic), own
+        return *_held(robot, body, place), None
+    own = _lengths_at(rigid_cables(robot), body, place)
+    return at_rest(robot, body, own, place, elastic=elastic), own, place
 
 
 def _held(robot: Robot, body: Inertia, place: Place) -> tuple[Equilibrium, Array]:
@@ -404,9 +445,8 @@ def sensitivity(found: NaturalModes) -> Array:
             other[i] += sign * step
             near = Inertia.from_body_parameters(other)
             start = replace(rest, tension=rest.tension * near.mass / body.mass)
-            moved = settled(cables, near, found.lengths, start)
-            if moved is None:
-                raise InputError(_AT_THE_EDGE)
-            sides.append(np.sqrt(_modes(cables, near, moved)[0]) / (2 * np.pi))
+            # Where a body hangs does not ask for its inertia.
+            at = _near(cables, near, found.lengths, start) if i < 4 else _hertz(cables, near, rest)
+            sides.append(at)
         slopes[:, i] = (sides[0] - sides[1]) / (2 * step)
     return slopes

@@ -7,7 +7,7 @@ rotation vector in the platform frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -71,8 +71,15 @@ def forces(
         tension: At the platform [N], shape (m,).
         change: Small, of the pose, shape (6,).
     """
-    found = _function(robot)(
-        place.position, place.rotation, change, tension, body.mass, body.center_of_gravity
+    found = _function(_Alike(_fixed(robot), robot))(
+        robot.anchors.T,
+        robot.attachments.T,
+        place.position,
+        place.rotation,
+        change,
+        tension,
+        body.mass,
+        body.center_of_gravity,
     )
     force, by_pose, by_tension, length, l_pose, l_tension, potential, p_pose = map(np.array, found)
     return HangingForces(
@@ -94,27 +101,45 @@ def mass_matrix(body: Inertia, rotation: Array) -> Array:
     return np.block([[body.mass * np.eye(3), mixed], [mixed.T, body.inertia_about_origin]])
 
 
+@dataclass(frozen=True)
+class _Alike:
+    """A robot among all that differ only in where their cables are fixed."""
+
+    fixed: tuple[Any, ...]
+    robot: Robot = field(compare=False)
+
+
+def _fixed(robot: Robot) -> tuple[Any, ...]:
+    """All of a robot that acts on a hanging body, but where its cables are fixed."""
+    arrays = (robot.gravity, robot.pulley_radius, robot.pulley_axis)
+    return robot.m, robot.cable, *(each.tobytes() for each in arrays)
+
+
 @lru_cache(maxsize=16)
-def _function(robot: Robot) -> Any:
-    """Of pose, its change, tensions, mass and centre of gravity to the parts of :class:`HangingForces`."""
+def _function(alike: _Alike) -> Any:
+    """Of anchors, attachments, pose, its change, tensions, mass and centre of gravity to the parts of
+    :class:`HangingForces`.
+    """
+    robot = alike.robot
+    anchors, attachments = ca.SX.sym("a", 3, robot.m), ca.SX.sym("b", 3, robot.m)
     position, base, change = ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3), ca.SX.sym("x", 6)
     tension, mass, center = ca.SX.sym("T", robot.m), ca.SX.sym("m"), ca.SX.sym("c", 3)
     place = position + change[:3]
     rotation = base @ rotations.exp(change[3:])
     gravity = ca.DM(robot.gravity)
     potential = -mass * ca.dot(gravity, place + rotation @ center)
-    cables = shapes(robot, place, rotation, tension)
+    cables = shapes(robot, place, rotation, tension, anchors=anchors, attachments=attachments)
     force = mass * gravity
     torque = mass * ca.cross(center, rotation.T @ gravity)
     for i, each in enumerate(cables):
         pull = each.direction * tension[i]
         force += pull
-        torque += ca.cross(ca.DM(robot.attachments[i]), rotation.T @ pull)
+        torque += ca.cross(attachments[:, i], rotation.T @ pull)
     total = ca.vertcat(force, torque)
     length = ca.vertcat(*[each.length for each in cables])
     return ca.Function(
         "hanging_body",
-        [position, base, change, tension, mass, center],
+        [anchors, attachments, position, base, change, tension, mass, center],
         [
             total,
             ca.jacobian(total, change),

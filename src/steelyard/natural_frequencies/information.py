@@ -6,8 +6,7 @@ that all of them share.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
 
@@ -17,15 +16,20 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, SeenFrequencies
 from steelyard.inertia import Inertia, body_jacobian
-from steelyard.natural_frequencies.frequencies import DIRECTIONS, NaturalModes, natural, sensitivity
+from steelyard.natural_frequencies.frequencies import (
+    DIRECTIONS,
+    NaturalModes,
+    beside,
+    by_points,
+    natural,
+    sensitivity,
+)
 from steelyard.robot.model import Robot
 
 _DIGITS = 3
 """Of the ten in plausible sizes, about which frequencies are linearised."""
 _COARSE = 1
 """The same for how they follow the geometry."""
-_STEP = 1e-4
-"""Of a coordinate of an anchor or attachment [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +77,7 @@ def frequency_information(
         tuple((np.round(parameters / sizes, digits) * sizes).tolist())
         for digits in (_DIGITS, _COARSE)
     )
-    found = _linearised(experiment, scaled)
+    found = _linearised(experiment, scaled, coarse)
     if found is None:
         return None
     seen, predicted, J = found
@@ -85,33 +89,39 @@ def frequency_information(
     return FrequencyInformation(seen, predicted, np.array(scaled), J, spread)
 
 
-def check_predictable(experiment: Experiment, body: Inertia) -> None:
-    """Refuse rows of frequencies at which a body cannot hang.
+def check_predictable(experiment: Experiment, body: Inertia) -> int:
+    """The largest number of modes with which a body swings in a row; refuses rows at which it cannot
+    hang.
 
     Raises:
         InputError: With the row, and why.
     """
+    most = 0
     for each in experiment.frequencies:
         try:
-            _modes_of(experiment.robot, body, each)
+            most = max(most, len(_modes_of(experiment.robot, body, each).frequencies))
         except InputError as error:
             raise InputError(
                 f"run '{each.run}': row {each.row} of '{each.instrument}': {error}"
             ) from None
+    return most
 
 
 @lru_cache(maxsize=8)
 def _linearised(
-    experiment: Experiment, parameters: tuple[float, ...]
+    experiment: Experiment, parameters: tuple[float, ...], coarse: tuple[float, ...]
 ) -> tuple[Array, Array, Array] | None:
-    """Seen and predicted frequencies, and their derivative by the ten linear parameters."""
+    """Seen and predicted frequencies, and their derivative by the ten linear parameters, of a body
+    near another one; None: it cannot hang so.
+    """
     body = Inertia.from_parameters(np.array(parameters))
     if body.mass <= 0 or not body.is_physical:
         return None
     predicted, slopes = [], []
-    for each in experiment.frequencies:
+    about = _about(experiment, coarse[0], coarse[1:4]) or (None,) * len(experiment.frequencies)
+    for each, near in zip(experiment.frequencies, about, strict=True):
         try:
-            found = _modes_of(experiment.robot, body, each)
+            found = (near and beside(near, body)) or _modes_of(experiment.robot, body, each)
             J = sensitivity(found)
         except InputError:
             return None
@@ -124,6 +134,22 @@ def _linearised(
 
 
 @lru_cache(maxsize=8)
+def _about(
+    experiment: Experiment, mass: float, first_moment: tuple[float, ...]
+) -> tuple[NaturalModes, ...] | None:
+    """Where a body hangs in all rows: a place to look at first for those near it. Its inertia does
+    not matter there.
+    """
+    if mass <= 0:
+        return None
+    body = Inertia(mass, np.array(first_moment) / mass, mass * np.eye(3))
+    try:
+        return tuple(_modes_of(experiment.robot, body, e) for e in experiment.frequencies)
+    except InputError:
+        return None
+
+
+@lru_cache(maxsize=8)
 def _by_geometry(experiment: Experiment, parameters: tuple[float, ...]) -> Array | None:
     """How predicted frequencies follow 1-sigma of every coordinate of anchors and attachments,
     shape (k, 6 m); None: these are exact, or the body cannot hang.
@@ -132,34 +158,15 @@ def _by_geometry(experiment: Experiment, parameters: tuple[float, ...]) -> Array
     sigmas = [experiment.uncertainty.get(name, 0.0) for name in ("anchor", "attachment")]
     if not any(sigmas) or body.mass <= 0:
         return None
-    columns = []
-    for (name, sigma), i, axis in _coordinates(sigmas, robot.m):
-        sides = []
-        for sign in (1.0, -1.0):
-            points = getattr(robot, name).copy()
-            points[i, axis] += sign * _STEP
-            moved = replace(robot, **{name: points})
-            try:
-                sides.append(_all_matched(moved, body, experiment.frequencies))
-            except InputError:
-                return None
-        columns.append(sigma * (sides[0] - sides[1]) / (2 * _STEP))
-    return np.column_stack(columns)
-
-
-def _coordinates(sigmas: Sequence[float], m: int) -> Sequence[tuple[tuple[str, float], int, int]]:
-    """Every coordinate that is uncertain: of which points and by how much, cable, axis."""
-    named = zip(("anchors", "attachments"), sigmas, strict=True)
-    return [(each, i, axis) for each in named if each[1] for i in range(m) for axis in range(3)]
-
-
-def _all_matched(robot: Robot, body: Inertia, seen: Sequence[SeenFrequencies]) -> Array:
-    """Predicted frequencies of all that were seen, shape (k,)."""
-    parts = []
-    for each in seen:
-        found = _modes_of(robot, body, each)
-        parts.append(found.frequencies[_matched(each, found.frequencies)])
-    return np.concatenate(parts)
+    scale = np.repeat(sigmas, 3 * robot.m)
+    slopes = []
+    for each in experiment.frequencies:
+        try:
+            found = _modes_of(robot, body, each)
+            slopes.append(by_points(found)[_matched(each, found.frequencies)])
+        except InputError:
+            return None
+    return np.asarray(np.concatenate(slopes) * scale)
 
 
 def _modes_of(robot: Robot, body: Inertia, seen: SeenFrequencies) -> NaturalModes:

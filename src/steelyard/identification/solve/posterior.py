@@ -216,15 +216,3 @@ def known_body(experiment: Experiment, parameters: Array, size: float) -> tuple[
         precision += np.outer(row, row)
         pull += row * ((value - body[i]) / deviation + row @ parameters)
     return precision, pull
-
-
-def cost_of_known(experiment: Experiment, parameters: Array, size: float) -> float:
-    """Square of how far a body is from what :func:`known_body` says of it beside the frequencies."""
-    off = parameters / (_LARGEST * plausible(parameters, size))
-    body = Inertia.from_parameters(parameters).body_parameters
-    own = plausible_sizes(float(parameters[0]), size)
-    cost = float(off @ off)
-    for name, (value, sigma) in experiment.known.items():
-        i = BODY_PARAMETERS.index(name)
-        cost += float(((body[i] - value) / max(sigma, EXACT * own[i])) ** 2)
-    return cost
