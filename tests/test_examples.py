@@ -187,3 +187,17 @@ def test_every_example_is_listed():
     for entry in (ROOT / "examples").iterdir():
         if entry.name not in {"README.md", "__pycache__", ".ipynb_checkpoints"}:
             assert f"`{entry.name}{'/' if entry.is_dir() else ''}`" in table
+
+
+@pytest.mark.parametrize("cables", ["three", "four"])
+def test_swings_without_force_sensors(output, project, tmp_path, cables):
+    folder = project / "examples" / "free-swinging" / f"{cables}-cables"
+    out = output("-m", "steelyard", "identify", folder / "experiment.yaml", "--json", "--quiet")
+    found = json.loads(out)["estimates"]["maximum-likelihood"]
+    truth = json.loads((folder / "truth.json").read_text())
+    assert found["verdict"]["accepted"]
+    deviation = found["standard_deviation"]
+    for name, scale in (("center_of_gravity", 1.0), ("inertia_per_mass", truth["mass"])):
+        true = np.array(truth[name.removesuffix("_per_mass")]) / scale
+        assert (np.abs(np.array(found[name]) - true) < SIGMAS * np.array(deviation[name])).all()
+    assert found["mass"] is None

@@ -1,5 +1,6 @@
 """A platform that swings on locked cables in MuJoCo: an oracle that shares no equation of motion
-with the package."""
+with the package.
+"""
 
 from dataclasses import dataclass
 
@@ -37,6 +38,7 @@ BODY = Inertia(
 
 
 def swinging_robot(m, stiffness=STIFFNESS):
+    """A robot of m cables with this EA [N]."""
     cable = CableProperties(axial_stiffness=stiffness)
     return Robot(f"swing {m}", np.array(ANCHORS[m]), np.array(ATTACHMENTS[m]), cable=cable)
 

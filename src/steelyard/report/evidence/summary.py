@@ -41,6 +41,15 @@ class ParameterTable:
 
 
 @dataclass(frozen=True)
+class PerMassTable:
+    """Inertia over the mass by several methods, as text."""
+
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    """Name, unit, and a text under each heading."""
+
+
+@dataclass(frozen=True)
 class Summary:
     """Everything that is shown."""
 
@@ -58,6 +67,8 @@ class Summary:
     truth: Ten | None
     attainable: Ten | None
     """The smallest 1-sigma that any method could have."""
+    per_mass: PerMassTable | None
+    """Where nothing weighs the platform."""
     evidence: Evidence
     made: Made
 
@@ -114,6 +125,7 @@ def summarise(
         nominal=None if nominal is None else numbers(nominal),
         truth=None if true is None else numbers(true),
         attainable=None if bound is None else numbers(bound, 3),
+        per_mass=_per_mass(shown, truth),
         evidence=evidence_of(identification) if with_evidence else Evidence(),
         made=made or Made((("steelyard", steelyard_version()),), ()),
     )
@@ -187,9 +199,23 @@ def _statements(estimates: Mapping[str, Estimate]) -> list[str]:
     notes: dict[str, None] = {}
     for estimate in estimates.values():
         notes |= dict.fromkeys(f"{estimate.method}: {note}" for note in estimate.notes)
-    ratios = [
-        f"{name}: " + ", ".join(" ".join(row[i] for i in (0, 2, 1)) for row in per_mass_rows(found))
-        for name, estimate in estimates.items()
-        if (found := estimate.per_mass) is not None
-    ]
-    return [*verdicts, *ratios, *notes]
+    return [*verdicts, *notes]
+
+
+def _per_mass(shown: Mapping[str, Estimate], truth: Inertia | None) -> PerMassTable | None:
+    """Inertia over the mass; None: no method has it."""
+    columns = {
+        f"{name} ± 1-sigma": per_mass_rows(estimate.per_mass)
+        for name, estimate in shown.items()
+        if estimate.per_mass is not None
+    }
+    if not columns:
+        return None
+    first = next(iter(columns.values()))
+    texts = [[row[2] for row in rows] for rows in columns.values()]
+    headings = tuple(columns)
+    if truth is not None:
+        texts.insert(0, [f"{v:.6g}" for v in truth.body_parameters[4:] / truth.mass])
+        headings = ("truth", *headings)
+    cells = zip(first, zip(*texts, strict=True), strict=True)
+    return PerMassTable(headings, tuple((name, unit, *own) for (name, unit, _), own in cells))

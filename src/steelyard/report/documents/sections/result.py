@@ -25,13 +25,28 @@ _PARTS = (
 def lead(summary: Summary) -> Statement:
     """The result in one sentence."""
     best = summary.best
-    known = ", ".join(_said(best, name, place) for name, place in _PARTS)
+    parts = [_said(best, name, place) for name, place in _PARTS]
+    ratios = _of_best(summary)
+    if ratios:
+        parts = [each for each in parts if not each.endswith(" not identifiable")]
+        parts.append(f"moments of inertia over the mass ({', '.join(ratios[:3])}) m²")
+    known = ", ".join(parts)
     if not best.accepted:
         tone: Tone = "bad" if best.accepted is False else "note"
         said = "Not accepted" if best.accepted is False else "Not assessed"
         why = "; ".join(best.reasons)
         return Statement(f"{said}: {why}. As estimated by {best.name}: {known}.", tone)
     return Statement(f"{known[:1].upper()}{known[1:]} (1-sigma), by {best.name}: accepted.", "good")
+
+
+def _of_best(summary: Summary) -> list[str]:
+    """Inertia over the mass of the best method, where that is all it has; six texts."""
+    table = summary.per_mass
+    heading = f"{summary.best.name} ± 1-sigma"
+    if table is None or heading not in table.headings or summary.best.value[0] is not None:
+        return []
+    column = 2 + table.headings.index(heading)
+    return [row[column] for row in table.rows]
 
 
 def _said(body: EstimatedBody, name: str, place: slice) -> str:
@@ -50,18 +65,26 @@ def _said(body: EstimatedBody, name: str, place: slice) -> str:
 def result(summary: Summary) -> Section:
     """The section."""
     blocks: list[Block] = [Statements(tuple(_verdicts(summary))), grid_of(summary.table)]
+    if summary.per_mass is not None:
+        head = ("parameter", "unit", *summary.per_mass.headings)
+        numbers = frozenset(range(2, len(head)))
+        blocks.append(
+            Grid("inertia over the mass", head, summary.per_mass.rows, numbers, repeated=2)
+        )
     if any(value is not None for body in summary.bodies for value in body.value):
         blocks.append(intervals(summary))
-    remarks = tuple(_remarks(summary.best))
+    remarks = tuple(_remarks(summary.best, weighed=not _of_best(summary)))
     if remarks:
         blocks.append(Statements(remarks))
     blocks += [grid_of(table) for table in summary.runs]
     return Section("result", "Result", tuple(blocks))
 
 
-def _remarks(best: EstimatedBody) -> Iterator[Statement]:
-    """Parameters that the data did not determine."""
+def _remarks(best: EstimatedBody, *, weighed: bool) -> Iterator[Statement]:
+    """Parameters that the data did not determine; what a scale would tell has been said."""
     unidentifiable = _labelled(best, "unidentifiable")
+    if not weighed:
+        unidentifiable = [each for each in unidentifiable if each.startswith("centre")]
     if unidentifiable:
         yield Statement(
             "Not identifiable from these data, and therefore left out:"
