@@ -41,7 +41,7 @@ FACTORS: dict[str, dict[str, float]] = {
         "m/s^2": 1.0, "m/s2": 1.0, "mm/s^2": 1e-3, "cm/s^2": 1e-2, "g": STANDARD_GRAVITY,
         "mg": STANDARD_GRAVITY * 1e-3, "ug": STANDARD_GRAVITY * 1e-6, "ft/s^2": _FOOT,
     },
-    "Hz": {"Hz": 1.0, "1/s": 1.0, "1/min": 1 / 60, "kHz": 1e3},
+    "Hz": {"Hz": 1.0, "mHz": 1e-3},
     "1": {"1": 1.0},
 }
 # fmt: on
@@ -105,6 +105,9 @@ _OTHERS = frozenset(
         "Ampere",
         "mA",
         "K",
+        "kHz",
+        "1/s",
+        "1/min",
         "degC",
         "degF",
         "%",

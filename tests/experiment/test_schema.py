@@ -26,6 +26,7 @@ KINDS = (
     "length",
     "distance",
     "command",
+    "frequencies",
 )
 
 

@@ -16,7 +16,8 @@ from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS, Inertia
 from steelyard.inspection.settings import IDENTIFIABILITY, IdentifiabilitySettings
 
-Told = Literal["data", "data and prior", "prior", "not at all"]
+Told = Literal["data", "data and prior", "prior", "per mass", "not at all"]
+"""``per mass``: its ratio to the mass, where nothing weighs the platform."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,13 @@ def excitation(joint: Posterior, settings: IdentifiabilitySettings = IDENTIFIABI
         _, known = experiment.known.get(name, (None, None))
         if known is not None:
             told = _determined_by(sigma, known, settings)
-        body.append(Identifiability(name, BODY_UNITS[i], float(values[i]), sigma, known, told))
+        value = float(values[i])
+        if experiment.mass_assumed and BODY_UNITS[i].startswith("kg"):
+            # In the multiples of a mass that is only assumed.
+            told = "per mass" if name != "mass" and told == "data" else "not at all"
+            value = sigma = np.nan
+            known = None
+        body.append(Identifiability(name, BODY_UNITS[i], value, sigma, known, told))
     return Excitation(tuple(body), tuple(_of_calibration(joint, settings)))
 
 

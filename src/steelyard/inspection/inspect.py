@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,13 +10,14 @@ import numpy as np
 
 from steelyard.display import printable
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment
+from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.samples.preparation import prepare
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.synchronisation import synchronise
+from steelyard.identification.verdict.winches import turned_winches
 from steelyard.inspection.agreements.agreement import InstrumentAgreement
 from steelyard.inspection.agreements.excerpt import Excerpt, excerpts
 from steelyard.inspection.agreements.judgement import Judged, judged
@@ -33,6 +34,7 @@ from steelyard.inspection.part import part_of
 from steelyard.inspection.remarks import constant_channels, of_noise, of_times
 from steelyard.inspection.settings import INSPECTION, InspectionSettings
 from steelyard.inspection.streams import StreamReport, as_dict, stream_reports
+from steelyard.inspection.swings import ExcitedMode, excited_modes
 
 FORMAT = "steelyard-inspection/1"
 
@@ -60,6 +62,8 @@ class Inspection:
     excitation: Excitation | None
     """None where it could not be looked at; a remark says why."""
     remarks: tuple[str, ...]
+    modes: tuple[ExcitedMode, ...] = ()
+    """Natural modes that runs with locked winches show."""
 
     def __repr__(self) -> str:
         """Counts, mistakes with what to change, and remarks."""
@@ -85,6 +89,7 @@ class Inspection:
             ],
             "contacts": [{**vars(each), "channels": list(each.channels)} for each in self.contacts],
             "excitation": None if self.excitation is None else _excitation_dict(self.excitation),
+            "modes": [vars(each) for each in self.modes],
             "remarks": list(self.remarks),
         }
 
@@ -190,6 +195,9 @@ def inspect(
         remarks.append(_unexplained(described))
     if joint is not None:
         contacts += contacts_of_fit(joint.contacts, residuals, contacts)
+    swung = [run for run in experiment.runs if run.locked]
+    modes = tuple(mode for run in swung for mode in excited_modes(experiment, run))
+    remarks += _of_swings(swung, modes, joint)
     progress("done", 1.0)
     return Inspection(
         experiment=experiment,
@@ -202,7 +210,23 @@ def inspect(
         residuals=tuple(residuals),
         excitation=None if joint is None else excitation(joint, settings.identifiability),
         remarks=tuple(dict.fromkeys(remarks)),
+        modes=modes,
     )
+
+
+def _of_swings(
+    runs: Sequence[Run], modes: Sequence[ExcitedMode], joint: Posterior | None
+) -> Iterator[str]:
+    """Winches that have turned though they are said to be locked, and runs in which nothing swings."""
+    if joint is not None:
+        for samples in joint.samples:
+            yield from turned_winches(joint.experiment, samples)
+    for run in runs:
+        if not any(mode.run == run.name for mode in modes):
+            yield (
+                f"run '{run.name}': no swing is seen; push the platform and record at least some"
+                " seconds once the hands are off"
+            )
 
 
 def _enter(experiment: Experiment, shown: Sequence[Excerpt], settings: InspectionSettings) -> None:
@@ -257,6 +281,14 @@ def _fitted(
     settings: InspectionSettings,
 ) -> tuple[list[Delay], Posterior | None, list[str]]:
     """Delays, a fit of everything, and what to say of it."""
+    if not experiment.runs:
+        count = sum(len(each.frequency) for each in experiment.frequencies)
+        rows = len(experiment.frequencies)
+        return (
+            [],
+            None,
+            [f"{count} natural frequencies in {rows} rows, and no recording to look at"],
+        )
     if wrong:
         wait = "delays and identifiability are evaluated once the mistakes are corrected"
         return [], None, [wait]

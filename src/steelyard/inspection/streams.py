@@ -73,7 +73,9 @@ def stream_reports(
         settings: What is noise, and what is rest.
     """
     rest = {} if run.static else resting(experiment, run, settings)
-    return [_report(experiment, run, name, rest.get(name), settings) for name in run.streams]
+    m = experiment.robot.m
+    read = [name for name in run.streams if not experiment.instruments[name].stands_in(m)]
+    return [_report(experiment, run, name, rest.get(name), settings) for name in read]
 
 
 def _report(

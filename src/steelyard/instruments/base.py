@@ -290,6 +290,15 @@ class Instrument(FileModel, ABC):
         """Columns of the contract that it does not have though its kind does."""
         return frozenset()
 
+    def stands_in(self, m: int) -> bool:
+        """Whether nobody reads anything of it: it stands in for sensors that are not there.
+
+        Args:
+            m: Number of cables.
+        """
+        columns = {c for q in self.quantities(m) for form in q.forms for c in form}
+        return bool(columns) and columns <= self.unread
+
     @property
     def target_limits(self) -> TargetLimits | None:
         """What the point that it tracks may reach; None: it does not lose it."""

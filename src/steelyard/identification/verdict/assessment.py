@@ -25,6 +25,7 @@ from steelyard.identification.solve.posterior import Posterior, plausible
 from steelyard.identification.verdict.diagnosis import diagnose
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.identification.verdict.swinging import swinging
+from steelyard.identification.verdict.winches import turned_winches
 from steelyard.inertia import TEN, body_jacobian
 from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.natural_frequencies.information import frequency_information
@@ -252,6 +253,11 @@ def reasons(
         *([] if load is None else [str(load)]),
         *(diagnose(posterior, settings) if contradictions else ()),
         *_of_runs(posterior, settings),
+        *(
+            text
+            for each in posterior.samples
+            for text in turned_winches(posterior.experiment, each)
+        ),
         *_of_description(tests, 1 if contradictions else settings.most_named, settings),
         *of_frequencies(posterior.experiment, posterior.parameters, posterior.size, settings),
         *_of_nominal(posterior, settings),

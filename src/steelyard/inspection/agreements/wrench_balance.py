@@ -59,6 +59,8 @@ def force_relations(excerpt: Excerpt) -> Iterator[Relation]:
     # An accelerometer goes with the gyro beside it, which gives angular acceleration best.
     force_samples = [(f, *_beside(excerpt, f)) for f in excerpt.quantity("specific_force")]
     for force in excerpt.quantity("tension"):
+        if excerpt.instruments[force[0]].stands_in(excerpt.robot.m):
+            continue
         yield ("tensions", (force,))
         for a in measured or turned[:1]:
             for p in at or placed[:1]:

@@ -8,7 +8,7 @@ from itertools import groupby
 
 import numpy as np
 
-from steelyard.digits import LABELS
+from steelyard.digits import LABELS, number
 from steelyard.inspection.contact import Contact
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
@@ -33,6 +33,8 @@ _WORDS = {
 def grids(found: Inspection) -> tuple[Grid, ...]:
     """What is shown, as tables."""
     tables = [_streams(found), _noise(found)]
+    if found.modes:
+        tables.append(_modes(found))
     if found.delays:
         tables.append(_delays(found))
     if found.agreements:
@@ -82,6 +84,21 @@ def _noise(found: Inspection) -> Grid:
                 numbers = (short(q.noise_at_rest), short(q.noise_in_motion), short(q.stated))
                 rows.append((each.run, each.instrument, words(q.name), q.unit, *numbers))
     return Grid("Noise of a sample, 1-sigma", head, tuple(rows), frozenset(range(4, 7)))
+
+
+def _modes(found: Inspection) -> Grid:
+    """Natural modes that the pushes have excited."""
+    rows = tuple(
+        (
+            each.run,
+            number(each.frequency, each.sigma),
+            f"{1e3 * each.amplitude:.0f}",
+            f"{each.damping_ratio:.4f}",
+        )
+        for each in found.modes
+    )
+    head = ("run", "frequency [Hz]", "amplitude [mm]", "damping ratio")
+    return Grid("Natural modes that the pushes excited", head, rows, frozenset({1, 2, 3}))
 
 
 def _delays(found: Inspection) -> Grid:
@@ -193,7 +210,7 @@ def _unidentifiable(found: Inspection) -> Iterator[Statement]:
     labels = [
         label
         for each, (label, *_) in zip(found.excitation.body, LABELS, strict=True)
-        if each.told == "not at all"
+        if each.told == "not at all" and not (found.experiment.mass_assumed and label == "mass")
     ]
     if labels:
         yield Statement(
