@@ -94,4 +94,4 @@ def test_a_winch_that_turned_is_named():
     whole = replace(experiment, runs=(turned,))
     named = list(turned_winches(whole, prepare(whole, turned, straight=True)))
     assert named
-    assert "said to be locked" in named[0]
+    assert "are said to be locked" in named[0]

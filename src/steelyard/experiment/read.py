@@ -120,6 +120,12 @@ def _check_names(form: ExperimentForm, document: YamlDocument) -> None:
     for i, run in enumerate(form.runs):
         synchronised = run.sync if isinstance(run.sync, dict) and not run.static else {}
         for key in [*((name,) for name in run.streams), *(("sync", name) for name in synchronised)]:
+            if key == ("winches",) and "winches" not in form.instruments:
+                raise document.error(
+                    ("runs", i, "winches"),
+                    "expected 'locked', or a run without this key where the winches turn, found"
+                    " another value; correct it",
+                )
             if key[-1] not in form.instruments:
                 raise document.error(
                     ("runs", i, *key),

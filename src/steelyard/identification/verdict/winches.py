@@ -26,7 +26,7 @@ _OF_GEOMETRY = 5.0
 
 
 def turned_winches(experiment: Experiment, samples: Samples) -> Iterator[str]:
-    """A sentence for each cable that changes its length in a run of locked winches.
+    """A sentence on cables that change their lengths in a run of locked winches.
 
     Args:
         experiment: With the run.
@@ -43,9 +43,12 @@ def turned_winches(experiment: Experiment, samples: Samples) -> Iterator[str]:
     weight = np.ones((len(samples), robot.m))
     length = cables_at(robot, samples.position, samples.rotation, weight).length
     taut = np.array([np.quantile(part, _TAUT, axis=0) for part in np.array_split(length, _PARTS)])
-    for i in np.flatnonzero(np.ptp(taut, axis=0) > limit):
+    change = np.ptp(taut, axis=0)
+    turned = [str(i + 1) for i in np.flatnonzero(change > limit)]
+    if turned:
         yield (
-            f"run '{run.name}': cable {i + 1} changes its length by {1e3 * np.ptp(taut[:, i]):.0f}"
-            " mm, though its winch is said to be locked; leave the part in which it turned out with"
-            " 'window', or remove 'winches: locked' and add the forces"
+            f"run '{run.name}': {'cables' if len(turned) > 1 else 'cable'} {', '.join(turned)}"
+            f" {'change their lengths' if len(turned) > 1 else 'changes its length'} by up to"
+            f" {1e3 * change.max():.0f} mm, though the winches are said to be locked; leave the part"
+            " in which they turned out with 'window', or remove 'winches: locked' and add the forces"
         )
