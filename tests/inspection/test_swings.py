@@ -10,11 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.experiment.read import read_experiment
+from steelyard.identification.identify import identify
 from steelyard.identification.samples.preparation import prepare
 from steelyard.identification.verdict.winches import turned_winches
 from steelyard.inspection.inspect import inspect
 from steelyard.inspection.swings import excited_modes
 from steelyard.natural_frequencies.frequencies import frequencies
+from steelyard.report.blocks.document import Grid
+from steelyard.report.documents.identification import document_of
+from steelyard.report.evidence.summary import summarise
 
 NOISE = 3e-4
 EXAMPLE = ROOT / "examples" / "free-swinging" / "three-cables" / "experiment.yaml"
@@ -95,3 +99,17 @@ def test_a_winch_that_turned_is_named():
     named = list(turned_winches(whole, prepare(whole, turned, straight=True)))
     assert named
     assert "are said to be locked" in named[0]
+
+
+def test_the_report_shows_spectra_and_no_forces():
+    found = identify(read_experiment(EXAMPLE))
+    summary = summarise(found)
+    assert {each.run for each in summary.evidence.swings} == {f"swing {i}" for i in range(4)}
+    assert all(len(each.predicted) == 3 for each in summary.evidence.swings)
+    assert all(each.instrument == "pose" for each in summary.evidence.traces)
+    sections = {each.name: each for each in document_of(summary).sections}
+    assert "swings" in sections
+    assert "wrench" not in sections
+    assert "inertia over the mass" in {
+        block.caption for block in sections["result"].blocks if isinstance(block, Grid)
+    }

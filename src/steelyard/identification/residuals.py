@@ -89,7 +89,8 @@ def residuals(
         ]
         if not own:
             continue
-        yield from _forces(experiment, run, own, state)
+        if not all(forces.guessed.all() for _, forces in own):
+            yield from _forces(experiment, run, own, state)
         segments = [segment for segment, _ in own]
         yield from _motion(experiment, run, segments, state.calibration, state.factors)
 

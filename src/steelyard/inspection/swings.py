@@ -176,15 +176,39 @@ def _projected(time: Array, motion: Array, rates: Array) -> _Projected:
     return _Projected(motion - A @ found, np.linalg.norm(pairs, axis=1))
 
 
+def swing_spectrum(experiment: Experiment, run: Run) -> tuple[Array, Array] | None:
+    """Frequencies [Hz] and amplitudes of the motion of a run [m], all components of the pose together
+    at the platform's radius, shape (k,) each; None where it is too short, or nothing tells it.
+
+    Args:
+        experiment: With the run.
+        run: Whose winches are locked.
+    """
+    seen = _motion(experiment, run)
+    if seen is None:
+        return None
+    time, motion = seen
+    hertz, power = _spectrum(time, _projected(time, motion, np.zeros((0, 2))).residual)
+    shown = hertz <= _HIGHEST / 2
+    return hertz[shown], np.sqrt(power[shown])
+
+
 def _strongest(time: Array, residual: Array) -> float:
     """Frequency at which a residual has most power [Hz]."""
-    even = np.linspace(time[0], time[-1], len(time))
-    whole = np.column_stack([np.interp(even, time, column) for column in residual.T])
-    window = np.hanning(len(even))[:, None]
-    power = np.sum(np.abs(np.fft.rfft(whole * window, _PADDED * len(even), axis=0)) ** 2, axis=1)
-    hertz = np.fft.rfftfreq(_PADDED * len(even), even[1] - even[0])
-    power[(hertz > _HIGHEST) | (hertz < 1 / (even[-1] - even[0]))] = 0.0
+    hertz, power = _spectrum(time, residual)
+    power[(hertz > _HIGHEST) | (hertz < 1 / (time[-1] - time[0]))] = 0.0
     return float(hertz[np.argmax(power)])
+
+
+def _spectrum(time: Array, motion: Array) -> tuple[Array, Array]:
+    """Frequencies [Hz], and squares of the amplitudes over all components, shape (k,) each."""
+    even = np.linspace(time[0], time[-1], len(time))
+    whole = np.column_stack([np.interp(even, time, column) for column in motion.T])
+    window = np.hanning(len(even))[:, None]
+    found = np.fft.rfft(whole * window, _PADDED * len(even), axis=0) * 2 / window.sum()
+    return np.fft.rfftfreq(_PADDED * len(even), even[1] - even[0]), np.sum(
+        np.abs(found) ** 2, axis=1
+    )
 
 
 def _refined(time: Array, motion: Array, rates: Array) -> tuple[Array, _Projected]:

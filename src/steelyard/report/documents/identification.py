@@ -12,9 +12,20 @@ from steelyard.report.documents.sections.made import made
 from steelyard.report.documents.sections.platform import platform
 from steelyard.report.documents.sections.residuals import residuals, wrench
 from steelyard.report.documents.sections.result import lead, result
+from steelyard.report.documents.sections.swings import swings
 from steelyard.report.evidence.summary import Summary
 
-SECTIONS = (result, platform, wrench, residuals, disturbances, calibration, correlation, made)
+SECTIONS = (
+    result,
+    platform,
+    swings,
+    wrench,
+    residuals,
+    disturbances,
+    calibration,
+    correlation,
+    made,
+)
 """In the order in which they are shown; each is left out where it has nothing to say."""
 
 

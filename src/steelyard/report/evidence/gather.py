@@ -23,6 +23,8 @@ from steelyard.identification.residuals import Residuals, of_samples, residuals
 from steelyard.identification.samples.preparation import Samples, prepare
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import BODY_PARAMETERS, TEN
+from steelyard.inspection.swings import excited_modes, swing_spectrum
+from steelyard.natural_frequencies.frequencies import frequencies
 from steelyard.report.evidence.thinning import THINNING, Thinning, evenly, rounded
 from steelyard.report.evidence.traces import traces
 from steelyard.report.evidence.values import (
@@ -36,6 +38,7 @@ from steelyard.report.evidence.values import (
     Noise,
     Number,
     Shape,
+    SwingTrack,
     numbers,
 )
 from steelyard.robot.model import Robot
@@ -91,8 +94,45 @@ def evidence_of(identification: Identification, thinning: Thinning = THINNING) -
         clocks=tuple(_clocks(identification, posterior)) if posterior else (),
         contacts=tuple(_contacts(estimate)),
         disturbances=tuple(_disturbances(posterior, names, thinning)) if posterior else (),
+        swings=tuple(_swings(shown, estimate, samples)),
         not_drawn=len(experiment.runs) - len(shown.runs),
     )
+
+
+def _swings(
+    experiment: Experiment, estimate: Estimate, samples: Sequence[Samples]
+) -> Iterator[SwingTrack]:
+    """How the platform swings in runs with locked winches, and how the estimate would."""
+    for run in experiment.runs:
+        spectrum = swing_spectrum(experiment, run) if run.locked else None
+        if spectrum is None:
+            continue
+        own = next((each for each in samples if each.run == run.name), None)
+        hertz, amplitude = spectrum
+        yield SwingTrack(
+            run=run.name,
+            frequency=tuple(rounded(hertz, 6)),
+            amplitude=tuple(rounded(amplitude, 5)),
+            seen=tuple((each.frequency, each.sigma) for each in excited_modes(experiment, run)),
+            predicted=tuple(_predicted(experiment.robot, estimate, own)),
+        )
+
+
+def _predicted(
+    robot: Robot, estimate: Estimate, samples: Samples | None
+) -> Iterator[tuple[float, Number]]:
+    """Natural frequencies of an estimate about the middle of a swing [Hz], with their 1-sigma."""
+    if samples is None or samples.position is None or samples.rotation is None:
+        return
+    middle = Rotation.from_matrix(samples.rotation).mean().as_euler("ZYX")[::-1]
+    try:
+        found = frequencies(
+            robot, estimate, pose=np.concatenate([samples.position.mean(axis=0), middle])
+        )
+    except InputError:
+        # A body of which too little is told, or a pose in which a cable is hardly taut.
+        return
+    yield from ((each.frequency, each.standard_deviation) for each in found.modes)
 
 
 def _disturbances(

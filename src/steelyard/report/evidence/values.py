@@ -197,6 +197,22 @@ class ClockDelay:
 
 
 @dataclass(frozen=True)
+class SwingTrack:
+    """How the platform swings in a run with locked winches."""
+
+    run: str
+    frequency: tuple[Real, ...]
+    """Of the spectrum [Hz]."""
+    amplitude: tuple[Real, ...]
+    """Of all components of the pose together, at the platform's radius [m]."""
+    seen: tuple[tuple[Real, Real], ...]
+    """Natural frequencies in the recording and their 1-sigma [Hz]."""
+    predicted: tuple[tuple[Real, Number], ...]
+    """Those of the estimated body about the middle of the swing, and their 1-sigma [Hz]; empty: not
+    known."""
+
+
+@dataclass(frozen=True)
 class Input:
     """A file that was read."""
 
@@ -232,5 +248,6 @@ class Evidence:
     contacts: tuple[tuple[str, Real, Real], ...] = ()
     """Run, beginning and end of what touched the platform [s]."""
     disturbances: tuple[DisturbanceTrack, ...] = ()
+    swings: tuple[SwingTrack, ...] = ()
     not_drawn: int = 0
     """Runs of which no readings and motions are kept, to bound the size."""
