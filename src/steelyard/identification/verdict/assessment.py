@@ -26,7 +26,7 @@ from steelyard.identification.verdict.diagnosis import diagnose
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.identification.verdict.swinging import swinging
 from steelyard.identification.verdict.winches import turned_winches
-from steelyard.inertia import TEN, body_jacobian
+from steelyard.inertia import TEN, Inertia, body_jacobian
 from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.natural_frequencies.information import frequency_information
 
@@ -345,6 +345,30 @@ def _of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterato
                     " the robot, the order and the signs of its forces, and what touches the"
                     " platform, or state it under 'uncertainty: {unmodelled: …}'"
                 )
+            turning = _turning(posterior, segment.run)
+            if part.start == 3 and np.linalg.norm(rms) > settings.largest_torque * turning:
+                # It is taken as independent of the motion. What is not is in the moments of
+                # inertia, the more, the larger it is beside what they withstand.
+                yield (
+                    f"run '{segment.run}': an {name} that nothing explains is as large as"
+                    f" {np.linalg.norm(rms) / max(turning, 1e-300):.0%} of the torque that turns the"
+                    " platform, so that the inertia may be off by more than its 1-sigma; turn the"
+                    " platform faster, remove what pulls at it, or state it under 'uncertainty:"
+                    " {unmodelled: …}'"
+                )
+
+
+def _turning(posterior: Posterior, run: str) -> float:
+    """Root mean square of the torque that turns the body about its centre of gravity in a run
+    [N m].
+    """
+    body = Inertia.from_parameters(posterior.parameters).inertia
+    found = [
+        each.alpha @ body + np.cross(each.omega, each.omega @ body)
+        for each in posterior.samples
+        if each.run == run and len(each)
+    ]
+    return float(np.sqrt(np.mean(np.sum(np.concatenate(found) ** 2, axis=1)))) if found else 0.0
 
 
 def _is_disturbed(posterior: Posterior) -> bool:

@@ -46,6 +46,9 @@ class VerdictSettings:
     drift, filter or lost target but an error of the description."""
     largest_wrench: float = 0.1
     """The same of an unmodelled wrench, as a part of the weight: by the platform's size of torques."""
+    largest_torque: float = 0.25
+    """The same of an unmodelled torque, as a part of that which turns the body: by how much of it
+    follows the motion by chance, some per cent of the moments are not told."""
     biased: float = 2.0
     """A bias by noise in the regressor of so many 1-sigma is no longer small, so that a correction
     of first order need not be enough."""

@@ -1,0 +1,58 @@
+"""An unmodelled torque beside the torque that turns the body: independent of the motion only as far as
+chance leaves it.
+"""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from steelyard.identification.model.balance import UNMODELLED_PARTS
+from steelyard.identification.verdict.assessment import _of_disturbances
+from steelyard.identification.verdict.settings import VERDICT
+from steelyard.inertia import Inertia
+
+BODY = Inertia(10.0, np.zeros(3), np.diag([0.2, 0.3, 0.4]))
+ALPHA = np.array([[0.0, 0.0, 2.0]])  # turns with .8 N m
+(TORQUE,) = (source for source, part in UNMODELLED_PARTS.items() if part.start == 3)
+
+
+@dataclass
+class Samples:
+    run: str = "swings"
+    alpha: np.ndarray = None
+    omega: np.ndarray = None
+
+    def __len__(self):
+        return len(self.alpha)
+
+
+def posterior(torque, stated=False):
+    process = SimpleNamespace(is_stated=stated, disturbs=TORQUE, source=TORQUE)
+    segment = SimpleNamespace(
+        static=False,
+        run="swings",
+        span=(0.0, 1.0),
+        processes=(process,),
+        basis=lambda times: None,
+        disturbance=lambda process, local: np.array([[0.0, 0.0, torque]]),
+    )
+    return SimpleNamespace(
+        experiment=SimpleNamespace(robot=SimpleNamespace(gravity=np.array([0, 0, -9.81]), size=1)),
+        parameters=BODY.parameters,
+        fit=SimpleNamespace(state=SimpleNamespace(segments=(segment,))),
+        samples=(Samples("swings", ALPHA, np.zeros((1, 3))),),
+    )
+
+
+@pytest.mark.parametrize(("torque", "count"), [(0.1, 0), (0.32, 1)])
+def test_one_that_is_a_large_part_of_what_turns_the_body_is_no_promise(torque, count):
+    found = list(_of_disturbances(posterior(torque), VERDICT))
+    assert len(found) == count
+    if found:
+        assert "40% of the torque that turns the platform" in found[0]
+
+
+def test_one_that_is_stated_is_known():
+    assert not list(_of_disturbances(posterior(0.3, stated=True), VERDICT))
