@@ -88,7 +88,7 @@ def test_what_stands_in_is_not_written(tmp_path):
         ({"m": 6, "run": {"winches": "locked"}}, "found 6 cables and no forces: it hangs still"),
         ({"m": 7, "run": {"winches": "locked"}}, "found 7 cables and no forces: it hangs still"),
         ({"run": {"winches": "locked", "static": True}}, "found poses at rest; remove the key"),
-        ({"run": {"winches": "open"}}, "expected the name of an instrument, found 'winches'"),
+        ({"run": {"winches": "open"}}, "expected 'locked', or a run without this key"),
     ],
 )
 def test_a_run_without_forces_needs_locked_winches_and_few_cables(tmp_path, given, expected):
