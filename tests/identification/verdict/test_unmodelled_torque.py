@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from steelyard.identification.model.balance import UNMODELLED_PARTS
-from steelyard.identification.verdict.assessment import _of_disturbances
+from steelyard.identification.verdict.assessment import _of_contacts, _of_disturbances
 from steelyard.identification.verdict.settings import VERDICT
 from steelyard.inertia import Inertia
 
@@ -56,3 +56,11 @@ def test_one_that_is_a_large_part_of_what_turns_the_body_is_no_promise(torque, c
 
 def test_one_that_is_stated_is_known():
     assert not list(_of_disturbances(posterior(0.3, stated=True), VERDICT))
+
+
+@pytest.mark.parametrize(
+    ("begun", "count"), [((0.4, 6.41, 12.44), 1), ((0.4, 4.0, 12.44), 0), ((0.4, 6.41), 0)]
+)
+def test_contacts_that_come_with_the_motion_are_none(begun, count):
+    contacts = {"run": tuple((start, start + 0.7) for start in begun)}
+    assert len(list(_of_contacts(SimpleNamespace(contacts=contacts), VERDICT))) == count

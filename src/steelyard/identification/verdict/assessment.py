@@ -259,6 +259,7 @@ def reasons(
             for text in turned_winches(posterior.experiment, each)
         ),
         *_of_description(tests, 1 if contradictions else settings.most_named, settings),
+        *_of_contacts(posterior, settings),
         *of_frequencies(posterior.experiment, posterior.parameters, posterior.size, settings),
         *_of_nominal(posterior, settings),
         *_of_bias(posterior, settings),
@@ -356,6 +357,21 @@ def _of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterato
                     " platform faster, remove what pulls at it, or state it under 'uncertainty:"
                     " {unmodelled: …}'"
                 )
+
+
+def _of_contacts(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
+    """What was left out as a contact and comes again with the motion: that is no hand."""
+    for run, stretches in posterior.contacts.items():
+        begun = np.sort([start for start, _ in stretches])
+        apart = np.diff(begun)
+        if len(apart) < 2 or np.ptp(apart) > settings.recurring * float(np.mean(apart)):
+            continue
+        yield (
+            f"run '{run}': what pulls or pushes beside the body comes again every"
+            f" {np.mean(apart):.2f} s ({len(begun)} times), so that it is no contact but follows the"
+            " motion; look for a cable or a hose that rubs or catches, a guide, or friction that is"
+            " larger than stated"
+        )
 
 
 def _turning(posterior: Posterior, run: str) -> float:
