@@ -29,7 +29,7 @@ from steelyard.robot.model import Robot
 _DIGITS = 3
 """Of the ten in plausible sizes, about which frequencies are linearised."""
 _COARSE = 1
-"""The same for how they follow the geometry."""
+"""The same of mass and first moment, about which places are looked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,16 +77,7 @@ def frequency_information(
         tuple((np.round(parameters / sizes, digits) * sizes).tolist())
         for digits in (_DIGITS, _COARSE)
     )
-    found = _linearised(experiment, scaled, coarse)
-    if found is None:
-        return None
-    seen, predicted, J = found
-    sigma = np.concatenate([each.sigma for each in experiment.frequencies])
-    follows = _by_geometry(experiment, coarse)
-    spread = np.diag(sigma**2)
-    if follows is not None:
-        spread = spread + follows @ follows.T
-    return FrequencyInformation(seen, predicted, np.array(scaled), J, spread)
+    return _linearised(experiment, scaled, coarse[:4])
 
 
 def check_predictable(experiment: Experiment, body: Inertia) -> int:
@@ -109,28 +100,44 @@ def check_predictable(experiment: Experiment, body: Inertia) -> int:
 
 @lru_cache(maxsize=8)
 def _linearised(
-    experiment: Experiment, parameters: tuple[float, ...], coarse: tuple[float, ...]
-) -> tuple[Array, Array, Array] | None:
-    """Seen and predicted frequencies, and their derivative by the ten linear parameters, of a body
-    near another one; None: it cannot hang so.
+    experiment: Experiment, parameters: tuple[float, ...], near: tuple[float, ...]
+) -> FrequencyInformation | None:
+    """About a body that hangs near where one of such a mass and first moment does; None: it cannot
+    hang so.
     """
-    body = Inertia.from_parameters(np.array(parameters))
+    at = np.array(parameters)
+    body = Inertia.from_parameters(at)
     if body.mass <= 0 or not body.is_physical:
         return None
-    predicted, slopes = [], []
-    about = _about(experiment, coarse[0], coarse[1:4]) or (None,) * len(experiment.frequencies)
-    for each, near in zip(experiment.frequencies, about, strict=True):
+    of_points = np.repeat(
+        [experiment.uncertainty.get(name, 0.0) for name in ("anchor", "attachment")],
+        3 * experiment.robot.m,
+    )
+    predicted, by_body, by_error = [], [], []
+    starts = _about(experiment, near[0], near[1:]) or (None,) * len(experiment.frequencies)
+    for each, start in zip(experiment.frequencies, starts, strict=True):
         try:
-            found = (near and beside(near, body)) or _modes_of(experiment.robot, body, each)
-            J = sensitivity(found)
+            found = (start and beside(start, body)) or _modes_of(experiment.robot, body, each)
+            follows = sensitivity(found)
+            strays = by_points(found) * of_points if of_points.any() else None
         except InputError:
             return None
         own = _matched(each, found.frequencies)
         predicted.append(found.frequencies[own])
-        slopes.append(J[own])
-    to_body = body_jacobian(np.array(parameters))
-    seen = np.concatenate([each.frequency for each in experiment.frequencies])
-    return seen, np.concatenate(predicted), np.concatenate(slopes) @ to_body
+        by_body.append(follows[own])
+        if strays is not None:
+            by_error.append(strays[own])
+    covariance = np.diag(np.concatenate([each.sigma for each in experiment.frequencies]) ** 2)
+    if by_error:
+        together = np.concatenate(by_error)
+        covariance = covariance + together @ together.T
+    return FrequencyInformation(
+        seen=np.concatenate([each.frequency for each in experiment.frequencies]),
+        predicted=np.concatenate(predicted),
+        at=at,
+        by_parameters=np.concatenate(by_body) @ body_jacobian(at),
+        covariance=covariance,
+    )
 
 
 @lru_cache(maxsize=8)
@@ -149,26 +156,6 @@ def _about(
         return None
 
 
-@lru_cache(maxsize=8)
-def _by_geometry(experiment: Experiment, parameters: tuple[float, ...]) -> Array | None:
-    """How predicted frequencies follow 1-sigma of every coordinate of anchors and attachments,
-    shape (k, 6 m); None: these are exact, or the body cannot hang.
-    """
-    robot, body = experiment.robot, Inertia.from_parameters(np.array(parameters))
-    sigmas = [experiment.uncertainty.get(name, 0.0) for name in ("anchor", "attachment")]
-    if not any(sigmas) or body.mass <= 0:
-        return None
-    scale = np.repeat(sigmas, 3 * robot.m)
-    slopes = []
-    for each in experiment.frequencies:
-        try:
-            found = _modes_of(robot, body, each)
-            slopes.append(by_points(found)[_matched(each, found.frequencies)])
-        except InputError:
-            return None
-    return np.asarray(np.concatenate(slopes) * scale)
-
-
 def _modes_of(robot: Robot, body: Inertia, seen: SeenFrequencies) -> NaturalModes:
     """As the body swings there; on six cables and more by their stretch alone."""
     elastic = robot.m >= DIRECTIONS
@@ -183,8 +170,8 @@ def _matched(seen: SeenFrequencies, modes: Array) -> list[int]:
             f" {len(modes)} natural frequencies of a platform that hangs so, found"
             f" {len(seen.frequency)}; correct the row"
         )
-    choices = combinations(range(len(modes)), len(seen.frequency))
-    off = lambda own: float(  # noqa: E731
-        np.sum(((seen.frequency - modes[list(own)]) / seen.sigma) ** 2)
-    )
-    return list(min(choices, key=off))
+
+    def off(own: tuple[int, ...]) -> float:
+        return float(np.sum(((seen.frequency - modes[list(own)]) / seen.sigma) ** 2))
+
+    return list(min(combinations(range(len(modes)), len(seen.frequency)), key=off))
