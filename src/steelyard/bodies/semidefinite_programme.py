@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.bodies.newton import SolverEnd
-from steelyard.bodies.whitened_problem import DIRECTIONS, WhitenedProblem, lifted, svec
+from steelyard.bodies.whitened_problem import BASIS, WhitenedProblem, lifted, svec
 from steelyard.errors import InputError
 
 
@@ -123,7 +123,7 @@ def _log_determinant(problem: WhitenedProblem, B: Any) -> list[tuple[Array, Arra
     triangle = [(i, j) for j in range(4) for i in range(j, 4)]
     place = {element: k for k, element in enumerate(triangle)}
     left, right = np.zeros((36, 24)), np.zeros(36)
-    M = svec(N @ DIRECTIONS @ N.T).T  # of W, (10, 10)
+    M = svec(N @ BASIS @ N.T).T  # of W, (10, 10)
     left[:10, :10] = M @ B
     right[:10] = M @ problem.center
     for k, (i, j) in enumerate(upper):

@@ -42,7 +42,7 @@ def lifted(vector: Array, least: float) -> Array:
     return svec((axes * np.maximum(values, least)) @ axes.T)
 
 
-DIRECTIONS = np.stack([smat(e) for e in np.eye(10)])
+BASIS = np.stack([smat(e) for e in np.eye(10)])
 """Orthonormal basis of the symmetric matrices, shape (10, 4, 4)."""
 
 
@@ -100,7 +100,7 @@ class WhitenedProblem:
             return self.weights
         # d(-W^-1) = W^-1 dW W^-1, for each of the ten orthonormal directions dW.
         root = np.linalg.inv(np.linalg.cholesky(smat(z)))
-        return np.vstack([self.weights, np.sqrt(self.prior) * svec(root @ DIRECTIONS @ root.T).T])
+        return np.vstack([self.weights, np.sqrt(self.prior) * svec(root @ BASIS @ root.T).T])
 
     def is_feasible(self, z: Array, tolerance: float = 0.0) -> bool:
         """Whether the constraints hold.

@@ -19,7 +19,7 @@ from steelyard.experiment.unread import with_unread_cables
 from steelyard.instruments import Instrument
 from steelyard.logs.log import NoRowsError
 from steelyard.robot.file import read_robot
-from steelyard.robot.model import Robot
+from steelyard.robot.model import DIRECTIONS, Robot
 from steelyard.yaml_file import YamlDocument, read_yaml, validate
 
 _FEWEST_SAMPLES = 10
@@ -27,8 +27,6 @@ _FEWEST_SAMPLES = 10
 _BESIDE = 5.0
 """Of a stream beside the window of its run that is read along [s]: clocks may differ by their
 delays, filters have edges."""
-_DIRECTIONS = 6
-"""Of a wrench: as many locked cables leave a platform no motion."""
 _NAME = re.compile(r"\w[\w \-]*")
 """Names of instruments: they name files and columns of tables."""
 
@@ -158,7 +156,7 @@ def check_instruments(
                 f"expected numbers of the {robot.m} cables of the robot, from 1, found"
                 f" {column[1:]}; correct it",
             )
-        if columns and columns <= instrument.unread:
+        if instrument.stands_in(robot.m):
             raise document.error(
                 ("instruments", name, "without"),
                 "expected a cable that has a sensor, found none; leave the instrument out of the"
@@ -290,11 +288,6 @@ def _sync(
     return given
 
 
-def _columns(m: int) -> list[str]:
-    """Of the tensions of all cables."""
-    return [f"f{i + 1}" for i in range(m)]
-
-
 def _check_run(
     experiment: Experiment, run: Run, document: YamlDocument, key: tuple[str | int, ...]
 ) -> None:
@@ -304,7 +297,7 @@ def _check_run(
     if force is None and not run.locked:
         swings = (
             ", or write 'winches: locked' where the platform swung on cables of constant length"
-            if 0 < m < _DIRECTIONS and not run.static
+            if 0 < m < DIRECTIONS and not run.static
             else ""
         )
         raise document.error(
@@ -318,11 +311,11 @@ def _check_run(
             f"run '{run.name}': expected 'winches: locked' of a robot with cables in a run in"
             f" motion, found {'poses at rest' if run.static else 'no cable'}; remove the key",
         )
-    unread = force is None or experiment.instruments[force].unread.issuperset(_columns(m))
-    if unread and m >= _DIRECTIONS:
+    unread = force is None or experiment.instruments[force].stands_in(m)
+    if unread and m >= DIRECTIONS:
         raise document.error(
             key,
-            f"run '{run.name}': expected forces, or fewer than {_DIRECTIONS} cables on which the"
+            f"run '{run.name}': expected forces, or fewer than {DIRECTIONS} cables on which the"
             f" platform swings while the winches are locked, found {m} cables and no forces: it"
             " hangs still, which tells nothing; add the forces",
         )

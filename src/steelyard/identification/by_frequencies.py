@@ -19,7 +19,7 @@ from steelyard.estimates.estimate import (
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.unweighed import up_to_mass
 from steelyard.identification.solve.posterior import known_body, plausible
-from steelyard.identification.verdict.assessment import of_frequencies
+from steelyard.identification.verdict.seen_frequencies import of_frequencies
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.natural_frequencies.information import check_predictable, frequency_information

@@ -20,6 +20,7 @@ from scipy.stats import chi2
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
+from steelyard.robot.model import DIRECTIONS
 
 _RATE = 25.0
 """Of the samples that are looked at [Hz]: platforms swing with a few Hz."""
@@ -33,7 +34,6 @@ _CHANCE = 1e-6
 """Probability that noise explains as much as a mode."""
 _LARGEST_DECAY = 2.0
 """[1/s]"""
-_DIRECTIONS = 6
 _WEAK = 0.3
 """Of a combination of two modes, over the geometric mean of their amplitudes."""
 
@@ -68,10 +68,10 @@ def excited_modes(experiment: Experiment, run: Run) -> Iterator[ExcitedMode]:
         run: Whose winches are locked.
     """
     seen = _motion(experiment, run)
-    if seen is None or not 0 < experiment.robot.m < _DIRECTIONS:
+    if seen is None or not 0 < experiment.robot.m < DIRECTIONS:
         return
     time, motion = seen
-    most = _DIRECTIONS - experiment.robot.m
+    most = DIRECTIONS - experiment.robot.m
     rates = np.zeros((0, 2))
     fitted = _projected(time, motion, rates)
     own_modes = np.zeros(0, dtype=bool)

@@ -1,6 +1,6 @@
 """What natural frequencies that somebody has seen tell of the body.
 
-They follow from body and cables by :mod:`.frequencies`; errors of the robot's geometry are a noise
+They follow from body and cables by :mod:`.modes`; errors of the robot's geometry are a noise
 that all of them share.
 """
 
@@ -16,15 +16,14 @@ from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, SeenFrequencies
 from steelyard.inertia import Inertia, body_jacobian
-from steelyard.natural_frequencies.frequencies import (
-    DIRECTIONS,
+from steelyard.natural_frequencies.modes import (
     NaturalModes,
     beside,
     by_points,
     natural,
     sensitivity,
 )
-from steelyard.robot.model import Robot
+from steelyard.robot.model import DIRECTIONS, Robot
 
 _DIGITS = 3
 """Of the ten in plausible sizes, about which frequencies are linearised."""
@@ -171,7 +170,6 @@ def _matched(seen: SeenFrequencies, modes: Array) -> list[int]:
             f" {len(seen.frequency)}; correct the row"
         )
 
-    def off(own: tuple[int, ...]) -> float:
-        return float(np.sum(((seen.frequency - modes[list(own)]) / seen.sigma) ** 2))
-
-    return list(min(combinations(range(len(modes)), len(seen.frequency)), key=off))
+    choices = np.array(list(combinations(range(len(modes)), len(seen.frequency))))
+    off = np.sum(((seen.frequency - modes[choices]) / seen.sigma) ** 2, axis=1)
+    return [int(i) for i in choices[np.argmin(off)]]

@@ -11,6 +11,10 @@ from steelyard.arrays import Array, readonly
 from steelyard.display import printable
 from steelyard.inertia import Inertia
 
+DIRECTIONS = 6
+"""Of a platform: coordinates of its pose, components of a wrench; with as many taut cables of
+constant length it cannot move."""
+
 
 @dataclass(frozen=True)
 class CableProperties:

@@ -24,12 +24,9 @@ from simulated import (
 
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.solve.held_motion import fit_with_held_motion
-from steelyard.identification.verdict.assessment import (
-    directed_tests,
-    label_mask,
-    priors_share,
-    reasons,
-)
+from steelyard.identification.verdict.assessment import reasons
+from steelyard.identification.verdict.directed_tests import directed_tests
+from steelyard.identification.verdict.information_shares import label_mask, priors_share
 from steelyard.identification.verdict.settings import VERDICT
 from steelyard.inertia import Inertia
 from steelyard.instruments.base import TIME_CONSTANT

@@ -18,12 +18,9 @@ from steelyard.identification.methods.unstated import (
 from steelyard.identification.methods.unweighed import found_geometry, up_to_mass
 from steelyard.identification.model.calibration_parameters import as_tree
 from steelyard.identification.solve.posterior import Posterior
-from steelyard.identification.verdict.assessment import (
-    directed_tests,
-    label_mask,
-    priors_share,
-    reasons,
-)
+from steelyard.identification.verdict.assessment import reasons
+from steelyard.identification.verdict.directed_tests import directed_tests
+from steelyard.identification.verdict.information_shares import label_mask, priors_share
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 

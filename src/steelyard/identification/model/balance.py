@@ -20,7 +20,7 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance_equations import motion_and_wrench, structure_matrices
-from steelyard.identification.model.balance_noise import DIRECTIONS, BalanceNoise, UnmodelledWrench
+from steelyard.identification.model.balance_noise import BalanceNoise, UnmodelledWrench
 from steelyard.identification.model.calibration_parameters import (
     AIR,
     ATTACHED,
@@ -38,6 +38,7 @@ from steelyard.identification.model.sources import Source
 from steelyard.inertia import TEN
 from steelyard.instruments.equations import sensitivity, solve_for
 from steelyard.instruments.tension import PRESLIDING, rolled_along
+from steelyard.robot.model import DIRECTIONS
 
 UNMODELLED = "unmodelled wrench"
 """Quantity of the platform: what acts on it and nothing explains."""

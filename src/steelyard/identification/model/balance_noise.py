@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+from steelyard.robot.model import DIRECTIONS
 
-DIRECTIONS = 6
-"""Of a wrench."""
 _ROUNDING = 1e-12
 """Added to scaled variances of order one, so that rounding leaves them positive."""
 

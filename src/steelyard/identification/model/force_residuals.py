@@ -27,7 +27,6 @@ from steelyard.identification.model.balance import (
     unmodelled_processes,
 )
 from steelyard.identification.model.balance_equations import derivatives_of_balance
-from steelyard.identification.model.balance_noise import DIRECTIONS
 from steelyard.identification.model.calibration_parameters import (
     AIR,
     ATTACHED,
@@ -60,6 +59,7 @@ from steelyard.inertia import TEN
 from steelyard.instruments.base import TIME_CONSTANT, Instrument
 from steelyard.instruments.equations import following, sensitivity
 from steelyard.instruments.tension import PRESLIDING, rolled_along
+from steelyard.robot.model import DIRECTIONS
 
 BALANCE = "balance"
 """What the rows are of, beside the quantities of the instrument."""

@@ -16,7 +16,6 @@ from steelyard.experiment.jumps import jumps
 from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.stuck import FEWEST_REPEATS, stuck_alone
 from steelyard.identification.model.balance import UNMODELLED, Forces
-from steelyard.identification.model.balance_noise import DIRECTIONS
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationValues,
@@ -34,6 +33,7 @@ from steelyard.instruments.base import Part
 from steelyard.instruments.equations import order_of
 from steelyard.instruments.noise import Disturbance
 from steelyard.instruments.unread_cables import UnreadCables
+from steelyard.robot.model import DIRECTIONS
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, Samples1D, fit, knots
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from steelyard.identification.model.balance import UNMODELLED_PARTS
-from steelyard.identification.verdict.assessment import _of_contacts, _of_disturbances
 from steelyard.identification.verdict.settings import VERDICT
+from steelyard.identification.verdict.unmodelled import of_contacts, of_disturbances
 from steelyard.inertia import Inertia
 
 BODY = Inertia(10.0, np.zeros(3), np.diag([0.2, 0.3, 0.4]))
@@ -48,14 +48,14 @@ def posterior(torque, stated=False):
 
 @pytest.mark.parametrize(("torque", "count"), [(0.1, 0), (0.32, 1)])
 def test_one_that_is_a_large_part_of_what_turns_the_body_is_no_promise(torque, count):
-    found = list(_of_disturbances(posterior(torque), VERDICT))
+    found = list(of_disturbances(posterior(torque), VERDICT))
     assert len(found) == count
     if found:
         assert "40% of the torque that turns the platform" in found[0]
 
 
 def test_one_that_is_stated_is_known():
-    assert not list(_of_disturbances(posterior(0.3, stated=True), VERDICT))
+    assert not list(of_disturbances(posterior(0.3, stated=True), VERDICT))
 
 
 @pytest.mark.parametrize(
@@ -63,4 +63,4 @@ def test_one_that_is_stated_is_known():
 )
 def test_contacts_that_come_with_the_motion_are_none(begun, count):
     contacts = {"run": tuple((start, start + 0.7) for start in begun)}
-    assert len(list(_of_contacts(SimpleNamespace(contacts=contacts), VERDICT))) == count
+    assert len(list(of_contacts(SimpleNamespace(contacts=contacts), VERDICT))) == count

@@ -1,0 +1,237 @@
+"""Directed tests: one for each number of the description.
+
+Residuals as a whole do not see wrong geometry, since offsets absorb it. So the residual is also
+asked for every single number of the description (where a cable is fixed, a gain, a delay, an axis)
+whether a different value would explain it better than noise does: a score test [Rao1948]_,
+two-sided, corrected for the number of tests [Dunn1961]_. Only what also moves the estimate counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from steelyard.arrays import Array
+from steelyard.identification.model.calibration_parameters import DRAG, ROBOT
+from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
+from steelyard.inertia import TEN, body_jacobian
+from steelyard.instruments.base import TIME_CONSTANT
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one directed test says."""
+
+    name: str
+    z: float
+    """Standard normal where the description is right."""
+    size: float
+    """The error that would explain the residual."""
+    sigma: float
+    """Its 1-sigma."""
+    unit: str
+    shift: float
+    """How far the estimate moves with it, in its 1-sigma."""
+    proposal: str
+    negligible: bool = False
+    """Whether it would be smaller than that of any device."""
+
+    def __str__(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return (
+            f"{self.name} seems to be off by {self.size:+.3g} ± {self.sigma:.2g}{unit} (z ="
+            f" {self.z:.1f}, it moves the estimate by {self.shift:.1f} sigma): {self.proposal}"
+        )
+
+
+def directed_tests(
+    posterior: Posterior, settings: VerdictSettings = VERDICT
+) -> tuple[Finding, ...]:
+    """A score test for every number of the description that acts on the balance, largest first."""
+    found = [*_of_fixed(posterior, settings), *_of_priors(posterior, settings)]
+    return tuple(sorted(found, key=lambda each: -abs(each.z)))
+
+
+def of_description(tests: Sequence[Finding], most: int, settings: VerdictSettings) -> Iterator[str]:
+    """Numbers of the description that the residual points at."""
+    limit = float(norm.isf(settings.family / max(1, len(tests)) / 2))
+    found = [
+        test
+        for test in tests
+        if abs(test.z) > limit and test.shift > settings.matters and not test.negligible
+    ]
+    for test in found[:most]:
+        yield str(test)
+    if len(found) > most:
+        yield (
+            f"{len(found) - most} more numbers of the description seem to be off; what is named"
+            " first may explain them"
+        )
+
+
+def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Finding]:
+    """Numbers of the description that were taken as exact."""
+    solution, calibration_parameters = (
+        posterior.solution,
+        posterior.calibration.calibration_parameters,
+    )
+    total = posterior.total
+    tested = np.flatnonzero(~solution.estimated & (np.diag(total.normal) > 0))
+    tested = tested[tested >= TEN]
+    if not len(tested):
+        return
+    use = np.flatnonzero(solution.estimated)
+    follow = total.normal[np.ix_(tested, use)] @ solution.gain[np.ix_(use, use)]
+    information = total.normal[np.ix_(tested, tested)] - follow @ total.normal[np.ix_(use, tested)]
+    score = solution.scores[tested]
+    # What the priors of the estimated pull is no evidence against those that are not.
+    pulled = (
+        solution.scores[use]
+        - (posterior.prior.precision @ solution.value - posterior.prior.pull)[use]
+    )
+    score = score - follow @ pulled
+    diagonal, own = np.diag(information), np.diag(total.normal)[tested]
+    noise = posterior.noise_factor * diagonal
+    noise = np.maximum(
+        noise,
+        _by_blocks(
+            posterior,
+            tested,
+            use,
+            follow,
+            np.where(diagonal > settings.its_own * own, score / np.maximum(diagonal, 1e-300), 0.0),
+            settings,
+        ),
+    )
+    z = score / np.sqrt(np.maximum(noise, 1e-300))
+    components = {TEN + place: unknown for place, unknown, _ in calibration_parameters.components()}
+    moves = -solution.gain[:TEN][:, use] @ total.normal[np.ix_(use, tested)]
+    for i, column in enumerate(tested):
+        if diagonal[i] < settings.its_own * own[i]:
+            continue
+        unknown, size = components[int(column)], score[i] / diagonal[i]
+        yield Finding(
+            name=calibration_parameters.names[column - TEN],
+            z=float(z[i]),
+            size=float(size),
+            sigma=float(np.sqrt(noise[i]) / diagonal[i]),
+            unit=unknown.unit,
+            shift=_shift(posterior, moves[:, i] * size),
+            proposal=_proposal(unknown.owner, unknown.key),
+            negligible=bool(abs(size) < unknown.negligible),
+        )
+
+
+def _by_blocks(
+    posterior: Posterior,
+    tested: NDArray[np.intp],
+    use: NDArray[np.intp],
+    follow: Array,
+    size: Array,
+    settings: VerdictSettings,
+) -> Array:
+    """Variance of the scores as stretches of the recording show it, shape (t,).
+
+    An error of the description is there throughout; a misfit of the model comes and goes, and must
+    not be taken for one.
+    """
+    blocks = posterior.blocks
+    if len(blocks.right) < settings.fewest_blocks:
+        return np.zeros(len(tested))
+    scores = blocks.scores(posterior.solution.value)
+    scores = scores[:, tested] - scores[:, use] @ follow.T
+    # What an error of the size found would have put into each of them.
+    own = np.einsum("btt->bt", blocks.normal[:, tested[:, None], tested])
+    shared = np.einsum("tu,but->bt", follow, blocks.normal[:, use[:, None], tested])
+    estimated = np.einsum(
+        "tu,buv,tv->bt", follow, blocks.normal[:, use[:, None], use], follow, optimize=True
+    )
+    explained = own - 2 * shared + estimated
+    rest = scores - explained * size
+    rest = rest - rest.mean(axis=0)
+    count = len(rest)
+    return np.asarray(np.sum(rest**2, axis=0) * count / (count - 1))
+
+
+def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Finding]:
+    """Calibration parameters that were estimated: whether they came out where their prior has them."""
+    calibration_parameters, values = (
+        posterior.calibration.calibration_parameters,
+        posterior.calibration.values,
+    )
+    variance = np.diag(posterior.solution.covariance)[TEN:]
+    moves = posterior.solution.covariance[:TEN, TEN:]
+    for place, unknown, component in calibration_parameters.components():
+        prior = unknown.deviation[component] ** 2
+        if (
+            not posterior.solution.estimated[TEN + place]
+            or variance[place] > settings.informed * prior
+        ):
+            continue
+        size = values[place] - unknown.mean[component]
+        yield Finding(
+            name=calibration_parameters.names[place],
+            z=float(size / np.sqrt(prior - variance[place])),
+            size=float(size),
+            sigma=float(np.sqrt(variance[place])),
+            unit=unknown.unit,
+            # Held at its prior, the estimate would move by so much.
+            shift=_shift(posterior, moves[:, place] / variance[place] * size),
+            proposal=_proposal(unknown.owner, unknown.key),
+        )
+
+
+def _shift(posterior: Posterior, change: Array) -> float:
+    """Length of a change of the ten linear parameters in the 1-sigma of what is told."""
+    told = posterior.identifiable
+    if not told.any():
+        return 0.0
+    moved = (body_jacobian(posterior.parameters) @ change)[told]
+    covariance = posterior.body_covariance[np.ix_(told, told)]
+    scale = 1 / np.sqrt(np.diag(covariance))
+    inverse = np.linalg.pinv(covariance * np.outer(scale, scale), hermitian=True)
+    return float(np.sqrt(np.abs((moved * scale) @ inverse @ (moved * scale))))
+
+
+def _proposal(owner: str, key: str) -> str:
+    """What to do about a number of the description that seems to be off."""
+    if owner == ROBOT:
+        head = key.partition(".")[0]
+        return {
+            "attached": "look for a hose or a cable that pulls at the platform, or hold it differently",
+            "hose": "check this number of the hose under 'attached', or state a larger 'sigma' there",
+            "damping": (
+                "swings decay faster than is plausible; look for what rubs at cables or rollers"
+            ),
+            "drag": "the air seems to slow the platform; move it more slowly, or make it smaller",
+            "anchor": "measure this anchor again, or state a larger 'uncertainty: {anchor: …}'",
+            "attachment": (
+                "measure this attachment again, or state a larger 'uncertainty: {attachment: …}'"
+            ),
+            "gravity": "check the sign, size and direction of 'gravity' in the robot file",
+            DRAG: "check 'linear_density' of the cables in the robot file",
+        }[head]
+    where = f"'instruments: {{{owner}: {{calibration: {{{key}: …}}}}}}'"
+    return {
+        "gain": f"check this sensor's gain and unit, or state a larger {where}",
+        "common_gain": (
+            f"check the unit and the calibration of the force sensors, or state a larger {where}"
+        ),
+        "friction": f"check this roller, its bearing and its swivel, or state a larger {where}",
+        "offset": f"check the zero of this sensor, or state a larger {where}",
+        TIME_CONSTANT: (
+            f"check 'sync' and 'clock' of {owner} against those of the motion instruments, or state"
+            f" the time constant of its amplifier's filter under {where}"
+        ),
+        "delay": (
+            "check 'sync' and 'clock', or state a larger 'delay' of the instruments of this clock"
+        ),
+        "misalignment": (
+            f"check the axes, signs and 'rpy_deg' of {owner}, or state a larger {where}"
+        ),
+    }.get(key, f"check how {owner} is described and mounted, or state a larger {where}")

@@ -1,0 +1,89 @@
+"""What pulls at the platform and the model does not know: disturbances that are larger than devices
+and surroundings make, and contacts that are none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from steelyard.identification.model.balance import UNMODELLED_PARTS
+from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.verdict.settings import VerdictSettings
+from steelyard.inertia import Inertia
+
+_INSTANTS = 500
+"""Along a segment, at which disturbances are looked at."""
+
+
+def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
+    """Disturbances that nobody has stated and that are larger than devices and surroundings make."""
+    robot = posterior.experiment.robot
+    weight = abs(float(posterior.parameters[0])) * float(np.linalg.norm(robot.gravity))
+    for segment in posterior.fit.state.segments:
+        local = segment.basis(np.linspace(*segment.span, _INSTANTS))
+        for process in () if segment.static else segment.processes:
+            if process.is_stated:
+                continue
+            rms = np.sqrt(np.mean(segment.disturbance(process, local) ** 2, axis=0))
+            owner, name = process.disturbs
+            part = UNMODELLED_PARTS.get(process.source)
+            if part is None:
+                quantity = posterior.experiment.instruments[owner].quantity(name, robot.m)
+                largest = settings.largest_disturbance.get(quantity.unit, np.inf)
+                if rms.max() > largest:
+                    yield (
+                        f"run '{segment.run}': {name.replace('_', ' ')} of {owner} departs for a"
+                        f" while from what all others show, by {rms.max():.2g} {quantity.unit} rms,"
+                        " which is more than devices drift; check its axes, signs, units and 'sync',"
+                        " or state it under 'noise'"
+                    )
+                continue
+            arm, unit = (1.0, "N") if part.start == 0 else (robot.size, "N m")
+            if rms.max() > settings.largest_wrench * weight * arm:
+                yield (
+                    f"run '{segment.run}': an {name} that nothing explains is as large as"
+                    f" {rms.max():.2g} {unit} rms, a large part of the weight; check the geometry of"
+                    " the robot, the order and the signs of its forces, and what touches the"
+                    " platform, or state it under 'uncertainty: {unmodelled: …}'"
+                )
+            turning = _turning(posterior, segment.run)
+            if part.start == 3 and np.linalg.norm(rms) > settings.largest_torque * turning:
+                # It is taken as independent of the motion. What is not is in the moments of
+                # inertia, the more, the larger it is beside what they withstand.
+                yield (
+                    f"run '{segment.run}': an {name} that nothing explains is as large as"
+                    f" {np.linalg.norm(rms) / max(turning, 1e-300):.0%} of the torque that turns the"
+                    " platform, so that the inertia may be off by more than its 1-sigma; turn the"
+                    " platform faster, remove what pulls at it, or state it under 'uncertainty:"
+                    " {unmodelled: …}'"
+                )
+
+
+def of_contacts(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
+    """What was left out as a contact and comes again with the motion: that is no hand."""
+    for run, stretches in posterior.contacts.items():
+        begun = np.sort([start for start, _ in stretches])
+        apart = np.diff(begun)
+        if len(apart) < 2 or np.ptp(apart) > settings.recurring * float(np.mean(apart)):
+            continue
+        yield (
+            f"run '{run}': what pulls or pushes beside the body comes again every"
+            f" {np.mean(apart):.2f} s ({len(begun)} times), so that it is no contact but follows the"
+            " motion; look for a cable or a hose that rubs or catches, a guide, or friction that is"
+            " larger than stated"
+        )
+
+
+def _turning(posterior: Posterior, run: str) -> float:
+    """Root mean square of the torque that turns the body about its centre of gravity in a run
+    [N m].
+    """
+    body = Inertia.from_parameters(posterior.parameters).inertia
+    found = [
+        each.alpha @ body + np.cross(each.omega, each.omega @ body)
+        for each in posterior.samples
+        if each.run == run and len(each)
+    ]
+    return float(np.sqrt(np.mean(np.sum(np.concatenate(found) ** 2, axis=1)))) if found else 0.0
