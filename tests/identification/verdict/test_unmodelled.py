@@ -10,7 +10,7 @@ import pytest
 
 from steelyard.identification.model.balance import UNMODELLED_PARTS
 from steelyard.identification.verdict.settings import VERDICT
-from steelyard.identification.verdict.unmodelled import of_contacts, of_disturbances
+from steelyard.identification.verdict.unmodelled import of_disturbances
 from steelyard.inertia import Inertia
 
 BODY = Inertia(10.0, np.zeros(3), np.diag([0.2, 0.3, 0.4]))
@@ -56,11 +56,3 @@ def test_one_that_is_a_large_part_of_what_turns_the_body_is_no_promise(torque, c
 
 def test_one_that_is_stated_is_known():
     assert not list(of_disturbances(posterior(0.3, stated=True), VERDICT))
-
-
-@pytest.mark.parametrize(
-    ("begun", "count"), [((0.4, 6.41, 12.44), 1), ((0.4, 4.0, 12.44), 0), ((0.4, 6.41), 0)]
-)
-def test_contacts_that_come_with_the_motion_are_none(begun, count):
-    contacts = {"run": tuple((start, start + 0.7) for start in begun)}
-    assert len(list(of_contacts(SimpleNamespace(contacts=contacts), VERDICT))) == count

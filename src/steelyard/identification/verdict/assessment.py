@@ -16,7 +16,7 @@ from steelyard.identification.verdict.directed_tests import Finding, directed_te
 from steelyard.identification.verdict.seen_frequencies import of_frequencies
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.identification.verdict.swinging import swinging
-from steelyard.identification.verdict.unmodelled import of_contacts, of_disturbances
+from steelyard.identification.verdict.unmodelled import of_disturbances
 from steelyard.identification.verdict.winches import turned_winches
 from steelyard.inertia import TEN, body_jacobian
 
@@ -49,7 +49,6 @@ def reasons(
             for text in turned_winches(posterior.experiment, each)
         ),
         *of_description(tests, 1 if contradictions else settings.most_named, settings),
-        *of_contacts(posterior, settings),
         *of_frequencies(posterior.experiment, posterior.parameters, posterior.size, settings),
         *_of_nominal(posterior, settings),
         *_of_bias(posterior, settings),

@@ -49,9 +49,6 @@ class VerdictSettings:
     largest_torque: float = 0.25
     """The same of an unmodelled torque, as a part of that which turns the body: by how much of it
     follows the motion by chance, some per cent of the moments are not told."""
-    recurring: float = 0.03
-    """Part of the mean time between contacts by which it may differ where they come with the
-    motion."""
     biased: float = 2.0
     """A bias by noise in the regressor of so many 1-sigma is no longer small, so that a correction
     of first order need not be enough."""

@@ -1,5 +1,5 @@
 """What pulls at the platform and the model does not know: disturbances that are larger than devices
-and surroundings make, and contacts that are none.
+and surroundings make.
 """
 
 from __future__ import annotations
@@ -59,21 +59,6 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
                     " platform faster, remove what pulls at it, or state it under 'uncertainty:"
                     " {unmodelled: …}'"
                 )
-
-
-def of_contacts(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
-    """What was left out as a contact and comes again with the motion: that is no hand."""
-    for run, stretches in posterior.contacts.items():
-        begun = np.sort([start for start, _ in stretches])
-        apart = np.diff(begun)
-        if len(apart) < 2 or np.ptp(apart) > settings.recurring * float(np.mean(apart)):
-            continue
-        yield (
-            f"run '{run}': what pulls or pushes beside the body comes again every"
-            f" {np.mean(apart):.2f} s ({len(begun)} times), so that it is no contact but follows the"
-            " motion; look for a cable or a hose that rubs or catches, a guide, or friction that is"
-            " larger than stated"
-        )
 
 
 def _turning(posterior: Posterior, run: str) -> float:
