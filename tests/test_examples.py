@@ -110,6 +110,10 @@ def test_payload_by_difference(output):
     assert out.startswith("added between before and after, by difference: accepted\n")
     np.testing.assert_allclose(column(out, "truth")[:4], [60.0, 0.2, 0.1, 0.3])
     assert np.abs(column(out, "error_in_sigmas")).max() < SIGMAS
+    apart, together = map(float, re.findall(r"([\d.]+) kg as two", out))
+    assert together < apart / 5
+    low, high = map(float, re.search(r"errors between (\S+) and (\S+) sigma", out).groups())
+    assert max(-low, high) < SIGMAS
     # The mass to 2 %, the centre of gravity to 2 cm: the example shows something.
     assert column(out, "sigma")[0] < 1.2
     assert column(out, "sigma")[1:4].max() < 0.02

@@ -24,8 +24,10 @@ if TYPE_CHECKING:
     from steelyard.estimates.comparison import Comparison as Comparison
     from steelyard.estimates.comparison import compare as compare
     from steelyard.estimates.estimate import Estimate as Estimate
+    from steelyard.estimates.estimate import LoadEstimates as LoadEstimates
     from steelyard.estimates.estimate import Verdict as Verdict
     from steelyard.estimates.estimate_file import read_estimates as read_estimates
+    from steelyard.estimates.joint_covariance import JointCovariance as JointCovariance
     from steelyard.estimates.named_estimate import NamedEstimate as NamedEstimate
     from steelyard.estimates.payload import Payload as Payload
     from steelyard.estimates.payload import payload as payload
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from steelyard.excitation.design import design as design
     from steelyard.excitation.design_file import write_design as write_design
     from steelyard.experiment.model import Experiment as Experiment
+    from steelyard.experiment.model import Load as Load
     from steelyard.experiment.model import Run as Run
     from steelyard.experiment.model import Stream as Stream
     from steelyard.experiment.read import read_experiment as read_experiment
@@ -86,7 +89,10 @@ _WHERE = {
     "InputError": "errors",
     "Inspection": "inspection.inspect",
     "InstrumentalVariables": "identification.methods.instrumental_variables",
+    "JointCovariance": "estimates.joint_covariance",
     "LeastSquares": "identification.methods.least_squares",
+    "Load": "experiment.model",
+    "LoadEstimates": "estimates.estimate",
     "MaximumLikelihood": "identification.methods.maximum_likelihood",
     "NamedEstimate": "estimates.estimate_file",
     "Payload": "estimates.payload",

@@ -17,19 +17,21 @@ from steelyard.estimates.chi_square import ChiSquareTest, agreement
 from steelyard.estimates.comparison_notes import (
     BOUND_NOTE,
     INDEPENDENT_NOTE,
+    JOINT_NOTE,
     NESTED_NOTE,
     SINGULAR_NOTE,
     doubts,
 )
 from steelyard.estimates.comparison_settings import SETTINGS, ComparisonSettings
 from steelyard.estimates.estimate import BEST_FIRST, Estimate, plain
-from steelyard.estimates.named_estimate import NamedEstimate, same_source
+from steelyard.estimates.named_estimate import NamedEstimate, same_source, shared_covariance
 from steelyard.inertia import BODY_PARAMETERS
 
-Basis = Literal["independent", "nested", "bound"]
+Basis = Literal["independent", "joint", "nested", "bound"]
 """Where the covariance of a difference comes from.
 
-``independent``: different recordings, the sum of both. ``nested``: the same recordings, the worse
+``independent``: different recordings, the sum of both. ``joint``: two loads of one fit, by their
+joint covariance. ``nested``: the same recordings, the worse
 method's minus the better's: the covariance of an efficient estimate and its difference from another
 one is zero [Hausman1978]_. ``bound``: the same recordings where that is no covariance; the sum of
 both, more than the true one as far as both err alike.
@@ -225,6 +227,10 @@ def _of_difference(
     """Covariance of a difference, shape (10, 10); see :data:`Basis`."""
     a, b = first.estimate, second.estimate
     total = a.covariance + b.covariance
+    shared = shared_covariance(first, second)
+    if shared is not None:
+        crossed = shared[:10, 10:]
+        return total - crossed - crossed.T, "joint"
     if not same_source(first, second):
         return total, "independent"
     if a.method == b.method or not {a.method, b.method} <= set(BEST_FIRST):
@@ -265,7 +271,7 @@ def _notes(
     notes = []
     if any(pair.basis == "independent" for pair in pairs):
         notes.append(INDEPENDENT_NOTE)
-    for basis, text in (("nested", NESTED_NOTE), ("bound", BOUND_NOTE)):
+    for basis, text in (("joint", JOINT_NOTE), ("nested", NESTED_NOTE), ("bound", BOUND_NOTE)):
         which = [f"{pair.first} and {pair.second}" for pair in pairs if pair.basis == basis]
         if which:
             notes.append(f"{'; '.join(which)}: {text}")

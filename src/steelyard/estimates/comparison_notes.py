@@ -13,6 +13,10 @@ INDEPENDENT_NOTE = (
     " gain, robot file, places of the sensors) cancel in part, so that sigmas which contain them"
     " are too large here; errors that the sigmas do not contain are missing"
 )
+JOINT_NOTE = (
+    "two loads of one fit; errors that they share (force gains, robot file, places of the sensors)"
+    " cancel by their joint covariance"
+)
 NESTED_NOTE = (
     "the same recordings; the uncertainty of the difference is the worse method's covariance less"
     " the better's, which holds if the better one makes the best of the data"

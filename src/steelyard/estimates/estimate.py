@@ -13,6 +13,7 @@ from steelyard.arrays import Array
 from steelyard.digits import LABELS, number, ten_numbers
 from steelyard.display import Display
 from steelyard.estimates.geometry import FoundGeometry
+from steelyard.estimates.joint_covariance import JointCovariance
 from steelyard.estimates.per_mass import PER_MASS_PARAMETERS, PerMass
 from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS, Inertia, symmetric
 from steelyard.robot.model import Robot
@@ -82,6 +83,8 @@ class Estimate(Tabular):
     """Centre of gravity and inertia over mass, where the mass is not measured by the forces."""
     geometry: FoundGeometry | None = None
     """Of the robot, as it was found beside these."""
+    loads: LoadEstimates | None = None
+    """Of all loads, where an experiment has several; this one is of the first."""
 
     @property
     def mass(self) -> float:
@@ -144,6 +147,8 @@ class Estimate(Tabular):
             }
         if self.geometry is not None:
             entries["geometry"] = self.geometry.to_dict()
+        if self.loads is not None:
+            entries |= self.loads.to_dict()
         if self.residuals:
             entries["residuals"] = plain(self.residuals)
         if self.details:
@@ -188,6 +193,25 @@ class Estimate(Tabular):
         return Display(
             f"{self.method}: {verdict}", tuple(cells), sentences=(*self.verdict.reasons, *count)
         )
+
+
+@dataclass(frozen=True, eq=False)
+class LoadEstimates:
+    """Estimates of all loads of an experiment by one method."""
+
+    estimates: Mapping[str, Estimate]
+    """Name of a load -> its estimate."""
+    joint: JointCovariance
+    differences: Mapping[str, Estimate] = field(default_factory=dict)
+    """``with-fork - empty`` -> the body that the one is more than the other."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values in the shape of the contract."""
+        return {
+            "loads": {name: each.to_dict() for name, each in self.estimates.items()},
+            "joint": {"loads": list(self.joint.loads), "matrix": plain(self.joint.matrix)},
+            "differences": {name: each.to_dict() for name, each in self.differences.items()},
+        }
 
 
 def per_mass_rows(found: PerMass) -> list[tuple[str, str, str]]:

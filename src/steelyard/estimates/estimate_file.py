@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,6 +17,7 @@ from steelyard.errors import InputError
 from steelyard.estimates.covariance_check import ROUNDED, covariance_problem
 from steelyard.estimates.estimate import FORMAT, Estimate, Label, Verdict
 from steelyard.estimates.geometry import FoundGeometry
+from steelyard.estimates.joint_covariance import JointCovariance
 from steelyard.estimates.named_estimate import (
     FILE_NAME,
     LONGEST_NAME,
@@ -53,16 +54,23 @@ class EstimateFile:
     """Name of the best method."""
     estimates: Mapping[str, NamedEstimate]
     """By the name of their method; without calibration, residuals and single runs."""
+    loads: Mapping[str, Mapping[str, NamedEstimate]] = field(default_factory=dict)
+    """The same of every load, by method and load, where there are several."""
 
-    def chosen(self, method: str | None = None) -> tuple[NamedEstimate, ...]:
+    def chosen(
+        self, method: str | None = None, load: str | None = None
+    ) -> tuple[NamedEstimate, ...]:
         """The estimate of a method.
 
         Args:
             method: Its name; None: the result; ``all``: every one.
+            load: Name of a load; None: the first, or there is one.
 
         Raises:
             InputError: There is none of that name.
         """
+        if load is not None:
+            return tuple(self._of_load(each.estimate.method, load) for each in self.chosen(method))
         if method == ALL:
             return tuple(self.estimates.values())
         if method is not None and method not in self.estimates:
@@ -71,6 +79,17 @@ class EstimateFile:
                 f" {', '.join(self.estimates)}; choose one of these"
             )
         return (self.estimates[method or self.result],)
+
+    def _of_load(self, method: str, load: str) -> NamedEstimate:
+        """The estimate of a load by a method."""
+        loads = self.loads.get(method, {})
+        if load not in loads:
+            found = ", ".join(loads) or "an estimate of one body"
+            raise InputError(
+                f"{self.path}: expected a load '{load}' under {method}, found {found}; choose one of"
+                " its loads, or leave '#' out"
+            )
+        return loads[load]
 
 
 class _LenientForm(FileModel):
@@ -122,11 +141,21 @@ class _EntryForm(_BodyForm):
     notes: tuple[str, ...] = ()
 
 
+class _JointForm(_LenientForm):
+    loads: tuple[str, ...]
+    matrix: tuple[tuple[Number, ...], ...]
+
+
+class _LoadsForm(_EntryForm):
+    loads: dict[str, _EntryForm] | None = None
+    joint: _JointForm | None = None
+
+
 class _FileForm(_LenientForm):
     experiment: str
     nominal: _NominalForm | None = None
     result: str
-    estimates: dict[str, _EntryForm]
+    estimates: dict[str, _LoadsForm]
 
 
 def read_estimate_file(path: Path) -> EstimateFile:
@@ -169,13 +198,57 @@ def read_estimate_file(path: Path) -> EstimateFile:
     source, experiment = str(path.resolve()), printable(form.experiment)
     estimates = {
         name: NamedEstimate(
-            name, _estimate(document, name, entry), experiment, source, entry.covariance is not None
+            name,
+            _estimate(document, ("estimates", name), entry),
+            experiment,
+            source,
+            entry.covariance is not None,
         )
         for name, entry in ((printable(name), entry) for name, entry in form.estimates.items())
     }
-    return EstimateFile(
-        path, experiment, _nominal(document, form.nominal), printable(form.result), estimates
-    )
+    loads = {
+        printable(name): _loads(document, name, entry, estimates[printable(name)])
+        for name, entry in form.estimates.items()
+        if entry.loads
+    }
+    nominal = _nominal(document, form.nominal)
+    return EstimateFile(path, experiment, nominal, printable(form.result), estimates, loads)
+
+
+def _loads(
+    document: YamlDocument, method: str, entry: _LoadsForm, first: NamedEstimate
+) -> dict[str, NamedEstimate]:
+    """Estimates of all loads by a method, with what they share."""
+    key = ("estimates", method)
+    joint = None
+    names = tuple(entry.loads or ())
+    if entry.joint is not None:
+        matrix = np.array(entry.joint.matrix, dtype=np.float64)
+        size = 10 * len(names)
+        if entry.joint.loads != names or matrix.shape != (size, size):
+            raise document.error(
+                (*key, "joint"),
+                f"expected a matrix of {size} rows over {', '.join(names)}, found one of shape"
+                f" {matrix.shape} over {', '.join(entry.joint.loads)}; let identify write the file"
+                " again",
+            )
+        known = np.flatnonzero(np.isfinite(np.diag(matrix)))
+        labels = [f"{name} {each}" for name in names for each in BODY_PARAMETERS]
+        problem = covariance_problem(matrix[np.ix_(known, known)], [labels[i] for i in known])
+        if problem is not None:
+            raise document.error((*key, "joint", "matrix"), f"{problem}; correct it")
+        joint = JointCovariance(tuple(map(printable, names)), (matrix + matrix.T) / 2)
+    return {
+        printable(name): replace(
+            first,
+            estimate=replace(
+                _estimate(document, (*key, "loads", name), each), method=first.estimate.method
+            ),
+            load=printable(name),
+            joint=joint,
+        )
+        for name, each in (entry.loads or {}).items()
+    }
 
 
 def read_estimates(places: Sequence[str], method: str | None = None) -> tuple[NamedEstimate, ...]:
@@ -183,7 +256,7 @@ def read_estimates(places: Sequence[str], method: str | None = None) -> tuple[Na
 
     Args:
         places: Estimate files or folders with one, each with ``:METHOD`` behind it where not the
-            default is meant.
+            default is meant, and ``#LOAD`` behind that for another load than the first.
         method: Of those without; None: the result of the file; ``all``: every one.
 
     Raises:
@@ -191,19 +264,23 @@ def read_estimates(places: Sequence[str], method: str | None = None) -> tuple[Na
     """
     found: list[NamedEstimate] = []
     for place in places:
-        path, own = _split(place)
-        found += read_estimate_file(path).chosen(own or method)
+        path, own, load = _split(place)
+        found += read_estimate_file(path).chosen(own or method, load)
     return tuple(
         replace(each, name=name) for each, name in zip(found, short_names(found), strict=True)
     )
 
 
-def _split(place: str) -> tuple[Path, str | None]:
-    """Path and method; a path that is there is a path, whatever colons it has."""
-    path, _, method = place.rpartition(":")
-    if path and method and not _exists(place):
-        return Path(path), method
-    return Path(place), None
+def _split(place: str) -> tuple[Path, str | None, str | None]:
+    """Path, method and load; a path that is there is a path, whatever colons it has."""
+    before, _, load = place.rpartition("#")
+    if before and load and not _exists(place):
+        path, method, _ = _split(before)
+        return path, method, load
+    path_text, _, method_text = place.rpartition(":")
+    if path_text and method_text and not _exists(place):
+        return Path(path_text), method_text, None
+    return Path(place), None, None
 
 
 def _exists(place: str) -> bool:
@@ -218,7 +295,11 @@ def _wanted(data: dict[str, Any]) -> dict[str, Any]:
     values: dict[str, Any] = _some(data, _FileForm)
     entries = values.get("estimates")
     if isinstance(entries, dict):
-        values["estimates"] = {name: _some(entry, _EntryForm) for name, entry in entries.items()}
+        values["estimates"] = {name: _some(entry, _LoadsForm) for name, entry in entries.items()}
+        for entry in values["estimates"].values():
+            if isinstance(entry, dict) and isinstance(entry.get("loads"), dict):
+                loads = entry["loads"].items()
+                entry["loads"] = {name: _some(each, _EntryForm) for name, each in loads}
     return values
 
 
@@ -268,9 +349,14 @@ def _nominal(document: YamlDocument, form: _NominalForm | None) -> Inertia | Non
         raise document.error(("nominal",), f"{error}; correct it") from None
 
 
-def _estimate(document: YamlDocument, name: str, entry: _EntryForm) -> Estimate:
-    """An estimate of the file, refused where its numbers are no estimate."""
-    key = ("estimates", name)
+def _estimate(document: YamlDocument, key: tuple[str, ...], entry: _EntryForm) -> Estimate:
+    """An estimate of the file, refused where its numbers are no estimate.
+
+    Args:
+        document: The file.
+        key: Where it stands, under the name of its method.
+        entry: What stands there.
+    """
     value = _ten(document, key, entry)
     deviation = _ten(document, (*key, "standard_deviation"), entry.standard_deviation)
     if (deviation < 0).any():
@@ -297,7 +383,7 @@ def _estimate(document: YamlDocument, name: str, entry: _EntryForm) -> Estimate:
     for array in (value, covariance):
         array.setflags(write=False)
     return Estimate(
-        method=name,
+        method=key[1],
         value=value,
         covariance=covariance,
         verdict=Verdict(

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from steelyard.arrays import Array
 from steelyard.display import printable
 from steelyard.estimates.estimate import Estimate, named
+from steelyard.estimates.joint_covariance import JointCovariance
 
 FILE_NAME = "estimate.json"
 """What `identify` writes into its folder."""
@@ -31,6 +33,10 @@ class NamedEstimate:
     of its own."""
     correlated: bool = True
     """Whether the covariance is known, and not the 1-sigmas alone."""
+    load: str = ""
+    """Which of the loads of the experiment it is of; empty: there is one."""
+    joint: JointCovariance | None = None
+    """With the other loads of the same fit."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values: what a comparison says of one of its estimates."""
@@ -38,6 +44,7 @@ class NamedEstimate:
             "name": self.name,
             "experiment": self.experiment,
             "method": self.estimate.method,
+            **({"load": self.load} if self.load else {}),
             "file": self.source,
             **named(self.estimate.value),
             "standard_deviation": named(self.estimate.standard_deviation),
@@ -50,12 +57,27 @@ def same_source(first: NamedEstimate, second: NamedEstimate) -> bool:
     return bool(first.source) and first.source == second.source
 
 
+def shared_covariance(first: NamedEstimate, second: NamedEstimate) -> Array | None:
+    """Joint covariance of two loads of one fit, shape (20, 20); None: they are not."""
+    of_one_fit = same_source(first, second) and first.estimate.method == second.estimate.method
+    if not of_one_fit or first.joint is None or first.load == second.load:
+        return None
+    if not {first.load, second.load} <= set(first.joint.loads):
+        return None
+    return first.joint.of_pair(first.load, second.load)
+
+
 def short_names(found: Sequence[NamedEstimate]) -> list[str]:
     """A name for each: method, experiment, both, and where that is not enough the file."""
     methods = [each.estimate.method for each in found]
     experiments = [each.experiment for each in found]
     files = [_file_name(each.source) for each in found]
-    forms = []
+    forms: list[Sequence[str]] = []
+    loads = [each.load for each in found]
+    if any(loads):
+        carried = [each.load or each.experiment for each in found]
+        forms += [carried, _joined(experiments, carried)]
+        methods = _joined(carried, methods)
     if len(set(experiments)) == 1:
         forms.append(methods)
     if len(set(methods)) == 1:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array, complex_step_jacobian
-from steelyard.estimates.comparison_notes import BOUND_NOTE, INDEPENDENT_NOTE, doubts
+from steelyard.estimates.comparison_notes import BOUND_NOTE, INDEPENDENT_NOTE, JOINT_NOTE, doubts
 from steelyard.estimates.comparison_settings import SETTINGS, ComparisonSettings
 from steelyard.estimates.estimate import Estimate, judge
-from steelyard.estimates.named_estimate import NamedEstimate, same_source
+from steelyard.estimates.named_estimate import NamedEstimate, same_source, shared_covariance
 from steelyard.inertia import BODY_PARAMETERS, symmetric
 
 
@@ -52,7 +52,8 @@ def payload(
 
     Mass, first moment and inertia about the platform origin of bodies that are fixed to each other
     add up; their difference is turned back to centre of gravity and inertia about it. The
-    covariance is that of independent estimates, to first order.
+    covariance is that of independent estimates, of two loads of one fit the joint one, to first
+    order.
 
     Args:
         before: Without the payload; an estimate without a name is of recordings of its own.
@@ -62,26 +63,27 @@ def payload(
     before = before if isinstance(before, NamedEstimate) else NamedEstimate("before", before)
     after = after if isinstance(after, NamedEstimate) else NamedEstimate("after", after)
     a, b = before.estimate, after.estimate
+    shared = shared_covariance(before, after)
+    spread = _independent(a, b) if shared is None else shared
     mass = float(b.value[0] - a.value[0])
-    nothing = _no_mass(a, b, settings)
+    variance = float(spread[0, 0] + spread[10, 10] - 2 * spread[0, 10])
+    nothing = _no_mass(a, b, variance, settings)
     value, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
     physical: tuple[str, ...] = ()
     reasons = []
     if nothing is not None:
-        value[0], covariance[0, 0] = mass, a.covariance[0, 0] + b.covariance[0, 0]
+        value[0], covariance[0, 0] = mass, variance
         reasons.append(nothing)
     else:
         if np.isfinite(mass):
-            value, covariance = _difference_body(a, b)
+            value, covariance = _difference_body(a, b, spread)
         physical = judge(value).reasons
         if mass < 0:
             reasons.append(
                 "mass was taken off, not added; name the estimates in the other order to see what"
             )
-    notes = [
-        BOUND_NOTE if same_source(before, after) else INDEPENDENT_NOTE,
-        *doubts((before, after)),
-    ]
+    basis = BOUND_NOTE if same_source(before, after) else INDEPENDENT_NOTE
+    notes = [basis if shared is None else JOINT_NOTE, *doubts((before, after))]
     possible = None if reasons else _possible(value, covariance, settings.significant)
     if possible:
         within = f"but within {settings.significant:g} sigmas there is a body that can exist"
@@ -99,12 +101,18 @@ def payload(
     return Payload(before, after, estimate, possible, settings)
 
 
-def _no_mass(a: Estimate, b: Estimate, settings: ComparisonSettings) -> str | None:
+def _independent(a: Estimate, b: Estimate) -> Array:
+    """Covariance of both, shape (20, 20)."""
+    spread = np.zeros((20, 20))
+    spread[:10, :10], spread[10:, 10:] = a.covariance, b.covariance
+    return spread
+
+
+def _no_mass(a: Estimate, b: Estimate, variance: float, settings: ComparisonSettings) -> str | None:
     """Why nothing but its mass can be said about what b is more than a; None: its mass differs from
     zero, or is not known.
     """
     mass = float(b.value[0] - a.value[0])
-    variance = float(a.covariance[0, 0] + b.covariance[0, 0])
     largest = max(abs(a.value[0]), abs(b.value[0]))
     if np.isnan(mass):
         return None
@@ -122,10 +130,15 @@ def _no_mass(a: Estimate, b: Estimate, settings: ComparisonSettings) -> str | No
     )
 
 
-def _difference_body(a: Estimate, b: Estimate) -> tuple[Array, Array]:
+def _difference_body(a: Estimate, b: Estimate, spread: Array) -> tuple[Array, Array]:
     """Body parameters of what b is more than a, with exact derivatives.
 
     The masses differ.
+
+    Args:
+        a: Without it.
+        b: With it.
+        spread: Covariance of both, shape (20, 20).
 
     Returns:
         Body parameters, shape (10,), and their covariance, shape (10, 10); NaN where they need what
@@ -138,8 +151,6 @@ def _difference_body(a: Estimate, b: Estimate) -> tuple[Array, Array]:
         return np.concatenate([[mass], c, linear[4:] - _moments(mass, c)])
 
     both = np.concatenate([a.value, b.value])
-    spread = np.zeros((20, 20))
-    spread[:10, :10], spread[10:, 10:] = a.covariance, b.covariance
     value = body(both)
     jacobian = complex_step_jacobian(body, both)
     finite = np.isfinite(value)

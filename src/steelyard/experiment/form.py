@@ -15,6 +15,7 @@ from steelyard.experiment.surroundings import (
     Unmodelled,
 )
 from steelyard.instruments import AnyInstrument
+from steelyard.robot.file import PlatformForm
 from steelyard.yaml_file import FileModel
 
 FORMAT = "steelyard/1"
@@ -49,6 +50,18 @@ class KnownBodyForm(FileModel):
     """Platform frame [m]."""
     inertia: KnownInertiaForm = KnownInertiaForm()
     """About the centre of gravity, platform axes [kg m^2]."""
+
+
+class LoadForm(FileModel):
+    """A body that runs carry, the platform included."""
+
+    known: KnownBodyForm = KnownBodyForm()
+    """What is known beforehand about it: a weighed body calibrates the force sensors."""
+    nominal: PlatformForm | None = None
+    """As it was drawn; without it: of the first load the platform of the robot file."""
+    rigid: bool = True
+    """Whether nothing moves in it; of one in which something does only poses at rest are looked
+    at."""
 
 
 class UncertaintyForm(FileModel):
@@ -91,7 +104,7 @@ class StreamForm(FileModel):
         return {"file": value} if isinstance(value, str) else value
 
 
-RUN_KEYS = frozenset({"name", "static", "sync", "window"})
+RUN_KEYS = frozenset({"name", "load", "static", "sync", "window"})
 """Keys of a run that are not instruments."""
 _LOCKED = {"winches": "locked"}
 """One more, where it has this value: encoders may be called so, and have a file."""
@@ -101,6 +114,8 @@ class RunForm(FileModel):
     """One run; every further key is an instrument with its stream."""
 
     name: str
+    load: str | None = None
+    """Which of the loads it carries; without it the first."""
     static: bool = False
     """Whether the rows are poses at rest, row by row across the streams; no time column is needed
     then."""
@@ -137,6 +152,8 @@ class ExperimentForm(FileModel):
     robot: str
     """Name of a bundled robot, or path of a robot file relative to this file."""
     known: KnownBodyForm = KnownBodyForm()
+    loads: dict[str, LoadForm] = Field(default_factory=dict)
+    """Name -> body that runs carry; without it there is one."""
     uncertainty: UncertaintyForm = UncertaintyForm()
     attached: tuple[AttachedForm, ...] = ()
     """Hoses and umbilicals."""

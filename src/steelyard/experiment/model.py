@@ -14,6 +14,7 @@ from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.experiment.columns import stream_columns
 from steelyard.experiment.surroundings import Surroundings
+from steelyard.inertia import Inertia
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import DEFAULT_DELAY, Prior, exact, sigma
 from steelyard.robot.model import Robot
@@ -98,6 +99,8 @@ class Run:
     clock."""
     locked: bool = False
     """Whether the winches were locked, so that the unstrained lengths of the cables are constant."""
+    load: str | None = None
+    """What the platform carried, of several loads; None: the first, or there is only one."""
     excluded: tuple[Fault, ...] = ()
     """Readings that were taken out of the streams when they were read, since their sensors had
     stopped."""
@@ -108,6 +111,20 @@ class Run:
             f"{printable(name)} {len(stream)}" for name, stream in self.streams.items()
         )
         return f"Run '{printable(self.name)}', {kind}: samples of {counts or 'nothing'}"
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """A body that the platform carried in some of the runs, itself included."""
+
+    name: str
+    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Body parameter (:data:`steelyard.inertia.BODY_PARAMETERS`) -> value and 1-sigma, where known
+    beforehand."""
+    nominal: Inertia | None = None
+    """As it was drawn; None: nobody says."""
+    rigid: bool = True
+    """Whether nothing moves in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +169,9 @@ class Experiment:
     """What acts on the platform beside its cables."""
     frequencies: tuple[SeenFrequencies, ...] = ()
     """Observations that belong to no motion."""
+    loads: tuple[Load, ...] = ()
+    """Bodies that the runs carried, where there are several; ``known`` and the nominal platform of
+    the robot are those of the first."""
     mass_assumed: bool = False
     """Whether the mass under ``known`` is an assumption, since nothing weighs the platform: first
     moment and inertia are told in multiples of it."""
@@ -178,6 +198,37 @@ class Experiment:
                 return run
         names = ", ".join(run.name for run in self.runs)
         raise InputError(f"run: expected one of {names}, found '{name}'; choose one of these")
+
+    def load_of(self, run: str) -> Load | None:
+        """What the platform carried in a run; None: there are no loads, it is one body throughout.
+
+        Args:
+            run: Its name.
+        """
+        if not self.loads:
+            return None
+        own = self.run(run).load
+        return next((each for each in self.loads if each.name == own), self.loads[0])
+
+    def of_load(self, load: Load) -> Experiment:
+        """The same runs, with what is known of one of the loads.
+
+        Args:
+            load: One of them.
+        """
+        robot = self.robot
+        if load.nominal is not robot.platform:
+            robot = replace(robot, platform=load.nominal)
+        return replace(self, robot=robot, known=load.known)
+
+    def alone(self, load: Load) -> Experiment:
+        """An experiment of the runs that carried one of the loads.
+
+        Args:
+            load: One of them.
+        """
+        runs = tuple(run for run in self.runs if self.load_of(run.name) is load)
+        return replace(self.of_load(load), runs=runs, loads=())
 
     def without(self, *instruments: str) -> Experiment:
         """The experiment without what some instruments have recorded.

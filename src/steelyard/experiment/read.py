@@ -6,19 +6,20 @@ import math
 import os
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, PlanForm, RunForm
-from steelyard.experiment.model import Experiment, Fault, Run
+from steelyard.experiment.model import Experiment, Fault, Load, Run
 from steelyard.experiment.seen_frequencies import with_frequencies_apart
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
 from steelyard.experiment.stuck import without_stuck
 from steelyard.experiment.unread import with_unread_cables
 from steelyard.instruments import Instrument
 from steelyard.logs.log import NoRowsError
-from steelyard.robot.file import read_robot
+from steelyard.robot.file import PlatformForm, body_of_form, read_robot
 from steelyard.robot.model import DIRECTIONS, Robot
 from steelyard.yaml_file import YamlDocument, read_yaml, validate
 
@@ -44,6 +45,7 @@ def read_experiment(path: str | Path) -> Experiment:
     document = read_yaml(path)
     form = validate(ExperimentForm, document)
     robot = _described(form, document)
+    _check_loads(form, document)
     runs = tuple(_read_run(i, run, form, robot, document) for i, run in enumerate(form.runs))
     experiment = with_unread_cables(with_frequencies_apart(_experiment(form, robot, runs, path)))
     numbers = {run.name: i for i, run in enumerate(runs)}
@@ -83,13 +85,22 @@ def _experiment(
     form: ExperimentForm, robot: Robot, runs: tuple[Run, ...], path: Path
 ) -> Experiment:
     """The experiment, once all of its parts are read."""
+    loads = tuple(
+        Load(name, _known(each.known), body_of_form(each.nominal), each.rigid)
+        for name, each in form.loads.items()
+    )
+    if loads:
+        first = replace(loads[0], nominal=loads[0].nominal or robot.platform)
+        loads = (first, *loads[1:])
+        robot = replace(robot, platform=first.nominal)
     return Experiment(
         # The name of a folder may be bytes that are no text.
         name=form.name or os.fsencode(path.parent.resolve().name).decode(errors="replace"),
         robot=robot,
         instruments=form.instruments,
         runs=runs,
-        known=_known(form.known),
+        known=loads[0].known if loads else _known(form.known),
+        loads=loads,
         uncertainty=form.uncertainty.of_robot,
         surroundings=form.surroundings,
         source=str(path),
@@ -130,6 +141,71 @@ def _check_names(form: ExperimentForm, document: YamlDocument) -> None:
                     f"expected the name of an instrument, found '{key[-1]}'; known here:"
                     f" {', '.join(form.instruments)}",
                 )
+
+
+def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
+    """Refuse loads that are not there, what they cannot be, and runs that tell nothing of theirs."""
+    if form.loads and _known(form.known):
+        raise document.error(
+            ("known",),
+            "expected what is known under the load that it is about, found it for all of them; move"
+            f" it to 'loads: {{{next(iter(form.loads))}: {{known: …}}}}'",
+        )
+    tables = [name for name, each in form.instruments.items() if each.tabular]
+    if len(form.loads) > 1 and tables:
+        raise document.error(
+            ("instruments", tables[0]),
+            "expected no natural frequencies in an experiment with several loads, found a table of"
+            " them; identify each load with its frequencies in an experiment of its own",
+        )
+    for name, each in form.loads.items():
+        if not _NAME.fullmatch(name):
+            raise document.error(
+                ("loads", name),
+                "expected a name of letters, digits, '_', '-' and blanks, found"
+                f" '{name}'; rename it",
+            )
+        if each.nominal is not None and not _is_possible(each.nominal):
+            raise document.error(
+                ("loads", name, "nominal"),
+                "expected a body that can exist, found one whose moments of inertia no body has;"
+                " correct it",
+            )
+    for i, run in enumerate(form.runs):
+        if run.load is not None and run.load not in form.loads:
+            known = f"; known here: {', '.join(form.loads)}" if form.loads else "; add 'loads'"
+            raise document.error(
+                ("runs", i, "load"), f"expected the name of a load, found '{run.load}'{known}"
+            )
+        carried = form.loads.get(run.load or next(iter(form.loads), ""))
+        if carried is not None and not carried.rigid and not run.static:
+            raise document.error(
+                ("runs", i, "load"),
+                f"run '{run.name}': expected poses at rest of a load in which something moves, found"
+                " a run in motion; record poses at rest ('static: true'), or leave the run out",
+            )
+    unused = [name for name in form.loads if not _is_carried(form, name)]
+    if unused and form.runs:
+        raise document.error(
+            ("loads", unused[0]),
+            f"expected a run that carries '{unused[0]}', found none; add 'load: {unused[0]}' to its"
+            " run, or leave the load out",
+        )
+
+
+def _is_carried(form: ExperimentForm, name: str) -> bool:
+    """Whether a run carries a load."""
+    first = next(iter(form.loads))
+    return any((run.load or first) == name for run in form.runs)
+
+
+def _is_possible(form: PlatformForm) -> bool:
+    """Whether a body can exist."""
+    try:
+        body = body_of_form(form)
+    except ValueError:
+        return False
+    return body is None or body.is_physical
 
 
 def check_instruments(
@@ -234,6 +310,7 @@ def _read_run(
         static=form.static,
         unsynchronised=form.sync == "auto" and not form.static,
         locked=form.winches == "locked",
+        load=form.load,
         excluded=excluded,
     )
 
@@ -294,6 +371,12 @@ def _check_run(
     """What one run needs before anything can be estimated from it."""
     force = experiment.force_instrument(run)
     m = experiment.robot.m
+    if len(experiment.loads) > 1 and (force is None or experiment.instruments[force].stands_in(m)):
+        raise document.error(
+            key,
+            f"run '{run.name}': expected forces in every run of an experiment with several loads,"
+            " found none; add the forces, or identify the run in an experiment of its own",
+        )
     if force is None and not run.locked:
         swings = (
             ", or write 'winches: locked' where the platform swung on cables of constant length"

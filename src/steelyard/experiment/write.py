@@ -16,7 +16,7 @@ from steelyard.experiment.model import Experiment, Stream
 from steelyard.experiment.seen_frequencies import with_frequencies_together
 from steelyard.instruments import Instrument
 from steelyard.instruments.unread_cables import UnreadCables
-from steelyard.robot.file import bundled_names, read_robot, robot_file
+from steelyard.robot.file import bundled_names, platform_values, read_robot, robot_file
 from steelyard.tables import to_polars
 from steelyard.yaml_file import to_yaml
 
@@ -62,6 +62,8 @@ def write_experiment(
     for run, place in zip(experiment.runs, places, strict=True):
         (folder / place).mkdir()
         entry: dict[str, Any] = {"name": run.name}
+        if run.load is not None:
+            entry["load"] = run.load
         if run.static:
             entry["static"] = True
         if run.locked:
@@ -84,7 +86,7 @@ def write_experiment(
         "format": FORMAT,
         "name": experiment.name,
         "robot": experiment.robot.name if bundled else "robot.yaml",
-        **({"known": known} if (known := _known(_stated(experiment))) else {}),
+        **_bodies(experiment),
         "uncertainty": {**experiment.uncertainty, **_unmodelled(experiment)},
         **experiment.surroundings.model_dump(
             mode="json", include={"attached", "drag"}, exclude_unset=True, exclude_none=True
@@ -126,6 +128,23 @@ def _stated(experiment: Experiment) -> dict[str, tuple[float, float]]:
     """What is known beforehand, without what is only assumed."""
     assumed = {"mass"} if experiment.mass_assumed else set[str]()
     return {name: value for name, value in experiment.known.items() if name not in assumed}
+
+
+def _bodies(experiment: Experiment) -> dict[str, Any]:
+    """What is known beforehand of the body, or of each of several loads."""
+    if not experiment.loads:
+        known = _known(_stated(experiment))
+        return {"known": known} if known else {}
+    return {
+        "loads": {
+            load.name: {
+                **({"known": _known(load.known)} if load.known else {}),
+                **({"nominal": platform_values(load.nominal)} if load.nominal else {}),
+                **({} if load.rigid else {"rigid": False}),
+            }
+            for load in experiment.loads
+        }
+    }
 
 
 def _known(known: Mapping[str, tuple[float, float]]) -> dict[str, Any]:

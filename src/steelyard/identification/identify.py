@@ -28,6 +28,7 @@ from steelyard.identification.methods.consistent import Consistent
 from steelyard.identification.methods.force_free import ForceFree
 from steelyard.identification.methods.instrumental_variables import InstrumentalVariables
 from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.methods.loads import drawn, each_alone
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.method import Fit, Method
 from steelyard.identification.methods.two_step import TwoStep
@@ -268,11 +269,13 @@ def _estimate(
                 method.name, "it needs a run in motion, found natural frequencies alone"
             )
         return by_frequencies(experiment, method.name)
+    if fit is None and len(experiment.loads) > 1:
+        return each_alone(lambda alone: method(alone, progress), experiment)
     if fit is None or method.lack(experiment):
         return method(experiment, progress)
     if fit not in posteriors:
         posteriors[fit] = fit(experiment, progress)
-    return method.of(posteriors[fit])
+    return drawn(method.of, posteriors[fit])
 
 
 def _left_out(experiment: Experiment) -> Iterator[str]:

@@ -82,7 +82,7 @@ def _of_calibration(
     left = np.sqrt(np.maximum(np.diag(joint.bound.calibration), 0.0))
     for place, unknown, component in parameters.components():
         sigma, prior = float(left[place]), float(unknown.deviation[component])
-        if prior > 0:
+        if prior > 0 and not unknown.is_load:
             yield Identifiability(
                 parameters.names[place],
                 unknown.unit,

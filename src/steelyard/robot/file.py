@@ -202,11 +202,12 @@ def robot_of(document: YamlDocument) -> Robot:
             rpy=radians,  # type: ignore[arg-type]
             **form.limits.model_dump(exclude={"position", "rpy_deg"}),
         ),
-        platform=_platform(form.platform),
+        platform=body_of_form(form.platform),
     )
 
 
-def _platform(form: PlatformForm | None) -> Inertia | None:
+def body_of_form(form: PlatformForm | None) -> Inertia | None:
+    """The nominal body that a file states; None: it states none."""
     if form is None:
         return None
     J = form.inertia

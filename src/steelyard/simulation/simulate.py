@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment, Load, Run
 from steelyard.experiment.write import write_experiment
 from steelyard.inertia import Inertia
 from steelyard.motion.trajectory import Trajectory
@@ -37,6 +37,8 @@ class VirtualExperiment:
     """What the platform really is."""
     errors: Mapping[str, Mapping[str, Errors]]
     """Run -> instrument -> the systematic errors drawn."""
+    loads: Mapping[str, Inertia] = field(default_factory=dict)
+    """Name -> what the platform really is with it, where there are several; the body is the first."""
 
     def truth(self) -> dict[str, Any]:
         """Body and calibration as plain values, in the shape of ``truth.json``."""
@@ -50,7 +52,12 @@ class VirtualExperiment:
                 put_nested(entry, term.key, drawn if term.prior.per == "run" else drawn[runs[0]])
             entry["delay"] = {run: self.errors[run][name].delay for run in runs}
             calibration[name] = entry
-        return {**self.body.to_dict(), "calibration": calibration}
+        loads = {name: body.to_dict() for name, body in self.loads.items()}
+        return {
+            **self.body.to_dict(),
+            **({"loads": loads} if loads else {}),
+            "calibration": calibration,
+        }
 
     def write(self, folder: str | Path, *, force: bool = False) -> None:
         """Write ``experiment.yaml`` with its streams, and ``truth.json`` beside it; all or nothing.
@@ -83,6 +90,7 @@ def simulate(
     duration: float | None = None,
     seed: int = 0,
     name: str | None = None,
+    loads: Mapping[str, Inertia] | None = None,
     progress: Callable[[str, float], None] | None = None,
     settings: ForwardDynamicsSettings = DEFAULT,
 ) -> VirtualExperiment:
@@ -99,6 +107,8 @@ def simulate(
             its default.
         seed: Of all that is drawn; the same seed gives the same numbers.
         name: Of the experiment.
+        loads: Name -> body that the platform is with it: every motion is recorded with every load,
+            as run ``MOTION LOAD``; None: that of the robot alone.
         progress: Is given the run and the fraction of it that is done.
         settings: Of the forward dynamics.
 
@@ -114,27 +124,41 @@ def simulate(
         raise InputError(
             "duration: expected none with trajectories, found one; they have their own durations"
         )
-    respond = _responder(robot, settings)
-    body = robot.platform
-    assert body is not None  # _responder() has checked
+    carrying: dict[str | None, Robot] = {
+        name: replace(robot, platform=body) for name, body in (loads or {}).items()
+    } or {None: robot}
+    carried = {
+        (motion if load is None else f"{motion} {load}"): (load, motion)
+        for load in carrying
+        for motion in trajectories
+    }
+    responders = {load: _responder(each, settings) for load, each in carrying.items()}
     # Errors, noise and clocks come from streams of their own, so that one more run changes nothing
     # in the others.
-    draw, *per_run = np.random.default_rng(seed).spawn(1 + len(trajectories))
-    errors = draw_errors(sensors.instruments, robot.m, list(trajectories), draw)
+    draw, *per_run = np.random.default_rng(seed).spawn(1 + len(carried))
+    errors = draw_errors(sensors.instruments, robot.m, list(carried), draw)
     runs = []
-    for (run, trajectory), rng in zip(trajectories.items(), per_run, strict=True):
-        response = respond(trajectory, _of_run(progress, run))
-        command = ExactMotion(robot, body, trajectory)
+    for (run, (load, motion)), rng in zip(carried.items(), per_run, strict=True):
+        response = responders[load](trajectories[motion], _of_run(progress, run))
+        body = carrying[load].platform
+        assert body is not None  # _responder() has checked
+        command = ExactMotion(robot, body, trajectories[motion])
         streams, sync = record(response, sensors.instruments, errors[run], robot, command, rng)
-        runs.append(Run(name=run, streams=streams, sync=sync))
+        runs.append(Run(name=run, streams=streams, sync=sync, load=load))
+    first = next(iter(carrying.values()))
+    assert first.platform is not None
     experiment = Experiment(
         name=name or f"virtual {robot.name}",
         robot=robot,
         instruments=sensors.instruments,
         runs=tuple(runs),
         uncertainty={"anchor": 0.0, "attachment": 0.0, "gravity": 0.0},
+        loads=tuple(
+            Load(load, nominal=robot.platform if not i else None)
+            for i, load in enumerate(loads or ())
+        ),
     )
-    return VirtualExperiment(experiment, body, errors)
+    return VirtualExperiment(experiment, first.platform, errors, loads or {})
 
 
 def _responder(

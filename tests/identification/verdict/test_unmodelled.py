@@ -41,6 +41,7 @@ def posterior(torque, stated=False):
     return SimpleNamespace(
         experiment=SimpleNamespace(robot=SimpleNamespace(gravity=np.array([0, 0, -9.81]), size=1)),
         parameters=BODY.parameters,
+        parameters_in=lambda run: BODY.parameters,
         fit=SimpleNamespace(state=SimpleNamespace(segments=(segment,))),
         samples=(Samples("swings", ALPHA, np.zeros((1, 3))),),
     )

@@ -45,7 +45,7 @@ def compare(
     agree.
 
     ESTIMATE is an estimate.json or a folder with one, with :METHOD behind it for one of its methods
-    (:all for every one).
+    (:all for every one), and #LOAD for one of its loads.
     """
     if payload:
         _payload(estimates, method, fail_above, as_json=as_json)

@@ -17,11 +17,12 @@ from steelyard.bodies.consistent_body import BodyProblem, ConsistentBody, covari
 from steelyard.bodies.mass_region import Box, Ellipsoid
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
+from steelyard.identification.known_body import plausible
 from steelyard.identification.methods.finished import finished
 from steelyard.identification.methods.method import PosteriorMethod
 from steelyard.identification.solve.normal_equations import BorderEquations
 from steelyard.identification.solve.normal_equations import solve as solve_linear
-from steelyard.identification.solve.posterior import Posterior, plausible
+from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VerdictSettings
 from steelyard.inertia import TEN, Inertia, body_jacobian
 

@@ -20,6 +20,7 @@ from scipy.stats import chi2
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.known_body import plausible
 from steelyard.identification.methods.finished import finished
 from steelyard.identification.methods.method import PosteriorMethod
 from steelyard.identification.model.balance import Forces, regressor_at
@@ -31,7 +32,7 @@ from steelyard.identification.solve.beginning import motion_task, read
 from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.normal_equations import Solution, inverse_of, solve
-from steelyard.identification.solve.posterior import Posterior, plausible
+from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import TEN
 from steelyard.instruments import Pose
 from steelyard.instruments.pose import PoseNoise
@@ -52,6 +53,12 @@ class InstrumentalVariables(PosteriorMethod):
 
     def lack(self, experiment: Experiment) -> str:
         """Which run has no independent kinematics, in words; nothing where all have."""
+        if len(experiment.loads) > 1:
+            return (
+                "several loads: expected one, found "
+                + ", ".join(load.name for load in experiment.loads)
+                + "; use another method"
+            )
         moving = [run for run in experiment.runs if not run.static]
         without = [run.name for run in moving if independent_sources(experiment, run) is None]
         if moving and not without:

@@ -14,6 +14,7 @@ from typing import ClassVar, Protocol
 from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.fall_back import fit_that_arrives
+from steelyard.identification.methods.loads import drawn
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.posterior import Posterior, Progress
@@ -89,7 +90,7 @@ class PosteriorMethod(ABC):
         if lack:
             return no_estimate(self.name, lack)
         try:
-            return self.of(self.fit(experiment, progress))
+            return drawn(self.of, self.fit(experiment, progress))
         except NoBalanceError as error:
             return no_estimate(self.name, str(error))
 

@@ -292,7 +292,8 @@ def balance_of(
         segment: With its motion.
         force_samples: Force readings within it.
         calibration: Present values of the systematic errors.
-        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
+        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, of the first load where
+            there are several, shape (10,).
         factors: Quantity -> by how much its noise exceeds what the readings say.
     """
     times = _times(experiment, segment, force_samples, calibration)
@@ -347,7 +348,7 @@ def moving_body(
         segment: With its motion.
         local: Spline functions at the times that are meant.
         calibration: Present values of the calibration parameters.
-        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
+        parameters: The ten of the first load, shape (10,).
     """
     pose, rate, acceleration, _ = motion_at(local, segment.coefficients)
     return {
@@ -355,7 +356,7 @@ def moving_body(
         "rate": rate,
         "acceleration": acceleration,
         "gravity": calibration.gravity,
-        "parameters": parameters,
+        "parameters": calibration.body(parameters, segment.run),
         "drag": 0.0 if segment.static else calibration.drag,
         "attached": calibration.of_robot(*ATTACHED),
         "air": calibration.of_robot(*AIR),

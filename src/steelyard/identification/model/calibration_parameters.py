@@ -8,7 +8,7 @@ the contract.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run
+from steelyard.estimates.estimate import plausible_radius
+from steelyard.experiment.model import Experiment, Load, Run
 from steelyard.experiment.unread import is_unread
+from steelyard.inertia import TEN
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT, Term
 from steelyard.instruments.tension import CROSSTALK
@@ -44,6 +46,10 @@ DAMPING = (("damping.moving", 1), ("damping.turning", 1))
 """The same of what decays swings, see :func:`steelyard.robot.surroundings.damping_wrench`."""
 AIR = (("drag.area", 1), ("drag.turning", 1), *DAMPING)
 """And of the air, see :func:`steelyard.robot.surroundings.air_wrench`."""
+LOAD = "load"
+"""First part of the keys of what further loads are more than the first: ten linear parameters."""
+_ANY_LOAD = 10.0
+"""1-sigma of that, in plausible sizes of a body: none that the data tell is hardly moved by it."""
 _DECAY = 0.2
 """1-sigma of the rate at which swings decay where no force is read [1/s]: two per cent of critical
 damping at a hertz."""
@@ -85,6 +91,11 @@ class CalibrationParameter:
         return self.suspected is not None and not self.deviation.any()
 
     @property
+    def is_load(self) -> bool:
+        """Whether it is no error at all, but what a further load is more than the first."""
+        return self.owner == ROBOT and self.key.startswith(f"{LOAD}.")
+
+    @property
     def negligible(self) -> float:
         """Size that an error that is taken as none has not to be believed: it would be smaller than
         that of any device, so that something else imitates it.
@@ -119,6 +130,8 @@ class CalibrationParameters:
     entries: tuple[CalibrationParameter, ...]
     m: int
     """Number of cables."""
+    carried: Mapping[str, str] = field(default_factory=dict)
+    """Run -> key of what it carried more than the first load; runs of the first are not there."""
 
     @cached_property
     def places(self) -> Mapping[Key, slice]:
@@ -140,6 +153,13 @@ class CalibrationParameters:
         """
         places = self.places
         return places[owner, key, run] if (owner, key, run) in places else places[owner, key, None]
+
+    def place_of_load(self, run: str) -> slice | None:
+        """Where it stands by how much the body of a run differs from the first load; None: it is the
+        first load.
+        """
+        key = self.carried.get(run)
+        return None if key is None else self.places[ROBOT, key, None]
 
     @cached_property
     def mean(self) -> Array:
@@ -201,6 +221,16 @@ class CalibrationValues:
             term.key: self.values[self.calibration_parameters.place(name, term.key, run)]
             for term in instrument.terms(self.calibration_parameters.m)
         }
+
+    def body(self, first: Array, run: str) -> Array:
+        """The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS` of what a run carried, shape (10,).
+
+        Args:
+            first: Those of the first load, shape (10,).
+            run: Its name.
+        """
+        place = self.calibration_parameters.place_of_load(run)
+        return first if place is None else first + self.values[place]
 
     def delay(self, clock: str, run: str) -> float:
         """Of a clock in a run [s]."""
@@ -318,7 +348,33 @@ def gather(experiment: Experiment) -> CalibrationParameters:
     share = np.full(1, _DRAGGED if drags else 0.0)
     entries.append(CalibrationParameter(ROBOT, DRAG, None, "1", share, share))
     entries += _surroundings(experiment)
-    return CalibrationParameters(tuple(entries), robot.m)
+    entries += _further_loads(experiment)
+    keys = {load.name: f"{LOAD}.{load.name}" for load in experiment.loads[1:]}
+    carried = {
+        run.name: keys[load.name]
+        for run in experiment.runs
+        if (load := experiment.load_of(run.name)) is not None and load.name in keys
+    }
+    return CalibrationParameters(tuple(entries), robot.m, carried)
+
+
+def load_place(parameters: CalibrationParameters, load: Load) -> slice:
+    """Where it stands by how much a further load differs from the first."""
+    return parameters.places[ROBOT, f"{LOAD}.{load.name}", None]
+
+
+def _further_loads(experiment: Experiment) -> Iterator[CalibrationParameter]:
+    """By how much they differ from the first: nothing is known of it."""
+    if len(experiment.loads) < 2:
+        return
+    known = [load.known["mass"][0] for load in experiment.loads if "mass" in load.known]
+    drawn = [load.nominal.mass for load in experiment.loads if load.nominal is not None]
+    weighs = _usual_forces(experiment) / float(np.linalg.norm(experiment.robot.gravity))
+    mass, size = max([*known, *drawn, weighs, 1e-9]), plausible_radius(experiment.robot)
+    wide = _ANY_LOAD * np.array([mass, *[mass * size] * 3, *[mass * size**2] * 6])
+    for load in experiment.loads[1:]:
+        key = f"{LOAD}.{load.name}"
+        yield CalibrationParameter(ROBOT, key, None, "", np.zeros(TEN), wide)
 
 
 def _surroundings(experiment: Experiment) -> Iterator[CalibrationParameter]:
@@ -384,6 +440,19 @@ def _usual_tensions(experiment: Experiment) -> float:
         if values is not None and np.any(np.abs(values) > 0):
             return float(np.nanmedian(np.abs(values))) * values.shape[1] or 1.0
     return 1.0
+
+
+def _usual_forces(experiment: Experiment) -> float:
+    """What the largest load weighs at most, roughly [N]: tensions that pull aside are in it."""
+    if experiment.robot.m:
+        return _usual_tensions(experiment)
+    forces = [
+        np.linalg.norm(run.streams[name].values["force"], axis=1)
+        for run in experiment.runs
+        if (name := experiment.force_instrument(run)) is not None
+        and "force" in run.streams[name].values
+    ]
+    return float(np.nanmedian(np.concatenate(forces))) if forces else 1.0
 
 
 def columns_of(active: NDArray[np.bool_], first: int) -> NDArray[np.intp]:

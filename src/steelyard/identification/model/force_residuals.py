@@ -304,13 +304,16 @@ def _by_terms(point: _BalancePoint) -> _ByParameters:
 
 
 def _by_robot(point: _BalancePoint) -> _ByParameters:
-    """Derivatives of the balance by gravity, by the geometry of the cables and by what else pulls at
-    the platform.
+    """Derivatives of the balance by gravity, by the geometry of the cables, by what is carried more
+    than the first load and by what else pulls at the platform.
     """
     places = point.calibration.calibration_parameters.places
     keys = ("gravity", "anchor", "attachment") if point.experiment.robot.m else ("gravity",)
     for key in keys:
         yield places[ROBOT, key, None], point.derivatives[f"by_{key}"]
+    load = point.calibration.calibration_parameters.place_of_load(point.segment.run)
+    if load is not None:
+        yield load, point.derivatives["by_parameters"]
     hoses = hose_keys(point.calibration.calibration_parameters)
     for name, parts in (("by_attached", ATTACHED), ("by_air", AIR), ("by_hoses", hoses)):
         column = 0

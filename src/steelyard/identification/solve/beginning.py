@@ -15,6 +15,7 @@ from steelyard.dynamics import platform_regressor
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.unread import is_unread
+from steelyard.identification.known_body import KnownBody, known_bodies, plausible
 from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
@@ -43,7 +44,6 @@ from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.misfits.lost_readings import without_lost
-from steelyard.identification.solve.posterior import known_body, plausible
 from steelyard.identification.solve.segmentation import Recorded, recorded
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.inertia import TEN
@@ -232,7 +232,7 @@ def with_body(
     experiment, state = readings.experiment, begun.state
     parameters = state.parameters
     if parameters is None:
-        parameters = _first_body(experiment, state, readings.looked_at(held_out), readings.settings)
+        parameters, state = _first_bodies(readings, state, readings.looked_at(held_out))
     if not parameters[0] or not np.isfinite(parameters).all():
         raise np.linalg.LinAlgError
     size = plausible_radius(experiment.robot)
@@ -240,10 +240,44 @@ def with_body(
         begun.task,
         active=begun.task.calibration_parameters.deviation > 0,
         sizes=plausible(parameters, size),
-        known=lambda at: known_body(experiment, at, size),
+        known=lambda at: _known_bodies(experiment, at, size),
     )
     state = replace(on_force_clock(experiment, state), parameters=parameters)
     return replace(begun, task=task, state=state)
+
+
+def _known_bodies(experiment: Experiment, at: FitState, size: float) -> Sequence[KnownBody]:
+    """What is known beforehand of all loads, about a state with bodies."""
+    assert at.parameters is not None
+    return known_bodies(experiment, at.calibration, at.parameters, size)
+
+
+def _first_bodies(
+    readings: Readings, state: FitState, force_samples: Sequence[Forces | None]
+) -> tuple[Array, FitState]:
+    """The ten linear parameters of the first load, and a state with what further ones are more."""
+    experiment, settings = readings.experiment, readings.settings
+    parameters = state.calibration.calibration_parameters
+    values = state.calibration.values.copy()
+    found: list[tuple[slice | None, Array | None]] = []
+    for load in experiment.loads or (None,):
+        own = [
+            forces if experiment.load_of(segment.run) is load else None
+            for segment, forces in zip(state.segments, force_samples, strict=True)
+        ]
+        known = experiment.known if load is None else load.known
+        runs = [run.name for run in experiment.runs if experiment.load_of(run.name) is load]
+        place = parameters.place_of_load(runs[0]) if runs else None
+        there = any(each is not None for each in own)
+        found.append(
+            (place, _first_body(experiment, state, own, known, settings) if there else None)
+        )
+    first = next(body for _, body in found if body is not None)
+    first = first if found[0][1] is None else found[0][1]
+    for place, body in found:
+        if place is not None and body is not None:
+            values[place] = body - first
+    return first, replace(state, calibration=replace(state.calibration, values=values))
 
 
 def on_force_clock(experiment: Experiment, state: FitState) -> FitState:
@@ -342,6 +376,7 @@ def _first_body(
     experiment: Experiment,
     state: FitState,
     force_samples: Sequence[Forces | None],
+    known: Mapping[str, tuple[float, float]],
     settings: FitSettings,
 ) -> Array:
     """The ten linear parameters that balance forces and a given motion, samples that stand far
@@ -370,9 +405,9 @@ def _first_body(
                 np.einsum("nki,i->nk", A, parameters) - residual,
                 optimize=True,
             )
-        if "mass" in experiment.known:
+        if "mass" in known:
             # Without forces it is all that tells how large the body is.
-            mass, sigma = experiment.known["mass"]
+            mass, sigma = known["mass"]
             weight_of_mass = max(sigma, 1e-3 * mass) ** -2
             normal[0, 0] += weight_of_mass
             right[0] += weight_of_mass * mass
@@ -381,7 +416,7 @@ def _first_body(
         parameters = scale * solution
         if is_unread(experiment) and parameters[0]:
             # It is told in multiples of the mass.
-            parameters = parameters * (experiment.known["mass"][0] / parameters[0])
+            parameters = parameters * (known["mass"][0] / parameters[0])
     return np.asarray(parameters)
 
 

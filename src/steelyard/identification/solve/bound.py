@@ -43,6 +43,17 @@ class Bound:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
+def bound_of(value: Array, covariance: Array) -> Bound:
+    """Bound of a covariance over the ten linear parameters and all systematic errors.
+
+    Args:
+        value: The ten, and what follows them, shape (10 + u,).
+        covariance: Shape (10 + u, 10 + u).
+    """
+    J = body_jacobian(value[:TEN])
+    return Bound(np.asarray(J @ covariance[:TEN, :TEN] @ J.T), covariance[TEN:, TEN:])
+
+
 def cramer_rao(
     experiment: Experiment,
     calibration: CalibrationValues,

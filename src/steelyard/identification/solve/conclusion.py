@@ -12,9 +12,10 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.estimates.estimate import plausible_radius
-from steelyard.experiment.model import Run
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.known_body import plausible
 from steelyard.identification.model.balance import Balance, Forces, balance_of, regressor_at
-from steelyard.identification.model.calibration_parameters import ROBOT
+from steelyard.identification.model.calibration_parameters import ROBOT, load_place
 from steelyard.identification.model.fitted_motion import FittedMotion, fitted_motion
 from steelyard.identification.model.force_residuals import WhitenedBalance, whitened_balance
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
@@ -22,20 +23,21 @@ from steelyard.identification.model.segment import NormalEquations, Rows
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.beginning import NoBalanceError, Readings
-from steelyard.identification.solve.bound import Bound
+from steelyard.identification.solve.bound import Bound, bound_of
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.normal_equations import (
     Blocks,
     BorderEquations,
+    FurtherLoad,
     Solution,
     enlarged,
     solve,
     summed,
     together,
 )
-from steelyard.identification.solve.posterior import Posterior, plausible, prior_of
+from steelyard.identification.solve.posterior import Posterior, prior_of
 from steelyard.identification.solve.settings import FitSettings
-from steelyard.inertia import TEN, body_jacobian
+from steelyard.inertia import TEN
 from steelyard.smoothing import DEGREE
 
 _LOOKED_AT = 500
@@ -169,7 +171,13 @@ def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
     biases = [chunk.fitted.fit.bias.sum(axis=0) for chunk in chunks if len(chunk.fitted.fit.bias)]
     bias = np.zeros(len(estimated))
     bias[estimated] = np.sum(biases, axis=0) if biases else 0.0
-    solution = solve(total, prior, estimated, size, bias, task.settings)
+    loads = _further_loads(experiment, found.state, equations, radius)
+    first = experiment.loads[0] if experiment.loads else None
+    own = [each for run, each in equations.items() if experiment.load_of(run) is first]
+    noise = np.sum([each.noise for each in own], axis=0) if own else np.zeros((TEN, TEN))
+    solution = solve(
+        replace(total, noise=noise), prior, estimated, size, bias, task.settings, loads
+    )
     sources = _force_sources(fitted)
     blocks = together([part.blocks for part in parts])
     state = _whole(found.state, chunks, solution)
@@ -192,6 +200,7 @@ def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
         spikes={name: count for name, count in fitted.spikes.items() if count},
         held_out=fitted.held_out,
         notes=tuple(dict.fromkeys(_notes(chunks))),
+        further_loads=tuple(loads),
     )
     solution = replace(solution, ratio=_force_ratio(found, sources, frozenset()))
     freedom = max(total.freedom, 1.0)
@@ -201,6 +210,30 @@ def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
     covariance = np.where(np.outer(estimated, estimated), wide.covariance, 0.0)
     motion = tuple(_motion_of(part, state, covariance) for part in parts if not part.segment.static)
     return replace(result, solution=wide, motion=motion)
+
+
+def _further_loads(
+    experiment: Experiment,
+    state: FitState,
+    equations: Mapping[str, BorderEquations],
+    radius: float,
+) -> list[FurtherLoad]:
+    """Those beside the first, with what is needed to see what the data do not tell of them."""
+    assert state.parameters is not None
+    found = []
+    for load in experiment.loads[1:]:
+        place = load_place(state.calibration.calibration_parameters, load)
+        value = state.calibration.values[place]
+        own = [each.noise for run, each in equations.items() if experiment.load_of(run) is load]
+        found.append(
+            FurtherLoad(
+                TEN + np.arange(place.start, place.stop, dtype=np.intp),
+                value,
+                np.sum(own, axis=0) if own else np.zeros((TEN, TEN)),
+                plausible(state.parameters + value, radius),
+            )
+        )
+    return found
 
 
 def _whole(state: FitState, chunks: Sequence[FittedStretch], solution: Solution) -> FitState:
@@ -334,9 +367,8 @@ def _motion_ratios(fitted: Fitted, forces: frozenset[Source]) -> dict[Source, fl
 
 def _bound(solution: Solution) -> Bound:
     """What can be known at best: without what was added for a bias."""
-    J = body_jacobian(solution.value[:TEN])
     covariance = solution.covariance - np.outer(solution.bias, solution.bias)
-    return Bound(np.asarray(J @ covariance[:TEN, :TEN] @ J.T), covariance[TEN:, TEN:])
+    return bound_of(solution.value, covariance)
 
 
 def _weights(parts: Sequence[SegmentEquations], held_out: frozenset[str]) -> dict[str, Array]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
+from steelyard.identification.known_body import KnownBody
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import (
     CalibrationParameters,
@@ -64,9 +65,8 @@ class Task:
     """Quantity -> least 1-sigma that its noise may be estimated at."""
     settings: FitSettings = FIT
     """How to fit."""
-    known: Callable[[Array], tuple[Array, Array]] | None = None
-    """Parameters -> precision and pull of what is known about the body beforehand, shapes (10, 10)
-    and (10,)."""
+    known: Callable[[FitState], Sequence[KnownBody]] | None = None
+    """What is known beforehand of the bodies, about a state."""
 
     def border(self, state: FitState) -> int:
         """Number of columns of the border: the body, where forces are looked at, and the active

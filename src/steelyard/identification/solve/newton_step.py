@@ -111,9 +111,12 @@ def _with_priors(
     """
     matrix, right, ten = information.copy(), gradient.copy(), state.ten
     if ten and task.known is not None and state.parameters is not None:
-        precision, pull = task.known(state.parameters)
-        matrix[:ten, :ten] += precision
-        right[:ten] += pull - precision @ state.parameters
+        for each in task.known(state):
+            own = each.columns(task.column_of(state))
+            for rows in own:
+                right[rows] += each.gradient
+                for columns in own:
+                    matrix[np.ix_(rows, columns)] += each.precision
     matrix *= np.outer(scale, scale)
     matrix[ten:, ten:] += np.eye(len(scale) - ten)
     right *= scale

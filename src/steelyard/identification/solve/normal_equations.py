@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +104,19 @@ class Blocks:
         return np.asarray(self.right - self.normal @ value)
 
 
+class FurtherLoad(NamedTuple):
+    """A body that is carried in place of the first: the sum of the first ten columns and of others."""
+
+    columns: NDArray[np.intp]
+    """Of what it is more than the first, shape (10,)."""
+    value: Array
+    """Of that where it was linearised, shape (10,)."""
+    noise: Array
+    """As :attr:`BorderEquations.noise`, of its runs, shape (10, 10)."""
+    scale: Array
+    """Plausible size of its ten, shape (10,)."""
+
+
 def summed(parts: Sequence[BorderEquations]) -> BorderEquations:
     """Normal equations of several runs."""
     return reduce(add, parts)
@@ -115,6 +129,7 @@ def solve(
     scale: Array,
     bias: Array | None = None,
     settings: FitSettings = FIT,
+    loads: Sequence[FurtherLoad] = (),
 ) -> Solution:
     """Estimate body and calibration parameters.
 
@@ -126,23 +141,34 @@ def solve(
         bias: What noise in the regressor does to the right-hand side in the mean, with the opposite
             sign, shape (k,); None: nothing.
         settings: With what is identifiable.
+        loads: Further ones, where there are several.
     """
     k = len(estimated)
     use = np.flatnonzero(estimated)
     normal = equations.normal[np.ix_(use, use)] + prior.precision[np.ix_(use, use)]
     held, wide = weak_directions(normal, equations.noise, scale, settings)
     # Directions that are not identifiable are held; their uncertainty is that of what is plausible.
+    weak = [_of_load(normal, use, each, settings) for each in loads]
     normal[:TEN, :TEN] += held
+    pull = prior.pull.copy()
+    for each, (own_held, _) in zip(loads, weak, strict=True):
+        of_both = np.concatenate([np.arange(TEN), each.columns])
+        twice = np.tile(own_held, (2, 2))
+        inside = np.searchsorted(use, of_both)
+        normal[np.ix_(inside, inside)] += twice
+        pull[of_both] -= np.tile(own_held @ each.value, 2)
     taken_off = np.zeros(k) if bias is None else bias
     gain = np.zeros((k, k))
     gain[np.ix_(use, use)] = inverse_of(normal, scale)
     right = equations.right + taken_off
-    value = gain @ (right + prior.pull)
+    value = gain @ (right + pull)
     noise_part = gain @ equations.normal @ gain.T
     covariance = noise_part + gain @ prior.precision @ gain.T
     shift = gain @ taken_off
     covariance = covariance + np.outer(shift, shift)
     covariance[:TEN, :TEN] += wide @ wide.T
+    for each, (_, own_wide) in zip(loads, weak, strict=True):
+        covariance[np.ix_(each.columns, each.columns)] += own_wide @ own_wide.T
     return Solution(
         value=value,
         covariance=(covariance + covariance.T) / 2,
@@ -155,6 +181,25 @@ def solve(
         spent=float(np.trace(gain @ equations.normal)),
         scores=right - equations.normal @ value,
     )
+
+
+def _of_load(
+    normal: Array, use: NDArray[np.intp], load: FurtherLoad, settings: FitSettings
+) -> tuple[Array, Array]:
+    """:func:`weak_directions` of a further load.
+
+    Args:
+        normal: Of the estimated columns with their priors.
+        use: Which columns these are.
+        load: Whose directions.
+        settings: With what is identifiable.
+    """
+    own = np.searchsorted(use, load.columns)
+    # With this load in place of the first, the first is the sum of it and the negative difference.
+    change = np.eye(len(use))
+    change[np.arange(TEN), own] = 1.0
+    change[own, own] = -1.0
+    return weak_directions(change.T @ normal @ change, load.noise, load.scale, settings)
 
 
 def inverse_of(matrix: Array, scale: Array) -> Array:

@@ -5,39 +5,35 @@ bounds, predictions and reports are drawn from.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_wrench
-from steelyard.estimates.estimate import identifiable_parameters, plausible_radius, plausible_sizes
-from steelyard.experiment.model import Experiment
+from steelyard.estimates.estimate import identifiable_parameters, plausible_radius
+from steelyard.experiment.model import Experiment, Load
+from steelyard.identification.known_body import known_bodies
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.fitted_motion import FittedMotion
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
-from steelyard.identification.solve.bound import Bound
+from steelyard.identification.solve.bound import Bound, bound_of
 from steelyard.identification.solve.fit_state import Fit
 from steelyard.identification.solve.normal_equations import (
     Blocks,
     BorderEquations,
     BorderPrior,
+    FurtherLoad,
     Solution,
     summed,
 )
-from steelyard.inertia import BODY_PARAMETERS, TEN, Inertia, body_jacobian
-from steelyard.natural_frequencies.information import frequency_information
+from steelyard.inertia import TEN, body_jacobian
 
 Progress = Callable[[str, float], None] | None
 """Is called with what is being done and the fraction that is done."""
-EXACT = 1e-6
-"""1-sigma of what is known exactly, as a part of its plausible size."""
-_LARGEST = 3.0
-"""1-sigma of the body before any reading, in parts of its plausible size: it moves what the data
-tell to half of that size by less than .06 of a sigma."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +74,10 @@ class Posterior:
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     """Instruments that were left out, since the fit did not arrive with them."""
+    further_loads: tuple[FurtherLoad, ...] = ()
+    """Those of the experiment but the first."""
+    load: Load | None = None
+    """The one that it is seen from, see :meth:`of_load`; None: there is one body, or the first."""
 
     @property
     def by_contradiction(self) -> list[str]:
@@ -141,10 +141,94 @@ class Posterior:
         J = body_jacobian(self.parameters)
         return np.asarray(J @ self.solution.covariance[:TEN, :TEN] @ J.T)
 
+    @property
+    def joint_change(self) -> Array:
+        """How the linear parameters of all loads, one load after the other, follow the border of the
+        first load's posterior, shape (10 l, k).
+        """
+        loads = self.experiment.loads
+        found = np.zeros((TEN * max(1, len(loads)), len(self.solution.value)))
+        for i in range(max(1, len(loads))):
+            found[TEN * i : TEN * (i + 1), :TEN] = np.eye(TEN)
+        for i, load in enumerate(self.further_loads, start=1):
+            found[TEN * i : TEN * (i + 1), load.columns] = np.eye(TEN)
+        return found
+
+    def parameters_in(self, run: str) -> Array:
+        """The ten linear parameters of what a run carried, shape (10,)."""
+        if self.carries(run):
+            return self.parameters
+        state = self.fit.state
+        assert state.parameters is not None
+        return state.calibration.body(state.parameters, run)
+
+    def carries(self, run: str) -> bool:
+        """Whether a run carried the load that it is seen from."""
+        own = self.experiment.load_of(run)
+        return own is None or own is (self.load or self.experiment.loads[0])
+
+    def of_load(self, load: Load) -> Posterior:
+        """The same posterior with another load in place of the first: nothing is fitted again.
+
+        Args:
+            load: One of those of the experiment.
+        """
+        if load is self.experiment.loads[0]:
+            return self
+        further = self.further_loads[self.experiment.loads.index(load) - 1]
+        own = further.columns
+        k = len(self.solution.value)
+        # The first is the sum of it and of the negative difference.
+        change = np.eye(k)
+        change[np.arange(TEN), own] = 1.0
+        change[own, own] = -1.0
+        # Right-hand sides are of the ten as they are and of all else from where it was linearised.
+        there = np.zeros(k)
+        there[:TEN] = further.value
+
+        def moved(normal: Array, right: Array) -> tuple[Array, Array]:
+            other = change.T @ normal @ change
+            return other, change.T @ right + other @ there
+
+        back = np.linalg.inv(change)
+        s = self.solution
+        value = there + back @ s.value
+        solution = replace(
+            s,
+            value=value,
+            covariance=back @ s.covariance @ back.T,
+            gain=back @ s.gain @ back.T,
+            noise_part=back @ s.noise_part @ back.T,
+            bias=back @ s.bias,
+            scores=change.T @ s.scores,
+        )
+        equations = {}
+        for run, each in self.equations.items():
+            noise = each.noise if self.experiment.load_of(run) is load else np.zeros((TEN, TEN))
+            equations[run] = BorderEquations(*moved(each.normal, each.right), noise, each.freedom)
+        pairs = [moved(*each) for each in zip(self.blocks.normal, self.blocks.right, strict=True)]
+        blocks = Blocks(
+            np.array([normal for normal, _ in pairs]).reshape(-1, k, k),
+            np.array([right for _, right in pairs]).reshape(-1, k),
+            self.blocks.run,
+        )
+        known = self.experiment.of_load(load)
+        bound = solution.covariance - np.outer(solution.bias, solution.bias)
+        return replace(
+            self,
+            experiment=known,
+            equations=equations,
+            prior=BorderPrior(*moved(self.prior.precision, self.prior.pull)),
+            solution=solution,
+            blocks=blocks,
+            bound=bound_of(value, bound),
+            load=load,
+        )
+
     def unexplained(self, samples: Samples) -> Array:
         """Wrench that the body does not explain [N], [N m], shape (n, 6)."""
         moves = platform_wrench(
-            self.parameters, samples.specific_force, samples.omega, samples.alpha
+            self.parameters_in(samples.run), samples.specific_force, samples.omega, samples.alpha
         )
         return np.asarray(samples.wrench - moves)
 
@@ -157,12 +241,6 @@ def motion_instruments(experiment: Experiment) -> list[str]:
         if (each.is_motion or each.is_cable_motion)
         and any(name in run.streams for run in experiment.runs)
     ]
-
-
-def plausible(parameters: Array, size: float) -> Array:
-    """Plausible size of the ten linear parameters, shape (10,)."""
-    mass = max(abs(float(parameters[0])), 1e-9)
-    return np.array([mass, *[mass * size] * 3, *[mass * size**2] * 6])
 
 
 def prior_of(
@@ -184,35 +262,10 @@ def prior_of(
     precision = np.zeros((k, k))
     precision[TEN:, TEN:] = np.diag(weight)
     pull = np.concatenate([np.zeros(TEN), weight * (known.mean - calibration.values)])
-    of_body, toward = known_body(experiment, parameters, size)
-    precision[:TEN, :TEN] += of_body
-    pull[:TEN] += toward
+    for each in known_bodies(experiment, calibration, parameters, size):
+        own = each.columns(TEN + np.arange(len(known), dtype=np.intp))
+        for rows in own:
+            pull[rows] += each.gradient + each.precision @ parameters
+            for columns in own:
+                precision[np.ix_(rows, columns)] += each.precision
     return BorderPrior(precision, pull)
-
-
-def known_body(experiment: Experiment, parameters: Array, size: float) -> tuple[Array, Array]:
-    """Precision of what is known about the body beforehand, and its pull, shapes (10, 10) and
-    (10,).
-
-    That it is not much larger than its robot, what natural frequencies tell that somebody has seen, and
-    what the user knows. Without the former an
-    inertia that the data do not tell may grow until unseen vibrations explain all torques with it.
-    """
-    sizes = plausible(parameters, size)
-    precision, pull = np.diag((_LARGEST * sizes) ** -2), np.zeros(TEN)
-    seen = frequency_information(experiment, parameters, sizes)
-    if seen is not None:
-        of_seen, toward = seen.about()
-        precision, pull = precision + of_seen, pull + toward
-    if not experiment.known:
-        return precision, pull
-    body = Inertia.from_parameters(parameters).body_parameters
-    J = body_jacobian(parameters)
-    own = plausible_sizes(float(parameters[0]), size)
-    for name, (value, sigma) in experiment.known.items():
-        i = BODY_PARAMETERS.index(name)
-        deviation = max(sigma, EXACT * own[i])
-        row = J[i] / deviation
-        precision += np.outer(row, row)
-        pull += row * ((value - body[i]) / deviation + row @ parameters)
-    return precision, pull

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from steelyard.experiment.faults import channels, clipped
-from steelyard.identification.solve.posterior import Posterior, plausible
+from steelyard.identification.known_body import plausible
+from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.diagnosis import diagnose
 from steelyard.identification.verdict.directed_tests import Finding, directed_tests, of_description
 from steelyard.identification.verdict.seen_frequencies import of_frequencies
@@ -201,28 +202,32 @@ def _when(posterior: Posterior, run: str) -> str:
 
 def _of_runs(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     """Runs whose own estimates do not agree."""
-    sums = [each for name, each in posterior.equations.items() if name not in posterior.held_out]
+    names = [run.name for run in posterior.experiment.runs]
+    own = [
+        name
+        for name in posterior.equations
+        if name not in posterior.held_out and posterior.carries(name)
+    ]
+    sums = [posterior.equations[name] for name in own]
     if len(sums) < 2 or posterior.solution.inflation:
         return
     # The scores of a run are what it would move the estimate by; they add up to what the priors
     # pull.
+    scores = posterior.blocks.scores(posterior.solution.value)
     by_run = np.array(
-        [
-            posterior.blocks.scores(posterior.solution.value)[posterior.blocks.run == i].sum(axis=0)
-            for i in np.unique(posterior.blocks.run)
-        ]
+        [scores[posterior.blocks.run == names.index(name)].sum(axis=0) for name in own]
     )
     use = np.flatnonzero(posterior.told)
     if not len(use):
         return
     chi = 0.0
     size = plausible(posterior.parameters, posterior.size)[use]
-    for scores, each in zip(by_run - by_run.mean(axis=0), sums, strict=True):
+    for own_scores, each in zip(by_run - by_run.mean(axis=0), sums, strict=True):
         # Noise of a motion gives its scores a mean where it tells hardly more than noise would:
         # unknown, since the motion follows the readings, up to what it takes of each parameter.
         taken = each.noise[np.ix_(use, use)] * posterior.parameters[use]
         variance = each.normal[np.ix_(use, use)] + taken @ taken.T
-        scaled = scores[use] * size
+        scaled = own_scores[use] * size
         inverse = np.linalg.pinv(variance * np.outer(size, size), rcond=1e-10, hermitian=True)
         chi += float(scaled @ inverse @ scaled)
     freedom = (len(sums) - 1) * len(use)

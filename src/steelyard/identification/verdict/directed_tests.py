@@ -167,6 +167,9 @@ def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Find
     variance = np.diag(posterior.solution.covariance)[TEN:]
     moves = posterior.solution.covariance[:TEN, TEN:]
     for place, unknown, component in calibration_parameters.components():
+        if unknown.is_load:
+            # Nothing was known of it.
+            continue
         prior = unknown.deviation[component] ** 2
         if (
             not posterior.solution.estimated[TEN + place]

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.identification.solve.posterior import Posterior, plausible
+from steelyard.identification.known_body import plausible
+from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import TEN, body_jacobian
 from steelyard.natural_frequencies.information import frequency_information
 

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
-from steelyard.identification.solve.posterior import plausible
+from steelyard.identification.known_body import plausible
 from steelyard.identification.verdict.settings import VerdictSettings
 from steelyard.natural_frequencies.information import frequency_information
 

@@ -65,7 +65,7 @@ def _turning(posterior: Posterior, run: str) -> float:
     """Root mean square of the torque that turns the body about its centre of gravity in a run
     [N m].
     """
-    body = Inertia.from_parameters(posterior.parameters).inertia
+    body = Inertia.from_parameters(posterior.parameters_in(run)).inertia
     found = [
         each.alpha @ body + np.cross(each.omega, each.omega @ body)
         for each in posterior.samples

@@ -54,6 +54,8 @@ class Summary:
     """Everything that is shown."""
 
     table: ParameterTable
+    loads: tuple[ParameterTable, ...]
+    """What the loads are and by what they differ by the best method, where there are several."""
     runs: tuple[ParameterTable, ...]
     """What each run says alone, a table per method."""
     statements: tuple[str, ...]
@@ -112,7 +114,11 @@ def summarise(
     if bound is not None:
         columns.append(_attainable(bound, shown))
     return Summary(
-        table=ParameterTable(title or identification.experiment, tuple(columns)),
+        table=ParameterTable(
+            f"{title or identification.experiment}{_first_load(identification.estimate)}",
+            tuple(columns),
+        ),
+        loads=tuple(_each_load(identification.result, identification.estimate)),
         runs=tuple(_each_run(identification)),
         statements=(
             *_statements(shown),
@@ -147,6 +153,24 @@ def _each_run(identification: Identification) -> Iterator[ParameterTable]:
         if estimate.runs:
             columns = (_estimated(run, each, None) for run, each in estimate.runs.items())
             yield ParameterTable(f"{name}, each run alone", tuple(columns))
+
+
+def _each_load(name: str, estimate: Estimate) -> Iterator[ParameterTable]:
+    """What the loads are, and by what they differ, by one method."""
+    if estimate.loads is None:
+        return
+    for title, found in (
+        ("each load", estimate.loads.estimates),
+        ("differences of loads", estimate.loads.differences),
+    ):
+        columns = tuple(_estimated(load, each, None) for load, each in found.items())
+        if columns:
+            yield ParameterTable(f"{title} by {name}", columns)
+
+
+def _first_load(estimate: Estimate) -> str:
+    """What the title of the ten says of several loads."""
+    return "" if estimate.loads is None else f", load '{next(iter(estimate.loads.estimates))}'"
 
 
 def _scaled(values: Array | Sequence[float]) -> Ten:
@@ -195,7 +219,13 @@ def _offset(clock: Offset) -> str:
 
 def _statements(estimates: Mapping[str, Estimate]) -> list[str]:
     """Verdicts, then notes, each once."""
-    verdicts = [f"{name}: {estimate.verdict}" for name, estimate in estimates.items()]
+    verdicts = []
+    for name, estimate in estimates.items():
+        if estimate.loads is None:
+            verdicts.append(f"{name}: {estimate.verdict}")
+        else:
+            of_loads = estimate.loads.estimates.items()
+            verdicts += [f"{name}, load '{load}': {each.verdict}" for load, each in of_loads]
     notes: dict[str, None] = {}
     for estimate in estimates.values():
         notes |= dict.fromkeys(f"{estimate.method}: {note}" for note in estimate.notes)

@@ -65,6 +65,7 @@ def _said(body: EstimatedBody, name: str, place: slice) -> str:
 def result(summary: Summary) -> Section:
     """The section."""
     blocks: list[Block] = [Statements(tuple(_verdicts(summary))), grid_of(summary.table)]
+    blocks += [grid_of(table) for table in summary.loads]
     if summary.per_mass is not None:
         head = ("parameter", "unit", *summary.per_mass.headings)
         numbers = frozenset(range(2, len(head)))

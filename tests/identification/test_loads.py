@@ -1,0 +1,152 @@
+"""Several loads in one fit: what was added is known far better than either load."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from simulated import BODY, CENTER, PAPER, REACH, Recorder, changed
+
+from steelyard.estimates.payload import payload
+from steelyard.experiment.model import Load
+from steelyard.identification.identify import identify
+from steelyard.inertia import Inertia
+from steelyard.motion.trajectory import multisine
+
+ADDED = Inertia(16.0, np.array([0.2, -0.1, -0.4]), np.diag([0.45, 0.55, 0.33]))
+# Gains are what two loads share.
+INSTRUMENTS = {
+    **PAPER,
+    "cables": changed(PAPER["cables"], calibration={"gain": 0.01, "common_gain": 0.005}),
+}
+MOTION = multisine(list(CENTER), list(REACH), 8.0, 6)
+LOADED = Inertia.from_parameters(BODY.parameters + ADDED.parameters)
+
+
+@cache
+def recorded(seed=0, order=("empty", "with-fork"), **of_loads):
+    """Runs of the same motion with the platform alone and with what was added."""
+    runs = {}
+    for name, body in (("empty", BODY), ("with-fork", LOADED)):
+        one = Recorder(MOTION, body, following=True)(seed, instruments=INSTRUMENTS, runs=("a", "b"))
+        runs[name] = one
+    empty, loaded = runs["empty"], runs["with-fork"]
+    own = {
+        "empty": replace(empty.runs[0], load="empty"),
+        "with-fork": replace(loaded.runs[1], load="with-fork"),
+    }
+    loads = tuple(Load(name, known=dict(of_loads.get(name, ()))) for name in order)
+    # The order of the runs is another matter than that of the loads.
+    return replace(empty, runs=tuple(own.values()), loads=loads, known=loads[0].known)
+
+
+@cache
+def estimated(method="maximum-likelihood", **keys):
+    return identify(recorded(**keys), method).estimate
+
+
+def sigma(estimate):
+    return np.sqrt(np.diag(estimate.covariance))
+
+
+@pytest.mark.parametrize("method", ["maximum-likelihood", "least-squares", "consistent"])
+def test_what_was_added_is_known_better_than_either(method):
+    found = estimated(method).loads
+    (difference,) = found.differences.values()
+    assert list(found.differences) == ["with-fork - empty"]
+    assert difference.verdict.accepted
+    off = difference.value - ADDED.body_parameters
+    assert off @ np.linalg.solve(difference.covariance, off) < 29.6  # one in a thousand
+    for name, body in (("empty", BODY), ("with-fork", LOADED)):
+        each = found.estimates[name]
+        assert each.verdict.accepted, each.verdict.reasons
+        off = each.value - body.body_parameters
+        assert off @ np.linalg.solve(each.covariance, off) < 29.6
+        assert sigma(difference)[0] < sigma(each)[0] / 5
+    independent = payload(*found.estimates.values()).estimate
+    assert sigma(difference)[0] < sigma(independent)[0] / 5
+
+
+def test_the_entry_itself_is_that_of_the_first_load():
+    found = estimated()
+    first = found.loads.estimates["empty"]
+    np.testing.assert_array_equal(found.value, first.value)
+    np.testing.assert_array_equal(found.covariance, first.covariance)
+
+
+def test_the_order_of_the_loads_does_not_matter():
+    one, other = estimated().loads, estimated(order=("with-fork", "empty")).loads
+    for name in ("empty", "with-fork"):
+        a, b = one.estimates[name], other.estimates[name]
+        np.testing.assert_allclose((a.value - b.value) / sigma(a), 0, atol=0.02)
+        np.testing.assert_allclose(sigma(b) / sigma(a), 1, atol=0.02)
+    (a,), (b,) = one.differences.values(), other.differences.values()
+    assert "empty - with-fork" in other.differences
+    assert a.value[0] == pytest.approx(-b.value[0], abs=0.02 * sigma(a)[0])
+    assert sigma(a)[0] == pytest.approx(sigma(b)[0], rel=0.02)
+
+
+def test_the_joint_covariance_has_those_of_the_loads_on_its_diagonal():
+    found = estimated().loads
+    assert found.joint.loads == ("empty", "with-fork")
+    for i, each in enumerate(found.estimates.values()):
+        own = found.joint.matrix[10 * i : 10 * (i + 1), 10 * i : 10 * (i + 1)]
+        scale = np.outer(sigma(each), sigma(each))
+        np.testing.assert_allclose(own / scale, each.covariance / scale, atol=1e-6)
+    # Gains that both share: masses go together.
+    assert found.joint.matrix[0, 10] > 0.9 * found.joint.matrix[0, 0]
+
+
+def test_one_load_is_one_body():
+    whole = recorded()
+    alone = whole.alone(whole.loads[0])
+    named = replace(alone, loads=(whole.loads[0],))
+    plain, found = (identify(each, "maximum-likelihood").estimate for each in (alone, named))
+    np.testing.assert_allclose(found.value, plain.value, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.covariance, plain.covariance, rtol=1e-9)
+    assert not found.loads.differences
+
+
+def test_a_weighed_body_calibrates_the_force_sensors():
+    mass = LOADED.body_parameters[0]
+    keys = {"with-fork": (("mass", (mass, 0.01)),)}
+    found = estimated(**keys).loads.estimates
+    plain = estimated().loads.estimates
+    assert sigma(found["with-fork"])[0] < 0.011
+    assert sigma(found["empty"])[0] < sigma(plain["empty"])[0] / 5
+    assert abs(found["empty"].value[0] - BODY.mass) < 4 * sigma(found["empty"])[0]
+    assert found["with-fork"].verdict.parameters["mass"] == "prior"
+    assert found["empty"].verdict.parameters["mass"] == "data"
+
+
+def test_two_steps_look_at_each_load_alone():
+    whole = recorded()
+    found = identify(whole, "two-step").estimate.loads
+    for load in whole.loads:
+        alone = identify(whole.alone(load), "two-step").estimate
+        np.testing.assert_allclose(found.estimates[load.name].value, alone.value)
+    assert not found.joint.matrix[:10, 10:].any()
+
+
+def test_a_method_that_takes_one_load_says_so():
+    found = identify(recorded(), "instrumental-variables").estimate
+    assert not np.isfinite(found.value).any()
+    assert "several loads" in found.verdict.reasons[0]
+
+
+def test_a_run_that_is_held_out_is_predicted_with_its_own_load():
+    one = recorded()
+    more = Recorder(MOTION, LOADED, following=True)(0, instruments=INSTRUMENTS, runs=("a", "b"))
+    third = replace(more.runs[0], name="c", load="with-fork")
+    found = identify(replace(one, runs=(*one.runs, third)), "least-squares", holdout=["c"])
+    (prediction,) = found.predictions
+    assert (prediction.error / prediction.noise).max() < 3
+
+
+@pytest.mark.slow
+def test_intervals_of_what_was_added_cover():
+    z = []
+    for seed in range(20):
+        (found,) = estimated(seed=seed).loads.differences.values()
+        z.append((found.value - ADDED.body_parameters) / sigma(found))
+    assert 0.9 < np.mean(np.abs(z) < 1.96) < 0.99
