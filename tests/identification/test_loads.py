@@ -119,6 +119,36 @@ def test_a_weighed_body_calibrates_the_force_sensors():
     assert found["empty"].verdict.parameters["mass"] == "data"
 
 
+def test_what_is_known_is_taken_apart_from_the_readings():
+    mass = LOADED.body_parameters[0]
+    found = estimated(**{"with-fork": (("mass", (mass, 0.5)),)}).loads.estimates["with-fork"]
+    alone = estimated().loads.estimates["with-fork"]
+    known = found.details["known"]["mass"]
+    assert (known["stated"], known["sigma"]) == (mass, 0.5)
+    assert known["found"] == pytest.approx(alone.value[0], abs=0.02 * sigma(alone)[0])
+    assert known["deviation"] == pytest.approx(sigma(alone)[0], rel=0.02)
+
+
+def test_a_body_that_was_weighed_wrongly_is_a_reason_against_all_loads():
+    mass = LOADED.body_parameters[0] + 6.0
+    found = estimated(**{"with-fork": (("mass", (mass, 0.01)),)}).loads.estimates
+    for each in found.values():
+        assert not each.verdict.accepted
+        assert any("what is known beforehand does not go with" in r for r in each.verdict.reasons)
+
+
+@pytest.mark.parametrize("method", ["maximum-likelihood", "least-squares"])
+def test_the_uncertainty_budget_adds_up(method):
+    for each in estimated(method).loads.estimates.values():
+        shares = {
+            k: np.array(list(v.values())) for k, v in each.details["uncertainty_budget"].items()
+        }
+        np.testing.assert_allclose(sum(shares.values()), 1)
+        # Nothing was known of the bodies: readings and priors of the errors are all there is.
+        assert shares.get("the body beforehand", np.zeros(10)).max() < 0.01
+        assert shares["gains of cables"][0] > 0.5
+
+
 def test_two_steps_look_at_each_load_alone():
     whole = recorded()
     found = identify(whole, "two-step").estimate.loads

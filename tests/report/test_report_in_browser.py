@@ -54,7 +54,8 @@ def test_every_section_is_there(opened):
         "return [...document.querySelectorAll('main h2')].map((h) => h.textContent.trim())"
     )
     assert titles == [
-        "Result", "The platform", "Wrench on the platform", "Measurements and residuals", "Clocks and calibration",
+        "Result", "The platform", "Wrench on the platform", "Measurements and residuals", "Uncertainty budget",
+        "Clocks and calibration",
         "Correlation of the parameters", "Provenance",
     ]  # fmt: skip
 

@@ -9,6 +9,7 @@ from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.output import results_folder, write_json, write_table
 from steelyard.report.blocks.document import Document
+from steelyard.report.documents.certificate import certificate_of
 from steelyard.report.documents.identification import document_of
 from steelyard.report.evidence.made import made_of
 from steelyard.report.evidence.report_file import FILE_NAME, write_summary
@@ -20,6 +21,8 @@ MOTION = "motion.parquet"
 """The fitted motion as a table that other programs read."""
 DRAWN = ("report.html", "report.md")
 """What is drawn from :data:`steelyard.report.evidence.report_file.FILE_NAME`."""
+CERTIFICATE = ("certificate.html", "certificate.md")
+"""One page of it, on request."""
 
 
 def write_results(
@@ -69,6 +72,11 @@ def write_report(summary: Summary, folder: Path) -> None:
 def draw_report(summary: Summary, folder: Path) -> None:
     """Write ``report.html`` and ``report.md``, the same bytes for the same summary."""
     write_document(document_of(summary), folder, "report")
+
+
+def draw_certificate(summary: Summary, folder: Path) -> None:
+    """Write ``certificate.html`` and ``certificate.md``."""
+    write_document(certificate_of(summary), folder, "certificate")
 
 
 def write_document(document: Document, folder: Path, name: str) -> None:

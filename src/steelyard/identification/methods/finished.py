@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,12 @@ from steelyard.identification.model.calibration_parameters import as_tree
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.assessment import reasons
 from steelyard.identification.verdict.directed_tests import directed_tests
-from steelyard.identification.verdict.information_shares import label_mask, priors_share
+from steelyard.identification.verdict.information_shares import (
+    label_mask,
+    priors_share,
+    variance_shares,
+)
+from steelyard.identification.verdict.known_values import known_values
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
@@ -85,6 +91,11 @@ def finished(
             "noise_ratio": float(np.sqrt(max(solution.ratio, 0.0))),
             "covariance_enlarged_by": dict(solution.inflation),
             "share_of_priors": dict(zip(BODY_PARAMETERS, priors_share(found), strict=True)),
+            "uncertainty_budget": {
+                name: dict(zip(BODY_PARAMETERS, share, strict=True))
+                for name, share in variance_shares(found).items()
+            },
+            "known": {each.name: {**asdict(each), "z": each.z} for each in known_values(found)},
             "filter": {s.run: {"knot_spacing": s.spacing} for s in found.samples if not s.static},
             "samples": {s.run: len(s) for s in found.samples},
             "independent_samples": {run: each.freedom for run, each in found.equations.items()},

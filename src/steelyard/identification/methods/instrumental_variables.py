@@ -85,7 +85,7 @@ class InstrumentalVariables(PosteriorMethod):
             settings=self.settings,
         )
         own = solved(posterior, products)
-        found = replace(posterior, solution=own)
+        found = replace(posterior, solution=own, by_source={})
         chi, freedom = durbin_wu_hausman(found, products, plain)
         probability = float(chi2.sf(chi, freedom))
         deviation = np.sqrt(np.diag(own.covariance)[:TEN])

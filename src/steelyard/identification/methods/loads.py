@@ -4,7 +4,7 @@ another.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -17,6 +17,7 @@ from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.estimates.payload import payload
 from steelyard.experiment.model import Experiment
 from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.verdict.known_values import against_readings
 from steelyard.inertia import TEN, Inertia, body_jacobian
 
 
@@ -35,6 +36,20 @@ def drawn(of: Callable[[Posterior], Estimate], posterior: Posterior) -> Estimate
         return of(posterior)
     seen = {load.name: posterior.of_load(load) for load in loads}
     estimates = {name: of(each) for name, each in seen.items()}
+    # Gains that one load contradicts are in the others too.
+    against = {name: list(against_readings(each)) for name, each in seen.items()}
+    estimates = {
+        name: _with_reasons(
+            each,
+            [
+                f"load '{other}': {text}"
+                for other, texts in against.items()
+                for text in texts
+                if other != name
+            ],
+        )
+        for name, each in estimates.items()
+    }
     jacobian = np.zeros((TEN * len(loads),) * 2)
     for i, (name, each) in enumerate(seen.items()):
         own = slice(TEN * i, TEN * (i + 1))
@@ -44,6 +59,15 @@ def drawn(of: Callable[[Posterior], Estimate], posterior: Posterior) -> Estimate
         jacobian[own, own] = body_jacobian(at)
     change = jacobian @ posterior.joint_change
     return _together(estimates, change @ posterior.solution.covariance @ change.T)
+
+
+def _with_reasons(estimate: Estimate, reasons: Sequence[str]) -> Estimate:
+    """With further reasons against it."""
+    if not reasons:
+        return estimate
+    verdict = estimate.verdict
+    verdict = replace(verdict, accepted=False, reasons=(*verdict.reasons, *reasons))
+    return replace(estimate, verdict=verdict)
 
 
 def each_alone(of: Callable[[Experiment], Estimate], experiment: Experiment) -> Estimate:

@@ -18,7 +18,12 @@ from steelyard.identification.model.balance import Balance, Forces, balance_of, 
 from steelyard.identification.model.calibration_parameters import ROBOT, load_place
 from steelyard.identification.model.fitted_motion import FittedMotion, fitted_motion
 from steelyard.identification.model.force_residuals import WhitenedBalance, whitened_balance
-from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
+from steelyard.identification.model.motion_residuals import (
+    AT_REST,
+    Segment,
+    Tally,
+    motion_residuals,
+)
 from steelyard.identification.model.segment import NormalEquations, Rows
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
@@ -93,6 +98,8 @@ class SegmentEquations:
     """Of every sample, shape (n,)."""
     equations: BorderEquations
     blocks: Blocks
+    by_source: Mapping[Source, Array]
+    """Quantity -> part of the normal matrix that its readings bring, shape (k, k)."""
     covariance: Array
     """Of the coefficients of the motion, lower banded form, shape (42, N)."""
     followed: Array
@@ -201,6 +208,7 @@ def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
         held_out=fitted.held_out,
         notes=tuple(dict.fromkeys(_notes(chunks))),
         further_loads=tuple(loads),
+        by_source=_by_source(parts),
     )
     solution = replace(solution, ratio=_force_ratio(found, sources, frozenset()))
     freedom = max(total.freedom, 1.0)
@@ -317,7 +325,7 @@ def _part(
         )
     freedom = float(np.sum(~forces.touched)) * looked_at
     equations = BorderEquations(normal, gradient + normal @ at, noise, freedom)
-    blocks = _blocks(segment, rows, every, state.parameters, run, task.settings)
+    blocks, by_source = _blocks(segment, rows, every, state.parameters, run, task.settings)
     return SegmentEquations(
         segment,
         forces,
@@ -325,6 +333,7 @@ def _part(
         np.concatenate([each.root**2 for each in balances]),
         equations,
         blocks,
+        by_source,
         covariance,
         every.followed,
     )
@@ -336,6 +345,16 @@ def _by_run(parts: Sequence[SegmentEquations]) -> dict[str, BorderEquations]:
     for part in parts:
         run = part.segment.run
         found[run] = found[run] + part.equations if run in found else part.equations
+    return found
+
+
+def _by_source(parts: Sequence[SegmentEquations]) -> dict[Source, Array]:
+    """Quantity -> part of the normal matrix that its readings bring."""
+    found: dict[Source, Array] = {}
+    for part in parts:
+        for (owner, name), matrix in part.by_source.items():
+            source = (owner, name.removesuffix(AT_REST))
+            found[source] = found.get(source, 0.0) + matrix
     return found
 
 
@@ -478,8 +497,10 @@ def _blocks(
     parameters: Array,
     run: int,
     settings: FitSettings,
-) -> Blocks:
-    """Stretches of a segment, each with what it says about the border once the motion has followed."""
+) -> tuple[Blocks, dict[Source, Array]]:
+    """Stretches of a segment, each with what it says about the border once the motion has followed,
+    and the same sum by the quantities that are read.
+    """
     instants = (
         len(segment.coefficients)
         if segment.static
@@ -495,9 +516,11 @@ def _blocks(
     number = np.arange(instants) * count // instants
     border = equations.side.shape[1]
     normal, right = np.zeros((count, border, border)), np.zeros((count, border))
+    by_source: dict[Source, Array] = {}
     for part in rows:
         if part.label is None:
             continue
+        of_source = by_source.setdefault(part.label, np.zeros((border, border)))
         columns = np.arange(border) if part.columns is None else part.columns
         order = np.argsort(part.first, kind="stable")
         edges = np.searchsorted(part.first[order], np.arange(instants + 1))
@@ -506,10 +529,12 @@ def _blocks(
             motion = part.by_motion[own].reshape(-1, segment.width)
             E = -motion @ equations.followed[i * segment.block : i * segment.block + segment.width]
             E[:, columns] += part.by_errors[own].reshape(-1, len(columns))
-            normal[number[i]] += E.T @ E
+            square = E.T @ E
+            normal[number[i]] += square
+            of_source += square
             right[number[i]] -= E.T @ part.residual[own].ravel()
     at = np.concatenate([parameters, np.zeros(border - TEN)])
-    return Blocks(normal, right + normal @ at, np.full(count, run, dtype=np.intp))
+    return Blocks(normal, right + normal @ at, np.full(count, run, dtype=np.intp)), by_source
 
 
 def _force_ratio(found: Fit, sources: frozenset[Source], stated: frozenset[Source]) -> float:

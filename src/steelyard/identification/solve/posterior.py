@@ -5,7 +5,7 @@ bounds, predictions and reports are drawn from.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +76,9 @@ class Posterior:
     """Instruments that were left out, since the fit did not arrive with them."""
     further_loads: tuple[FurtherLoad, ...] = ()
     """Those of the experiment but the first."""
+    by_source: Mapping[Source, Array] = field(default_factory=dict)
+    """Quantity -> part of the normal matrix that its readings bring, shape (k, k); the rest is what
+    is known of how a motion goes."""
     load: Load | None = None
     """The one that it is seen from, see :meth:`of_load`; None: there is one body, or the first."""
 
@@ -221,6 +224,7 @@ class Posterior:
             prior=BorderPrior(*moved(self.prior.precision, self.prior.pull)),
             solution=solution,
             blocks=blocks,
+            by_source={s: change.T @ each @ change for s, each in self.by_source.items()},
             bound=bound_of(value, bound),
             load=load,
         )

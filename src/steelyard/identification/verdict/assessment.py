@@ -14,6 +14,7 @@ from steelyard.identification.known_body import plausible
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.diagnosis import diagnose
 from steelyard.identification.verdict.directed_tests import Finding, directed_tests, of_description
+from steelyard.identification.verdict.known_values import against_readings
 from steelyard.identification.verdict.seen_frequencies import of_frequencies
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.identification.verdict.swinging import swinging
@@ -51,6 +52,7 @@ def reasons(
         ),
         *of_description(tests, 1 if contradictions else settings.most_named, settings),
         *of_frequencies(posterior.experiment, posterior.parameters, posterior.size, settings),
+        *against_readings(posterior, settings),
         *_of_nominal(posterior, settings),
         *_of_bias(posterior, settings),
     ]

@@ -7,8 +7,10 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.identification.known_body import plausible
+from steelyard.identification.model.calibration_parameters import ROBOT, CalibrationParameter
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import TEN, body_jacobian
+from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.natural_frequencies.information import frequency_information
 
 
@@ -42,3 +44,69 @@ def label_mask(posterior: Posterior) -> NDArray[np.bool_]:
     )
     without = np.diag(J @ alone[:TEN, :TEN] @ J.T)
     return np.asarray(np.diag(posterior.body_covariance) < 0.5 * without)
+
+
+def variance_shares(posterior: Posterior) -> dict[str, Array]:
+    """What is uncertain, in words -> part of the variance of each of the ten body parameters that
+    comes from it, shape (10,); together they are 1.
+
+    Readings bring their noise, calibration parameters what their priors leave open: an estimate is
+    a linear function of both, so that its variance is the sum of theirs.
+    """
+    solution = posterior.solution
+    J = body_jacobian(posterior.parameters)
+    gain = J @ solution.gain[:TEN]
+
+    def of(matrix: Array) -> Array:
+        return np.asarray(np.einsum("ik,kl,il->i", gain, matrix, gain))
+
+    whole = np.maximum(np.diag(posterior.body_covariance), 1e-300)
+    noise = np.einsum("ij,jk,ik->i", J, solution.noise_part[:TEN, :TEN], J)
+    shares: dict[str, Array] = {}
+    for (owner, _), matrix in posterior.by_source.items():
+        name = owner if owner == ROBOT else f"noise of {owner}"
+        shares[name] = shares.get(name, 0.0) + of(matrix)
+    shares = {
+        ("unmodelled wrench" if name == ROBOT else name): each for name, each in shares.items()
+    }
+    rest = np.maximum(noise - np.sum(list(shares.values()), axis=0), 0.0) if shares else noise
+    shares[_MOTION if shares else "noise of the readings"] = rest
+    shares = {name: posterior.noise_factor * each for name, each in shares.items()}
+    prior = posterior.prior.precision
+    calibration = posterior.calibration.calibration_parameters
+    for entry in calibration.entries:
+        place = calibration.places[entry.owner, entry.key, entry.run]
+        own = TEN + np.arange(place.start, place.stop)
+        name = _group(posterior, entry)
+        shares[name] = shares.get(name, 0.0) + gain[:, own] ** 2 @ np.diag(prior)[own]
+    # What is known of bodies is all that is left of the priors, and so is what is plausible.
+    shares[_BODY] = np.maximum(whole - np.sum(list(shares.values()), axis=0), 0.0)
+    total = np.sum(list(shares.values()), axis=0)
+    return {name: each / total for name, each in shares.items() if (each > 0).any()}
+
+
+_MOTION = "smoothness of the motion"
+_BODY = "the body beforehand"
+_GEOMETRY = frozenset({"anchor", "attachment"})
+_OF_ROLLERS = frozenset({"friction", "presliding", "viscous"})
+_OF_GAINS = frozenset({"gain", "common_gain", "crosstalk"})
+_OF_CLOCKS = frozenset({"delay", TIME_CONSTANT})
+
+
+def _group(posterior: Posterior, entry: CalibrationParameter) -> str:
+    """What a calibration parameter belongs to, in words."""
+    if entry.owner == ROBOT:
+        if entry.key in _GEOMETRY:
+            return "geometry of the cables"
+        return "gravity" if entry.key == "gravity" else "hoses, air and cable inertia"
+    if entry.key in _OF_CLOCKS:
+        return "clocks and filters"
+    if not posterior.experiment.is_force(entry.owner):
+        biased = "bias" in entry.key or "scale" in entry.key
+        return f"{'biases and scales' if biased else 'mounting'} of {entry.owner}"
+    if entry.key in _OF_ROLLERS:
+        return f"rollers before {entry.owner}"
+    part = entry.key.partition(".")[0]
+    if part in _OF_GAINS:
+        return f"gains of {entry.owner}"
+    return f"{'offsets' if part == 'offset' else 'mounting'} of {entry.owner}"

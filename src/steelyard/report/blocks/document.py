@@ -118,3 +118,5 @@ class Document:
     lead: Statement
     """The result in one sentence."""
     sections: tuple[Section, ...]
+    one_page: bool = False
+    """Whether it is set closely where it is printed, so that it needs no second sheet."""

@@ -5,6 +5,7 @@ from.
 from __future__ import annotations
 
 from steelyard.report.blocks.document import Document
+from steelyard.report.documents.sections.budget import budget
 from steelyard.report.documents.sections.calibration import calibration
 from steelyard.report.documents.sections.correlation import correlation
 from steelyard.report.documents.sections.disturbances import disturbances
@@ -22,6 +23,7 @@ SECTIONS = (
     wrench,
     residuals,
     disturbances,
+    budget,
     calibration,
     correlation,
     made,

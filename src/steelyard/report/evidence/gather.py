@@ -34,11 +34,15 @@ from steelyard.report.evidence.values import (
     DisturbanceTrack,
     EstimatedBody,
     Evidence,
+    KnownCheck,
     MotionTrack,
     Noise,
     Number,
+    RecordedRun,
     Shape,
     SwingTrack,
+    UncertaintySource,
+    UsedInstrument,
     numbers,
 )
 from steelyard.robot.model import Robot
@@ -95,8 +99,53 @@ def evidence_of(identification: Identification, thinning: Thinning = THINNING) -
         contacts=tuple(_contacts(estimate)),
         disturbances=tuple(_disturbances(posterior, names, thinning)) if posterior else (),
         swings=tuple(_swings(shown, estimate, samples)),
+        budget=tuple(_budget(estimate)),
+        known=tuple(_known(estimate)),
+        instruments=tuple(_instruments(experiment)),
+        recorded=tuple(_recorded(experiment)),
         not_drawn=len(experiment.runs) - len(shown.runs),
     )
+
+
+def _budget(estimate: Estimate) -> Iterator[UncertaintySource]:
+    """What brings the variance of the ten."""
+    for name, shares in estimate.details.get("uncertainty_budget", {}).items():
+        yield UncertaintySource(name, numbers([shares[each] for each in BODY_PARAMETERS], 4))
+
+
+def _known(estimate: Estimate) -> Iterator[KnownCheck]:
+    """What was known beforehand against the readings, of all loads."""
+    loads = {"": estimate} if estimate.loads is None else estimate.loads.estimates
+    for load, each in loads.items():
+        for found in each.details.get("known", {}).values():
+            yield KnownCheck(load, **found)
+
+
+def _instruments(experiment: Experiment) -> Iterator[UsedInstrument]:
+    """Those that have recorded something."""
+    for name, instrument in experiment.instruments.items():
+        own = [run for run in experiment.runs if name in run.streams]
+        if not own:
+            continue
+        rates = [
+            (len(stream) - 1) / float(stream.time[-1] - stream.time[0])
+            for run in own
+            if not run.static
+            and len(stream := run.streams[name]) > 1
+            and stream.time[-1] > stream.time[0]
+        ]
+        count = sum(len(run.streams[name]) for run in own)
+        rate = float(f"{np.median(rates):.4g}") if rates else None
+        yield UsedInstrument(name, instrument.kind, count, rate)
+
+
+def _recorded(experiment: Experiment) -> Iterator[RecordedRun]:
+    """What was recorded, run by run."""
+    for run in experiment.runs:
+        load = experiment.load_of(run.name)
+        spans = [np.ptp(each.time) for each in run.streams.values() if len(each)]
+        duration = None if run.static or not spans else float(f"{max(spans):.4g}")
+        yield RecordedRun(run.name, "" if load is None else load.name, run.static, duration)
 
 
 def _swings(

@@ -54,8 +54,6 @@ class Summary:
     """Everything that is shown."""
 
     table: ParameterTable
-    loads: tuple[ParameterTable, ...]
-    """What the loads are and by what they differ by the best method, where there are several."""
     runs: tuple[ParameterTable, ...]
     """What each run says alone, a table per method."""
     statements: tuple[str, ...]
@@ -73,6 +71,8 @@ class Summary:
     """Where nothing weighs the platform."""
     evidence: Evidence
     made: Made
+    loads: tuple[ParameterTable, ...] = ()
+    """What the loads are and by what they differ by the best method, where there are several."""
 
     @property
     def best(self) -> EstimatedBody:

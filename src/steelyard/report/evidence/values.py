@@ -197,6 +197,54 @@ class ClockDelay:
 
 
 @dataclass(frozen=True)
+class UncertaintySource:
+    """What brings a part of the variance of the ten."""
+
+    name: str
+    shares: Ten
+    """Of the variance of each of the ten body parameters, of 1."""
+
+
+@dataclass(frozen=True)
+class KnownCheck:
+    """A body parameter that is known beforehand, and what the readings alone say of it."""
+
+    load: str
+    """Of which load; empty: there is one body."""
+    name: str
+    unit: str
+    stated: Real
+    sigma: Real
+    found: Real
+    deviation: Real
+    z: Real
+
+
+@dataclass(frozen=True)
+class UsedInstrument:
+    """An instrument that has recorded something."""
+
+    name: str
+    kind: str
+    samples: int
+    """In all runs."""
+    rate: Number
+    """[Hz]; None: poses at rest."""
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """A run."""
+
+    name: str
+    load: str
+    """What it carried; empty: there is one body."""
+    static: bool
+    duration: Number
+    """[s]; None: poses at rest."""
+
+
+@dataclass(frozen=True)
 class SwingTrack:
     """How the platform swings in a run with locked winches."""
 
@@ -249,5 +297,9 @@ class Evidence:
     """Run, beginning and end of what touched the platform [s]."""
     disturbances: tuple[DisturbanceTrack, ...] = ()
     swings: tuple[SwingTrack, ...] = ()
+    budget: tuple[UncertaintySource, ...] = ()
+    known: tuple[KnownCheck, ...] = ()
+    instruments: tuple[UsedInstrument, ...] = ()
+    recorded: tuple[RecordedRun, ...] = ()
     not_drawn: int = 0
     """Runs of which no readings and motions are kept, to bound the size."""
