@@ -101,6 +101,7 @@ def test_all_sections_are_there(document):
         "platform",
         "wrench",
         "residuals",
+        "budget",
         "calibration",
         "correlation",
         "made",
