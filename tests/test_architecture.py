@@ -28,6 +28,7 @@ LAYERS = [
     {"bodies", "estimates"},
     {"natural_frequencies"},
     {"identification"},
+    {"calibration"},
     {"excitation"},
     {"inspection"},
     {"exports"},
@@ -52,7 +53,7 @@ INNER = {
         {"inspect"},
     ],
     "report": [{"evidence"}, {"blocks"}, {"documents"}, {"forms"}, {"figures", "write"}],
-    "cli": [{"lazy_group", "options", "printing", "process", "truth"}, {"verbs"}],
+    "cli": [{"design_request", "lazy_group", "options", "printing", "process", "truth"}, {"verbs"}],
 }
 """Within a room, from left to right; what is not named may be anywhere."""
 MOST_FILES = 16

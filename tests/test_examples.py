@@ -105,6 +105,15 @@ def test_the_kuka_recording(output):
     assert abs(float(every)) < 10.0
 
 
+def test_the_anchors_of_a_real_robot(output):
+    out = output("examples/hangprinter/calibrate.py")
+    assert out.startswith("hangprinter: accepted\n")
+    assert float(re.search(r"pooled ([\d.]+)", out)[1]) < 1.0
+    off = re.search(r"found less tape \[mm\]: \[(.*)\]", out)[1].split()
+    # Some centimetres, through knots.
+    assert max(abs(float(each)) for each in off) < 60
+
+
 def test_payload_by_difference(output):
     out = output("examples/payload/run.py")
     assert out.startswith("added between before and after, by difference: accepted\n")

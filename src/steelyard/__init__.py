@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from steelyard.bodies.nearest_body import nearest_body as nearest_body
+    from steelyard.calibration.calibrate import GeometryCalibration as GeometryCalibration
+    from steelyard.calibration.calibrate import calibrate as calibrate
     from steelyard.dynamics import platform_regressor as platform_regressor
     from steelyard.dynamics import platform_wrench as platform_wrench
     from steelyard.errors import InfeasibleError as InfeasibleError
@@ -65,6 +67,7 @@ if TYPE_CHECKING:
     from steelyard.natural_frequencies.frequencies import frequencies as frequencies
     from steelyard.report.figures import figure as figure
     from steelyard.report.figures import figures as figures
+    from steelyard.report.write import write_calibration as write_calibration
     from steelyard.report.write import write_results as write_results
     from steelyard.robot.file import read_robot as read_robot
     from steelyard.robot.model import Robot as Robot
@@ -83,6 +86,7 @@ _WHERE = {
     "FittedMotion": "identification.model.fitted_motion",
     "ForceFree": "identification.methods.force_free",
     "Frequencies": "natural_frequencies.frequencies",
+    "GeometryCalibration": "calibration.calibrate",
     "Identification": "identification.identify",
     "Inertia": "inertia",
     "InfeasibleError": "errors",
@@ -103,6 +107,7 @@ _WHERE = {
     "TwoStep": "identification.methods.two_step",
     "Verdict": "estimates.estimate",
     "VirtualExperiment": "simulation.simulate",
+    "calibrate": "calibration.calibrate",
     "compare": "estimates.comparison",
     "cramer_rao": "identification.solve.bound",
     "design": "excitation.design",
@@ -124,6 +129,7 @@ _WHERE = {
     "read_sensors": "simulation.sensors",
     "simulate": "simulation.simulate",
     "trajectories": "simulation.trajectories",
+    "write_calibration": "report.write",
     "write_design": "excitation.design_file",
     "write_experiment": "experiment.write",
     "write_results": "report.write",

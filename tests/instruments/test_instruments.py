@@ -183,8 +183,10 @@ def length(i, c, robot, state):
     return {
         "length": [
             [
-                np.linalg.norm(a - (p + Rwp @ b)) / (1 + f * compliance)
-                for a, b, f in zip(robot.anchors, robot.attachments, tensions, strict=True)
+                g * np.linalg.norm(a - (p + Rwp @ b)) / (1 + f * compliance)
+                for a, b, f, g in zip(
+                    robot.anchors, robot.attachments, tensions, c["gain"], strict=True
+                )
             ]
             + c["offset"]
             for p, Rwp, *_, tensions, _ in rows(state)
@@ -258,7 +260,7 @@ def test_a_cable_with_weight_is_longer_than_its_chord_by_its_sag(state):
     # the run d; T is that at mid-span, here nearly that at the end.
     robot = replace(HEAVY, gravity=np.array([0.0, 0.0, -9.81]))
     tight = replace(state, tension=20 * state.tension)
-    instrument, exact = Length(kind="length"), {"offset": np.zeros(M)}
+    instrument, exact = Length(kind="length"), {"offset": np.zeros(M), "gain": np.ones(M)}
     longer = (
         predict(instrument, robot, tight, exact)["length"]
         - predict(instrument, STRAIGHT, tight, exact)["length"]
@@ -309,7 +311,7 @@ DEFAULTS = {
         "misalignment": 0.0,
         "time_constant": 0.0,
     },
-    "length": {"offset": 1.0},
+    "length": {"offset": 1.0, "gain": 0.0},
     "imu": {
         "gyro_bias": 0.02,
         "accelerometer_bias": 0.5,

@@ -11,6 +11,7 @@ from steelyard.cli.lazy_group import LazyGroup
 from steelyard.cli.process import run_process
 
 _VERBS = {
+    "calibrate": "steelyard.cli.verbs.calibrate:calibrate",
     "compare": "steelyard.cli.verbs.compare:compare",
     "convert": "steelyard.cli.verbs.convert:convert",
     "demo": "steelyard.cli.verbs.demo:demo",

@@ -32,11 +32,13 @@ _NAME = re.compile(r"\w[\w \-]*")
 """Names of instruments: they name files and columns of tables."""
 
 
-def read_experiment(path: str | Path) -> Experiment:
+def read_experiment(path: str | Path, *, poses_alone: bool = False) -> Experiment:
     """Read an experiment file with all its streams.
 
     Args:
         path: The file; streams and robot file stand relative to it.
+        poses_alone: Whether poses at rest need no forces, and only what is stated of the robot's
+            uncertainty counts: for its calibration.
 
     Raises:
         InputError: Anything that does not fit the contract; the sentence says where and what to do.
@@ -50,7 +52,12 @@ def read_experiment(path: str | Path) -> Experiment:
     experiment = with_unread_cables(with_frequencies_apart(_experiment(form, robot, runs, path)))
     numbers = {run.name: i for i, run in enumerate(runs)}
     for run in experiment.runs:
-        _check_run(experiment, run, document, ("runs", numbers[run.name]))
+        if not (poses_alone and run.static):
+            _check_run(experiment, run, document, ("runs", numbers[run.name]))
+    if poses_alone:
+        stated = form.uncertainty.model_fields_set
+        kept = {key: v for key, v in experiment.uncertainty.items() if key in stated}
+        experiment = replace(experiment, uncertainty=kept)
     return experiment
 
 

@@ -16,6 +16,7 @@ from steelyard.experiment.model import Experiment, Stream
 from steelyard.experiment.seen_frequencies import with_frequencies_together
 from steelyard.instruments import Instrument
 from steelyard.instruments.unread_cables import UnreadCables
+from steelyard.robot.covariance import write_covariance
 from steelyard.robot.file import bundled_names, platform_values, read_robot, robot_file
 from steelyard.tables import to_polars
 from steelyard.yaml_file import to_yaml
@@ -24,7 +25,8 @@ TableFormat = Literal["csv", "parquet"]
 """How streams are written."""
 _LONGEST_NAME = 100
 """Characters of a file that is called after something in an experiment."""
-_OURS = frozenset({"experiment.yaml", "robot.yaml", "truth.json"})
+_COVARIANCE = "robot.covariance.csv"
+_OURS = frozenset({"experiment.yaml", "robot.yaml", _COVARIANCE, "truth.json"})
 """Names beside the folders of the runs."""
 
 
@@ -50,10 +52,14 @@ def write_experiment(
     description = robot_file(experiment.robot)
     bundled = (
         not with_robot
+        and experiment.robot.covariance is None
         and experiment.robot.name in bundled_names()
         and description == robot_file(read_robot(experiment.robot.name))
     )
     if not bundled:
+        if experiment.robot.covariance is not None:
+            description["covariance"] = _COVARIANCE
+            write_covariance(experiment.robot.covariance, experiment.robot.m, folder / _COVARIANCE)
         write_yaml(description, folder / "robot.yaml")
     places = _places([run.name for run in experiment.runs], "run")
     instruments = list(experiment.instruments)

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 import casadi as ca
 
 from steelyard.batch import Symbol
-from steelyard.instruments.base import Calibration, Instrument, Prior, Quantity, Term, sigma
+from steelyard.instruments.base import Calibration, Instrument, Prior, Quantity, Term, exact, sigma
 from steelyard.instruments.noise import Noise, white_part, with_colored_part
 from steelyard.motion.state import State
 from steelyard.robot.kinematics import shapes
@@ -20,6 +20,8 @@ class LengthCalibration(Calibration):
 
     offset: Prior = sigma(1.0)
     """Added to each cable [m]."""
+    gain: Prior = exact()
+    """Factor on each cable: the circumference of its drum; default: exact."""
 
 
 class Length(Instrument):
@@ -50,7 +52,11 @@ class Length(Instrument):
 
     def terms(self, m: int) -> tuple[Term, ...]:
         """See :class:`Instrument`."""
-        return (Term("offset", m, "m", self.calibration.offset),)
+        c = self.calibration
+        return (
+            Term("offset", m, "m", c.offset),
+            Term("gain", m, "1", c.gain, nominal=1.0),
+        )
 
     def predict(
         self, state: State, calibration: Mapping[str, Symbol], robot: Robot
@@ -64,4 +70,5 @@ class Length(Instrument):
             anchors=state.anchors,
             attachments=state.attachments,
         )
-        return {"length": ca.vertcat(*[c.length for c in cables]) + calibration["offset"]}
+        unstrained = ca.vertcat(*[c.length for c in cables])
+        return {"length": calibration["gain"] * unstrained + calibration["offset"]}

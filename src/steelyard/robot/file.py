@@ -13,6 +13,7 @@ from pydantic import Field
 
 from steelyard.errors import InputError
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six, symmetric
+from steelyard.robot.covariance import read_covariance
 from steelyard.robot.model import CableProperties, Limits, Robot
 from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, validate
 
@@ -124,6 +125,9 @@ class RobotForm(FileModel):
     """Allowed tensions [N]."""
     limits: LimitsForm = LimitsForm()
     platform: PlatformForm | None = None
+    covariance: str | None = None
+    """Table of the covariance of anchors and attachments that `calibrate` has written, relative to
+    this file; in place of `uncertainty: {anchor, attachment}` of an experiment."""
     """Nominal body, to compare with and to simulate."""
 
 
@@ -203,6 +207,11 @@ def robot_of(document: YamlDocument) -> Robot:
             **form.limits.model_dump(exclude={"position", "rpy_deg"}),
         ),
         platform=body_of_form(form.platform),
+        covariance=(
+            read_covariance(document.path.parent / form.covariance, len(form.cables))
+            if form.covariance
+            else None
+        ),
     )
 
 

@@ -72,6 +72,9 @@ class Robot:
     limits: Limits = Limits()
     platform: Inertia | None = None
     """Nominal body."""
+    covariance: Array | None = None
+    """Of anchors, then attachments, three coordinates a cable, as a calibration has left it [m^2],
+    shape (6 m, 6 m); None: the experiment says how uncertain they are."""
 
     def __post_init__(self) -> None:
         """Bring all arrays into their shapes, axes to unit length."""
@@ -89,6 +92,9 @@ class Robot:
             ("pulley_axis", axis, (m, 3)),
         ):
             object.__setattr__(self, name, readonly(value, shape, name))
+        if self.covariance is not None:
+            own = readonly(self.covariance, (6 * m, 6 * m), "covariance")
+            object.__setattr__(self, "covariance", own)
 
     @property
     def m(self) -> int:

@@ -89,6 +89,7 @@ TABLE = {
     ("sensor", "position"): (3, 0.0),
     ("sensor", "misalignment"): (3, 0.0),
     ("winches", "offset"): (M, 1.0),
+    ("winches", "gain"): (M, 0.0),
     ("imu", "gyro_bias"): (3, 0.02),
     ("imu", "accelerometer_bias"): (3, 0.5),
     ("imu", "position"): (3, 0.005),

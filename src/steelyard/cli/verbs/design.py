@@ -123,7 +123,7 @@ def design(
     Speeds, accelerations, workspace and tensions are those of 'limits' and 'tension' in the robot
     file.
     """
-    from steelyard.cli.verbs.design_request import (
+    from steelyard.cli.design_request import (
         check_numbers,
         checked_motion,
         design_task,

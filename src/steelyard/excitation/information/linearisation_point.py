@@ -102,5 +102,7 @@ def prior_information(calibration_parameters: CalibrationParameters) -> Array:
     """Information on the border parameters before any reading: the priors of the systematic
     errors, shape (b, b).
     """
-    uncertain = calibration_parameters.deviation[calibration_parameters.deviation > 0]
-    return np.diag(np.concatenate([np.zeros(TEN), uncertain**-2.0]))
+    uncertain = calibration_parameters.deviation > 0
+    found = np.zeros((TEN + int(uncertain.sum()),) * 2)
+    found[TEN:, TEN:] = calibration_parameters.precision[np.ix_(uncertain, uncertain)]
+    return found

@@ -46,6 +46,8 @@ DAMPING = (("damping.moving", 1), ("damping.turning", 1))
 """The same of what decays swings, see :func:`steelyard.robot.surroundings.damping_wrench`."""
 AIR = (("drag.area", 1), ("drag.turning", 1), *DAMPING)
 """And of the air, see :func:`steelyard.robot.surroundings.air_wrench`."""
+_FRAME = 1e-6
+"""1-sigma of frames that a calibration has defined [m]."""
 LOAD = "load"
 """First part of the keys of what further loads are more than the first: ten linear parameters."""
 _ANY_LOAD = 10.0
@@ -130,6 +132,9 @@ class CalibrationParameters:
     entries: tuple[CalibrationParameter, ...]
     m: int
     """Number of cables."""
+    geometry: Array | None = None
+    """Covariance of anchors, then attachments, where a calibration has left one [m^2], shape (6 m,
+    6 m)."""
     carried: Mapping[str, str] = field(default_factory=dict)
     """Run -> key of what it carried more than the first load; runs of the first are not there."""
 
@@ -170,6 +175,18 @@ class CalibrationParameters:
     def deviation(self) -> Array:
         """1-sigma, shape (u,)."""
         return np.concatenate([u.deviation for u in self.entries])
+
+    @cached_property
+    def precision(self) -> Array:
+        """Inverse of the covariance beforehand, zero for exact ones, shape (u, u)."""
+        free = self.deviation > 0
+        found = np.diag(np.where(free, 1 / np.where(free, self.deviation, 1.0) ** 2, 0.0))
+        if self.geometry is None:
+            return found
+        places = [self.places[ROBOT, key, None] for key in ("anchor", "attachment")]
+        use = np.concatenate([np.arange(place.start, place.stop) for place in places])
+        found[np.ix_(use, use)] = np.linalg.inv(self.geometry + _FRAME**2 * np.eye(len(use)))
+        return found
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -329,20 +346,20 @@ def gather(experiment: Experiment) -> CalibrationParameters:
                 clocks[clock] = CalibrationParameter(clock, "delay", run.name, "s", mean, sigma)
         entries += clocks.values()
     robot, uncertainty = experiment.robot, experiment.uncertainty
+    deviations = {
+        key: np.full(size, uncertainty.get(key, 0.0))
+        for key, size in (("anchor", 3 * robot.m), ("attachment", 3 * robot.m), ("gravity", 3))
+    }
+    if robot.covariance is not None:
+        calibrated = np.sqrt(np.maximum(np.diag(robot.covariance), 0.0) + _FRAME**2)
+        deviations |= zip(("anchor", "attachment"), np.split(calibrated, 2), strict=True)
     for key, unit, value in (
         ("anchor", "m", robot.anchors.ravel()),
         ("attachment", "m", robot.attachments.ravel()),
         ("gravity", "m/s^2", robot.gravity),
     ):
         entries.append(
-            CalibrationParameter(
-                ROBOT,
-                key,
-                None,
-                unit,
-                np.array(value),
-                np.full(value.size, uncertainty.get(key, 0.0)),
-            )
+            CalibrationParameter(ROBOT, key, None, unit, np.array(value), deviations[key])
         )
     drags = robot.m > 0 and bool(robot.cable.linear_density)
     share = np.full(1, _DRAGGED if drags else 0.0)
@@ -355,7 +372,7 @@ def gather(experiment: Experiment) -> CalibrationParameters:
         for run in experiment.runs
         if (load := experiment.load_of(run.name)) is not None and load.name in keys
     }
-    return CalibrationParameters(tuple(entries), robot.m, carried)
+    return CalibrationParameters(tuple(entries), robot.m, robot.covariance, carried)
 
 
 def load_place(parameters: CalibrationParameters, load: Load) -> slice:

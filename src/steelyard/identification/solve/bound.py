@@ -83,7 +83,7 @@ def cramer_rao(
     active = calibration_parameters.deviation > 0
     count = TEN + int(active.sum())
     matrix = np.zeros((count, count))
-    matrix[TEN:, TEN:] = np.diag(1 / calibration_parameters.deviation[active] ** 2)
+    matrix[TEN:, TEN:] = calibration_parameters.precision[np.ix_(active, active)]
     if isinstance(further, np.ndarray):
         wanted = np.concatenate([np.arange(TEN), TEN + np.flatnonzero(active)])
         matrix += further[np.ix_(wanted, wanted)]

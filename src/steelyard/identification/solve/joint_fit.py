@@ -168,5 +168,5 @@ def _pace(last: NewtonStep, step: NewtonStep, share: float, settings: FitSetting
 
 def _prior_cost(task: Task, state: FitState) -> float:
     prior = task.calibration_parameters
-    off = (state.calibration.values - prior.mean)[task.active] / prior.deviation[task.active]
-    return float(off @ off)
+    off = (state.calibration.values - prior.mean)[task.active]
+    return float(off @ prior.precision[np.ix_(task.active, task.active)] @ off)

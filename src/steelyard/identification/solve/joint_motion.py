@@ -39,6 +39,8 @@ from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.identification.solve.stated_processes import with_stated
 from steelyard.smoothing import DEGREE
 
+_SAME_TENSION = 0.01
+"""Part of the usual tension by which one may move without lengths being looked at again."""
 _EXPLANATIONS = 2
 """Times that priors and disturbances are looked at in turn: one may have stood in for the other."""
 
@@ -97,6 +99,7 @@ def _posterior(readings: Readings, tell: Tell) -> Posterior:
         if found.fit is before.fit:
             # Nothing is asked for, and would not be a second time.
             break
+    found = _with_tensions_of_the_end(found)
     tell("how well it is known", 0.85)
     return concluded([stretch_of(readings, found)])
 
@@ -206,6 +209,28 @@ def _with_tensions(fitted: Fitted) -> Fitted:
         segments.append(replace(segment, readings=tuple(readings)))
     state = replace(state, segments=tuple(segments))
     return replace(fitted, fit=replace(fitted.fit, state=state))
+
+
+def _with_tensions_of_the_end(fitted: Fitted) -> Fitted:
+    """Once more where tensions have moved since lengths were seen with them: gains that were far off
+    then have stretched the cables by what they do not.
+    """
+    followed = _with_tensions(fitted)
+    if followed is fitted:
+        return fitted
+    pairs = [
+        (new.tension, old.tension)
+        for after, before in zip(
+            followed.fit.state.segments, fitted.fit.state.segments, strict=True
+        )
+        for new, old in zip(after.readings, before.readings, strict=True)
+        if new.tension is not None and old.tension is not None
+    ]
+    moved = max(float(np.max(np.abs(new - old), initial=0.0)) for new, old in pairs)
+    usual = max(float(np.median(np.abs(new))) for new, _ in pairs)
+    if moved < _SAME_TENSION * usual:
+        return fitted
+    return replace(followed, fit=fit(followed.task, followed.fit.state))
 
 
 def _joined(

@@ -118,8 +118,11 @@ def _with_priors(
                 for columns in own:
                     matrix[np.ix_(rows, columns)] += each.precision
     matrix *= np.outer(scale, scale)
-    matrix[ten:, ten:] += np.eye(len(scale) - ten)
+    sigma = scale[ten:]
+    precision = task.calibration_parameters.precision[np.ix_(task.active, task.active)]
+    scaled = precision * np.outer(sigma, sigma)
+    matrix[ten:, ten:] += scaled
     right *= scale
     off = (task.calibration_parameters.mean - state.calibration.values)[task.active]
-    right[ten:] += off / scale[ten:]
+    right[ten:] += scaled @ (off / sigma)
     return matrix, right

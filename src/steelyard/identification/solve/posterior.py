@@ -261,11 +261,10 @@ def prior_of(
     """
     known = calibration.calibration_parameters
     k = TEN + len(known)
-    free = known.deviation > 0
-    weight = np.where(free, 1 / np.where(free, known.deviation, 1.0) ** 2, 0.0)
     precision = np.zeros((k, k))
-    precision[TEN:, TEN:] = np.diag(weight)
-    pull = np.concatenate([np.zeros(TEN), weight * (known.mean - calibration.values)])
+    precision[TEN:, TEN:] = known.precision
+    off = known.mean - calibration.values
+    pull = np.concatenate([np.zeros(TEN), known.precision @ off])
     for each in known_bodies(experiment, calibration, parameters, size):
         own = each.columns(TEN + np.arange(len(known), dtype=np.intp))
         for rows in own:

@@ -74,7 +74,15 @@ def variance_shares(posterior: Posterior) -> dict[str, Array]:
     shares = {name: posterior.noise_factor * each for name, each in shares.items()}
     prior = posterior.prior.precision
     calibration = posterior.calibration.calibration_parameters
+    if calibration.geometry is not None:
+        places = [calibration.places[ROBOT, key, None] for key in ("anchor", "attachment")]
+        use = TEN + np.concatenate([np.arange(p.start, p.stop) for p in places])
+        block = np.zeros_like(prior)
+        block[np.ix_(use, use)] = prior[np.ix_(use, use)]
+        shares["geometry of the cables"] = of(block)
     for entry in calibration.entries:
+        if calibration.geometry is not None and entry.owner == ROBOT and entry.key in _GEOMETRY:
+            continue
         place = calibration.places[entry.owner, entry.key, entry.run]
         own = TEN + np.arange(place.start, place.stop)
         name = _group(posterior, entry)

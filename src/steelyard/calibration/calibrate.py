@@ -1,0 +1,255 @@
+"""The robot's own calibration: anchors, attachments, drums and sensors from poses at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from steelyard.arrays import Array
+from steelyard.calibration.fit import GeometryFit, Progress, fit_geometry
+from steelyard.calibration.gauge import Gauge, gauge_of
+from steelyard.calibration.poses import UPRIGHT
+from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
+from steelyard.digits import number
+from steelyard.display import Display
+from steelyard.estimates.estimate import plain
+from steelyard.experiment.model import Experiment
+from steelyard.identification.model.calibration_parameters import ROBOT, as_tree
+from steelyard.robot.covariance import POINTS, names_of
+from steelyard.robot.model import Robot
+
+FORMAT = "steelyard-calibration/1"
+
+
+@dataclass(frozen=True, eq=False)
+class GeometryCalibration:
+    """A robot as it was found, with what is uncertain about it."""
+
+    found: GeometryFit
+    settings: CalibrationSettings = CALIBRATION
+
+    @property
+    def experiment(self) -> Experiment:
+        """That it was made from."""
+        return self.found.experiment
+
+    @property
+    def points(self) -> dict[str, Array]:
+        """``anchor`` and ``attachment`` of every cable [m], shape (m, 3) each."""
+        geometry = self.found.calibration.geometry
+        return {key: geometry[f"{key}s"].reshape(-1, 3) for key in POINTS}
+
+    @property
+    def robot(self) -> Robot:
+        """The robot with these."""
+        points = self.points
+        return replace(
+            self.experiment.robot, anchors=points["anchor"], attachments=points["attachment"]
+        )
+
+    @cached_property
+    def gauges(self) -> dict[str, Gauge]:
+        """Whether the frames of anchors and attachments are tied."""
+        robot, parameters = self.experiment.robot, self.found.parameters
+        frames = {"anchor": "world frame", "attachment": "platform frame"}
+        drawn = {"anchor": robot.anchors, "attachment": robot.attachments}
+        result = {}
+        for key, frame in frames.items():
+            place = parameters.places[ROBOT, key, None]
+            own = self.found.covariance[place, place]
+            result[key] = gauge_of(frame, drawn[key], own, parameters.deviation[place])
+        return result
+
+    @property
+    def deviations(self) -> dict[str, Array]:
+        """1-sigma of ``anchor`` and ``attachment`` [m], shape (m, 3) each."""
+        return {
+            key: np.sqrt(np.maximum(np.diag(gauge.covariance), 0.0)).reshape(-1, 3)
+            for key, gauge in self.gauges.items()
+        }
+
+    @property
+    def told(self) -> dict[str, NDArray[np.bool_]]:
+        """Which coordinates the readings tell, or are known, shape (m, 3) each."""
+        parameters = self.found.parameters
+        result = {}
+        for key, sigma in self.deviations.items():
+            before = parameters.deviation[parameters.places[ROBOT, key, None]].reshape(-1, 3)
+            result[key] = (before == 0) | (sigma < self.settings.told * before)
+        return result
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of anchors, then attachments, three coordinates a cable [m^2], shape (6 m, 6 m).
+
+        With what is uncertain about frames that nothing ties: where sensors sit is told in the same
+        platform frame, and there it matters.
+        """
+        parameters = self.found.parameters
+        places = [parameters.places[ROBOT, key, None] for key in POINTS]
+        use = np.concatenate([np.arange(p.start, p.stop) for p in places])
+        whole = self.found.covariance[np.ix_(use, use)]
+        return np.asarray((whole + whole.T) / 2)
+
+    @property
+    def names(self) -> list[str]:
+        """Of its rows, such as ``anchor.1.x``."""
+        return names_of(self.experiment.robot.m)
+
+    @property
+    def unobservable(self) -> list[str]:
+        """What the readings do not tell, by name."""
+        found = [
+            f"{key}.{i + 1}.{'xyz'[j]}"
+            for key, told in self.told.items()
+            for i, j in zip(*np.nonzero(~told), strict=True)
+        ]
+        parameters = self.found.parameters
+        sigma = np.sqrt(np.maximum(np.diag(self.found.covariance), 0.0))
+        for place, entry, i in parameters.components():
+            searched = entry.key in {"gain", "offset"} and entry.owner != ROBOT
+            before = entry.deviation[i]
+            if searched and before > 0 and sigma[place] > self.settings.told * before:
+                found.append(parameters.names[place])
+        return found
+
+    @property
+    def leave_one_out(self) -> Array | None:
+        """Residual of each cable's lengths as all other readings predict them, root mean square [m],
+        shape (m,); None: no lengths were read.
+        """
+        each = [one.residual for one in self.found.left_out]
+        if not each:
+            return None
+        square = np.concatenate(each) ** 2
+        there = np.isfinite(square).any(axis=0)
+        rms = np.full(square.shape[1], np.nan)
+        rms[there] = np.sqrt(np.nanmean(square[:, there], axis=0))
+        return rms
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why not to rely on it; none where it can be."""
+        reasons = []
+        found = self.found
+        if not found.fit.converged:
+            reasons.append(
+                f"the fit did not settle in {found.fit.turns} steps: the robot file is far from the"
+                " readings; check the order of the cables, units and signs"
+            )
+        for (name, quantity), ratio in found.fit.ratios.items():
+            source = (name, quantity)
+            count = found.fit.tally.count.get(source, 0.0)
+            factor = found.fit.state.factors.get(source, 1.0)
+            if source in found.fit.stated and count > 1:
+                size = ratio * factor**2
+                if size > 2 and chi2.sf(size * count, count) < self.settings.by_chance:
+                    reasons.append(
+                        f"{quantity.removesuffix(' at rest').replace('_', ' ')} of {name} departs from"
+                        f" all others by {np.sqrt(size):.1f} times its stated noise; check the order"
+                        " of the cables, units, signs and 'noise'"
+                    )
+        off = self._off()
+        worst = int(np.argmax(np.abs(off))) if len(off) else 0
+        if len(off) and abs(off[worst]) > self.settings.far_off:
+            reasons.append(
+                f"{self.names[worst]} moves by {abs(off[worst]):.1f} of its 1-sigma beforehand; check"
+                " the order of the cables and the unit of the robot file, or state a larger"
+                " 'uncertainty'"
+            )
+        return reasons
+
+    def _off(self) -> Array:
+        """Moves of the points over their 1-sigma beforehand, shape (6 m,); exact ones do not move."""
+        parameters = self.found.parameters
+        places = [parameters.places[ROBOT, key, None] for key in POINTS]
+        use = np.concatenate([np.arange(p.start, p.stop) for p in places])
+        moved = (self.found.calibration.values - parameters.mean)[use]
+        before = parameters.deviation[use]
+        return np.where(before > 0, moved / np.where(before > 0, before, 1.0), 0.0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values in the shape of ``calibration.json``; null where nothing is told."""
+        told, deviations = self.told, self.deviations
+        points = {
+            f"{key}s": {
+                "value": plain(np.where(told[key], value, np.nan)),
+                "standard_deviation": plain(np.where(told[key], deviations[key], np.nan)),
+                "moved": plain(value - getattr(self.experiment.robot, f"{key}s")),
+            }
+            for key, value in self.points.items()
+        }
+        one_out = self.leave_one_out
+        sigma = np.sqrt(np.maximum(np.diag(self.found.covariance), 0.0))
+        return {
+            "format": FORMAT,
+            "experiment": self.experiment.name,
+            "robot": self.experiment.robot.name,
+            **points,
+            "calibration": plain(
+                as_tree(
+                    self.experiment, self.found.parameters, self.found.calibration.values, sigma
+                )
+            ),
+            "residuals": {
+                "leave_one_out": None if one_out is None else plain(one_out),
+                "in_units_of_noise": {
+                    f"{name}.{quantity.removesuffix(' at rest')}": float(np.sqrt(ratio))
+                    for (name, quantity), ratio in self.found.fit.ratios.items()
+                    if name != UPRIGHT
+                },
+            },
+            "gauge": [str(gauge) for gauge in self.gauges.values()],
+            "unobservable": self.unobservable,
+            "wrong_rows": [str(each) for each in self.found.wrong],
+            "verdict": {"accepted": not self.reasons, "reasons": self.reasons},
+        }
+
+    def __repr__(self) -> str:
+        return self._display().text()
+
+    def _repr_html_(self) -> str:
+        return self._display().html()
+
+    def _display(self) -> Display:
+        """Points with their 1-sigma, and the verdict."""
+        rows = []
+        told, deviations = self.told, self.deviations
+        for key, value in self.points.items():
+            for i, (point, sigma) in enumerate(zip(value, deviations[key], strict=True)):
+                cells = [
+                    number(float(v), float(s)) if known else "not told"
+                    for v, s, known in zip(point, sigma, told[key][i], strict=True)
+                ]
+                rows.append((f"{key} {i + 1}", "m", *cells))
+        said = "accepted" if not self.reasons else "not accepted"
+        return Display(
+            f"{self.experiment.robot.name}: {said}",
+            tuple(rows),
+            head=("", "", "x", "y", "z"),
+            sentences=(*self.reasons, *(str(each) for each in self.found.wrong)),
+        )
+
+
+def calibrate(
+    experiment: Experiment,
+    progress: Progress = None,
+    settings: CalibrationSettings = CALIBRATION,
+) -> GeometryCalibration:
+    """Find the geometry of a robot from poses at rest.
+
+    Args:
+        experiment: With static runs in which lengths, a tracker, a pose or an attitude were read;
+            its ``uncertainty`` says how far anchors and attachments may be off.
+        progress: Is called with what is being done and the fraction that is done.
+        settings: Levels.
+
+    Raises:
+        InputError: There are no poses at rest, or too few readings for the unknowns.
+    """
+    return GeometryCalibration(fit_geometry(experiment, progress, settings), settings)

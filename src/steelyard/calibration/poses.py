@@ -1,0 +1,188 @@
+"""Poses at rest as a segment: what all instruments read in each of them, and where to begin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
+from steelyard.errors import InputError
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.motion_residuals import Reading, Segment
+from steelyard.identification.model.settings import MOTION
+from steelyard.instruments import Attitude
+from steelyard.instruments.equations import solve_for
+from steelyard.robot.kinematics import cables_at
+from steelyard.robot.model import Robot
+
+_FIRST_NOISE = 1e-3
+"""1-sigma of readings whose noise is not stated, to begin with: the residuals tell it."""
+UPRIGHT = "no orientation"
+"""Name of the instrument that stands in where nothing tells how a platform is turned."""
+
+
+def with_upright(experiment: Experiment, settings: CalibrationSettings = CALIBRATION) -> Experiment:
+    """The experiment with a vague orientation in runs whose instruments do not tell one: the platform
+    hangs upright, to about a radian.
+
+    Args:
+        experiment: With poses at rest.
+        settings: How vague.
+    """
+    upright = Attitude.model_validate(
+        {
+            "kind": "attitude",
+            "noise": settings.upright,
+            "calibration": {"misalignment": 0.0, "reference": 0.0, "delay": 0.0},
+        }
+    )
+    runs = []
+    for run in experiment.runs:
+        told = any("orientation" in each.values for each in run.streams.values())
+        if run.static and not told:
+            first = next(iter(run.streams.values()))
+            n = len(first)
+            stream = replace(first, values={"orientation": np.tile(np.eye(3), (n, 1, 1))})
+            run = replace(run, streams={**run.streams, UPRIGHT: stream})
+        runs.append(run)
+    instruments = dict(experiment.instruments)
+    if any(UPRIGHT in run.streams for run in runs):
+        instruments[UPRIGHT] = upright
+    return replace(experiment, instruments=instruments, runs=tuple(runs))
+
+
+def segment_of(experiment: Experiment, run: Run) -> Segment:
+    """The poses of a static run, with all readings of how the platform stands.
+
+    Args:
+        experiment: With robot and instruments.
+        run: Static.
+
+    Raises:
+        InputError: No instrument tells where the platform was.
+    """
+    count = min(len(each) for each in run.streams.values())
+    tension = tensions(experiment, run, count)
+    readings: list[Reading] = []
+    for name, stream in run.streams.items():
+        instrument = experiment.instruments[name]
+        if not (instrument.is_motion or instrument.is_cable_motion) or instrument.commanded:
+            continue
+        for quantity in instrument.quantities(experiment.robot.m):
+            values = stream.values.get(quantity.name)
+            if values is None or quantity.name in {"angular_velocity", "specific_force"}:
+                continue
+            sigma = quantity.noise or MOTION.at_rest(quantity.unit) or _FIRST_NOISE
+            flat = values.reshape(len(values), -1)
+            use = np.isfinite(flat).any(axis=1)
+            if quantity.rotation:
+                use = np.isfinite(flat).all(axis=1)
+            own = tension[use] if instrument.is_cable_motion else None
+            numbers = np.arange(len(values), dtype=np.float64)[use]
+            readings.append(Reading((name, quantity.name), numbers, values[use], sigma, own))
+    pose = _first_poses(experiment, run, readings, count)
+    return Segment(run.name, np.arange(count, dtype=np.float64), tuple(readings), pose, static=True)
+
+
+def tensions(experiment: Experiment, run: Run, count: int) -> Array:
+    """Of the cables at the platform [N], as read, else their share of the weight, shape (n, m): how
+    far they stretch and sag.
+    """
+    robot = experiment.robot
+    name = experiment.force_instrument(run)
+    mass = experiment.known["mass"][0] if "mass" in experiment.known else None
+    if mass is None:
+        mass = robot.platform.mass if robot.platform is not None else 1.0
+    share = mass * float(np.linalg.norm(robot.gravity)) / max(1, robot.m)
+    found = np.full((count, robot.m), share)
+    if name is not None and "tension" in run.streams[name].values:
+        read = run.streams[name].values["tension"][:count]
+        found = np.where(np.isfinite(read) & (read > 0), read, found)
+    return found
+
+
+def _first_poses(experiment: Experiment, run: Run, readings: list[Reading], count: int) -> Array:
+    """Position and quaternion of every pose to begin with, shape (n, 7)."""
+    position, rotation = np.full((count, 3), np.nan), np.tile(np.eye(3), (count, 1, 1))
+    for part in ("rotation", "position"):
+        for reading in readings:
+            name, what = reading.source
+            instrument = experiment.instruments[name]
+            told = instrument.quantity(what, experiment.robot.m).determines
+            if told != (part,) or (part == "position" and instrument.is_cable_motion):
+                continue
+            at = reading.time.astype(int)
+            state = {"rotation": rotation[at], "position": position[at]}
+            given = {key: value for key, value in state.items() if key != part}
+            solved = solve_for(part, instrument, experiment.robot, {what: reading.values}, given)
+            {"rotation": rotation, "position": position}[part][at] = solved
+    missing = np.isnan(position).any(axis=1)
+    if missing.any():
+        lengths = [r for r in readings if experiment.instruments[r.source[0]].is_cable_motion]
+        if not lengths:
+            raise InputError(
+                f"run '{run.name}': expected a tracker, a pose or cable lengths that tell where the"
+                " platform stood, found none; add one"
+            )
+        _by_lengths(experiment, run, lengths[0], position, rotation, missing)
+    return np.hstack([position, _quaternions(rotation)])
+
+
+def _quaternions(rotation: Array) -> Array:
+    """Of rotations, w first, shape (n, 4)."""
+    return np.asarray(Rotation.from_matrix(rotation).as_quat(scalar_first=True, canonical=True))
+
+
+def _by_lengths(
+    experiment: Experiment,
+    run: Run,
+    reading: Reading,
+    position: Array,
+    rotation: Array,
+    missing: NDArray[np.bool_],
+) -> None:
+    """Put positions at which a robot as it was drawn would have the lengths; offsets of which nothing
+    is known are those of the poses that are placed already, else none.
+    """
+    robot = experiment.robot
+    numbers = reading.time.astype(int)
+
+    def drawn(where: Array, turned: Array) -> Array:
+        straight = robot.with_straight_cables()
+        length = cables_at(straight, where[None], turned[None], np.ones(robot.m)).length
+        return np.asarray(length[0])
+
+    placed = [i for i, number in enumerate(numbers) if not missing[number]]
+    offset = np.zeros(robot.m)
+    if placed:
+        apart = [
+            reading.values[i] - drawn(position[numbers[i]], rotation[numbers[i]]) for i in placed
+        ]
+        offset = np.nanmedian(apart, axis=0)
+    start = _middle(robot)
+    for i, number in enumerate(numbers):
+        if not missing[number]:
+            continue
+        seen = reading.values[i] - offset
+        use = np.isfinite(seen)
+
+        def off(where: Array, n: int = number, s: Array = seen, u: Array = use) -> Array:
+            return np.asarray((drawn(where, rotation[n]) - s)[u])
+
+        found = least_squares(off, start, loss="soft_l1")
+        position[number] = found.x
+    rest = np.isnan(position).any(axis=1)
+    position[rest] = start
+
+
+def _middle(robot: Robot) -> Array:
+    """A place well below the highest anchors, among all [m], shape (3,)."""
+    low, high = robot.anchors.min(axis=0), robot.anchors.max(axis=0)
+    place = robot.anchors.mean(axis=0)
+    place[2] = low[2] + 0.4 * (high[2] - low[2])
+    return np.asarray(place)

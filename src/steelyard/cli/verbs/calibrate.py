@@ -1,0 +1,42 @@
+"""The verb `calibrate`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from steelyard.cli.options import common, experiment_argument, force_option, out_option
+from steelyard.cli.printing import print_result, progress
+
+NOT_ACCEPTED = 3
+"""Exit status of a calibration that was made and written, but is not accepted."""
+
+
+@click.command()
+@experiment_argument
+@out_option(
+    help="Folder for robot.yaml, robot.covariance.csv, calibration.json, calibration.html and"
+    " calibration.md; without it nothing is written."
+)
+@force_option()
+@common
+def calibrate(experiment: Path, out: Path | None, force: bool, as_json: bool, quiet: bool) -> None:
+    """Find anchors, attachments and drums of the robot from poses at rest that EXPERIMENT lists."""
+    from steelyard.calibration.calibrate import calibrate as calibrated
+    from steelyard.experiment.read import read_experiment
+    from steelyard.output import check_target
+    from steelyard.report.documents.calibration import calibration_document
+    from steelyard.report.write import write_calibration
+
+    if out is not None:
+        check_target(out, force=force)
+    recorded = read_experiment(experiment, poses_alone=True)
+    with progress(quiet=quiet) as tell:
+        found = calibrated(recorded, tell)
+    if out is not None:
+        write_calibration(found, out, force=force)
+    print_result(found.to_dict(), calibration_document(found), as_json=as_json)
+    if found.reasons:
+        sys.exit(NOT_ACCEPTED)

@@ -1,0 +1,180 @@
+"""From the calibration of a robot to its report."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.calibration.poses import UPRIGHT
+from steelyard.digits import number
+from steelyard.report.blocks.document import (
+    Block,
+    Document,
+    Figure,
+    Grid,
+    Section,
+    Statement,
+    Statements,
+)
+
+if TYPE_CHECKING:
+    from steelyard.calibration.calibrate import GeometryCalibration
+
+_MM = 1000.0
+_AXES = "xyz"
+
+
+def calibration_document(found: GeometryCalibration) -> Document:
+    """The report as values."""
+    sections = (
+        Section("result", "Result", tuple(_result(found))),
+        Section("moves", "What has moved", tuple(_moves(found))),
+        Section("residuals", "Residuals", tuple(_residuals(found))),
+    )
+    return Document(f"Calibration of {found.experiment.robot.name}", _lead(found), sections)
+
+
+def _lead(found: GeometryCalibration) -> Statement:
+    """The result in one sentence."""
+    if found.reasons:
+        return Statement(f"Not accepted: {'; '.join(found.reasons)}.", "bad")
+    sigma = np.concatenate([each[found.told[key]] for key, each in found.deviations.items()])
+    moved = [np.linalg.norm(each, axis=1).max() for each in _moved(found).values()]
+    said = (
+        f"1-sigma of a coordinate {_MM * np.median(sigma):.2g} mm in the median"
+        if sigma.size
+        else ""
+    )
+    text = (
+        f"Anchors moved by up to {_MM * moved[0]:.3g} mm, attachments by up to"
+        f" {_MM * moved[1]:.3g} mm; {said}: accepted."
+    )
+    return Statement(text, "good")
+
+
+def _moved(found: GeometryCalibration) -> dict[str, np.ndarray]:
+    """Found less drawn, of anchors and attachments [m], shape (m, 3) each."""
+    robot = found.experiment.robot
+    drawn = {"anchor": robot.anchors, "attachment": robot.attachments}
+    return {key: value - drawn[key] for key, value in found.points.items()}
+
+
+def _result(found: GeometryCalibration) -> list[Block]:
+    """Gauge, what is not told, wrong rows; the points."""
+    statements = [
+        *(
+            Statement(str(gauge)[:1].upper() + str(gauge)[1:] + ".")
+            for gauge in found.gauges.values()
+        ),
+        *(Statement(str(each), "bad") for each in found.found.wrong),
+    ]
+    if found.unobservable:
+        statements.append(
+            Statement(
+                f"Not told by these poses: {', '.join(found.unobservable)}. Poses farther apart, higher"
+                " and lower, and turned would tell them.",
+                "note",
+            )
+        )
+    rows = []
+    for key, value in found.points.items():
+        told, sigma = found.told[key], found.deviations[key]
+        for i, point in enumerate(value):
+            cells = [
+                number(float(_MM * v), float(_MM * s)) if known else "not told"
+                for v, s, known in zip(point, sigma[i], told[i], strict=True)
+            ]
+            rows.append((f"{key} {i + 1}", "mm", *cells))
+    head = ("point", "unit", *(f"{axis} ± 1-sigma" for axis in _AXES))
+    grid = Grid("Anchors and attachments", head, tuple(rows), frozenset({2, 3, 4}))
+    others = _others(found)
+    return [Statements(tuple(statements)), grid, *([others] if others.rows else [])]
+
+
+def _others(found: GeometryCalibration) -> Grid:
+    """Calibration parameters of the instruments."""
+    parameters = found.found.parameters
+    sigma = np.sqrt(np.maximum(np.diag(found.found.covariance), 0.0))
+    rows = tuple(
+        (
+            parameters.names[place],
+            entry.unit,
+            number(float(found.found.calibration.values[place]), float(sigma[place])),
+            f"{entry.deviation[i]:.3g}",
+        )
+        for place, entry, i in parameters.components()
+        if entry.owner not in {"robot", UPRIGHT} and entry.deviation[i] > 0 and entry.key != "delay"
+    )
+    head = ("instrument", "unit", "value ± 1-sigma", "prior 1-sigma")
+    return Grid("Instruments", head, rows, frozenset({2, 3}))
+
+
+def _moves(found: GeometryCalibration) -> list[Block]:
+    """Moves of the points as bars."""
+    data, rows = [], []
+    for key, moved in _moved(found).items():
+        names = [f"{key} {i + 1}" for i in range(len(moved))]
+        for axis, column in zip(_AXES, moved.T, strict=True):
+            data.append(
+                {
+                    "type": "bar",
+                    "name": f"{key}, {axis}",
+                    "x": names,
+                    "y": (_MM * column).tolist(),
+                }
+            )
+        for name, row in zip(names, moved, strict=True):
+            rows.append((name, *(f"{_MM * v:+.2f}" for v in row)))
+    layout = {"barmode": "group", "yaxis": {"title": {"text": "found less drawn [mm]"}}}
+    figure = Figure(
+        "moves",
+        "Moves of anchors and attachments",
+        "The same numbers as below.",
+        tuple(data),
+        layout,
+    )
+    head = ("point", *(f"{axis} [mm]" for axis in _AXES))
+    return [figure, Grid("Found less drawn", head, tuple(rows), frozenset({1, 2, 3}))]
+
+
+def _residuals(found: GeometryCalibration) -> list[Block]:
+    """Residuals of lengths in each pose about the geometry that all others tell."""
+    blocks: list[Block] = []
+    text = (
+        "Each pose about the geometry that all other poses tell (leave one out): what a length will be"
+        " off in a new pose, beside the noise of its reading."
+    )
+    blocks.append(Statements((Statement(text),)))
+    for one in found.found.left_out:
+        m = one.residual.shape[1]
+        heat = {
+            "type": "heatmap",
+            "x": [int(pose) + 1 for pose in one.pose],
+            "y": [f"cable {i + 1}" for i in range(m)],
+            "z": [[None if np.isnan(v) else float(_MM * v) for v in row] for row in one.residual.T],
+            "colorscale": "RdBu",
+            "zmid": 0,
+            "colorbar": {"title": {"text": "mm"}},
+        }
+        name = f"residuals-{len(blocks)}"
+        title = f"Residuals of {one.instrument} in run {one.run}, each pose left out"
+        layout = {"xaxis": {"title": {"text": "pose"}}, "yaxis": {"type": "category"}}
+        blocks.append(Figure(name, title, "Residuals by pose and cable.", (heat,), layout))
+    rms = found.leave_one_out
+    if rms is not None:
+        rows = tuple((f"cable {i + 1}", f"{_MM * v:.3g}") for i, v in enumerate(rms))
+        blocks.append(
+            Grid(
+                "Leave-one-out residual, root mean square", ("cable", "[mm]"), rows, frozenset({1})
+            )
+        )
+    fit = found.found.fit
+    sizes = tuple(
+        (name, quantity.removesuffix(" at rest").replace("_", " "), f"{np.sqrt(ratio):.2f}")
+        for (name, quantity), ratio in fit.ratios.items()
+        if name != UPRIGHT
+    )
+    head = ("instrument", "quantity", "residual in units of its noise")
+    blocks.append(Grid("Residuals", head, sizes, frozenset({2})))
+    return blocks

@@ -1,0 +1,322 @@
+"""The geometry of a robot from poses at rest: lengths and places of plain vector algebra."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from steelyard.calibration.calibrate import calibrate
+from steelyard.cli.verbs.calibrate import calibrate as calibrate_verb
+from steelyard.errors import InputError
+from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.read import read_experiment
+from steelyard.experiment.write import write_experiment
+from steelyard.identification.model.calibration_parameters import gather
+from steelyard.instruments import Attitude, Length, Position
+from steelyard.report.write import write_calibration
+from steelyard.robot.file import read_robot
+from steelyard.robot.model import Robot
+
+NOISE = 5e-4  # [m], of lengths and of the tracker
+TARGET = np.array([0.1, 0.2, 1.1])
+EXACT_PLACE = {"target": 0, "frame": {"position": 0, "rotation": 0}}
+
+
+def hall(m, rng):
+    """A robot of m cables from points, on two heights."""
+    turn = np.linspace(0, 2 * np.pi, m, endpoint=False)
+    anchors = np.column_stack([6 * np.cos(turn), 5 * np.sin(turn), 5 + 0.5 * (np.arange(m) % 2)])
+    attachments = np.column_stack(
+        [0.5 * np.cos(1.3 * turn + 0.4), 0.5 * np.sin(1.3 * turn + 0.4), 0.6 * (np.arange(m) % 2)]
+    )
+    return Robot("hall", anchors + 0.05 * rng.standard_normal((m, 3)), attachments)
+
+
+def recorded(seed=0, m=8, poses=40, off=0.3, scale=1.0, attitude=True, flat=False, **uncertainty):
+    """An experiment whose robot file is off, and the robot as it is."""
+    rng = np.random.default_rng(seed)
+    true = hall(m, rng)
+    place = rng.uniform([-2.5, -2, 1], [2.5, 2, 3], (poses, 3))
+    if flat:
+        place[:, 2] = 2.0
+    turned = Rotation.from_rotvec(rng.uniform(-0.4, 0.4, (poses, 3)))
+    R = turned.as_matrix()
+    points = place[:, None] + np.einsum("nij,mj->nmi", R, true.attachments)
+    length = np.linalg.norm(points - true.anchors, axis=2)
+    offset = rng.normal(0, 0.5, m)
+    tracker = place + R @ TARGET + NOISE * rng.standard_normal((poses, 3))
+    noisy = turned * Rotation.from_rotvec(1e-3 * rng.standard_normal((poses, 3)))
+    number = np.arange(poses, dtype=float)
+    streams = {
+        "tracker": Stream(number, {"position": tracker}, "tracker"),
+        "lengths": Stream(
+            number,
+            {"length": scale * length + offset + NOISE * rng.standard_normal(length.shape)},
+            "lengths",
+        ),
+    }
+    instruments = {
+        "tracker": Position.model_validate(
+            {
+                "kind": "position",
+                "target": tuple(TARGET.tolist()),
+                "noise": NOISE,
+                "calibration": EXACT_PLACE,
+            }
+        ),
+        "lengths": Length.model_validate({"kind": "length", "noise": NOISE}),
+    }
+    if attitude:
+        streams["attitude"] = Stream(number, {"orientation": noisy.as_matrix()}, "attitude")
+        instruments["attitude"] = Attitude.model_validate(
+            {"kind": "attitude", "noise": 1e-3, "calibration": {"misalignment": 0, "reference": 0}}
+        )
+    # Drawn with the 1-sigma that is stated, so that the priors are true.
+    stated = {"anchor": off, "attachment": 0.03, **uncertainty}
+    drawn = replace(
+        true,
+        anchors=true.anchors + stated["anchor"] * rng.standard_normal((m, 3)),
+        attachments=true.attachments + stated["attachment"] * rng.standard_normal((m, 3)),
+    )
+    runs = (Run("poses", streams, static=True),)
+    return Experiment("calibration", drawn, instruments, runs, uncertainty=stated), true
+
+
+def errors(found, true):
+    points = found.points
+    return np.concatenate(
+        [
+            (points["anchor"] - true.anchors).ravel(),
+            (points["attachment"] - true.attachments).ravel(),
+        ]
+    )
+
+
+@pytest.mark.parametrize("m", [3, 4, 8, 12])
+def test_anchors_and_attachments_are_found(m):
+    experiment, true = recorded(m=m)
+    found = calibrate(experiment)
+    assert not found.reasons
+    assert not found.unobservable
+    off = errors(found, true)
+    chi = off @ np.linalg.solve(found.covariance, off) / len(off)
+    assert 0.5 < chi < 1.7
+    assert np.abs(found.points["anchor"] - true.anchors).max() < 0.02
+    assert np.nanmax(found.leave_one_out) < 2 * NOISE
+
+
+def test_intervals_cover():
+    chi = []
+    for seed in range(12):
+        experiment, true = recorded(seed)
+        off = errors(found := calibrate(experiment), true)
+        chi.append(off @ np.linalg.solve(found.covariance, off) / len(off))
+    assert 0.8 < np.mean(chi) < 1.2
+
+
+def test_a_drum_of_twice_the_size_is_found():
+    experiment, true = recorded(scale=2.0)
+    found = calibrate(experiment)
+    assert not found.reasons
+    places = found.found.parameters.places["lengths", "gain", None]
+    np.testing.assert_allclose(found.found.calibration.values[places], 2.0, atol=0.01)
+    assert np.abs(found.points["anchor"] - true.anchors).max() < 0.05
+
+
+def test_a_row_that_is_wrong_is_named_and_left_out():
+    experiment, true = recorded()
+    (run,) = experiment.runs
+    place = run.streams["tracker"].values["position"].copy()
+    place[7, 0] += 0.1
+    length = run.streams["lengths"].values["length"].copy()
+    length[20, 3] -= 0.03
+    streams = {
+        **run.streams,
+        "tracker": replace(run.streams["tracker"], values={"position": place}),
+        "lengths": replace(run.streams["lengths"], values={"length": length}),
+    }
+    found = calibrate(replace(experiment, runs=(replace(run, streams=streams),)))
+    lengths, tracker = sorted(found.found.wrong, key=lambda each: each.instrument)
+    assert (lengths.row, lengths.channel) == (21, "l4")
+    assert lengths.off == pytest.approx(-0.03, abs=0.005)
+    assert (tracker.row, tracker.channel) == (8, "x")
+    assert tracker.off == pytest.approx(0.1, abs=0.01)
+    assert "row 21 of lengths: l4 is off by -0.0" in str(lengths)
+    off = errors(found, true)
+    assert off @ np.linalg.solve(found.covariance, off) / len(off) < 1.7
+
+
+def test_cables_in_another_order_are_rejected():
+    experiment, _ = recorded(off=0.05)
+    (run,) = experiment.runs
+    lengths = run.streams["lengths"]
+    swapped = lengths.values["length"][:, [1, 0, 2, 3, 4, 5, 6, 7]]
+    streams = {**run.streams, "lengths": replace(lengths, values={"length": swapped})}
+    found = calibrate(replace(experiment, runs=(replace(run, streams=streams),)))
+    assert found.reasons
+    assert "order of the cables" in " ".join(found.reasons)
+
+
+def test_what_one_height_does_not_tell_is_null_and_named():
+    experiment, _ = recorded(poses=6, flat=True, attitude=False)
+    values = calibrate(experiment).to_dict()
+    assert values["unobservable"]
+    named = [each for each in values["unobservable"] if each.startswith("anchor.")]
+    i, axis = named[0].split(".")[1:]
+    assert values["anchors"]["value"][int(i) - 1]["xyz".index(axis)] is None
+    assert values["anchors"]["standard_deviation"][int(i) - 1]["xyz".index(axis)] is None
+
+
+def test_a_frame_that_nothing_ties_is_said():
+    experiment, _ = recorded(attitude=False)
+    found = calibrate(experiment)
+    gauge = found.gauges["attachment"]
+    assert "rotation about z" in gauge.untied
+    assert "nothing ties the platform frame" in str(gauge)
+    assert not found.gauges["anchor"].untied
+    # The shape is told far better than the frame.
+    sigma = found.deviations["attachment"]
+    whole = np.sqrt(np.diag(found.covariance))[24:].reshape(-1, 3)
+    assert np.median(sigma) < np.median(whole) / 2
+
+
+def test_leaving_out_a_pose_is_a_fit_without_it():
+    experiment, _ = recorded(poses=25)
+    found = calibrate(experiment)
+    (run,) = experiment.runs
+    keep = np.arange(25) != 11
+    streams = {
+        name: replace(
+            each,
+            time=np.arange(24.0),
+            values={key: value[keep] for key, value in each.values.items()},
+        )
+        for name, each in run.streams.items()
+    }
+    others = calibrate(replace(experiment, runs=(replace(run, streams=streams),)))
+    # The pose, about the geometry of the others, which is exact now.
+    held = replace(
+        experiment,
+        robot=replace(others.robot, covariance=None),
+        uncertainty={"anchor": 0.0, "attachment": 0.0},
+        instruments={
+            **experiment.instruments,
+            "lengths": Length.model_validate(
+                {
+                    "kind": "length",
+                    "noise": NOISE,
+                    "calibration": {
+                        key: {
+                            "value": tuple(
+                                others.found.calibration.values[
+                                    others.found.parameters.places["lengths", key, None]
+                                ].tolist()
+                            ),
+                            "sigma": 0,
+                        }
+                        for key in ("offset", "gain")
+                    },
+                }
+            ),
+        },
+    )
+    alone = calibrate(held)
+    (there,), (expected,) = found.found.left_out, alone.found.left_out
+    np.testing.assert_allclose(there.residual[11], expected.residual[11], atol=0.05 * NOISE)
+
+
+def test_a_robot_that_was_calibrated_is_read_with_its_covariance(tmp_path):
+    experiment, true = recorded()
+    found = calibrate(experiment)
+    write_calibration(found, tmp_path / "out")
+    robot = read_robot(tmp_path / "out" / "robot.yaml")
+    np.testing.assert_allclose(robot.anchors, found.robot.anchors, atol=1e-6)
+    np.testing.assert_allclose(robot.covariance, found.covariance, rtol=1e-9, atol=1e-15)
+    assert "# 1-sigma" in (tmp_path / "out" / "robot.yaml").read_text()
+    parameters = gather(replace(experiment, robot=robot))
+    place = parameters.places["robot", "anchor", None]
+    np.testing.assert_allclose(np.linalg.inv(parameters.precision[place, place])[0, 0] > 0, True)
+    # What it is told for the second time it knows better.
+    again = calibrate(replace(experiment, robot=robot))
+    assert np.median(again.deviations["anchor"]) < np.median(found.deviations["anchor"])
+    (tmp_path / "copy").mkdir()
+    write_experiment(replace(experiment, robot=robot), tmp_path / "copy")
+    copied = read_experiment(tmp_path / "copy" / "experiment.yaml", poses_alone=True)
+    np.testing.assert_allclose(copied.robot.covariance, robot.covariance, rtol=1e-9)
+    assert true.m == copied.robot.m
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda text: "", "expected a table of a covariance"),
+        (lambda text: text.replace("anchor.1.x", "anchor.9.x"), "a row and a column of anchor.1.x"),
+        (lambda text: _with_cell(text, "x"), "expected numbers in all"),
+        (lambda text: _with_cell(text, "-1.0"), "expected a covariance"),
+    ],
+)
+def test_a_covariance_that_is_none_is_said(tmp_path, change, said):
+    write_calibration(calibrate(recorded()[0]), tmp_path / "out")
+    path = tmp_path / "out" / "robot.covariance.csv"
+    path.write_text(change(path.read_text()))
+    with pytest.raises(InputError) as error:
+        read_robot(tmp_path / "out" / "robot.yaml")
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def _with_cell(text, cell):
+    lines = text.splitlines()
+    cells = lines[1].split(",")
+    cells[1] = cell
+    return "\n".join([lines[0], ",".join(cells), *lines[2:]])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda e: replace(e, runs=()), "expected runs of poses at rest"),
+        (
+            lambda e: replace(
+                e, runs=(replace(e.runs[0], streams={"tracker": e.runs[0].streams["tracker"]}),)
+            ),
+            "expected cable lengths",
+        ),
+    ],
+)
+def test_a_recording_that_tells_nothing_is_refused(change, said):
+    with pytest.raises(InputError, match=said):
+        calibrate(change(recorded()[0]))
+
+
+def test_the_verb_writes_all_of_it(tmp_path, capsys):
+    (tmp_path / "in").mkdir()
+    write_experiment(recorded()[0], tmp_path / "in")
+    arguments = [str(tmp_path / "in" / "experiment.yaml"), "--out", str(tmp_path / "out"), "--json"]
+    calibrate_verb.main([*arguments, "--quiet"], standalone_mode=False)
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((tmp_path / "out" / "calibration.json").read_text())
+    assert printed["format"] == "steelyard-calibration/1"
+    assert printed["verdict"]["accepted"]
+    assert len(printed["residuals"]["leave_one_out"]) == 8
+    names = sorted(each.name for each in (tmp_path / "out").iterdir())
+    assert names == [
+        "calibration.html", "calibration.json", "calibration.md", "robot.covariance.csv", "robot.yaml",
+    ]  # fmt: skip
+
+
+def test_a_calibration_that_is_not_accepted_ends_with_status_3(tmp_path):
+    experiment, _ = recorded(off=0.05)
+    (run,) = experiment.runs
+    lengths = run.streams["lengths"]
+    swapped = lengths.values["length"][:, ::-1]
+    streams = {**run.streams, "lengths": replace(lengths, values={"length": swapped})}
+    (tmp_path / "in").mkdir()
+    write_experiment(replace(experiment, runs=(replace(run, streams=streams),)), tmp_path / "in")
+    with pytest.raises(SystemExit) as end:
+        calibrate_verb.main(
+            [str(tmp_path / "in" / "experiment.yaml"), "--json", "--quiet"], standalone_mode=False
+        )
+    assert end.value.code == 3
