@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "calibration"))
-from test_calibrate import errors, recorded
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+from halls import errors, recorded
 
 from steelyard.calibration.calibrate import calibrate
 

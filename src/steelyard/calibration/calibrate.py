@@ -17,9 +17,15 @@ from steelyard.calibration.poses import UPRIGHT
 from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
 from steelyard.digits import number
 from steelyard.display import Display
-from steelyard.estimates.estimate import plain
+from steelyard.estimates.estimate import (
+    identifiable_parameters,
+    named,
+    plain,
+    plausible_radius,
+)
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import ROBOT, as_tree
+from steelyard.inertia import Inertia, body_jacobian
 from steelyard.robot.covariance import POINTS, names_of
 from steelyard.robot.model import Robot
 
@@ -173,6 +179,22 @@ class GeometryCalibration:
         before = parameters.deviation[use]
         return np.where(before > 0, moved / np.where(before > 0, before, 1.0), 0.0)
 
+    @property
+    def body(self) -> tuple[Array, Array] | None:
+        """The ten body parameters of what hung there, NaN where they are not told, and their 1-sigma,
+        shape (10,) each; None: no forces were read.
+        """
+        if self.found.body is None:
+            return None
+        parameters, spread = self.found.body
+        J = body_jacobian(parameters)
+        covariance = J @ spread @ J.T
+        size = plausible_radius(self.experiment.robot)
+        value = Inertia.from_parameters(parameters).body_parameters
+        known = identifiable_parameters(float(value[0]), covariance, size)
+        sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        return np.where(known, value, np.nan), np.where(known, sigma, np.nan)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values in the shape of ``calibration.json``; null where nothing is told."""
         told, deviations = self.told, self.deviations
@@ -184,13 +206,18 @@ class GeometryCalibration:
             }
             for key, value in self.points.items()
         }
-        one_out = self.leave_one_out
+        one_out, body = self.leave_one_out, self.body
         sigma = np.sqrt(np.maximum(np.diag(self.found.covariance), 0.0))
         return {
             "format": FORMAT,
             "experiment": self.experiment.name,
             "robot": self.experiment.robot.name,
             **points,
+            **(
+                {}
+                if body is None
+                else {"body": {**named(body[0]), "standard_deviation": named(body[1])}}
+            ),
             "calibration": plain(
                 as_tree(
                     self.experiment, self.found.parameters, self.found.calibration.values, sigma

@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.calibration.poses import segment_of, with_upright
+from steelyard.calibration.poses import forces_of, segment_of, with_upright
 from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
 from steelyard.errors import InputError
+from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment
-from steelyard.identification.known_body import plausible
+from steelyard.identification.known_body import known_bodies, plausible
+from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationParameters,
@@ -29,6 +31,7 @@ from steelyard.identification.model.motion_residuals import (
     motion_residuals,
 )
 from steelyard.identification.model.segment import Rows
+from steelyard.identification.solve.beginning import first_body
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.inertia import TEN
@@ -84,6 +87,9 @@ class GeometryFit:
     covariance: Array
     """Of all calibration parameters; zero for exact ones, shape (u, u)."""
     left_out: tuple[LeftOut, ...]
+    body: tuple[Array, Array] | None = None
+    """Ten linear parameters of the body that hung there, and their covariance, shapes (10,) and (10,
+    10); None: no forces were read."""
 
     @property
     def calibration(self) -> CalibrationValues:
@@ -120,8 +126,13 @@ def fit_geometry(
             " true'), found none; record the platform at rest in some ten poses or more"
         )
     tell("reading the poses", 0.05)
-    segments = tuple(segment_of(experiment, run) for run in runs)
+    begun = [segment_of(experiment, run) for run in runs]
+    segments = tuple(segment for segment, _ in begun)
     parameters = gather(experiment)
+    first = parameters.mean.copy()
+    for run, (_, offsets) in zip(runs, begun, strict=True):
+        for name, offset in offsets.items():
+            first[parameters.place(name, "offset", run.name)] = offset
     task = Task(
         experiment,
         parameters,
@@ -131,10 +142,15 @@ def fit_geometry(
         plausible(np.ones(TEN), _RADIUS),
     )
     _check_lengths(task, segments)
-    state = FitState(segments, CalibrationValues(parameters, parameters.mean.copy()), None)
+    state = FitState(segments, CalibrationValues(parameters, first), None)
+    forces = tuple(forces_of(experiment, run, settings) for run in runs)
     tell("fitting poses and geometry", 0.2)
     try:
         found, wrong = _robust(task, state, settings)
+        body = None
+        if any(each is not None for each in forces):
+            tell("fitting the forces", 0.6)
+            found, task, body = _with_forces(task, found, forces)
     except np.linalg.LinAlgError:
         raise InputError(
             f"{experiment.source or experiment.name}: expected poses that tell the geometry, found"
@@ -145,8 +161,10 @@ def fit_geometry(
     covariance = np.zeros((len(parameters), len(parameters)))
     own = np.flatnonzero(task.active)
     covariance[np.ix_(own, own)] = found.covariance
-    left_out = tuple(_left_out(task, found))
-    return GeometryFit(experiment, task, found, tuple(wrong), covariance, left_out)
+    # Lengths are left out of what the motion instruments say.
+    alone = replace(found, state=replace(found.state, parameters=None))
+    left_out = tuple(_left_out(task, alone))
+    return GeometryFit(experiment, task, found, tuple(wrong), covariance, left_out, body)
 
 
 def _widened(experiment: Experiment, settings: CalibrationSettings) -> Experiment:
@@ -207,6 +225,42 @@ def _stated(experiment: Experiment) -> frozenset[tuple[str, str]]:
         for quantity in instrument.quantities(experiment.robot.m)
         if quantity.noise
     )
+
+
+def _with_forces(
+    task: Task, found: Fit, forces: Sequence[Forces | None]
+) -> tuple[Fit, Task, tuple[Array, Array]]:
+    """Poses, geometry and the body that hangs there, once lengths have told them roughly."""
+    experiment, parameters = task.experiment, task.calibration_parameters
+    size = plausible_radius(experiment.robot) or _RADIUS
+    state = found.state
+    body = first_body(experiment, state, forces, experiment.known, task.settings)
+    active = task.active.copy()
+    for segment, each in zip(state.segments, forces, strict=True):
+        if each is None:
+            continue
+        instrument = experiment.instruments[each.name]
+        for term in instrument.terms(parameters.m):
+            active[parameters.place(each.name, term.key, segment.run)] = True
+    active[parameters.places[ROBOT, "gravity", None]] = True
+    task = replace(
+        task,
+        force_samples=tuple(forces),
+        active=active & (parameters.deviation > 0),
+        sizes=plausible(body, size),
+        known=lambda at: known_bodies(experiment, at.calibration, _body_of(at), size),
+    )
+    state = replace(state, parameters=body)
+    fitted = fit(task, state)
+    ten = len(fitted.covariance) - int(task.active.sum())
+    own = _body_of(fitted.state), fitted.covariance[:ten, :ten]
+    return replace(fitted, covariance=fitted.covariance[ten:, ten:]), task, own
+
+
+def _body_of(state: FitState) -> Array:
+    """Its ten linear parameters."""
+    assert state.parameters is not None
+    return state.parameters
 
 
 def _check_lengths(task: Task, segments: Sequence[Segment]) -> None:

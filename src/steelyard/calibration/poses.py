@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,12 +14,14 @@ from steelyard.arrays import Array
 from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.motion_residuals import Reading, Segment
 from steelyard.identification.model.settings import MOTION
+from steelyard.identification.samples.first_motion import SPACING, first_motion
 from steelyard.instruments import Attitude
 from steelyard.instruments.equations import solve_for
 from steelyard.robot.kinematics import cables_at
-from steelyard.robot.model import Robot
+from steelyard.robot.model import DIRECTIONS, Robot
 
 _FIRST_NOISE = 1e-3
 """1-sigma of readings whose noise is not stated, to begin with: the residuals tell it."""
@@ -56,8 +59,9 @@ def with_upright(experiment: Experiment, settings: CalibrationSettings = CALIBRA
     return replace(experiment, instruments=instruments, runs=tuple(runs))
 
 
-def segment_of(experiment: Experiment, run: Run) -> Segment:
-    """The poses of a static run, with all readings of how the platform stands.
+def segment_of(experiment: Experiment, run: Run) -> tuple[Segment, Mapping[str, Array]]:
+    """The poses of a static run, with all readings of how the platform stands; and offsets of lengths
+    to begin with, where nothing else than forces tells them.
 
     Args:
         experiment: With robot and instruments.
@@ -85,8 +89,43 @@ def segment_of(experiment: Experiment, run: Run) -> Segment:
             own = tension[use] if instrument.is_cable_motion else None
             numbers = np.arange(len(values), dtype=np.float64)[use]
             readings.append(Reading((name, quantity.name), numbers, values[use], sigma, own))
-    pose = _first_poses(experiment, run, readings, count)
-    return Segment(run.name, np.arange(count, dtype=np.float64), tuple(readings), pose, static=True)
+    pose, offsets = _first_poses(experiment, run, readings, count)
+    numbers = np.arange(count, dtype=np.float64)
+    return Segment(run.name, numbers, tuple(readings), pose, static=True), offsets
+
+
+def forces_of(experiment: Experiment, run: Run, settings: CalibrationSettings) -> Forces | None:
+    """Tensions that were read in the poses of a run; None: there are none.
+
+    Args:
+        experiment: With the force instrument.
+        run: Static.
+        settings: Noise to begin with, where it is not stated.
+    """
+    name = experiment.force_instrument(run)
+    if name is None or "tension" not in run.streams[name].values:
+        return None
+    instrument, m = experiment.instruments[name], experiment.robot.m
+    values = run.streams[name].values["tension"]
+    missing = ~np.isfinite(values)
+    without = np.array([f"f{i + 1}" in instrument.unread for i in range(m)])
+    unread = without | missing.all(axis=0)
+    usual = np.nanmedian(np.where(missing, np.nan, values), axis=0) if len(values) else np.ones(m)
+    usual = np.where(np.isfinite(usual), usual, float(np.nanmedian(values)))
+    noise = instrument.quantity("tension", m).noise
+    sigma = np.full(m, noise or settings.force * float(np.median(np.abs(usual))))
+    unmodelled = None
+    if int(np.sum(~unread)) < DIRECTIONS:
+        unmodelled = float(sigma[0]) * np.array([1.0] * 3 + [experiment.robot.size or 1.0] * 3)
+    return Forces(
+        name=name,
+        time=np.arange(len(values), dtype=np.float64),
+        readings={"tension": np.where(missing, usual, values)},
+        sigma=sigma,
+        left_out=missing & ~unread,
+        unmodelled=unmodelled,
+        unread=unread if unread.any() else None,
+    )
 
 
 def tensions(experiment: Experiment, run: Run, count: int) -> Array:
@@ -106,8 +145,10 @@ def tensions(experiment: Experiment, run: Run, count: int) -> Array:
     return found
 
 
-def _first_poses(experiment: Experiment, run: Run, readings: list[Reading], count: int) -> Array:
-    """Position and quaternion of every pose to begin with, shape (n, 7)."""
+def _first_poses(
+    experiment: Experiment, run: Run, readings: list[Reading], count: int
+) -> tuple[Array, Mapping[str, Array]]:
+    """Position and quaternion of every pose to begin with, shape (n, 7), and offsets of lengths."""
     position, rotation = np.full((count, 3), np.nan), np.tile(np.eye(3), (count, 1, 1))
     for part in ("rotation", "position"):
         for reading in readings:
@@ -122,6 +163,12 @@ def _first_poses(experiment: Experiment, run: Run, readings: list[Reading], coun
             solved = solve_for(part, instrument, experiment.robot, {what: reading.values}, given)
             {"rotation": rotation, "position": position}[part][at] = solved
     missing = np.isnan(position).any(axis=1)
+    offsets: Mapping[str, Array] = {}
+    if missing.all() and (hanging := _in_balance(experiment, run, count)) is not None:
+        # Nothing but forces tells how the platform hangs.
+        where, turned, number, offsets = hanging
+        position[number], rotation[number] = where, turned
+        missing = np.isnan(position).any(axis=1)
     if missing.any():
         lengths = [r for r in readings if experiment.instruments[r.source[0]].is_cable_motion]
         if not lengths:
@@ -130,7 +177,34 @@ def _first_poses(experiment: Experiment, run: Run, readings: list[Reading], coun
                 " platform stood, found none; add one"
             )
         _by_lengths(experiment, run, lengths[0], position, rotation, missing)
-    return np.hstack([position, _quaternions(rotation)])
+    return np.hstack([position, _quaternions(rotation)]), offsets
+
+
+def _in_balance(
+    experiment: Experiment, run: Run, count: int
+) -> tuple[Array, Array, NDArray[np.intp], Mapping[str, Array]] | None:
+    """Places, rotations, numbers of the poses and offsets of the lengths by which forces are in
+    balance; None: no tensions were read.
+    """
+    force = experiment.force_instrument(run)
+    if force is None or "tension" not in run.streams[force].values or count < 3:
+        return None
+    # Poses one after the other, each by itself in an instant of the first motion.
+    time = np.concatenate([[0.0], SPACING * (np.arange(count) + 0.5), [SPACING * count + 1e-6]])
+    twice = np.concatenate([[0], np.arange(count), [count - 1]])
+    streams = {
+        name: replace(
+            stream, time=time, values={key: value[twice] for key, value in stream.values.items()}
+        )
+        for name, stream in run.streams.items()
+        if name != UPRIGHT
+    }
+    moving = replace(run, streams=streams, static=False, sync={}, window=None)
+    found = first_motion(experiment, moving)
+    if found is None:
+        return None
+    number = (found.time / SPACING).astype(np.intp)
+    return found.position, found.rotation, number, found.offsets
 
 
 def _quaternions(rotation: Array) -> Array:

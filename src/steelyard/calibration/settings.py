@@ -19,6 +19,8 @@ class CalibrationSettings:
     read."""
     offset: float = 3.0
     """1-sigma of the offset of a length that nobody has stated [m]."""
+    force: float = 0.02
+    """1-sigma of a tension whose noise is not stated, over the usual one, to begin with."""
     upright: float = 0.7
     """1-sigma of the orientation of a platform of which nothing tells it [rad]."""
     told: float = 0.5

@@ -35,7 +35,7 @@ FIRST_MOTION = "first motion"
 """Name of the stream that stands in for what nothing measures."""
 _BODY = 4
 """Mass and first moments."""
-_SPACING = 0.1
+SPACING = 0.1
 """Of the instants [s]: motions of platforms have hardly more than 1 Hz."""
 _MOST = 3000
 """Instants at most."""
@@ -253,9 +253,9 @@ def _problem(experiment: Experiment, run: Run) -> _Problem | None:
     end = min(float(each[-1]) for each in times.values())
     if run.window is not None:
         start, end = max(start, run.window[0]), min(end, run.window[1])
-    if end - start < 2 * _SPACING:
+    if end - start < 2 * SPACING:
         return None
-    count = min(_MOST, int((end - start) / _SPACING))
+    count = min(_MOST, int((end - start) / SPACING))
     edges = np.linspace(start, end, count + 1)
     said = [(force, "tension"), *_read(experiment, run)]
     readings = {

@@ -270,7 +270,7 @@ def _first_bodies(
         place = parameters.place_of_load(runs[0]) if runs else None
         there = any(each is not None for each in own)
         found.append(
-            (place, _first_body(experiment, state, own, known, settings) if there else None)
+            (place, first_body(experiment, state, own, known, settings) if there else None)
         )
     first = next(body for _, body in found if body is not None)
     first = first if found[0][1] is None else found[0][1]
@@ -372,7 +372,7 @@ def _stated(experiment: Experiment) -> frozenset[Source]:
     )
 
 
-def _first_body(
+def first_body(
     experiment: Experiment,
     state: FitState,
     force_samples: Sequence[Forces | None],
@@ -381,6 +381,13 @@ def _first_body(
 ) -> Array:
     """The ten linear parameters that balance forces and a given motion, samples that stand far
     counting less.
+
+    Args:
+        experiment: With its robot.
+        state: With motion and calibration.
+        force_samples: Of each segment; None: not looked at.
+        known: Body parameter -> value and 1-sigma beforehand.
+        settings: How often to weigh the samples anew.
     """
     parameters = np.zeros(TEN)
     for _ in range(settings.first_body_iterations):
