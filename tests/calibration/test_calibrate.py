@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from halls import NOISE, errors, recorded
+from scipy.spatial.transform import Rotation
 
 from steelyard.calibration.calibrate import calibrate
 from steelyard.cli.verbs.calibrate import calibrate as calibrate_verb
@@ -72,15 +73,74 @@ def test_a_row_that_is_wrong_is_named_and_left_out():
     assert off @ np.linalg.solve(found.covariance, off) / len(off) < 1.7
 
 
-def test_cables_in_another_order_are_rejected():
-    experiment, _ = recorded(off=0.05)
+def test_a_pose_that_was_typed_wrong_is_named():
+    experiment, true = recorded()
+    found = calibrate(_with(experiment, "tracker", "position", _typed_wrong))
+    assert not found.reasons
+    assert {(each.instrument, each.row) for each in found.found.wrong} == {("tracker", 6)}
+    assert np.abs(found.points["anchor"] - true.anchors).max() < 0.02
+
+
+def _typed_wrong(values):
+    values[5] = [9.9, -3.0, 2.0]
+    return values
+
+
+def _with(experiment, name, quantity, change):
     (run,) = experiment.runs
-    lengths = run.streams["lengths"]
-    swapped = lengths.values["length"][:, [1, 0, 2, 3, 4, 5, 6, 7]]
-    streams = {**run.streams, "lengths": replace(lengths, values={"length": swapped})}
-    found = calibrate(replace(experiment, runs=(replace(run, streams=streams),)))
+    stream = run.streams[name]
+    values = {**stream.values, quantity: change(stream.values[quantity].copy())}
+    streams = {**run.streams, name: replace(stream, values=values)}
+    return replace(experiment, runs=(replace(run, streams=streams),))
+
+
+def _mirrored(robot):
+    anchors = robot.anchors.copy()
+    anchors[1, 1] *= -1
+    return replace(robot, anchors=anchors)
+
+
+MISTAKES = {
+    "lengths in millimetres": lambda e: _with(e, "lengths", "length", lambda v: 1000 * v),
+    "places in millimetres": lambda e: _with(e, "tracker", "position", lambda v: 1000 * v),
+    "robot in millimetres": lambda e: replace(
+        e,
+        robot=replace(
+            e.robot, anchors=1000 * e.robot.anchors, attachments=1000 * e.robot.attachments
+        ),
+    ),
+    "order of the cables": lambda e: _with(
+        e, "lengths", "length", lambda v: v[:, [1, 0, 2, 3, 4, 5, 6, 7]]
+    ),
+    "degrees for radians": lambda e: _with(
+        e,
+        "attitude",
+        "orientation",
+        lambda v: Rotation.from_rotvec(np.radians(Rotation.from_matrix(v).as_rotvec())).as_matrix(),
+    ),
+    "orientation the other way round": lambda e: _with(
+        e, "attitude", "orientation", lambda v: v.transpose(0, 2, 1)
+    ),
+    "sign of the lengths": lambda e: _with(e, "lengths", "length", lambda v: -v),
+    "axes of the tracker": lambda e: _with(e, "tracker", "position", lambda v: v[:, [0, 2, 1]]),
+    "rows of another pose": lambda e: _with(
+        e, "lengths", "length", lambda v: np.roll(v, 1, axis=0)
+    ),
+    "sign of a coordinate": lambda e: replace(e, robot=_mirrored(e.robot)),
+}
+
+
+@pytest.mark.parametrize("off", [0.3, 0.05])
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_rejected(mistake, off):
+    experiment, _ = recorded(3, off=off)
+    found = calibrate(MISTAKES[mistake](experiment))
     assert found.reasons
-    assert "order of the cables" in " ".join(found.reasons)
+    assert not found.to_dict()["verdict"]["accepted"]
+    if mistake == "order of the cables":
+        assert "order of the cables" in " ".join(found.reasons)
+    if mistake == "sign of the lengths":
+        assert "turn their signs" in " ".join(found.reasons)
 
 
 def test_what_one_height_does_not_tell_is_null_and_named():

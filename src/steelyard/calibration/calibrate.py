@@ -160,6 +160,14 @@ class GeometryCalibration:
                         f" all others by {np.sqrt(size):.1f} times its stated noise; check the order"
                         " of the cables, units, signs and 'noise'"
                     )
+        for place, entry, _ in found.parameters.components():
+            drum = entry.key == "gain" and self.experiment.instruments[entry.owner].is_cable_motion
+            if drum and found.calibration.values[place] <= 0:
+                reasons.append(
+                    f"lengths of {entry.owner} fall where cables get longer; turn their signs"
+                    " ('scale: {l1: -1, …}' in the stream)"
+                )
+                break
         off = self._off()
         worst = int(np.argmax(np.abs(off))) if len(off) else 0
         if len(off) and abs(off[worst]) > self.settings.far_off:

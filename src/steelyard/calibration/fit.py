@@ -4,6 +4,7 @@ once, by the same statement of the measurements as in `identify`.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -276,17 +277,52 @@ def _check_lengths(task: Task, segments: Sequence[Segment]) -> None:
 def _robust(
     task: Task, state: FitState, settings: CalibrationSettings
 ) -> tuple[Fit, list[WrongRow]]:
-    """Fit, and again without rows that contradict all others."""
+    """Fit, and again without rows that contradict all others.
+
+    First with all noise taken as larger: next to a geometry that is off by decimetres no reading of a
+    tenth of a millimetre stands out, and with it one that is off by metres does.
+    """
     wrong: list[WrongRow] = []
-    found = fit(task, state)
-    total = sum(r.values.size for s in state.segments for r in s.readings)
+    sources = {s.label(*r.source) for s in state.segments for r in s.readings}
+    for factor in settings.coarse:
+        coarse = replace(state, factors=dict.fromkeys(sources, factor))
+        found, wrong = _repeated(task, coarse, wrong, settings, levels=False)
+        if not found.converged:
+            continue
+        state = replace(found.state, factors={})
+    found, wrong = _repeated(task, state, wrong, settings, levels=True)
+    # What has not settled contradicts more than some rows.
+    return found, wrong if found.converged else []
+
+
+def _repeated(
+    task: Task,
+    state: FitState,
+    wrong: list[WrongRow],
+    settings: CalibrationSettings,
+    *,
+    levels: bool,
+) -> tuple[Fit, list[WrongRow]]:
+    """A fit, again without the rows that stand out of it."""
+    found = fit(task, state, levels=levels)
     for _ in range(settings.rounds):
-        segments, more = _without_wrong(task, found, settings)
-        if not more or len(wrong) + len(more) > settings.most_wrong * total:
+        if not found.converged:
             break
-        wrong += more
-        found = fit(task, replace(found.state, segments=segments))
+        segments, more = _without_wrong(task, found, settings)
+        if not more or _are_many([*wrong, *more], found.state.segments, settings):
+            break
+        wrong = [*wrong, *more]
+        found = fit(task, replace(found.state, segments=segments), levels=levels)
     return found, wrong
+
+
+def _are_many(
+    wrong: Sequence[WrongRow], segments: Sequence[Segment], settings: CalibrationSettings
+) -> bool:
+    """Whether so many rows of one channel are wrong that it is no row but what is said of it."""
+    poses = sum(len(segment.coefficients) for segment in segments)
+    counts = Counter((each.instrument, each.channel) for each in wrong)
+    return max(counts.values()) > max(2, settings.most_wrong * poses)
 
 
 def _without_wrong(

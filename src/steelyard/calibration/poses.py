@@ -23,6 +23,13 @@ from steelyard.instruments.equations import solve_for
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import DIRECTIONS, Robot
 
+_FEWEST = 6
+"""Poses in which a length has to be read before one of them can be held against the others."""
+_APART, _METRES = 8.0, 0.2
+"""How far the lengths of a pose are off those of all others, over the usual and in metres, where its
+place is wrong."""
+_DEPTH = 0.4
+"""Below the highest anchor, where a platform is looked for first, over the span of the anchors."""
 _FIRST_NOISE = 1e-3
 """1-sigma of readings whose noise is not stated, to begin with: the residuals tell it."""
 UPRIGHT = "no orientation"
@@ -163,6 +170,7 @@ def _first_poses(
             solved = solve_for(part, instrument, experiment.robot, {what: reading.values}, given)
             {"rotation": rotation, "position": position}[part][at] = solved
     missing = np.isnan(position).any(axis=1)
+    _put_apart(experiment, readings, position, rotation)
     offsets: Mapping[str, Array] = {}
     if missing.all() and (hanging := _in_balance(experiment, run, count)) is not None:
         # Nothing but forces tells how the platform hangs.
@@ -178,6 +186,58 @@ def _first_poses(
             )
         _by_lengths(experiment, run, lengths[0], position, rotation, missing)
     return np.hstack([position, _quaternions(rotation)]), offsets
+
+
+def _put_apart(
+    experiment: Experiment, readings: list[Reading], position: Array, rotation: Array
+) -> None:
+    """Put poses where their lengths say, in which these are metres off those of all other poses: a
+    place that was typed wrong is no place to begin in.
+    """
+    robot = experiment.robot
+    lengths = [r for r in readings if experiment.instruments[r.source[0]].is_cable_motion]
+    numbers = lengths[0].time.astype(int) if lengths else np.zeros(0, dtype=int)
+    placed = np.isfinite(position[numbers]).all(axis=1)
+    if placed.sum() < _FEWEST:
+        return
+    numbers, seen = numbers[placed], lengths[0].values[placed]
+    straight = robot.with_straight_cables()
+    taut = np.ones((len(numbers), robot.m))
+    drawn = cables_at(straight, position[numbers], rotation[numbers], taut).length
+    # Drums of any scale, with any zero.
+    told = np.empty_like(drawn)
+    for i in range(robot.m):
+        use = np.isfinite(seen[:, i])
+        if use.sum() < _FEWEST:
+            return
+        slope, zero = _robust_line(seen[use, i], drawn[use, i])
+        told[:, i] = slope * seen[:, i] + zero
+    off = np.nanmedian(np.abs(told - drawn), axis=1)
+    wrong = (off > _APART * np.median(off)) & (off > _METRES)
+    usual = np.median(position[numbers[~wrong]], axis=0)
+    for number, own in zip(numbers[wrong], told[wrong], strict=True):
+        use = np.isfinite(own)
+
+        def error(
+            where: Array, n: int = int(number), o: Array = own, u: NDArray[np.bool_] = use
+        ) -> Array:
+            at = cables_at(straight, where[None], rotation[n][None], np.ones((1, robot.m)))
+            return np.asarray((at.length[0] - o)[u])
+
+        position[number] = least_squares(error, usual, loss="soft_l1").x
+
+
+def _robust_line(x: Array, y: Array) -> tuple[float, float]:
+    """Slope and zero of a line through most of some points."""
+    spread = max(float(np.ptp(x)), 1e-9)
+    first = np.polyfit(x, y, 1)
+
+    def error(line: Array) -> Array:
+        return np.asarray(line[0] * x + line[1] - y)
+
+    scale = max(float(np.median(np.abs(error(first)))), 1e-6)
+    found = least_squares(error, first, loss="cauchy", f_scale=scale, x_scale=[1.0, spread])
+    return float(found.x[0]), float(found.x[1])
 
 
 def _in_balance(
@@ -238,7 +298,7 @@ def _by_lengths(
             reading.values[i] - drawn(position[numbers[i]], rotation[numbers[i]]) for i in placed
         ]
         offset = np.nanmedian(apart, axis=0)
-    start = _middle(robot)
+    start = np.median(position[~missing], axis=0) if (~missing).any() else _middle(robot)
     for i, number in enumerate(numbers):
         if not missing[number]:
             continue
@@ -255,8 +315,10 @@ def _by_lengths(
 
 
 def _middle(robot: Robot) -> Array:
-    """A place well below the highest anchors, among all [m], shape (3,)."""
-    low, high = robot.anchors.min(axis=0), robot.anchors.max(axis=0)
+    """A place among the anchors and well below the highest, [m], shape (3,): there is another answer
+    to the same lengths above them.
+    """
     place = robot.anchors.mean(axis=0)
-    place[2] = low[2] + 0.4 * (high[2] - low[2])
+    span = float(np.ptp(robot.anchors[:, :2], axis=0).max())
+    place[2] = robot.anchors[:, 2].max() - _DEPTH * span
     return np.asarray(place)

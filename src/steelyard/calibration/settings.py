@@ -25,10 +25,13 @@ class CalibrationSettings:
     """1-sigma of the orientation of a platform of which nothing tells it [rad]."""
     told: float = 0.5
     """1-sigma over that before, above which the readings have not told a number."""
+    coarse: tuple[float, ...] = (300.0, 20.0)
+    """Factors on all noise with which a fit begins, one after the other."""
     wrong: float = 6.0
     """Size of a residual, in its 1-sigma, of a row that is wrong."""
-    most_wrong: float = 0.1
-    """Part of the rows that may be left out as wrong: with more it is the description."""
+    most_wrong: float = 0.15
+    """Part of the rows of a channel that may be left out as wrong: with more it is the
+    description."""
     rounds: int = 5
     """Times that wrong rows are looked for."""
     far_off: float = 5.0
