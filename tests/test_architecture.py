@@ -52,7 +52,13 @@ INNER = {
         {"contact", "delays", "excitation", "part"},
         {"inspect"},
     ],
-    "report": [{"evidence"}, {"blocks"}, {"documents"}, {"forms"}, {"figures", "write"}],
+    "report": [
+        {"evidence"},
+        {"blocks"},
+        {"documents"},
+        {"forms"},
+        {"figures", "write", "write_calibration"},
+    ],
     "cli": [{"design_request", "lazy_group", "options", "printing", "process", "truth"}, {"verbs"}],
 }
 """Within a room, from left to right; what is not named may be anywhere."""

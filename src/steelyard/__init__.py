@@ -67,8 +67,8 @@ if TYPE_CHECKING:
     from steelyard.natural_frequencies.frequencies import frequencies as frequencies
     from steelyard.report.figures import figure as figure
     from steelyard.report.figures import figures as figures
-    from steelyard.report.write import write_calibration as write_calibration
     from steelyard.report.write import write_results as write_results
+    from steelyard.report.write_calibration import write_calibration as write_calibration
     from steelyard.robot.file import read_robot as read_robot
     from steelyard.robot.model import Robot as Robot
     from steelyard.simulation.sensors import read_sensors as read_sensors
@@ -129,7 +129,7 @@ _WHERE = {
     "read_sensors": "simulation.sensors",
     "simulate": "simulation.simulate",
     "trajectories": "simulation.trajectories",
-    "write_calibration": "report.write",
+    "write_calibration": "report.write_calibration",
     "write_design": "excitation.design_file",
     "write_experiment": "experiment.write",
     "write_results": "report.write",

@@ -15,7 +15,7 @@ from steelyard.experiment.read import read_experiment
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.model.calibration_parameters import gather
 from steelyard.instruments import Length
-from steelyard.report.write import write_calibration
+from steelyard.report.write_calibration import write_calibration
 from steelyard.robot.file import read_robot
 
 
@@ -273,6 +273,22 @@ def _with_cell(text, cell):
 def test_a_recording_that_tells_nothing_is_refused(change, said):
     with pytest.raises(InputError, match=said):
         calibrate(change(recorded()[0]))
+
+
+def test_streams_of_other_numbers_of_rows_are_refused(tmp_path):
+    experiment, _ = recorded()
+    (run,) = experiment.runs
+    tracker = run.streams["tracker"]
+    short = replace(
+        tracker, time=tracker.time[:-1], values={"position": tracker.values["position"][:-1]}
+    )
+    broken = replace(experiment, runs=(replace(run, streams={**run.streams, "tracker": short}),))
+    with pytest.raises(InputError, match="39 of tracker"):
+        calibrate(broken)
+    (tmp_path / "in").mkdir()
+    write_experiment(broken, tmp_path / "in")
+    with pytest.raises(InputError, match=r"experiment\.yaml"):
+        read_experiment(tmp_path / "in" / "experiment.yaml", poses_alone=True)
 
 
 def test_the_verb_writes_all_of_it(tmp_path, capsys):

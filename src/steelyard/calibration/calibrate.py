@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from steelyard.arrays import Array
+from steelyard.calibration.first_poses import UPRIGHT
 from steelyard.calibration.fit import GeometryFit, Progress, fit_geometry
 from steelyard.calibration.gauge import Gauge, gauge_of
-from steelyard.calibration.poses import UPRIGHT
 from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
 from steelyard.digits import number
 from steelyard.display import Display

@@ -6,34 +6,20 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
+from steelyard.calibration.first_poses import UPRIGHT, first_poses
 from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.motion_residuals import Reading, Segment
 from steelyard.identification.model.settings import MOTION
-from steelyard.identification.samples.first_motion import SPACING, first_motion
 from steelyard.instruments import Attitude
-from steelyard.instruments.equations import solve_for
-from steelyard.robot.kinematics import cables_at
-from steelyard.robot.model import DIRECTIONS, Robot
+from steelyard.robot.model import DIRECTIONS
 
-_FEWEST = 6
-"""Poses in which a length has to be read before one of them can be held against the others."""
-_APART, _METRES = 8.0, 0.2
-"""How far the lengths of a pose are off those of all others, over the usual and in metres, where its
-place is wrong."""
-_DEPTH = 0.4
-"""Below the highest anchor, where a platform is looked for first, over the span of the anchors."""
 _FIRST_NOISE = 1e-3
 """1-sigma of readings whose noise is not stated, to begin with: the residuals tell it."""
-UPRIGHT = "no orientation"
-"""Name of the instrument that stands in where nothing tells how a platform is turned."""
 
 
 def with_upright(experiment: Experiment, settings: CalibrationSettings = CALIBRATION) -> Experiment:
@@ -75,9 +61,15 @@ def segment_of(experiment: Experiment, run: Run) -> tuple[Segment, Mapping[str, 
         run: Static.
 
     Raises:
-        InputError: No instrument tells where the platform was.
+        InputError: No instrument tells where the platform was, or streams have other numbers of rows.
     """
-    count = min(len(each) for each in run.streams.values())
+    counts = {name: len(each) for name, each in run.streams.items()}
+    count = next(iter(counts.values()))
+    if set(counts.values()) != {count}:
+        raise InputError(
+            f"run '{run.name}': expected a row for every pose in every stream, found"
+            f" {', '.join(f'{n} of {name}' for name, n in counts.items())}; correct them"
+        )
     tension = tensions(experiment, run, count)
     readings: list[Reading] = []
     for name, stream in run.streams.items():
@@ -96,7 +88,7 @@ def segment_of(experiment: Experiment, run: Run) -> tuple[Segment, Mapping[str, 
             own = tension[use] if instrument.is_cable_motion else None
             numbers = np.arange(len(values), dtype=np.float64)[use]
             readings.append(Reading((name, quantity.name), numbers, values[use], sigma, own))
-    pose, offsets = _first_poses(experiment, run, readings, count)
+    pose, offsets = first_poses(experiment, run, readings, count)
     numbers = np.arange(count, dtype=np.float64)
     return Segment(run.name, numbers, tuple(readings), pose, static=True), offsets
 
@@ -150,175 +142,3 @@ def tensions(experiment: Experiment, run: Run, count: int) -> Array:
         read = run.streams[name].values["tension"][:count]
         found = np.where(np.isfinite(read) & (read > 0), read, found)
     return found
-
-
-def _first_poses(
-    experiment: Experiment, run: Run, readings: list[Reading], count: int
-) -> tuple[Array, Mapping[str, Array]]:
-    """Position and quaternion of every pose to begin with, shape (n, 7), and offsets of lengths."""
-    position, rotation = np.full((count, 3), np.nan), np.tile(np.eye(3), (count, 1, 1))
-    for part in ("rotation", "position"):
-        for reading in readings:
-            name, what = reading.source
-            instrument = experiment.instruments[name]
-            told = instrument.quantity(what, experiment.robot.m).determines
-            if told != (part,) or (part == "position" and instrument.is_cable_motion):
-                continue
-            at = reading.time.astype(int)
-            state = {"rotation": rotation[at], "position": position[at]}
-            given = {key: value for key, value in state.items() if key != part}
-            solved = solve_for(part, instrument, experiment.robot, {what: reading.values}, given)
-            {"rotation": rotation, "position": position}[part][at] = solved
-    missing = np.isnan(position).any(axis=1)
-    _put_apart(experiment, readings, position, rotation)
-    offsets: Mapping[str, Array] = {}
-    if missing.all() and (hanging := _in_balance(experiment, run, count)) is not None:
-        # Nothing but forces tells how the platform hangs.
-        where, turned, number, offsets = hanging
-        position[number], rotation[number] = where, turned
-        missing = np.isnan(position).any(axis=1)
-    if missing.any():
-        lengths = [r for r in readings if experiment.instruments[r.source[0]].is_cable_motion]
-        if not lengths:
-            raise InputError(
-                f"run '{run.name}': expected a tracker, a pose or cable lengths that tell where the"
-                " platform stood, found none; add one"
-            )
-        _by_lengths(experiment, run, lengths[0], position, rotation, missing)
-    return np.hstack([position, _quaternions(rotation)]), offsets
-
-
-def _put_apart(
-    experiment: Experiment, readings: list[Reading], position: Array, rotation: Array
-) -> None:
-    """Put poses where their lengths say, in which these are metres off those of all other poses: a
-    place that was typed wrong is no place to begin in.
-    """
-    robot = experiment.robot
-    lengths = [r for r in readings if experiment.instruments[r.source[0]].is_cable_motion]
-    numbers = lengths[0].time.astype(int) if lengths else np.zeros(0, dtype=int)
-    placed = np.isfinite(position[numbers]).all(axis=1)
-    if placed.sum() < _FEWEST:
-        return
-    numbers, seen = numbers[placed], lengths[0].values[placed]
-    straight = robot.with_straight_cables()
-    taut = np.ones((len(numbers), robot.m))
-    drawn = cables_at(straight, position[numbers], rotation[numbers], taut).length
-    # Drums of any scale, with any zero.
-    told = np.empty_like(drawn)
-    for i in range(robot.m):
-        use = np.isfinite(seen[:, i])
-        if use.sum() < _FEWEST:
-            return
-        slope, zero = _robust_line(seen[use, i], drawn[use, i])
-        told[:, i] = slope * seen[:, i] + zero
-    off = np.nanmedian(np.abs(told - drawn), axis=1)
-    wrong = (off > _APART * np.median(off)) & (off > _METRES)
-    usual = np.median(position[numbers[~wrong]], axis=0)
-    for number, own in zip(numbers[wrong], told[wrong], strict=True):
-        use = np.isfinite(own)
-
-        def error(
-            where: Array, n: int = int(number), o: Array = own, u: NDArray[np.bool_] = use
-        ) -> Array:
-            at = cables_at(straight, where[None], rotation[n][None], np.ones((1, robot.m)))
-            return np.asarray((at.length[0] - o)[u])
-
-        position[number] = least_squares(error, usual, loss="soft_l1").x
-
-
-def _robust_line(x: Array, y: Array) -> tuple[float, float]:
-    """Slope and zero of a line through most of some points."""
-    spread = max(float(np.ptp(x)), 1e-9)
-    first = np.polyfit(x, y, 1)
-
-    def error(line: Array) -> Array:
-        return np.asarray(line[0] * x + line[1] - y)
-
-    scale = max(float(np.median(np.abs(error(first)))), 1e-6)
-    found = least_squares(error, first, loss="cauchy", f_scale=scale, x_scale=[1.0, spread])
-    return float(found.x[0]), float(found.x[1])
-
-
-def _in_balance(
-    experiment: Experiment, run: Run, count: int
-) -> tuple[Array, Array, NDArray[np.intp], Mapping[str, Array]] | None:
-    """Places, rotations, numbers of the poses and offsets of the lengths by which forces are in
-    balance; None: no tensions were read.
-    """
-    force = experiment.force_instrument(run)
-    if force is None or "tension" not in run.streams[force].values or count < 3:
-        return None
-    # Poses one after the other, each by itself in an instant of the first motion.
-    time = np.concatenate([[0.0], SPACING * (np.arange(count) + 0.5), [SPACING * count + 1e-6]])
-    twice = np.concatenate([[0], np.arange(count), [count - 1]])
-    streams = {
-        name: replace(
-            stream, time=time, values={key: value[twice] for key, value in stream.values.items()}
-        )
-        for name, stream in run.streams.items()
-        if name != UPRIGHT
-    }
-    moving = replace(run, streams=streams, static=False, sync={}, window=None)
-    found = first_motion(experiment, moving)
-    if found is None:
-        return None
-    number = (found.time / SPACING).astype(np.intp)
-    return found.position, found.rotation, number, found.offsets
-
-
-def _quaternions(rotation: Array) -> Array:
-    """Of rotations, w first, shape (n, 4)."""
-    return np.asarray(Rotation.from_matrix(rotation).as_quat(scalar_first=True, canonical=True))
-
-
-def _by_lengths(
-    experiment: Experiment,
-    run: Run,
-    reading: Reading,
-    position: Array,
-    rotation: Array,
-    missing: NDArray[np.bool_],
-) -> None:
-    """Put positions at which a robot as it was drawn would have the lengths; offsets of which nothing
-    is known are those of the poses that are placed already, else none.
-    """
-    robot = experiment.robot
-    numbers = reading.time.astype(int)
-
-    def drawn(where: Array, turned: Array) -> Array:
-        straight = robot.with_straight_cables()
-        length = cables_at(straight, where[None], turned[None], np.ones(robot.m)).length
-        return np.asarray(length[0])
-
-    placed = [i for i, number in enumerate(numbers) if not missing[number]]
-    offset = np.zeros(robot.m)
-    if placed:
-        apart = [
-            reading.values[i] - drawn(position[numbers[i]], rotation[numbers[i]]) for i in placed
-        ]
-        offset = np.nanmedian(apart, axis=0)
-    start = np.median(position[~missing], axis=0) if (~missing).any() else _middle(robot)
-    for i, number in enumerate(numbers):
-        if not missing[number]:
-            continue
-        seen = reading.values[i] - offset
-        use = np.isfinite(seen)
-
-        def off(where: Array, n: int = number, s: Array = seen, u: Array = use) -> Array:
-            return np.asarray((drawn(where, rotation[n]) - s)[u])
-
-        found = least_squares(off, start, loss="soft_l1")
-        position[number] = found.x
-    rest = np.isnan(position).any(axis=1)
-    position[rest] = start
-
-
-def _middle(robot: Robot) -> Array:
-    """A place among the anchors and well below the highest, [m], shape (3,): there is another answer
-    to the same lengths above them.
-    """
-    place = robot.anchors.mean(axis=0)
-    span = float(np.ptp(robot.anchors[:, :2], axis=0).max())
-    place[2] = robot.anchors[:, 2].max() - _DEPTH * span
-    return np.asarray(place)

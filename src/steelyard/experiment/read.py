@@ -52,8 +52,8 @@ def read_experiment(path: str | Path, *, poses_alone: bool = False) -> Experimen
     experiment = with_unread_cables(with_frequencies_apart(_experiment(form, robot, runs, path)))
     numbers = {run.name: i for i, run in enumerate(runs)}
     for run in experiment.runs:
-        if not (poses_alone and run.static):
-            _check_run(experiment, run, document, ("runs", numbers[run.name]))
+        weighed = not (poses_alone and run.static)
+        _check_run(experiment, run, document, ("runs", numbers[run.name]), weighed=weighed)
     if poses_alone:
         stated = form.uncertainty.model_fields_set
         kept = {key: v for key, v in experiment.uncertainty.items() if key in stated}
@@ -373,18 +373,35 @@ def _sync(
 
 
 def _check_run(
-    experiment: Experiment, run: Run, document: YamlDocument, key: tuple[str | int, ...]
+    experiment: Experiment,
+    run: Run,
+    document: YamlDocument,
+    key: tuple[str | int, ...],
+    *,
+    weighed: bool,
 ) -> None:
-    """What one run needs before anything can be estimated from it."""
+    """What one run needs before anything can be estimated from it.
+
+    Args:
+        experiment: With its instruments.
+        run: One of its runs.
+        document: The file.
+        key: Where the run stands in it.
+        weighed: Whether a body is to be told by forces, or by free swings.
+    """
     force = experiment.force_instrument(run)
     m = experiment.robot.m
-    if len(experiment.loads) > 1 and (force is None or experiment.instruments[force].stands_in(m)):
+    if (
+        weighed
+        and len(experiment.loads) > 1
+        and (force is None or experiment.instruments[force].stands_in(m))
+    ):
         raise document.error(
             key,
             f"run '{run.name}': expected forces in every run of an experiment with several loads,"
             " found none; add the forces, or identify the run in an experiment of its own",
         )
-    if force is None and not run.locked:
+    if weighed and force is None and not run.locked:
         swings = (
             ", or write 'winches: locked' where the platform swung on cables of constant length"
             if 0 < m < DIRECTIONS and not run.static
@@ -402,7 +419,7 @@ def _check_run(
             f" motion, found {'poses at rest' if run.static else 'no cable'}; remove the key",
         )
     unread = force is None or experiment.instruments[force].stands_in(m)
-    if unread and m >= DIRECTIONS:
+    if weighed and unread and m >= DIRECTIONS:
         raise document.error(
             key,
             f"run '{run.name}': expected forces, or fewer than {DIRECTIONS} cables on which the"

@@ -269,7 +269,7 @@ def _estimate(
                 method.name, "it needs a run in motion, found natural frequencies alone"
             )
         return by_frequencies(experiment, method.name)
-    if fit is None and len(experiment.loads) > 1:
+    if fit is None and experiment.loads:
         return each_alone(lambda alone: method(alone, progress), experiment)
     if fit is None or method.lack(experiment):
         return method(experiment, progress)

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from steelyard.calibration.calibrate import GeometryCalibration
-from steelyard.calibration.robot_text import COVARIANCE, robot_text
 from steelyard.estimates.named_estimate import FILE_NAME as ESTIMATE
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.output import results_folder, write_json, write_table
 from steelyard.report.blocks.document import Document
-from steelyard.report.documents.calibration import calibration_document
 from steelyard.report.documents.certificate import certificate_of
 from steelyard.report.documents.identification import document_of
 from steelyard.report.evidence.made import made_of
@@ -19,14 +16,11 @@ from steelyard.report.evidence.report_file import FILE_NAME, write_summary
 from steelyard.report.evidence.summary import Summary, summarise
 from steelyard.report.forms.markdown import markdown
 from steelyard.report.forms.page import page
-from steelyard.robot.covariance import write_covariance
 
 MOTION = "motion.parquet"
 """The fitted motion as a table that other programs read."""
 DRAWN = ("report.html", "report.md")
 """What is drawn from :data:`steelyard.report.evidence.report_file.FILE_NAME`."""
-CALIBRATED = ("robot.yaml", "calibration.json")
-"""What `calibrate` writes beside the covariance and its pages."""
 CERTIFICATE = ("certificate.html", "certificate.md")
 """One page of it, on request."""
 
@@ -83,30 +77,6 @@ def draw_report(summary: Summary, folder: Path) -> None:
 def draw_certificate(summary: Summary, folder: Path) -> None:
     """Write ``certificate.html`` and ``certificate.md``."""
     write_document(certificate_of(summary), folder, "certificate")
-
-
-def write_calibration(
-    found: GeometryCalibration, folder: str | Path, *, force: bool = False
-) -> Path:
-    """Write the robot file, its covariance, ``calibration.json`` and the report; all or nothing.
-
-    Args:
-        found: As :func:`steelyard.calibrate` gives it.
-        folder: New or empty.
-        force: Whether to replace files of the same names.
-
-    Returns:
-        The path of the robot file.
-
-    Raises:
-        InputError: The folder cannot be written to, or has files.
-    """
-    with results_folder(Path(folder), force=force) as fresh:
-        (fresh / CALIBRATED[0]).write_text(robot_text(found), encoding="utf-8", newline="\n")
-        write_covariance(found.covariance, found.robot.m, fresh / COVARIANCE)
-        write_json(found.to_dict(), fresh / CALIBRATED[1])
-        write_document(calibration_document(found), fresh, "calibration")
-    return Path(folder) / CALIBRATED[0]
 
 
 def write_document(document: Document, folder: Path, name: str) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
@@ -33,6 +32,8 @@ def write_covariance(covariance: Array, m: int, path: Path) -> None:
         m: Number of cables.
         path: Of the table.
     """
+    import polars as pl
+
     names = names_of(m)
     columns = {"": names, **dict(zip(names, np.asarray(covariance).T.tolist(), strict=True))}
     with path.open("wb") as file:
@@ -51,6 +52,8 @@ def read_covariance(path: Path, m: int) -> Array:
     Raises:
         InputError: It is not there, or is no such table, or no covariance.
     """
+    import polars as pl
+
     try:
         table = pl.read_csv(path, n_rows=_MOST_ROWS)
     except (OSError, pl.exceptions.PolarsError) as error:

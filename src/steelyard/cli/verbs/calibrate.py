@@ -28,7 +28,7 @@ def calibrate(experiment: Path, out: Path | None, force: bool, as_json: bool, qu
     from steelyard.experiment.read import read_experiment
     from steelyard.output import check_target
     from steelyard.report.documents.calibration import calibration_document
-    from steelyard.report.write import write_calibration
+    from steelyard.report.write_calibration import write_calibration
 
     if out is not None:
         check_target(out, force=force)

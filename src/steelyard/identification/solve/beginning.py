@@ -213,8 +213,8 @@ def motion_task(readings: Readings) -> Task:
         experiment,
         parameters,
         (None,) * len(segments),
-        _read_by(experiment, parameters, segments),
-        _stated(experiment),
+        read_by(experiment, parameters, segments),
+        stated_noise(experiment),
         plausible(np.ones(TEN), plausible_radius(experiment.robot)),
         least=least,
         settings=readings.settings,
@@ -336,12 +336,19 @@ def _motion(
     return motion, found, lost
 
 
-def _read_by(
+def read_by(
     experiment: Experiment,
     calibration_parameters: CalibrationParameters,
     segments: Sequence[Segment],
 ) -> NDArray[np.bool_]:
-    """Calibration parameters that act on the readings of the motion and are not known exactly, shape (u,)."""
+    """Calibration parameters that act on the readings of the motion and are not known exactly, shape
+    (u,).
+
+    Args:
+        experiment: With its instruments.
+        calibration_parameters: All there are.
+        segments: With the readings.
+    """
     active = np.zeros(len(calibration_parameters), dtype=bool)
     for segment in segments:
         for reading in segment.readings:
@@ -359,9 +366,12 @@ def _read_by(
     return active & (calibration_parameters.deviation > 0)
 
 
-def _stated(experiment: Experiment) -> frozenset[Source]:
+def stated_noise(experiment: Experiment) -> frozenset[Source]:
     """Quantities whose noise is stated; that of a command that stands in for a measurement is no
     noise, and is not asked for either.
+
+    Args:
+        experiment: With its instruments.
     """
     return frozenset(
         (name, quantity.name + rest)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from steelyard.calibration.poses import UPRIGHT
+from steelyard.calibration.first_poses import UPRIGHT
 from steelyard.digits import number
 from steelyard.report.blocks.document import (
     Block,
