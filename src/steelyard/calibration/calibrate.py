@@ -51,6 +51,12 @@ class GeometryCalibration:
         return {key: geometry[f"{key}s"].reshape(-1, 3) for key in POINTS}
 
     @property
+    def moved(self) -> dict[str, Array]:
+        """Found less drawn, of ``anchor`` and ``attachment`` [m], shape (m, 3) each."""
+        drawn = _points_of(self.experiment.robot)
+        return {key: value - drawn[key] for key, value in self.points.items()}
+
+    @property
     def robot(self) -> Robot:
         """The robot with these."""
         points = self.points
@@ -63,7 +69,7 @@ class GeometryCalibration:
         """Whether the frames of anchors and attachments are tied."""
         robot, parameters = self.experiment.robot, self.found.parameters
         frames = {"anchor": "world frame", "attachment": "platform frame"}
-        drawn = {"anchor": robot.anchors, "attachment": robot.attachments}
+        drawn = _points_of(robot)
         result = {}
         for key, frame in frames.items():
             place = parameters.places[ROBOT, key, None]
@@ -96,9 +102,7 @@ class GeometryCalibration:
         With what is uncertain about frames that nothing ties: where sensors sit is told in the same
         platform frame, and there it matters.
         """
-        parameters = self.found.parameters
-        places = [parameters.places[ROBOT, key, None] for key in POINTS]
-        use = np.concatenate([np.arange(p.start, p.stop) for p in places])
+        use = self.found.parameters.of_geometry
         whole = self.found.covariance[np.ix_(use, use)]
         return np.asarray((whole + whole.T) / 2)
 
@@ -116,7 +120,7 @@ class GeometryCalibration:
             for i, j in zip(*np.nonzero(~told), strict=True)
         ]
         parameters = self.found.parameters
-        sigma = np.sqrt(np.maximum(np.diag(self.found.covariance), 0.0))
+        sigma = self.found.deviations
         for place, entry, i in parameters.components():
             searched = entry.key in {"gain", "offset"} and entry.owner != ROBOT
             before = entry.deviation[i]
@@ -138,7 +142,7 @@ class GeometryCalibration:
         rms[there] = np.sqrt(np.nanmean(square[:, there], axis=0))
         return rms
 
-    @property
+    @cached_property
     def reasons(self) -> list[str]:
         """Why not to rely on it; none where it can be."""
         reasons = []
@@ -181,8 +185,7 @@ class GeometryCalibration:
     def _off(self) -> Array:
         """Moves of the points over their 1-sigma beforehand, shape (6 m,); exact ones do not move."""
         parameters = self.found.parameters
-        places = [parameters.places[ROBOT, key, None] for key in POINTS]
-        use = np.concatenate([np.arange(p.start, p.stop) for p in places])
+        use = parameters.of_geometry
         moved = (self.found.calibration.values - parameters.mean)[use]
         before = parameters.deviation[use]
         return np.where(before > 0, moved / np.where(before > 0, before, 1.0), 0.0)
@@ -210,12 +213,12 @@ class GeometryCalibration:
             f"{key}s": {
                 "value": plain(np.where(told[key], value, np.nan)),
                 "standard_deviation": plain(np.where(told[key], deviations[key], np.nan)),
-                "moved": plain(value - getattr(self.experiment.robot, f"{key}s")),
+                "moved": plain(self.moved[key]),
             }
             for key, value in self.points.items()
         }
         one_out, body = self.leave_one_out, self.body
-        sigma = np.sqrt(np.maximum(np.diag(self.found.covariance), 0.0))
+        sigma = self.found.deviations
         return {
             "format": FORMAT,
             "experiment": self.experiment.name,
@@ -269,6 +272,11 @@ class GeometryCalibration:
             head=("", "", "x", "y", "z"),
             sentences=(*self.reasons, *(str(each) for each in self.found.wrong)),
         )
+
+
+def _points_of(robot: Robot) -> dict[str, Array]:
+    """Anchors and attachments as they were drawn."""
+    return {"anchor": robot.anchors, "attachment": robot.attachments}
 
 
 def calibrate(

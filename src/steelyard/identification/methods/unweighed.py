@@ -31,8 +31,8 @@ def found_geometry(found: Posterior) -> FoundGeometry | None:
     robot = experiment.robot
     values = np.array([found.calibration.values[place].reshape(-1, 3) for place in own])
     # Of the ten, then of anchors and attachments.
-    columns = [np.arange(TEN), *(TEN + np.arange(p.start, p.stop) for p in own)]
-    use = np.concatenate(columns)
+    geometry = found.calibration.calibration_parameters.of_geometry
+    use = np.concatenate([np.arange(TEN), TEN + geometry])
     joint = found.solution.covariance[np.ix_(use, use)]
     jacobian = np.zeros((len(use) - 1, len(use)))
     body = Inertia.from_parameters(found.parameters).body_parameters

@@ -23,6 +23,7 @@ from steelyard.inertia import TEN
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT, Term
 from steelyard.instruments.tension import CROSSTALK
+from steelyard.robot.covariance import POINTS
 from steelyard.robot.surroundings import HOSE
 
 ROBOT = "robot"
@@ -176,6 +177,12 @@ class CalibrationParameters:
         """1-sigma, shape (u,)."""
         return np.concatenate([u.deviation for u in self.entries])
 
+    @property
+    def of_geometry(self) -> NDArray[np.intp]:
+        """Places of anchors, then attachments, shape (6 m,)."""
+        places = [self.places[ROBOT, key, None] for key in POINTS]
+        return np.concatenate([np.arange(p.start, p.stop) for p in places], dtype=np.intp)
+
     @cached_property
     def precision(self) -> Array:
         """Inverse of the covariance beforehand, zero for exact ones, shape (u, u)."""
@@ -183,8 +190,7 @@ class CalibrationParameters:
         found = np.diag(np.where(free, 1 / np.where(free, self.deviation, 1.0) ** 2, 0.0))
         if self.geometry is None:
             return found
-        places = [self.places[ROBOT, key, None] for key in ("anchor", "attachment")]
-        use = np.concatenate([np.arange(place.start, place.stop) for place in places])
+        use = self.of_geometry
         found[np.ix_(use, use)] = np.linalg.inv(self.geometry + _FRAME**2 * np.eye(len(use)))
         return found
 
@@ -352,7 +358,7 @@ def gather(experiment: Experiment) -> CalibrationParameters:
     }
     if robot.covariance is not None:
         calibrated = np.sqrt(np.maximum(np.diag(robot.covariance), 0.0) + _FRAME**2)
-        deviations |= zip(("anchor", "attachment"), np.split(calibrated, 2), strict=True)
+        deviations |= zip(POINTS, np.split(calibrated, 2), strict=True)
     for key, unit, value in (
         ("anchor", "m", robot.anchors.ravel()),
         ("attachment", "m", robot.attachments.ravel()),
@@ -366,7 +372,7 @@ def gather(experiment: Experiment) -> CalibrationParameters:
     entries.append(CalibrationParameter(ROBOT, DRAG, None, "1", share, share))
     entries += _surroundings(experiment)
     entries += _further_loads(experiment)
-    keys = {load.name: f"{LOAD}.{load.name}" for load in experiment.loads[1:]}
+    keys = {load.name: _load_key(load) for load in experiment.loads[1:]}
     carried = {
         run.name: keys[load.name]
         for run in experiment.runs
@@ -377,7 +383,12 @@ def gather(experiment: Experiment) -> CalibrationParameters:
 
 def load_place(parameters: CalibrationParameters, load: Load) -> slice:
     """Where it stands by how much a further load differs from the first."""
-    return parameters.places[ROBOT, f"{LOAD}.{load.name}", None]
+    return parameters.places[ROBOT, _load_key(load), None]
+
+
+def _load_key(load: Load) -> str:
+    """Under which it stands by how much a further load differs from the first."""
+    return f"{LOAD}.{load.name}"
 
 
 def _further_loads(experiment: Experiment) -> Iterator[CalibrationParameter]:
@@ -390,8 +401,7 @@ def _further_loads(experiment: Experiment) -> Iterator[CalibrationParameter]:
     mass, size = max([*known, *drawn, weighs, 1e-9]), plausible_radius(experiment.robot)
     wide = _ANY_LOAD * np.array([mass, *[mass * size] * 3, *[mass * size**2] * 6])
     for load in experiment.loads[1:]:
-        key = f"{LOAD}.{load.name}"
-        yield CalibrationParameter(ROBOT, key, None, "", np.zeros(TEN), wide)
+        yield CalibrationParameter(ROBOT, _load_key(load), None, "", np.zeros(TEN), wide)
 
 
 def _surroundings(experiment: Experiment) -> Iterator[CalibrationParameter]:

@@ -43,13 +43,16 @@ class Bound:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def bound_of(value: Array, covariance: Array) -> Bound:
-    """Bound of a covariance over the ten linear parameters and all systematic errors.
+def bound_of(value: Array, covariance: Array, bias: Array) -> Bound:
+    """Bound of a solution over the ten linear parameters and all systematic errors: its covariance
+    without what was added for a bias.
 
     Args:
         value: The ten, and what follows them, shape (10 + u,).
         covariance: Shape (10 + u, 10 + u).
+        bias: That has been taken off, shape (10 + u,).
     """
+    covariance = covariance - np.outer(bias, bias)
     J = body_jacobian(value[:TEN])
     return Bound(np.asarray(J @ covariance[:TEN, :TEN] @ J.T), covariance[TEN:, TEN:])
 

@@ -12,7 +12,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.estimates.estimate import plausible_radius
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment, Load, Run
 from steelyard.identification.known_body import plausible
 from steelyard.identification.model.balance import Balance, Forces, balance_of, regressor_at
 from steelyard.identification.model.calibration_parameters import ROBOT, load_place
@@ -28,7 +28,7 @@ from steelyard.identification.model.segment import NormalEquations, Rows
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.beginning import NoBalanceError, Readings
-from steelyard.identification.solve.bound import Bound, bound_of
+from steelyard.identification.solve.bound import bound_of
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.normal_equations import (
     Blocks,
@@ -180,8 +180,7 @@ def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
     bias[estimated] = np.sum(biases, axis=0) if biases else 0.0
     loads = _further_loads(experiment, found.state, equations, radius)
     first = experiment.loads[0] if experiment.loads else None
-    own = [each for run, each in equations.items() if experiment.load_of(run) is first]
-    noise = np.sum([each.noise for each in own], axis=0) if own else np.zeros((TEN, TEN))
+    noise = _noise(experiment, first, equations)
     solution = solve(
         replace(total, noise=noise), prior, estimated, size, bias, task.settings, loads
     )
@@ -200,7 +199,7 @@ def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
         prior=prior,
         solution=solution,
         blocks=blocks,
-        bound=_bound(solution),
+        bound=bound_of(solution.value, solution.covariance, solution.bias),
         weights=_weights(parts, fitted.held_out),
         motion=(),
         contacts={name: tuple(each) for name, each in fitted.contacts.items() if each},
@@ -232,16 +231,23 @@ def _further_loads(
     for load in experiment.loads[1:]:
         place = load_place(state.calibration.calibration_parameters, load)
         value = state.calibration.values[place]
-        own = [each.noise for run, each in equations.items() if experiment.load_of(run) is load]
         found.append(
             FurtherLoad(
                 TEN + np.arange(place.start, place.stop, dtype=np.intp),
                 value,
-                np.sum(own, axis=0) if own else np.zeros((TEN, TEN)),
+                _noise(experiment, load, equations),
                 plausible(state.parameters + value, radius),
             )
         )
     return found
+
+
+def _noise(
+    experiment: Experiment, load: Load | None, equations: Mapping[str, BorderEquations]
+) -> Array:
+    """What a motion of nothing but noise would tell of a load in its runs, shape (10, 10)."""
+    own = [each.noise for run, each in equations.items() if experiment.load_of(run) is load]
+    return np.sum(own, axis=0) if own else np.zeros((TEN, TEN))
 
 
 def _whole(state: FitState, chunks: Sequence[FittedStretch], solution: Solution) -> FitState:
@@ -382,12 +388,6 @@ def _motion_ratios(fitted: Fitted, forces: frozenset[Source]) -> dict[Source, fl
             fit.state.factors.get(source, 1.0) if stated else 1.0
         )
     return found
-
-
-def _bound(solution: Solution) -> Bound:
-    """What can be known at best: without what was added for a bias."""
-    covariance = solution.covariance - np.outer(solution.bias, solution.bias)
-    return bound_of(solution.value, covariance)
 
 
 def _weights(parts: Sequence[SegmentEquations], held_out: frozenset[str]) -> dict[str, Array]:

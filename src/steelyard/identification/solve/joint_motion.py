@@ -99,7 +99,8 @@ def _posterior(readings: Readings, tell: Tell) -> Posterior:
         if found.fit is before.fit:
             # Nothing is asked for, and would not be a second time.
             break
-    found = _with_tensions_of_the_end(found)
+    # Gains that were far off then have stretched cables by what they do not.
+    found = _seen_with_tensions(found, _SAME_TENSION)
     tell("how well it is known", 0.85)
     return concluded([stretch_of(readings, found)])
 
@@ -159,10 +160,7 @@ def _fitted(
         state = fit(replace(task, active=active), state).state
     fitted = _cut(readings, begun, task, state, tell, vibrations)
     if fitted.fit.converged:
-        followed = _with_tensions(fitted)
-        if followed is fitted:
-            return fitted
-        return replace(followed, fit=fit(followed.task, followed.fit.state))
+        return _seen_with_tensions(fitted, 0.0)
     # Noise that is not stated and what nothing explains pull at each other: first the one, by a
     # noise that is left as it is, then both.
     tell("what nothing explains", 0.6)
@@ -211,9 +209,9 @@ def _with_tensions(fitted: Fitted) -> Fitted:
     return replace(fitted, fit=replace(fitted.fit, state=state))
 
 
-def _with_tensions_of_the_end(fitted: Fitted) -> Fitted:
-    """Once more where tensions have moved since lengths were seen with them: gains that were far off
-    then have stretched the cables by what they do not.
+def _seen_with_tensions(fitted: Fitted, least: float) -> Fitted:
+    """Fitted again, lengths being seen with tensions as they are by now; the very same where none has
+    moved by more than a part of the usual one.
     """
     followed = _with_tensions(fitted)
     if followed is fitted:
@@ -228,7 +226,7 @@ def _with_tensions_of_the_end(fitted: Fitted) -> Fitted:
     ]
     moved = max(float(np.max(np.abs(new - old), initial=0.0)) for new, old in pairs)
     usual = max(float(np.median(np.abs(new))) for new, _ in pairs)
-    if moved < _SAME_TENSION * usual:
+    if moved < least * usual:
         return fitted
     return replace(followed, fit=fit(followed.task, followed.fit.state))
 

@@ -116,6 +116,19 @@ class FurtherLoad(NamedTuple):
     scale: Array
     """Plausible size of its ten, shape (10,)."""
 
+    def change(self, size: int, own: NDArray[np.intp]) -> Array:
+        """The border as it follows one with this load in place of the first, which is the sum of it
+        and the negative difference then, shape (k, k).
+
+        Args:
+            size: Columns k.
+            own: Of them those of the difference, shape (10,).
+        """
+        found = np.eye(size)
+        found[np.arange(TEN), own] = 1.0
+        found[own, own] = -1.0
+        return found
+
 
 def summed(parts: Sequence[BorderEquations]) -> BorderEquations:
     """Normal equations of several runs."""
@@ -194,11 +207,7 @@ def _of_load(
         load: Whose directions.
         settings: With what is identifiable.
     """
-    own = np.searchsorted(use, load.columns)
-    # With this load in place of the first, the first is the sum of it and the negative difference.
-    change = np.eye(len(use))
-    change[np.arange(TEN), own] = 1.0
-    change[own, own] = -1.0
+    change = load.change(len(use), np.searchsorted(use, load.columns))
     return weak_directions(change.T @ normal @ change, load.noise, load.scale, settings)
 
 

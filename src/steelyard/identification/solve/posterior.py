@@ -179,12 +179,8 @@ class Posterior:
         if load is self.experiment.loads[0]:
             return self
         further = self.further_loads[self.experiment.loads.index(load) - 1]
-        own = further.columns
         k = len(self.solution.value)
-        # The first is the sum of it and of the negative difference.
-        change = np.eye(k)
-        change[np.arange(TEN), own] = 1.0
-        change[own, own] = -1.0
+        change = further.change(k, further.columns)
         # Right-hand sides are of the ten as they are and of all else from where it was linearised.
         there = np.zeros(k)
         there[:TEN] = further.value
@@ -216,7 +212,6 @@ class Posterior:
             self.blocks.run,
         )
         known = self.experiment.of_load(load)
-        bound = solution.covariance - np.outer(solution.bias, solution.bias)
         return replace(
             self,
             experiment=known,
@@ -225,7 +220,7 @@ class Posterior:
             solution=solution,
             blocks=blocks,
             by_source={s: change.T @ each @ change for s, each in self.by_source.items()},
-            bound=bound_of(value, bound),
+            bound=bound_of(value, solution.covariance, solution.bias),
             load=load,
         )
 

@@ -12,6 +12,7 @@ from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import TEN, body_jacobian
 from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.natural_frequencies.information import frequency_information
+from steelyard.robot.covariance import POINTS
 
 
 def priors_share(posterior: Posterior) -> Array:
@@ -75,8 +76,7 @@ def variance_shares(posterior: Posterior) -> dict[str, Array]:
     prior = posterior.prior.precision
     calibration = posterior.calibration.calibration_parameters
     if calibration.geometry is not None:
-        places = [calibration.places[ROBOT, key, None] for key in ("anchor", "attachment")]
-        use = TEN + np.concatenate([np.arange(p.start, p.stop) for p in places])
+        use = TEN + calibration.of_geometry
         block = np.zeros_like(prior)
         block[np.ix_(use, use)] = prior[np.ix_(use, use)]
         shares["geometry of the cables"] = of(block)
@@ -95,7 +95,7 @@ def variance_shares(posterior: Posterior) -> dict[str, Array]:
 
 _MOTION = "smoothness of the motion"
 _BODY = "the body beforehand"
-_GEOMETRY = frozenset({"anchor", "attachment"})
+_GEOMETRY = frozenset(POINTS)
 _OF_ROLLERS = frozenset({"friction", "presliding", "viscous"})
 _OF_GAINS = frozenset({"gain", "common_gain", "crosstalk"})
 _OF_CLOCKS = frozenset({"delay", TIME_CONSTANT})

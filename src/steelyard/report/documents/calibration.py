@@ -40,7 +40,7 @@ def _lead(found: GeometryCalibration) -> Statement:
     if found.reasons:
         return Statement(f"Not accepted: {'; '.join(found.reasons)}.", "bad")
     sigma = np.concatenate([each[found.told[key]] for key, each in found.deviations.items()])
-    moved = [np.linalg.norm(each, axis=1).max() for each in _moved(found).values()]
+    moved = [np.linalg.norm(each, axis=1).max() for each in found.moved.values()]
     said = (
         f"1-sigma of a coordinate {_MM * np.median(sigma):.2g} mm in the median"
         if sigma.size
@@ -51,13 +51,6 @@ def _lead(found: GeometryCalibration) -> Statement:
         f" {_MM * moved[1]:.3g} mm; {said}: accepted."
     )
     return Statement(text, "good")
-
-
-def _moved(found: GeometryCalibration) -> dict[str, np.ndarray]:
-    """Found less drawn, of anchors and attachments [m], shape (m, 3) each."""
-    robot = found.experiment.robot
-    drawn = {"anchor": robot.anchors, "attachment": robot.attachments}
-    return {key: value - drawn[key] for key, value in found.points.items()}
 
 
 def _result(found: GeometryCalibration) -> list[Block]:
@@ -95,7 +88,7 @@ def _result(found: GeometryCalibration) -> list[Block]:
 def _others(found: GeometryCalibration) -> Grid:
     """Calibration parameters of the instruments."""
     parameters = found.found.parameters
-    sigma = np.sqrt(np.maximum(np.diag(found.found.covariance), 0.0))
+    sigma = found.found.deviations
     rows = tuple(
         (
             parameters.names[place],
@@ -113,7 +106,7 @@ def _others(found: GeometryCalibration) -> Grid:
 def _moves(found: GeometryCalibration) -> list[Block]:
     """Moves of the points as bars."""
     data, rows = [], []
-    for key, moved in _moved(found).items():
+    for key, moved in found.moved.items():
         names = [f"{key} {i + 1}" for i in range(len(moved))]
         for axis, column in zip(_AXES, moved.T, strict=True):
             data.append(
