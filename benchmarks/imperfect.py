@@ -18,7 +18,7 @@ from recordings import SHARED, chi_square
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import Identification, identify
-from steelyard.identification.methods.unstated import found_errors
+from steelyard.identification.methods.from_posterior.unstated import found_errors
 from steelyard.inertia import Inertia
 
 _PLACES = SHARED / "rough-robots", Path(__file__).parents[1] / "tests" / "data" / "rough-robots"

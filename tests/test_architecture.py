@@ -42,6 +42,7 @@ INNER = {
         {"model"},
         {"samples"},
         {"solve"},
+        {"recursive"},
         {"verdict"},
         {"methods"},
         {"settings", "force_clock", "identify", "residuals", "synchronisation"},

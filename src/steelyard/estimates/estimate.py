@@ -23,11 +23,11 @@ FORMAT = "steelyard-estimate/1"
 BEST_FIRST = (
     "maximum-likelihood",
     "consistent",
+    "recursive",
     "least-squares",
     "instrumental-variables",
     "two-step",
     "force-free",
-    "recursive",
 )
 """Which estimate is the ``result`` where several ran."""
 

@@ -18,7 +18,7 @@ from steelyard.estimates.estimate import (
 )
 from steelyard.experiment.model import Experiment
 from steelyard.identification.known_body import known_body, plausible
-from steelyard.identification.methods.unweighed import up_to_mass
+from steelyard.identification.methods.from_posterior.unweighed import up_to_mass
 from steelyard.identification.verdict.seen_frequencies import of_frequencies
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import Inertia, body_jacobian

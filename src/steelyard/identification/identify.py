@@ -31,6 +31,7 @@ from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.loads import drawn, each_alone
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.method import Fit, Method
+from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.model.fitted_motion import FittedMotion
 from steelyard.identification.solve.beginning import NoBalanceError
@@ -47,6 +48,7 @@ AVAILABLE: dict[str, Callable[[], Method]] = {
     "least-squares": LeastSquares,
     "instrumental-variables": InstrumentalVariables,
     "consistent": Consistent,
+    "recursive": Recursive,
     "maximum-likelihood": MaximumLikelihood,
 }
 """Methods of this version by name, with their default settings."""
@@ -178,7 +180,8 @@ def identify(
     Args:
         experiment: With at least one run.
         methods: Estimators or names of them (``two-step``, ``force-free``, ``least-squares``,
-            ``instrumental-variables``, ``consistent``, ``maximum-likelihood``, ``all``); none: the
+            ``instrumental-variables``, ``consistent``, ``recursive``, ``maximum-likelihood``,
+            ``all``); none: the
             best there is, with the two steps of the paper beside it, or ``force-free`` where no
             force is read.
         progress: Is told what is being done and the fraction that is done.

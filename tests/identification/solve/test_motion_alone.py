@@ -14,10 +14,10 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
     gather,
 )
+from steelyard.identification.samples.segmentation import recorded
 from steelyard.identification.solve.beginning import motion_task, read
 from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.joint_fit import fit as fit_motion
-from steelyard.identification.solve.segmentation import recorded
 from steelyard.instruments import Attitude, Pose
 from steelyard.robot.file import read_robot
 from steelyard.simulation.forward_dynamics import CablePlatform

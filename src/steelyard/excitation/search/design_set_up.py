@@ -34,8 +34,8 @@ from steelyard.excitation.settings import DesignSettings
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import CalibrationParameters
 from steelyard.identification.model.motion_residuals import Segment, jerk_matrices
+from steelyard.identification.samples.segmentation import resampled
 from steelyard.identification.solve.posterior import Posterior
-from steelyard.identification.solve.segmentation import resampled
 from steelyard.inertia import Inertia
 from steelyard.motion.trajectory import multisine
 from steelyard.robot.model import Robot

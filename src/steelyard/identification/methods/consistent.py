@@ -18,7 +18,7 @@ from steelyard.bodies.mass_region import Box, Ellipsoid
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
 from steelyard.identification.known_body import plausible
-from steelyard.identification.methods.finished import finished
+from steelyard.identification.methods.from_posterior.finished import finished
 from steelyard.identification.methods.method import PosteriorMethod
 from steelyard.identification.solve.normal_equations import BorderEquations
 from steelyard.identification.solve.normal_equations import solve as solve_linear

@@ -26,9 +26,9 @@ from steelyard.estimates.estimate import (
 )
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.unread import is_unread
+from steelyard.identification.methods.from_posterior.unweighed import up_to_mass
 from steelyard.identification.methods.linear import block_sums, covariance_of, solve
 from steelyard.identification.methods.settings import TWO_STEP, TwoStepSettings
-from steelyard.identification.methods.unweighed import up_to_mass
 from steelyard.identification.samples.preparation import Samples, prepare
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.inertia import Inertia, body_jacobian

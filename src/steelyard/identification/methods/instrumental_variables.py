@@ -21,7 +21,7 @@ from steelyard.arrays import Array
 from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.known_body import plausible
-from steelyard.identification.methods.finished import finished
+from steelyard.identification.methods.from_posterior.finished import finished
 from steelyard.identification.methods.method import PosteriorMethod
 from steelyard.identification.model.balance import Forces, regressor_at
 from steelyard.identification.model.force_residuals import WhitenedBalance, whitened_balance

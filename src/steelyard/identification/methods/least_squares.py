@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from steelyard.estimates.estimate import Estimate
-from steelyard.identification.methods.finished import finished
+from steelyard.identification.methods.from_posterior.finished import finished
 from steelyard.identification.methods.method import PosteriorMethod
 from steelyard.identification.solve.posterior import Posterior
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -285,6 +285,20 @@ class Tally:
     cost: float = 0.0
     """Of all numbers, those that stand far counted as Huber does."""
 
+    def include(self, other: Tally) -> None:
+        """Add what another has counted."""
+        for own, further in (
+            (self.square, other.square),
+            (self.count, other.count),
+            (self.far, other.far),
+        ):
+            for label, value in further.items():
+                own[label] = own.get(label, 0) + value  # type: ignore[assignment]
+        for label, (square, numbers) in other.held.items():
+            whole, count = self.held.get(label, (0.0, 0.0))
+            self.held[label] = (whole + square, count + numbers)
+        self.cost += other.cost
+
     def add(self, label: Source, size: Array, weight: Array, each: int) -> None:
         """Count residuals.
 
@@ -309,6 +323,7 @@ class Tally:
         self.cost += float(np.sum(size**2 * weight * (2 - weight)))
 
 
+@cache
 def limit(k: int) -> float:
     """Length of a whitened residual of k numbers beyond which it stands far."""
     return float(np.sqrt(chi2.ppf(1 - _FAR, k)))

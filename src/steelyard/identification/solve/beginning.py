@@ -40,11 +40,11 @@ from steelyard.identification.samples.first_motion import (
     with_first_motion,
 )
 from steelyard.identification.samples.preparation import Samples, prepare, with_every_cable
+from steelyard.identification.samples.segmentation import Recorded, recorded
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.misfits.lost_readings import without_lost
-from steelyard.identification.solve.segmentation import Recorded, recorded
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.inertia import TEN
 

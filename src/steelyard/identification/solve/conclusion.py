@@ -10,28 +10,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.dynamics import platform_regressor
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment, Load, Run
 from steelyard.identification.known_body import plausible
-from steelyard.identification.model.balance import Balance, Forces, balance_of, regressor_at
+from steelyard.identification.model.balance import Balance, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import ROBOT, load_place
 from steelyard.identification.model.fitted_motion import FittedMotion, fitted_motion
-from steelyard.identification.model.force_residuals import WhitenedBalance, whitened_balance
 from steelyard.identification.model.motion_residuals import (
     AT_REST,
     Segment,
-    Tally,
-    motion_residuals,
 )
-from steelyard.identification.model.segment import NormalEquations, Rows
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.beginning import NoBalanceError, Readings
 from steelyard.identification.solve.bound import bound_of
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.normal_equations import (
-    Blocks,
     BorderEquations,
     FurtherLoad,
     Solution,
@@ -41,12 +35,9 @@ from steelyard.identification.solve.normal_equations import (
     together,
 )
 from steelyard.identification.solve.posterior import Posterior, prior_of
-from steelyard.identification.solve.settings import FitSettings
+from steelyard.identification.solve.segment_equations import SegmentEquations, segment_equations
 from steelyard.inertia import TEN
 from steelyard.smoothing import DEGREE
-
-_LOOKED_AT = 500
-"""Samples that show how much noise the fitted motion has in the regressor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,26 +75,6 @@ class Fitted:
             )
             for segment, forces in zip(state.segments, self.force_samples, strict=True)
         )
-
-
-@dataclass(frozen=True, eq=False)
-class SegmentEquations:
-    """One segment with its equations."""
-
-    segment: Segment
-    force_samples: Forces
-    balances: tuple[Balance, ...]
-    """Some samples at a time."""
-    weight: Array
-    """Of every sample, shape (n,)."""
-    equations: BorderEquations
-    blocks: Blocks
-    by_source: Mapping[Source, Array]
-    """Quantity -> part of the normal matrix that its readings bring, shape (k, k)."""
-    covariance: Array
-    """Of the coefficients of the motion, lower banded form, shape (42, N)."""
-    followed: Array
-    """How these follow the border, with the opposite sign, shape (N, k)."""
 
 
 def sound(posterior: Callable[[], Posterior]) -> Posterior:
@@ -281,68 +252,19 @@ def _parts(fitted: Fitted) -> Sequence[SegmentEquations]:
     count = len(found.state.segments)
     motions = found.motions or (None,) * count
     return [
-        _part(fitted, segment, forces, motion, names.index(segment.run))
+        segment_equations(
+            task,
+            found.state,
+            segment,
+            forces,
+            motion,
+            run=names.index(segment.run),
+            looked_at=segment.run not in fitted.held_out,
+        )
         for segment, forces, motion in zip(
             found.state.segments, fitted.force_samples, motions, strict=True
         )
     ]
-
-
-def _part(
-    fitted: Fitted,
-    segment: Segment,
-    forces: Forces,
-    motion: Array | None,
-    run: int,
-) -> SegmentEquations:
-    """Equations of one segment over all columns of the border."""
-    task, state = fitted.task, fitted.fit.state
-    assert state.parameters is not None
-    border = TEN + len(task.calibration_parameters)
-    column_of = TEN + np.arange(len(task.calibration_parameters), dtype=np.intp)
-    shared = task.experiment, segment
-    balances = tuple(
-        whitened_balance(
-            *shared,
-            part,
-            state.calibration,
-            column_of,
-            state.parameters,
-            state.factors,
-            Tally(),
-            motion,
-        )
-        for part in forces.parts()
-    )
-    rows = list(motion_residuals(*shared, state.calibration, column_of, state.factors, Tally()))
-    looked_at = segment.run not in fitted.held_out
-    if looked_at:
-        rows += [part for each in balances for part in each.rows]
-    every = segment.smooth(segment.equations(border, rows))
-    normal, gradient = every.reduced()
-    at = np.concatenate([state.parameters, np.zeros(border - TEN)])
-    covariance = every.inverse if motion is None else motion
-    noise = np.zeros((TEN, TEN))
-    if looked_at and not segment.static:
-        noise = (
-            _left_noise(fitted, segment, balances, every)
-            if motion is None
-            else _regressor_noise(segment, balances, covariance, border, state.calibration.gravity)
-        )
-    freedom = float(np.sum(~forces.touched)) * looked_at
-    equations = BorderEquations(normal, gradient + normal @ at, noise, freedom)
-    blocks, by_source = _blocks(segment, rows, every, state.parameters, run, task.settings)
-    return SegmentEquations(
-        segment,
-        forces,
-        tuple(each.at for each in balances),
-        np.concatenate([each.root**2 for each in balances]),
-        equations,
-        blocks,
-        by_source,
-        covariance,
-        every.followed,
-    )
 
 
 def _by_run(parts: Sequence[SegmentEquations]) -> dict[str, BorderEquations]:
@@ -418,123 +340,6 @@ def _motion_of(part: SegmentEquations, state: FitState, border: Array) -> Fitted
     own = parameters.place(segment.reference, "delay", segment.run)
     delay = float((state.calibration.values[own] - parameters.mean[own])[0])
     return replace(motion, time=motion.time - delay)
-
-
-def _regressor_noise(
-    segment: Segment,
-    balances: Sequence[WhitenedBalance],
-    covariance: Array,
-    border: int,
-    gravity: Array,
-) -> Array:
-    """Mean product of the noise in the regressor with itself, summed over the samples: what a
-    motion of nothing but noise would tell, shape (10, 10).
-
-    A direction of the ten is identifiable where its information exceeds it. (Where nothing turns it
-    has a third of that, for what the motion takes of it; in a single move from rest to rest, which
-    tells the moments to a quarter, twice as much.)
-    """
-    count = sum(len(each.at.time) for each in balances)
-    few = slice(None, None, -(-count // _LOOKED_AT))
-    time = np.concatenate([each.at.time for each in balances])[few]
-    whitener = np.concatenate([each.at.whitener for each in balances])[few]
-    motion = {
-        key: np.concatenate([each.at.motion[key] for each in balances])[few]
-        for key in ("specific_force", "omega", "alpha")
-    }
-    followed = np.zeros((covariance.shape[1], border))
-    nothing = np.zeros((border, border))
-    sigma = fitted_motion(segment, covariance, followed, nothing, time).sigma
-    level = {name: float(np.sqrt(np.mean(each**2))) for name, each in sigma.items()}
-    by_tilt = np.linalg.norm(gravity) * level["rotation"]
-    noisy = {
-        "omega": level["angular_velocity"],
-        "alpha": level["angular_acceleration"],
-        "specific_force": float(np.hypot(level["acceleration"], by_tilt)),
-    }
-    rng = np.random.default_rng(0)
-    moved = {key: rng.standard_normal(each.shape) * noisy[key] for key, each in motion.items()}
-    there, back = (
-        platform_regressor(*(motion[key] + sign * each for key, each in moved.items()))
-        for sign in (1, -1)
-    )
-    white = whitener @ (there - back) / 2
-    return np.asarray(np.einsum("nki,nkj->ij", white, white) * count / len(white))
-
-
-def _left_noise(
-    fitted: Fitted,
-    segment: Segment,
-    balances: Sequence[WhitenedBalance],
-    equations: NormalEquations,
-) -> Array:
-    """The same of a motion that follows the forces, as far as motion and processes leave it: what
-    they take of the readings tells nothing of the body, whether it is signal or noise.
-    """
-    state, settings = fitted.fit.state, fitted.task.settings
-    noise = equations.drawn(np.random.default_rng(0)).reshape(-1, segment.block)
-    moved = replace(segment, coefficients=segment.coefficients + noise)
-    rows = []
-    for each in balances:
-        there, here = (
-            regressor_at(fitted.task.experiment, one, each.at.time, state.calibration)
-            for one in (moved, segment)
-        )
-        root = each.root[:, None, None]
-        for row, own in zip(
-            each.rows, each.by_origin(root * (each.at.whitener @ (there - here))), strict=True
-        ):
-            rows.append(replace(row, by_errors=own, columns=np.arange(TEN)))
-    by_noise = segment.equations(TEN, rows)
-    left = by_noise.corner - by_noise.side.T @ equations.solve(by_noise.side)
-    return settings.beyond_noise * left
-
-
-def _blocks(
-    segment: Segment,
-    rows: Sequence[Rows],
-    equations: NormalEquations,
-    parameters: Array,
-    run: int,
-    settings: FitSettings,
-) -> tuple[Blocks, dict[Source, Array]]:
-    """Stretches of a segment, each with what it says about the border once the motion has followed,
-    and the same sum by the quantities that are read.
-    """
-    instants = (
-        len(segment.coefficients)
-        if segment.static
-        else len(segment.coefficients) - segment.width // segment.block + 1
-    )
-    length = float(segment.knots[-1] - segment.knots[0])
-    spacing = length / max(instants, 1)
-    if segment.static:
-        count = min(instants, settings.most_blocks)
-    else:
-        block = max(settings.block, settings.block_spacings * spacing)
-        count = int(np.clip(length / block, 1, settings.most_blocks))
-    number = np.arange(instants) * count // instants
-    border = equations.side.shape[1]
-    normal, right = np.zeros((count, border, border)), np.zeros((count, border))
-    by_source: dict[Source, Array] = {}
-    for part in rows:
-        if part.label is None:
-            continue
-        of_source = by_source.setdefault(part.label, np.zeros((border, border)))
-        columns = np.arange(border) if part.columns is None else part.columns
-        order = np.argsort(part.first, kind="stable")
-        edges = np.searchsorted(part.first[order], np.arange(instants + 1))
-        for i in np.flatnonzero(np.diff(edges)):
-            own = order[edges[i] : edges[i + 1]]
-            motion = part.by_motion[own].reshape(-1, segment.width)
-            E = -motion @ equations.followed[i * segment.block : i * segment.block + segment.width]
-            E[:, columns] += part.by_errors[own].reshape(-1, len(columns))
-            square = E.T @ E
-            normal[number[i]] += square
-            of_source += square
-            right[number[i]] -= E.T @ part.residual[own].ravel()
-    at = np.concatenate([parameters, np.zeros(border - TEN)])
-    return Blocks(normal, right + normal @ at, np.full(count, run, dtype=np.intp)), by_source
 
 
 def _force_ratio(found: Fit, sources: frozenset[Source], stated: frozenset[Source]) -> float:

@@ -53,6 +53,7 @@ from steelyard.identification.solve.noise_levels import (
     first_sigmas,
     larger,
     ratios_of,
+    spent_by,
 )
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
@@ -194,7 +195,7 @@ def fit_held(
         factors = state.factors
         if turn < settings.level_iterations:
             followed = step_of(task, state, equations)
-            ratios = ratios_of(task, equations, _followed(task, state, followed, tally))
+            ratios = ratios_of(task, spent_by(equations), _followed(task, state, followed, tally))
             levels, unstated = unstated.followed(state, ratios)
             factors = _of_forces(task, state, levels)
             if turn:

@@ -24,6 +24,7 @@ from steelyard.identification.solve.noise_levels import (
     first_sigmas,
     larger,
     ratios_of,
+    spent_by,
 )
 from steelyard.identification.solve.settings import FitSettings
 
@@ -99,7 +100,7 @@ def fit(
                     state = _smoothed(state, level)
                     equations = smooth(state, readings)
                     step = step_of(task, state, equations)
-            ratios = ratios_of(task, equations, tally)
+            ratios = ratios_of(task, spent_by(equations), tally)
             if levels:
                 factors, unstated = unstated.followed(state, ratios)
                 settled = settled and not changed(task, state.factors, factors)
@@ -117,7 +118,7 @@ def fit(
         share = _pace(last.step, step, share, settings) if last and accepted else 1.0
         state = replace(step.along(task, state, share), factors=factors)
         tell(min(0.95, turn / 8))
-    ratios = ratios or ratios_of(task, equations, tally)
+    ratios = ratios or ratios_of(task, spent_by(equations), tally)
     return Fit(
         state,
         equations,

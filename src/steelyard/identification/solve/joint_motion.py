@@ -16,6 +16,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.motion_residuals import Segment, reference_clocks, time_of
+from steelyard.identification.samples.segmentation import recorded, resampled
 from steelyard.identification.solve.beginning import (
     Beginning,
     Readings,
@@ -34,7 +35,6 @@ from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitt
 from steelyard.identification.solve.misfits.outliers import look
 from steelyard.identification.solve.misfits.suspicions import with_suspicions
 from steelyard.identification.solve.posterior import Posterior, Progress
-from steelyard.identification.solve.segmentation import recorded, resampled
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.identification.solve.stated_processes import with_stated
 from steelyard.smoothing import DEGREE
@@ -79,11 +79,26 @@ def fit_jointly(
         if progress is not None:
             progress(f"maximum-likelihood: {what}", fraction)
 
-    return sound(lambda: _posterior(read(experiment, start, tell, settings=settings), tell))
+    def posterior() -> Posterior:
+        readings, found = fitted_jointly(read(experiment, start, tell, settings=settings), tell)
+        tell("how well it is known", 0.85)
+        return concluded([stretch_of(readings, found)])
+
+    return sound(posterior)
 
 
-def _posterior(readings: Readings, tell: Tell) -> Posterior:
-    """Motion and forces, what vibrates followed more closely, and what nothing explains."""
+def fitted_jointly(readings: Readings, tell: Tell) -> tuple[Readings, Fitted]:
+    """Motion and forces, what vibrates followed more closely, and what nothing explains: the
+    readings on the knots that they were fitted on, and their fit.
+
+    Args:
+        readings: Of the experiment.
+        tell: Is called with what is being done and the fraction that is done.
+
+    Raises:
+        NoBalanceError: No run has a segment.
+        numpy.linalg.LinAlgError: The motion is not determined, or there is no body.
+    """
     found = _fitted(readings, begin(readings, tell, thorough=False), tell, {})
     if vibrations := _vibrations(readings, found):
         tell("following a vibration", 0.4)
@@ -100,9 +115,7 @@ def _posterior(readings: Readings, tell: Tell) -> Posterior:
             # Nothing is asked for, and would not be a second time.
             break
     # Gains that were far off then have stretched cables by what they do not.
-    found = _seen_with_tensions(found, _SAME_TENSION)
-    tell("how well it is known", 0.85)
-    return concluded([stretch_of(readings, found)])
+    return readings, _seen_with_tensions(found, _SAME_TENSION)
 
 
 def _finer(readings: Readings, vibrations: Mapping[str, _Vibration]) -> Readings:

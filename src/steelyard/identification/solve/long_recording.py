@@ -17,7 +17,7 @@ from steelyard.identification.solve.settings import FIT, FitSettings
 
 def moving_length(experiment: Experiment) -> float:
     """Length of all runs in motion [s]."""
-    spans = [_span(experiment, run) for run in experiment.runs if not run.static]
+    spans = [span_of(experiment, run) for run in experiment.runs if not run.static]
     return sum(end - start for start, end in spans)
 
 
@@ -40,13 +40,13 @@ def windows(experiment: Experiment, settings: FitSettings = FIT) -> Iterator[Run
         if run.static:
             yield run
             continue
-        start, end = _span(experiment, run)
+        start, end = span_of(experiment, run)
         edges = np.linspace(start, end, max(1, round((end - start) / settings.window)) + 1)
         for first, last in pairwise(edges):
             yield replace(run, window=(float(first), float(last)))
 
 
-def _span(experiment: Experiment, run: Run) -> tuple[float, float]:
+def span_of(experiment: Experiment, run: Run) -> tuple[float, float]:
     """Beginning and end of the forces of a run in common time, within its window [s]."""
     name = experiment.force_instrument(run)
     if name is None:

@@ -20,18 +20,26 @@ from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import FitState, Task
 
 
-def ratios_of(
-    task: Task, equations: Sequence[NormalEquations], tally: Tally
-) -> dict[Source, float]:
-    """Of every quantity, variance of the residual over what it counts as now.
-
-    A stated noise is looked at without what stands far, which is not its doing; one that is not
-    stated has what tails it has.
-    """
+def spent_by(equations: Sequence[NormalEquations]) -> dict[Label, float]:
+    """What rows are of -> degrees of freedom that the motion takes of them."""
     spent: dict[Label, float] = {}
     for each in equations:
         for label, freedom in each.spent().items():
             spent[label] = spent.get(label, 0.0) + freedom
+    return spent
+
+
+def ratios_of(task: Task, spent: Mapping[Label, float], tally: Tally) -> dict[Source, float]:
+    """Of every quantity, variance of the residual over what it counts as now.
+
+    A stated noise is looked at without what stands far, which is not its doing; one that is not
+    stated has what tails it has.
+
+    Args:
+        task: What is fitted.
+        spent: See :func:`spent_by`.
+        tally: Of the residuals.
+    """
     counts: dict[tuple[str, bool], float] = {}
     for (name, quantity), count in tally.count.items():
         resting = quantity.endswith(AT_REST)

@@ -16,7 +16,7 @@ from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.identify import Identification
-from steelyard.identification.methods.unstated import disturbances_along
+from steelyard.identification.methods.from_posterior.unstated import disturbances_along
 from steelyard.identification.model.balance import UNMODELLED
 from steelyard.identification.model.calibration_parameters import ROBOT, clock_of
 from steelyard.identification.residuals import Residuals, of_samples, residuals

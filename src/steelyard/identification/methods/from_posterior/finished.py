@@ -10,13 +10,13 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import Estimate, judge
-from steelyard.identification.methods.unstated import (
+from steelyard.identification.methods.from_posterior.unstated import (
     disturbances,
     found_errors,
     notes_on_jitter,
     notes_on_unstated,
 )
-from steelyard.identification.methods.unweighed import found_geometry, up_to_mass
+from steelyard.identification.methods.from_posterior.unweighed import found_geometry, up_to_mass
 from steelyard.identification.model.calibration_parameters import as_tree
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.assessment import reasons

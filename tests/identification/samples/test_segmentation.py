@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 
-from steelyard.identification.solve.segmentation import least_noise, scatter, started
+from steelyard.identification.samples.segmentation import least_noise, scatter, started
 from steelyard.smoothing import DEGREE, knots
 
 START, END, SPACING = 0.0, 10.0, 0.25

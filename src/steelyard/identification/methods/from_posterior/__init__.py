@@ -1,0 +1,1 @@
+"""From a posterior to an estimate, whichever method draws it."""

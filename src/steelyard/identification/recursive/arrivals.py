@@ -1,0 +1,145 @@
+"""What has arrived within a chunk, as the fit takes it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.balance import Forces
+from steelyard.identification.model.calibration_parameters import CalibrationValues
+from steelyard.identification.model.motion_residuals import (
+    Reading,
+    Segment,
+    reference_clocks,
+    time_of,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Likeness:
+    """What readings are like: sources, 1-sigma, which cables have none."""
+
+    segment: Segment
+    """With readings of every quantity that is looked at."""
+    forces: Forces
+
+
+def reached(
+    experiment: Experiment, run: Run, like: Likeness, calibration: CalibrationValues
+) -> float:
+    """Until when every instrument has arrived, in the motion's time [s].
+
+    Args:
+        experiment: With its instruments.
+        run: With what has arrived.
+        like: What readings are like.
+        calibration: With the delays of their clocks.
+    """
+    names = {like.forces.name, *(each.source[0] for each in like.segment.readings)}
+    last = [
+        float(time[-1])
+        if len(time := _times(experiment, run, like, calibration, name))
+        else -np.inf
+        for name in names
+    ]
+    return min(last)
+
+
+def within(
+    experiment: Experiment,
+    run: Run,
+    like: Likeness,
+    calibration: CalibrationValues,
+    span: tuple[float, float],
+) -> tuple[list[Reading], Forces]:
+    """Readings within a span of the motion's time.
+
+    Args:
+        experiment: With its instruments.
+        run: With what has arrived.
+        like: What they are like.
+        calibration: With the delays of their clocks.
+        span: Beginning and end [s].
+    """
+    forces = _forces(experiment, run, like, calibration, span)
+    return list(_readings(experiment, run, like, calibration, span, forces)), forces
+
+
+def _times(
+    experiment: Experiment, run: Run, like: Likeness, calibration: CalibrationValues, name: str
+) -> Array:
+    """Times of an instrument in the motion's time [s]."""
+    time = experiment.common_time(run, name, 0.0)
+    references = reference_clocks(experiment, calibration.calibration_parameters, like.segment)
+    there, *_ = time_of(experiment, like.segment, calibration, references, name, time)
+    return there
+
+
+def _inside(
+    experiment: Experiment,
+    run: Run,
+    like: Likeness,
+    calibration: CalibrationValues,
+    span: tuple[float, float],
+    name: str,
+) -> tuple[slice, Array, Array]:
+    """Samples of an instrument that fall into a span, and when, by its clock and in the motion's time
+    [s].
+    """
+    there = _times(experiment, run, like, calibration, name)
+    own = slice(*(int(i) for i in np.searchsorted(there, span)))
+    return own, experiment.common_time(run, name, 0.0)[own], there[own]
+
+
+def _readings(
+    experiment: Experiment,
+    run: Run,
+    like: Likeness,
+    calibration: CalibrationValues,
+    span: tuple[float, float],
+    forces: Forces,
+) -> Iterator[Reading]:
+    """Of the motion instruments."""
+    for each in like.segment.readings:
+        name, quantity = each.source
+        own, time, there = _inside(experiment, run, like, calibration, span, name)
+        values = run.streams[name].values[quantity][own]
+        flat = np.isfinite(values.reshape(len(values), -1))
+        use = flat.all(axis=1) if values.ndim == 3 else flat.any(axis=1)
+        if not use.any():
+            continue
+        tension = None
+        if each.tension is not None and len(forces.time):
+            (pulled,) = forces.readings.values()
+            tension = np.column_stack([np.interp(there[use], forces.time, c) for c in pulled.T])
+        yield replace(each, time=time[use], values=values[use], tension=tension, late=None)
+
+
+def _forces(
+    experiment: Experiment,
+    run: Run,
+    like: Likeness,
+    calibration: CalibrationValues,
+    span: tuple[float, float],
+) -> Forces:
+    """Of the force instrument."""
+    own, time, _ = _inside(experiment, run, like, calibration, span, like.forces.name)
+    values = {q: run.streams[like.forces.name].values[q][own] for q in like.forces.readings}
+    stacked = np.hstack(list(values.values()))
+    missing = ~np.isfinite(stacked)
+    usual = np.median(np.hstack(list(like.forces.readings.values())), axis=0)
+    filled = np.where(missing, usual, stacked)
+    use = np.isfinite(stacked).any(axis=1)
+    ends = np.cumsum([v.shape[1] for v in values.values()])[:-1]
+    unread = like.forces.guessed
+    return replace(
+        like.forces,
+        time=time[use],
+        readings=dict(zip(values, np.split(filled[use], ends, axis=1), strict=True)),
+        left_out=(missing & ~unread)[use],
+        late=None,
+    )

@@ -1,0 +1,346 @@
+"""A recording taken as if it arrived while the robot moves: a beginning that is fitted as a whole,
+then chunk by chunk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.motion_residuals import Segment, Tally
+from steelyard.identification.model.segment import Label, basis, values_at
+from steelyard.identification.recursive.arrivals import Likeness, reached, within
+from steelyard.identification.recursive.grid import KnotGrid
+from steelyard.identification.recursive.recursion import Recursion, Window
+from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
+from steelyard.identification.samples.preparation import Samples
+from steelyard.identification.solve.beginning import (
+    NoBalanceError,
+    Readings,
+    Tell,
+    on_force_clock,
+    read,
+)
+from steelyard.identification.solve.conclusion import Fitted, FittedStretch, concluded
+from steelyard.identification.solve.joint_motion import fitted_jointly
+from steelyard.identification.solve.long_recording import span_of
+from steelyard.identification.solve.noise_levels import ratios_of
+from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.solve.segment_equations import SegmentEquations, segment_equations
+from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.inertia import TEN, Inertia, body_jacobian
+from steelyard.smoothing import DEGREE
+
+_DENSE = 6
+"""Instants between two knots at which a motion is taken over to other knots."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """What was known at an instant."""
+
+    run: str
+    time: float
+    """In the time of the forces of the run [s]."""
+    value: Array
+    """The ten of :data:`steelyard.inertia.BODY_PARAMETERS`, shape (10,)."""
+    covariance: Array
+    """Shape (10, 10)."""
+
+    @classmethod
+    def of(cls, run: str, time: float, found: Recursion) -> Instant:
+        """What a recursion knows."""
+        assert found.solution is not None
+        parameters = found.solution.value[:TEN]
+        J = body_jacobian(parameters)
+        linear = found.solution.covariance[:TEN, :TEN]
+        value = Inertia.from_parameters(parameters).body_parameters
+        return cls(run, time, value, np.asarray(J @ linear @ J.T))
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """A motion that is followed as it arrives."""
+
+    experiment: Experiment
+    begun: Fitted
+    """The fit of the beginning."""
+    like: Likeness
+    samples: tuple[Samples, ...]
+    """Of the runs so far, as they began."""
+    recursion: Recursion
+    first: Array
+    """Coefficients of the beginning of the motion on its grid, shape (f, block)."""
+    number: int = 0
+    """Of the next chunk."""
+    parts: tuple[SegmentEquations, ...] = ()
+    """What has left the window, calibration parameters counted from nothing."""
+    instants: tuple[Instant, ...] = ()
+
+    @property
+    def window(self) -> Window:
+        """The motion as far as it is still fitted."""
+        assert self.recursion.window is not None
+        return self.recursion.window
+
+    def ready(self, run: Run) -> bool:
+        """Whether all of the next chunk has arrived.
+
+        Args:
+            run: With what has arrived.
+        """
+        _, end = self.window.grid.span(self.number)
+        return reached(self.experiment, run, self.like, self.recursion.state.calibration) >= end
+
+    def advanced(self, run: Run) -> Following:
+        """With the next chunk.
+
+        Args:
+            run: With what has arrived.
+        """
+        grid, settings = self.window.grid, self.recursion.settings
+        span = grid.span(self.number)
+        readings, forces = within(
+            self.experiment, run, self.like, self.recursion.state.calibration, span
+        )
+        start = self.number * grid.intervals
+        known = self.first[start : start + grid.functions]
+        motion = known if len(known) == grid.functions else None
+        found = replace(
+            self, recursion=self.recursion.arrived(readings, forces, motion), number=self.number + 1
+        )
+        if len(found.window.chunks) * grid.length > settings.lag:
+            found = found.passed()
+        instant = Instant.of(run.name, span[1], found.recursion)
+        return replace(found, instants=(*found.instants, instant))
+
+    def passed(self) -> Following:
+        """With the oldest chunk of the window eliminated."""
+        recursion, part = self.recursion.passed()
+        return replace(self, recursion=recursion, parts=(*self.parts, part))
+
+    def ended(self) -> Following:
+        """With the motion ended."""
+        found = self
+        while found.window.chunks:
+            found = found.passed()
+        return replace(found, recursion=found.recursion.ended())
+
+    def resumed(self, run: Run) -> Following:
+        """With the motion of another run, of which enough has arrived to begin with.
+
+        Args:
+            run: With what has arrived.
+
+        Raises:
+            NoBalanceError: It has no motion.
+        """
+        state, begin = self.recursion.state, self.recursion.settings.begin
+        start, end = span_of(self.experiment, run)
+        early = replace(run, window=(start, min(end, start + begin)))
+        readings = read(
+            self.experiment, state.calibration, _silent, [early], self.begun.task.settings
+        )
+        if not readings.segments:
+            raise NoBalanceError("; ".join(readings.notes))
+        told = on_force_clock(self.experiment, replace(state, segments=readings.segments[:1]))
+        segment = told.segments[0].disturbed(self.like.segment.processes)
+        own = {each.source for each in segment.readings}
+        like = replace(
+            self.like.segment,
+            run=run.name,
+            knots=segment.knots,
+            coefficients=segment.coefficients,
+            readings=tuple(r for r in self.like.segment.readings if r.source in own),
+            reference=segment.reference,
+        )
+        number = [each.name for each in self.experiment.runs].index(run.name)
+        return _at_beginning(
+            replace(self, samples=(*self.samples, *readings.samples)),
+            number,
+            Likeness(like, self.like.forces),
+        )
+
+    @property
+    def posterior(self) -> Posterior:
+        """All that follows, after the last motion has ended."""
+        fitted, recursion = self.begun, self.recursion
+        parts = [_relative(recursion, part) for part in self.parts]
+        tally, spent = Tally(), dict[Label, float]()
+        for part in parts:
+            tally.include(part.tally)
+            for label, freedom in part.spent.items():
+                spent[label] = spent.get(label, 0.0) + freedom
+        state = replace(recursion.state, segments=tuple(part.segment for part in parts))
+        fit = replace(
+            fitted.fit,
+            state=state,
+            equations=(),
+            tally=tally,
+            ratios=ratios_of(recursion.task, spent, tally),
+            turns=len(parts),
+        )
+        forces = tuple(part.force_samples for part in parts)
+        whole = replace(fitted, task=recursion.task, fit=fit, force_samples=forces)
+        readings = Readings(
+            self.experiment,
+            recursion.state.calibration,
+            self.experiment.runs,
+            self.samples,
+            (),
+            recursion.task.settings,
+        )
+        return concluded([FittedStretch(readings, whole, tuple(parts))])
+
+
+def begin(
+    experiment: Experiment,
+    tell: Tell = lambda what, fraction: None,
+    settings: FitSettings = FIT,
+    own: RecursiveSettings = RECURSIVE,
+) -> Following:
+    """Fit the poses at rest and the beginning of the first run in motion as a whole.
+
+    Args:
+        experiment: With a run in motion, of which enough has arrived.
+        tell: Is called with what is being done and the fraction that is done.
+        settings: How to fit.
+        own: How the recursion goes.
+
+    Raises:
+        InputError: The run lacks what the fit needs.
+        NoBalanceError: Forces and motion cannot be fitted.
+    """
+    run = next(each for each in experiment.runs if not each.static)
+    start, end = span_of(experiment, run)
+    length = own.begin
+    at_rest = [each for each in experiment.runs if each.static]
+    while True:
+        early = replace(run, window=(start, min(end, start + length)))
+        begun = replace(experiment, runs=(*at_rest, early))
+        readings, fitted = fitted_jointly(read(begun, None, tell, settings=settings), tell)
+        if fitted.fit.converged or start + length >= end:
+            break
+        length *= own.longer
+    task, state = replace(fitted.task, experiment=experiment), fitted.fit.state
+    moving = [i for i, each in enumerate(state.segments) if not each.static]
+    if not moving:
+        raise NoBalanceError("; ".join(readings.notes))
+    like = Likeness(state.segments[moving[0]], fitted.force_samples[moving[0]])
+    recursion = Recursion.begun(task, state, own)
+    names = [each.name for each in experiment.runs]
+    parts = []
+    for segment, forces in zip(state.segments, fitted.force_samples, strict=True):
+        if segment.static:
+            part = segment_equations(
+                task, state, segment, forces, None, run=names.index(segment.run)
+            )
+            parts.append(_from_nothing(recursion, part))
+            recursion = recursion.with_told(parts[-1].equations)
+    found = Following(
+        experiment,
+        fitted,
+        like,
+        readings.samples,
+        recursion,
+        np.zeros((0, like.segment.block)),
+        parts=tuple(parts),
+    )
+    return _at_beginning(found, names.index(run.name), like)
+
+
+def follow(
+    experiment: Experiment,
+    tell: Tell = lambda what, fraction: None,
+    settings: FitSettings = FIT,
+    own: RecursiveSettings = RECURSIVE,
+) -> Iterator[Following]:
+    """A whole recording, chunk by chunk; the last is after all motions have ended.
+
+    Args:
+        experiment: With a run in motion.
+        tell: Is called with what is being done and the fraction that is done.
+        settings: How to fit.
+        own: How the recursion goes.
+
+    Raises:
+        InputError: A run lacks what the fit needs.
+        NoBalanceError: Forces and motion cannot be fitted.
+    """
+    found = begin(experiment, tell, settings, own)
+    moving = [each for each in experiment.runs if not each.static]
+    for i, run in enumerate(moving):
+        found = found.resumed(run) if i else found
+        _, end = span_of(experiment, run)
+        while found.window.grid.span(found.number)[0] < end:
+            found = found.advanced(run)
+            done = found.window.grid.span(found.number)[0] / max(end, 1e-9)
+            tell(f"following {run.name}", 0.4 + 0.5 * (i + min(1.0, done)) / len(moving))
+            yield found
+        found = found.ended()
+    yield found
+
+
+def _at_beginning(found: Following, number: int, like: Likeness) -> Following:
+    """At the beginning of a motion.
+
+    Args:
+        found: With no motion that is followed.
+        number: Of its run.
+        like: What its readings are like; with the motion of the beginning.
+    """
+    segment, own = like.segment, found.recursion.settings
+    spacing = found.like.segment.knots[DEGREE + 1] - found.like.segment.knots[DEGREE]
+    intervals = max(own.fewest_intervals, round(own.chunk / float(spacing)))
+    first, _ = segment.span
+    read_at = [float(each.time[0]) for each in segment.readings]
+    start = max(first, min(read_at))
+    grid = KnotGrid(start, float(spacing), intervals, segment.block)
+    window = Window(number, grid, segment)
+    recursion = replace(found.recursion, window=window)
+    return replace(found, like=like, recursion=recursion, first=_on_grid(segment, grid), number=0)
+
+
+def _on_grid(segment: Segment, grid: KnotGrid) -> Array:
+    """Coefficients of a segment on a grid, of the chunks that it covers, shape (f, block)."""
+    count = int((segment.span[1] - grid.start) // grid.length)
+    if not count:
+        return np.zeros((0, segment.block))
+    knots = grid.knots(0, count)
+    end = grid.start + count * grid.length
+    times = np.linspace(grid.start, end, _DENSE * count * grid.intervals + 1)
+    local = basis(knots, times)
+    matrix = np.zeros((len(times), len(knots) - DEGREE - 1))
+    np.put_along_axis(matrix, local.first[:, None] + np.arange(DEGREE + 1), local.values[0], axis=1)
+    values = values_at(segment.basis(times), segment.coefficients)
+    coefficients, *_ = np.linalg.lstsq(matrix, values, rcond=None)
+    return np.asarray(coefficients)
+
+
+def _from_nothing(recursion: Recursion, part: SegmentEquations) -> SegmentEquations:
+    """A part with calibration parameters counted from nothing."""
+    return _counted(part, recursion.state.calibration.values)
+
+
+def _relative(recursion: Recursion, part: SegmentEquations) -> SegmentEquations:
+    """A part with calibration parameters counted from where they are."""
+    return _counted(part, -recursion.state.calibration.values)
+
+
+def _counted(part: SegmentEquations, further: Array) -> SegmentEquations:
+    """A part with calibration parameters that are more by so much, shape (u,)."""
+    more = np.concatenate([np.zeros(TEN), further])
+    equations, blocks = part.equations, part.blocks
+    return replace(
+        part,
+        equations=replace(equations, right=equations.right + equations.normal @ more),
+        blocks=replace(blocks, right=blocks.right + blocks.normal @ more),
+    )
+
+
+def _silent(what: str, fraction: float) -> None:
+    """Tells nobody."""

@@ -1,0 +1,353 @@
+"""The joint fit as a stream: chunk by chunk, a window of the motion that is still fitted, and what
+remains of all before it.
+
+A chunk is linearised as it arrives, until it has settled, and once more when it leaves the window;
+then it is eliminated, and stays as it was linearised. A step is one of Gauss and Newton over window
+and border, with what remains of the past [Dellaert2006]_.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.estimates.estimate import plausible_radius
+from steelyard.identification.known_body import plausible
+from steelyard.identification.model.balance import Forces
+from steelyard.identification.model.motion_residuals import Reading, Segment, Tally
+from steelyard.identification.model.processes import SplineIntegrals, embedded
+from steelyard.identification.model.segment import (
+    NormalEquations,
+    Rows,
+    banded_trace,
+)
+from steelyard.identification.recursive.grid import KnotGrid
+from steelyard.identification.recursive.past import Linear, Point, eliminated, together
+from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
+from steelyard.identification.solve.fit_state import FitState, Task
+from steelyard.identification.solve.normal_equations import (
+    Blocks,
+    BorderEquations,
+    Solution,
+    solve,
+)
+from steelyard.identification.solve.posterior import prior_of
+from steelyard.identification.solve.segment_equations import (
+    SegmentEquations,
+    absolute,
+    border_of,
+    by_stretches,
+    left_noise,
+    whitened_rows,
+)
+from steelyard.inertia import TEN
+from steelyard.smoothing import DEGREE
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Readings of a short stretch of the motion."""
+
+    segment: Segment
+    forces: Forces
+    linear: Linear
+    """Their equations with the smoothness of the motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """The motion of one run as far as it is still fitted."""
+
+    run: int
+    """Number of it."""
+    grid: KnotGrid
+    like: Segment
+    """With name, clock, smoothness and processes of every chunk."""
+    first: int = 0
+    """Number of its first chunk."""
+    chunks: tuple[Chunk, ...] = ()
+    motion: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """Coefficients, shape (f, block)."""
+    past: Linear | None = None
+    """What remains of the chunks before it."""
+
+    def place(self, number: int) -> slice:
+        """Where a chunk of the window has its coefficients."""
+        start = number * self.grid.intervals
+        return slice(start, start + self.grid.functions)
+
+    def longer(self, motion: Array | None) -> Window:
+        """With coefficients for one more chunk.
+
+        Args:
+            motion: Of that chunk, shape (f, block); None: it goes on as it does.
+        """
+        own = self.motion
+        if motion is None:
+            steps = np.arange(1, self.grid.intervals + 1)[:, None]
+            further = own[-1] + steps * (own[-1] - own[-2])
+        else:
+            further = motion[DEGREE:] if len(own) else motion
+        return replace(self, motion=np.vstack([own, further]) if len(own) else further)
+
+    def segment(self, number: int, readings: tuple[Reading, ...]) -> Segment:
+        """A chunk of the window as a segment.
+
+        Args:
+            number: Of the chunk in the window.
+            readings: Of its motion instruments.
+        """
+        grid, whole = self.grid, self.first + number
+        ends = np.zeros_like(grid.integrals.ends)
+        if whole == 0:
+            ends[:, : DEGREE + 1] = grid.integrals.ends[:, : DEGREE + 1]
+        integrals = SplineIntegrals(grid.integrals.value, grid.integrals.rate, ends)
+        processes = tuple(replace(each, integrals=integrals) for each in self.like.processes)
+        return replace(
+            self.like,
+            knots=grid.knots(whole),
+            readings=readings,
+            coefficients=self.motion[self.place(number)],
+            jerks=grid.jerks,
+            processes=processes,
+        )
+
+    def equations(self, border: Array) -> NormalEquations:
+        """Normal equations of its motion with what remains of all before.
+
+        Args:
+            border: Present values of the ten and all calibration parameters, shape (k,).
+        """
+        parts, places = [], []
+        if self.past is not None:
+            parts.append(self.past.seen_from(Point(self.motion[:DEGREE], border)))
+            places.append(0)
+        for i, chunk in enumerate(self.chunks):
+            own = self.place(i)
+            parts.append(chunk.linear.seen_from(Point(self.motion[own], border)))
+            places.append(own.start)
+        whole = together(parts, places)
+        return whole.stiffened([self._ends], self.motion) if self.like.processes else whole
+
+    @property
+    def _ends(self) -> Array:
+        """What is known of processes at the end of what has arrived, lower banded form: they go on."""
+        grid, functions = self.grid, len(self.motion)
+        whole = np.zeros((grid.block * (DEGREE + 1), functions * grid.block))
+        start = (functions - DEGREE - 1) * grid.block
+        last = grid.integrals.ends[:, -DEGREE - 1 :]
+        for each in self.like.processes:
+            place = self.like.process_places[each.source]
+            for i in range(place.start, place.stop):
+                whole[:, start:] += embedded(last / (2 * each.level**2), i, grid.block)
+        return whole
+
+
+@dataclass(frozen=True, eq=False)
+class Recursion:
+    """What is known after some chunks."""
+
+    task: Task
+    state: FitState
+    """With body, calibration and levels; the motion is that of the window."""
+    told: BorderEquations
+    """Of all motions that have ended, with calibration parameters counted from nothing."""
+    window: Window | None = None
+    """None: no motion is followed now."""
+    solution: Solution | None = None
+    """Of all that has arrived."""
+    settings: RecursiveSettings = RECURSIVE
+
+    @classmethod
+    def begun(cls, task: Task, state: FitState, settings: RecursiveSettings) -> Recursion:
+        """Before anything has arrived.
+
+        Args:
+            task: What is fitted.
+            state: With a body and the calibration to linearise about.
+            settings: How it goes.
+        """
+        return cls(task, replace(state, segments=()), _nothing(border_of(task)), settings=settings)
+
+    @property
+    def point(self) -> Array:
+        """The ten and all calibration parameters, shape (k,)."""
+        assert self.state.parameters is not None
+        return np.concatenate([self.state.parameters, self.state.calibration.values])
+
+    def arrived(
+        self, readings: Sequence[Reading], forces: Forces, motion: Array | None = None
+    ) -> Recursion:
+        """With one more chunk.
+
+        Args:
+            readings: Of the motion instruments within it.
+            forces: Within it.
+            motion: Coefficients as the beginning has them, shape (f, block): body and calibration,
+                which the beginning knows better than the chunks so far, stay where they are; None:
+                the motion goes on as it does.
+
+        Raises:
+            numpy.linalg.LinAlgError: The motion is not determined.
+        """
+        assert self.window is not None
+        longer = self.window.longer(motion)
+        number = len(longer.chunks)
+        segment = longer.segment(number, tuple(readings))
+        here = replace(self, window=longer)
+        for _ in range(self.settings.turns):
+            assert here.window is not None
+            segment = replace(segment, coefficients=here.window.motion[longer.place(number)])
+            _, rows = whitened_rows(here.task, here.state, segment, forces)
+            chunk = Chunk(
+                segment, forces, here._linear(segment, _smoothed(segment, here.task, rows))
+            )
+            here = replace(here, window=replace(here.window, chunks=(*longer.chunks, chunk)))
+            here, promised = here._stepped(held=motion is not None)
+            if promised < self.settings.arrived:
+                break
+        return here
+
+    def passed(self) -> tuple[Recursion, SegmentEquations]:
+        """With the first chunk of the window eliminated, and what it says, calibration parameters
+        counted from nothing.
+
+        Raises:
+            numpy.linalg.LinAlgError: The motion is not determined.
+        """
+        assert self.window is not None
+        window, first, point = self.window, self.window.chunks[0], self.point
+        grid, tally = window.grid, Tally()
+        segment = replace(first.segment, coefficients=window.motion[window.place(0)])
+        balances, rows = whitened_rows(self.task, self.state, segment, first.forces, tally=tally)
+        own = _smoothed(segment, self.task, rows)
+        chunk = Chunk(segment, first.forces, self._linear(segment, own))
+        every = replace(window, chunks=(chunk, *window.chunks[1:])).equations(point)
+        parts, before = [replace(own, parts={})], _nothing(len(point))
+        if window.past is not None:
+            past = window.past.seen_from(Point(window.motion[:DEGREE], point))
+            parts.append(past)
+            before = _of_border(past, point)
+        remains = eliminated(together(parts, [0] * len(parts)), DEGREE)
+        after = _of_border(remains, point)
+        # What it adds to what was known before: independent of that by construction.
+        normal, right = after.normal - before.normal, after.right - before.right
+        whole = replace(segment, coefficients=window.motion)
+        noise = left_noise(self.task, self.state, whole, balances, every)
+        freedom = float(np.sum(~first.forces.touched))
+        one = np.zeros(grid.intervals, dtype=np.intp)
+        size = segment.coefficients.size
+        inverse = every.inverse[:, :size]
+        part = SegmentEquations(
+            segment,
+            first.forces,
+            tuple(each.at for each in balances),
+            np.concatenate([each.root**2 for each in balances]),
+            BorderEquations(normal, right, noise, freedom),
+            Blocks(normal[None], right[None], np.array([window.run])),
+            by_stretches(segment, rows, every, one)[2],
+            inverse,
+            every.followed[:size],
+            tally,
+            {label: banded_trace(each, inverse) for label, each in own.parts.items()},
+        )
+        kept = window.motion[grid.intervals : grid.functions]
+        left = replace(
+            window,
+            first=window.first + 1,
+            chunks=window.chunks[1:],
+            motion=window.motion[grid.intervals :],
+            past=Linear(remains, Point(kept, point)),
+        )
+        return replace(self, window=left), part
+
+    def ended(self) -> Recursion:
+        """With the motion ended, all chunks of which have passed."""
+        assert self.window is not None
+        past = self.window.past
+        if past is None:
+            return replace(self, window=None)
+        own = _of_border(past.seen_from(Point(past.at.motion, self.point)), self.point)
+        return replace(self, window=None).with_told(own)
+
+    def with_told(self, equations: BorderEquations) -> Recursion:
+        """With readings that belong to no motion.
+
+        Args:
+            equations: Of them, with calibration parameters counted from nothing.
+        """
+        found = replace(self, told=self.told + equations)
+        return found._at(found._solved(found.relative(found.told)))
+
+    def relative(self, equations: BorderEquations) -> BorderEquations:
+        """Equations with calibration parameters counted from where they are.
+
+        Args:
+            equations: With these counted from nothing.
+        """
+        values = np.concatenate([np.zeros(TEN), self.state.calibration.values])
+        return replace(equations, right=equations.right - equations.normal @ values)
+
+    def _linear(self, segment: Segment, equations: NormalEquations) -> Linear:
+        return Linear(equations, Point(segment.coefficients, self.point))
+
+    def _stepped(self, *, held: bool) -> tuple[Recursion, float]:
+        """After a step over window and border, and the decrease of the cost that it promised.
+
+        Args:
+            held: Whether the border stays where it is.
+        """
+        assert self.window is not None
+        every = self.window.equations(self.point)
+        now = _of_border(every, self.point)
+        solution = self._solved(self.relative(self.told + now))
+        step = solution.value - absolute(self.state)
+        step = np.zeros_like(step) if held else step
+        motion = every.motion_step(step)
+        moved = self.window.motion + motion.reshape(self.window.motion.shape)
+        promised = float(motion @ every.motion_gradient + step @ every.border_gradient)
+        window = replace(self.window, motion=moved)
+        found = replace(self, solution=solution) if held else self._at(solution)
+        return replace(found, window=window), abs(promised)
+
+    def _at(self, solution: Solution) -> Recursion:
+        """With body and calibration as a solution has them."""
+        calibration = self.state.calibration
+        values = calibration.values + solution.value[TEN:]
+        state = replace(
+            self.state,
+            parameters=solution.value[:TEN],
+            calibration=replace(calibration, values=values),
+        )
+        return replace(self, state=state, solution=solution)
+
+    def _solved(self, equations: BorderEquations) -> Solution:
+        """Body and calibration."""
+        task, state = self.task, self.state
+        assert state.parameters is not None
+        radius = plausible_radius(task.experiment.robot)
+        prior = prior_of(task.experiment, state.calibration, state.parameters, radius)
+        estimated = np.concatenate([np.ones(TEN, dtype=bool), task.active])
+        sizes = plausible(state.parameters, radius)
+        return solve(equations, prior, estimated, sizes, settings=task.settings)
+
+
+def _smoothed(segment: Segment, task: Task, rows: Sequence[Rows]) -> NormalEquations:
+    """Normal equations of rows with what is known of motion and processes."""
+    return segment.smooth(segment.equations(border_of(task), rows))
+
+
+def _nothing(border: int) -> BorderEquations:
+    """Equations of no reading."""
+    none = np.zeros((TEN, TEN))
+    return BorderEquations(np.zeros((border, border)), np.zeros(border), none, 0.0)
+
+
+def _of_border(equations: NormalEquations, point: Array) -> BorderEquations:
+    """What equations say of the border about a point, calibration parameters counted from nothing."""
+    normal, gradient = equations.reduced()
+    none = np.zeros((TEN, TEN))
+    return BorderEquations(normal, gradient + normal @ point, none, 0.0)

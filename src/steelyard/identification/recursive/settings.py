@@ -1,0 +1,30 @@
+"""Numbers that decide how a recursion goes, with the reason of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class RecursiveSettings:
+    """How :class:`steelyard.Recursive` follows a stream."""
+
+    begin: float = 5.0
+    """Length of the recording that is fitted as a whole first [s]: it tells levels of noise, knots
+    and values to linearise about."""
+    longer: float = 1.6
+    """By how much that is longer where the fit has not arrived."""
+    chunk: float = 0.25
+    """Length of what is taken at once [s], at least."""
+    fewest_intervals: int = 5
+    """Of knots in a chunk: what it passes on is as long."""
+    lag: float = 2.0
+    """Length of the motion that is still fitted [s]."""
+    turns: int = 3
+    """Linearisations of a chunk as it arrives, at most."""
+    arrived: float = 0.1
+    """Promised decrease of the cost below which it has arrived."""
+
+
+RECURSIVE = RecursiveSettings()
+"""What is used where nothing is given."""
