@@ -32,6 +32,7 @@ LAYERS = [
     {"excitation"},
     {"inspection"},
     {"exports"},
+    {"live"},
     {"report"},
     {"cli"},
     {"__init__", "__main__"},

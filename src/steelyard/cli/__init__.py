@@ -26,6 +26,7 @@ _VERBS = {
     "robots": "steelyard.cli.verbs.robots:robots",
     "schema": "steelyard.cli.verbs.schema:schema",
     "simulate": "steelyard.cli.verbs.simulate:simulate",
+    "watch": "steelyard.cli.verbs.watch:watch",
 }
 
 

@@ -28,27 +28,6 @@ class Likeness:
     forces: Forces
 
 
-def reached(
-    experiment: Experiment, run: Run, like: Likeness, calibration: CalibrationValues
-) -> float:
-    """Until when every instrument has arrived, in the motion's time [s].
-
-    Args:
-        experiment: With its instruments.
-        run: With what has arrived.
-        like: What readings are like.
-        calibration: With the delays of their clocks.
-    """
-    names = {like.forces.name, *(each.source[0] for each in like.segment.readings)}
-    last = [
-        float(time[-1])
-        if len(time := _times(experiment, run, like, calibration, name))
-        else -np.inf
-        for name in names
-    ]
-    return min(last)
-
-
 def within(
     experiment: Experiment,
     run: Run,
@@ -106,8 +85,14 @@ def _readings(
     """Of the motion instruments."""
     for each in like.segment.readings:
         name, quantity = each.source
+        stream = run.streams.get(name)
+        if stream is None or quantity not in stream.values:
+            # It has stopped, or never began.
+            continue
         own, time, there = _inside(experiment, run, like, calibration, span, name)
-        values = run.streams[name].values[quantity][own]
+        values = stream.values[quantity][own]
+        if not len(values):
+            continue
         flat = np.isfinite(values.reshape(len(values), -1))
         use = flat.all(axis=1) if values.ndim == 3 else flat.any(axis=1)
         if not use.any():

@@ -11,10 +11,16 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.model.motion_residuals import Segment, Tally
-from steelyard.identification.model.segment import Label, basis, values_at
-from steelyard.identification.recursive.arrivals import Likeness, reached, within
+from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.segment import basis, values_at
+from steelyard.identification.recursive.arrivals import Likeness, within
 from steelyard.identification.recursive.grid import KnotGrid
+from steelyard.identification.recursive.parts import (
+    counted_from,
+    counted_up,
+    motions_of,
+    summed_up,
+)
 from steelyard.identification.recursive.recursion import Recursion, Window
 from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
 from steelyard.identification.samples.preparation import Samples
@@ -87,14 +93,16 @@ class Following:
         assert self.recursion.window is not None
         return self.recursion.window
 
-    def ready(self, run: Run) -> bool:
-        """Whether all of the next chunk has arrived.
+    @property
+    def is_beginning(self) -> bool:
+        """Whether the next chunk is of the beginning, which knows more than the chunks so far."""
+        return self._motion(self.number) is not None
 
-        Args:
-            run: With what has arrived.
-        """
-        _, end = self.window.grid.span(self.number)
-        return reached(self.experiment, run, self.like, self.recursion.state.calibration) >= end
+    def _motion(self, number: int) -> Array | None:
+        """Coefficients of a chunk as the beginning has them, shape (f, block)."""
+        grid = self.window.grid
+        own = self.first[number * grid.intervals :][: grid.functions]
+        return own if len(own) == grid.functions else None
 
     def advanced(self, run: Run) -> Following:
         """With the next chunk.
@@ -107,16 +115,34 @@ class Following:
         readings, forces = within(
             self.experiment, run, self.like, self.recursion.state.calibration, span
         )
-        start = self.number * grid.intervals
-        known = self.first[start : start + grid.functions]
-        motion = known if len(known) == grid.functions else None
-        found = replace(
-            self, recursion=self.recursion.arrived(readings, forces, motion), number=self.number + 1
-        )
+        recursion = self.recursion.arrived(readings, forces, self._motion(self.number))
+        found = replace(self, recursion=recursion, number=self.number + 1)
         if len(found.window.chunks) * grid.length > settings.lag:
             found = found.passed()
         instant = Instant.of(run.name, span[1], found.recursion)
         return replace(found, instants=(*found.instants, instant))
+
+    def has(self, run: Run) -> bool:
+        """Whether forces and motion have been read within the next chunk.
+
+        Args:
+            run: With what has arrived.
+        """
+        span = self.window.grid.span(self.number)
+        calibration = self.recursion.state.calibration
+        readings, forces = within(self.experiment, run, self.like, calibration, span)
+        return bool(readings) and len(forces.time) > 0
+
+    def summed(self, most: int) -> Following:
+        """The same with the oldest parts summed up, and without the oldest instants.
+
+        Args:
+            most: Parts that stay as they are; twice as many may be kept until then.
+        """
+        if len(self.parts) <= 2 * most:
+            return self
+        old, new = self.parts[:-most], self.parts[-most:]
+        return replace(self, parts=(summed_up(old), *new), instants=self.instants[-most:])
 
     def passed(self) -> Following:
         """With the oldest chunk of the window eliminated."""
@@ -159,22 +185,19 @@ class Following:
             reference=segment.reference,
         )
         number = [each.name for each in self.experiment.runs].index(run.name)
+        known = any(each.run == run.name for each in self.samples)
+        samples = self.samples if known else (*self.samples, *readings.samples)
         return _at_beginning(
-            replace(self, samples=(*self.samples, *readings.samples)),
-            number,
-            Likeness(like, self.like.forces),
+            replace(self, samples=samples), number, Likeness(like, self.like.forces)
         )
 
     @property
     def posterior(self) -> Posterior:
         """All that follows, after the last motion has ended."""
         fitted, recursion = self.begun, self.recursion
-        parts = [_relative(recursion, part) for part in self.parts]
-        tally, spent = Tally(), dict[Label, float]()
-        for part in parts:
-            tally.include(part.tally)
-            for label, freedom in part.spent.items():
-                spent[label] = spent.get(label, 0.0) + freedom
+        here = recursion.state.calibration.values
+        parts = [counted_from(part, -here) for part in motions_of(self.parts)]
+        tally, spent = counted_up(parts)
         state = replace(recursion.state, segments=tuple(part.segment for part in parts))
         fit = replace(
             fitted.fit,
@@ -239,7 +262,7 @@ def begin(
             part = segment_equations(
                 task, state, segment, forces, None, run=names.index(segment.run)
             )
-            parts.append(_from_nothing(recursion, part))
+            parts.append(counted_from(part, state.calibration.values))
             recursion = recursion.with_told(parts[-1].equations)
     found = Following(
         experiment,
@@ -294,7 +317,8 @@ def _at_beginning(found: Following, number: int, like: Likeness) -> Following:
         like: What its readings are like; with the motion of the beginning.
     """
     segment, own = like.segment, found.recursion.settings
-    spacing = found.like.segment.knots[DEGREE + 1] - found.like.segment.knots[DEGREE]
+    fitted = next(each for each in found.begun.fit.state.segments if not each.static)
+    spacing = fitted.knots[DEGREE + 1] - fitted.knots[DEGREE]
     intervals = max(own.fewest_intervals, round(own.chunk / float(spacing)))
     first, _ = segment.span
     read_at = [float(each.time[0]) for each in segment.readings]
@@ -319,27 +343,6 @@ def _on_grid(segment: Segment, grid: KnotGrid) -> Array:
     values = values_at(segment.basis(times), segment.coefficients)
     coefficients, *_ = np.linalg.lstsq(matrix, values, rcond=None)
     return np.asarray(coefficients)
-
-
-def _from_nothing(recursion: Recursion, part: SegmentEquations) -> SegmentEquations:
-    """A part with calibration parameters counted from nothing."""
-    return _counted(part, recursion.state.calibration.values)
-
-
-def _relative(recursion: Recursion, part: SegmentEquations) -> SegmentEquations:
-    """A part with calibration parameters counted from where they are."""
-    return _counted(part, -recursion.state.calibration.values)
-
-
-def _counted(part: SegmentEquations, further: Array) -> SegmentEquations:
-    """A part with calibration parameters that are more by so much, shape (u,)."""
-    more = np.concatenate([np.zeros(TEN), further])
-    equations, blocks = part.equations, part.blocks
-    return replace(
-        part,
-        equations=replace(equations, right=equations.right + equations.normal @ more),
-        blocks=replace(blocks, right=blocks.right + blocks.normal @ more),
-    )
 
 
 def _silent(what: str, fraction: float) -> None:

@@ -28,6 +28,7 @@ from steelyard.identification.recursive.grid import KnotGrid
 from steelyard.identification.recursive.past import Linear, Point, eliminated, together
 from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
 from steelyard.identification.solve.fit_state import FitState, Task
+from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.normal_equations import (
     Blocks,
     BorderEquations,
@@ -198,9 +199,11 @@ class Recursion:
         number = len(longer.chunks)
         segment = longer.segment(number, tuple(readings))
         here = replace(self, window=longer)
-        for _ in range(self.settings.turns):
+        for turn in range(self.settings.turns):
             assert here.window is not None
             segment = replace(segment, coefficients=here.window.motion[longer.place(number)])
+            if turn or motion is not None:
+                segment, forces = here._with_jitter(segment, forces)
             _, rows = whitened_rows(here.task, here.state, segment, forces)
             chunk = Chunk(
                 segment, forces, here._linear(segment, _smoothed(segment, here.task, rows))
@@ -290,6 +293,13 @@ class Recursion:
         """
         values = np.concatenate([np.zeros(TEN), self.state.calibration.values])
         return replace(equations, right=equations.right - equations.normal @ values)
+
+    def _with_jitter(self, segment: Segment, forces: Forces) -> tuple[Segment, Forces]:
+        """Readings as noisy as their time stamps make them along a motion that is nearly right."""
+        task, state = with_jitter(
+            replace(self.task, force_samples=(forces,)), replace(self.state, segments=(segment,))
+        )
+        return state.segments[0], task.force_samples[0] or forces
 
     def _linear(self, segment: Segment, equations: NormalEquations) -> Linear:
         return Linear(equations, Point(segment.coefficients, self.point))

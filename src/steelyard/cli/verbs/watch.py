@@ -1,0 +1,232 @@
+"""The verb `watch`."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from steelyard.cli.options import experiment_argument, force_option, out_option
+
+if TYPE_CHECKING:
+    from steelyard.live.record import Record
+
+NOT_ACCEPTED = 3
+"""Exit status of an estimate that was made and written, but is not accepted."""
+
+
+@click.command()
+@experiment_argument
+@click.option(
+    "--source",
+    required=True,
+    metavar="URL",
+    help="Where samples come from: replay:RUN[@SPEED|@max], udp://HOST:PORT, zmq+tcp://HOST:PORT,"
+    " mqtt://HOST:PORT/TOPIC.",
+)
+@click.option(
+    "--publish",
+    multiple=True,
+    metavar="URL",
+    help="Where estimates go to: udp://HOST:PORT, zmq+tcp://HOST:PORT, mqtt://HOST:PORT/TOPIC; may"
+    " be repeated.",
+)
+@click.option(
+    "--rate",
+    type=click.FloatRange(0, min_open=True),
+    metavar="HZ",
+    help="At most so many estimates a second of recorded time; default: all.",
+)
+@click.option(
+    "--until",
+    type=click.FloatRange(0, min_open=True),
+    metavar="S",
+    help="End after so many seconds of recorded time.",
+)
+@click.option(
+    "--patience",
+    type=click.FloatRange(0),
+    default=0.2,
+    show_default=True,
+    metavar="S",
+    help="How long samples may be late.",
+)
+@out_option(
+    metavar="FILE",
+    help="File for all estimates (.parquet, else JSON lines); estimate.json is written beside it.",
+)
+@force_option()
+@click.option("--json", "as_json", is_flag=True, help="JSON lines, in a terminal too.")
+@click.option("--quiet", is_flag=True, help="No remarks on stderr.")
+def watch(
+    experiment: Path,
+    source: str,
+    publish: tuple[str, ...],
+    rate: float | None,
+    until: float | None,
+    patience: float,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Estimate while the robot moves, from samples that arrive; EXPERIMENT describes robot and
+    instruments.
+
+    Ends with the source, after --until, or on Ctrl-C, with an estimate of all that was seen.
+    """
+    from dataclasses import replace
+
+    from steelyard.experiment.read import read_experiment, read_plan
+    from steelyard.identification.synchronisation import synchronise
+    from steelyard.live.settings import LIVE
+    from steelyard.live.sinks.table import check_sink, open_sink
+    from steelyard.live.sources.replay import asked_for
+    from steelyard.live.sources.table import REPLAY, check_source, open_source
+    from steelyard.live.watch import ended, watch
+    from steelyard.output import check_file_target
+
+    check_source(source)
+    for url in publish:
+        check_sink(url)
+    beside = None if out is None else out.parent / "estimate.json"
+    for target in (out, beside):
+        if target is not None:
+            check_file_target(target, force=force)
+    name = "live"
+    if source.startswith(REPLAY):
+        plan = synchronise(read_experiment(experiment)).experiment
+        name = asked_for(source)[0]
+    else:
+        plan = replace(read_plan(experiment), runs=())
+    settings = replace(LIVE, patience=patience)
+    records: list[Record] = []
+    session, first, last = None, None, None
+    with ExitStack() as stack:
+        stopped = stack.enter_context(_asked_to_stop())
+        sinks = []
+        for url in publish:
+            sinks.append(open_sink(url))
+            stack.callback(sinks[-1].close)
+        samples = open_source(source, plan, settings)
+        stack.callback(samples.close)
+        write = stack.enter_context(_log(out))
+        show = stack.enter_context(_shown(as_json=as_json))
+        for each in watch(plan, samples, name, settings, stopped):
+            session = each.session
+            for remark in each.remarks:
+                _say(remark, quiet=quiet)
+            for record in each.records:
+                first = record.time if first is None else first
+                if rate is not None and last is not None and record.time - last < 1 / rate:
+                    continue
+                last = record.time
+                text = _line(record.to_dict())
+                for sink in sinks:
+                    sink.send(text)
+                write(text)
+                records.append(record)
+                show(record)
+            if until is not None and session.seconds >= until:
+                break
+        found = ended(session) if session is not None else None
+    sys.exit(_finished(plan, found, records, out, beside, force=force, quiet=quiet))
+
+
+def _finished(
+    plan: Any,
+    found: Any,
+    records: list[Record],
+    out: Path | None,
+    beside: Path | None,
+    *,
+    force: bool,
+    quiet: bool,
+) -> int:
+    """Write what was found in the end; the exit status."""
+    from steelyard.identification.identify import Identification
+    from steelyard.live.record import table_of
+    from steelyard.live.session import in_words
+    from steelyard.output import results_file, write_json, write_table
+
+    if found is None or found.estimate is None:
+        _say("nothing has arrived", quiet=False)
+        return NOT_ACCEPTED
+    estimate = found.estimate
+    identification = Identification(plan.name, plan.robot.platform, {estimate.method: estimate})
+    if out is not None and out.suffix == ".parquet":
+        with results_file(out, force=True) as path:
+            write_table([(found.session.name, table_of(records))], path)
+    if beside is not None:
+        with results_file(beside, force=force) as path:
+            write_json(identification.to_dict(), path)
+    _say(in_words(found.session), quiet=quiet)
+    _say(str(estimate.verdict), quiet=quiet)
+    return 0 if estimate.verdict.accepted else NOT_ACCEPTED
+
+
+def _line(values: dict[str, Any]) -> str:
+    """Plain values as one line of JSON."""
+    import json
+
+    return json.dumps(values, allow_nan=False)
+
+
+def _say(text: str, *, quiet: bool) -> None:
+    """A remark on stderr, in which nothing of a message can steer the terminal."""
+    from steelyard.display import printable
+
+    if not quiet:
+        sys.stderr.write(f"steelyard: {printable(text)}\n")
+        sys.stderr.flush()
+
+
+@contextmanager
+def _asked_to_stop() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C or a polite kill has come: looked at between chunks, so that nothing is cut in
+    two; a second one ends at once.
+    """
+    stop: list[int] = []
+
+    def note(number: int, _frame: Any) -> None:
+        stop.append(number)
+        signal.signal(signal.SIGINT, before[signal.SIGINT])
+
+    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
+    for each in before:
+        signal.signal(each, note)
+    try:
+        yield lambda: bool(stop)
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
+
+
+@contextmanager
+def _log(out: Path | None) -> Iterator[Callable[[str], None]]:
+    """A file of JSON lines that grows as they come: what was seen before a failure stays."""
+    if out is None or out.suffix == ".parquet":
+        yield lambda text: None
+        return
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with out.open("w", encoding="utf-8", buffering=1) as file:
+        yield lambda text: print(text, file=file)
+
+
+@contextmanager
+def _shown(*, as_json: bool) -> Iterator[Callable[[Record], None]]:
+    """A table that follows in a terminal, JSON lines elsewhere."""
+    if as_json or not sys.stdout.isatty():
+        yield lambda record: print(_line(record.to_dict()), flush=True)
+        return
+    from rich.live import Live
+
+    from steelyard.report.forms.live_table import live_table
+
+    with Live(refresh_per_second=4) as live:
+        yield lambda record: live.update(live_table(record))

@@ -1,0 +1,165 @@
+"""Parts of a motion that have passed: told from another origin, summed up, or joined to one motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import chain
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.identification.model.balance import Forces
+from steelyard.identification.model.motion_residuals import Reading, Tally
+from steelyard.identification.model.processes import integrals_of
+from steelyard.identification.model.segment import Label
+from steelyard.identification.model.sources import Source
+from steelyard.identification.solve.normal_equations import Blocks, summed, together
+from steelyard.identification.solve.segment_equations import SegmentEquations
+from steelyard.inertia import TEN
+from steelyard.smoothing import DEGREE
+
+_BLOCKS = 60
+"""That the blocks of parts are summed up to, at most: more tell no more about their scatter."""
+_SAME = 1e-6
+"""Distance of an end to a beginning that is none, in spacings of the knots."""
+
+
+def counted_from(part: SegmentEquations, further: Array) -> SegmentEquations:
+    """A part with calibration parameters that are counted from elsewhere.
+
+    Args:
+        part: As it is.
+        further: By how much they are more then, shape (u,).
+    """
+    more = np.concatenate([np.zeros(TEN), further])
+    equations, blocks = part.equations, part.blocks
+    return replace(
+        part,
+        equations=replace(equations, right=equations.right + equations.normal @ more),
+        blocks=replace(blocks, right=blocks.right + blocks.normal @ more),
+    )
+
+
+def counted_up(parts: Sequence[SegmentEquations]) -> tuple[Tally, dict[Label, float]]:
+    """Residuals of all parts, and the degrees of freedom that the motion takes of them."""
+    tally, spent = Tally(), dict[Label, float]()
+    for part in parts:
+        tally.include(part.tally)
+        for label, freedom in part.spent.items():
+            spent[label] = spent.get(label, 0.0) + freedom
+    return tally, spent
+
+
+def summed_up(parts: Sequence[SegmentEquations]) -> SegmentEquations:
+    """What parts of one run say, with the motion of the last of them alone."""
+    tally, spent = counted_up(parts)
+    by_source: dict[Source, Array] = {}
+    for part in parts:
+        for source, matrix in part.by_source.items():
+            by_source[source] = by_source.get(source, 0.0) + matrix
+    return replace(
+        parts[-1],
+        equations=summed([part.equations for part in parts]),
+        blocks=_fewer(together([part.blocks for part in parts])),
+        by_source=by_source,
+        tally=tally,
+        spent=spent,
+    )
+
+
+def motions_of(parts: Sequence[SegmentEquations]) -> list[SegmentEquations]:
+    """Parts of one motion each, whose chunks follow each other."""
+    groups: list[list[SegmentEquations]] = []
+    for part in parts:
+        if groups and _follows(part, groups[-1][-1]):
+            groups[-1].append(part)
+        else:
+            groups.append([part])
+    return [group[0] if len(group) == 1 else _joined(group) for group in groups]
+
+
+def _follows(part: SegmentEquations, before: SegmentEquations) -> bool:
+    """Whether a chunk begins where another one ends."""
+    one, other = before.segment, part.segment
+    if one.static or other.static or one.run != other.run:
+        return False
+    spacing = float(other.knots[DEGREE + 1] - other.knots[DEGREE])
+    return abs(other.span[0] - one.span[1]) < _SAME * spacing
+
+
+def _joined(parts: Sequence[SegmentEquations]) -> SegmentEquations:
+    """One motion of chunks that follow each other."""
+    first, last = parts[0].segment, parts[-1].segment
+    # The last functions of a chunk are the first ones of the next.
+    own = [len(part.segment.coefficients) - DEGREE for part in parts[:-1]]
+    own.append(len(last.coefficients))
+    knots = [part.segment.knots[:count] for part, count in zip(parts, own, strict=True)]
+    grid = np.concatenate([*knots, last.knots[own[-1] :]])
+    integrals = integrals_of(grid) if first.processes else None
+    segment = replace(
+        first,
+        knots=grid,
+        coefficients=np.concatenate(
+            [part.segment.coefficients[:count] for part, count in zip(parts, own, strict=True)]
+        ),
+        readings=tuple(_readings(parts)),
+        jerks={},
+        processes=tuple(
+            each if integrals is None else replace(each, integrals=integrals)
+            for each in first.processes
+        ),
+    )
+    columns = [count * first.block for count in own]
+    return replace(
+        summed_up(parts),
+        segment=segment,
+        force_samples=_forces(parts),
+        balances=tuple(chain.from_iterable(part.balances for part in parts)),
+        weight=np.concatenate([part.weight for part in parts]),
+        covariance=np.hstack(
+            [part.covariance[:, :count] for part, count in zip(parts, columns, strict=True)]
+        ),
+        followed=np.concatenate(
+            [part.followed[:count] for part, count in zip(parts, columns, strict=True)]
+        ),
+    )
+
+
+def _readings(parts: Sequence[SegmentEquations]) -> Iterator[Reading]:
+    """Of every quantity, one after the other."""
+    by_source: dict[Source, list[Reading]] = {}
+    for part in parts:
+        for reading in part.segment.readings:
+            by_source.setdefault(reading.source, []).append(reading)
+    for own in by_source.values():
+        tensions = [each.tension for each in own if each.tension is not None]
+        yield replace(
+            own[0],
+            time=np.concatenate([each.time for each in own]),
+            values=np.concatenate([each.values for each in own]),
+            tension=np.concatenate(tensions) if tensions else None,
+        )
+
+
+def _forces(parts: Sequence[SegmentEquations]) -> Forces:
+    """Of all parts."""
+    own = [part.force_samples for part in parts]
+    return replace(
+        own[0],
+        time=np.concatenate([each.time for each in own]),
+        readings={q: np.concatenate([each.readings[q] for each in own]) for q in own[0].readings},
+        left_out=np.concatenate([each.left_out for each in own]),
+    )
+
+
+def _fewer(blocks: Blocks) -> Blocks:
+    """Neighbours together, until there are few enough."""
+    while len(blocks.run) > _BLOCKS:
+        pairs = np.arange(0, len(blocks.run), 2)
+        blocks = Blocks(
+            np.add.reduceat(blocks.normal, pairs),
+            np.add.reduceat(blocks.right, pairs),
+            blocks.run[pairs],
+        )
+    return blocks

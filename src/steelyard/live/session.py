@@ -1,0 +1,240 @@
+"""Samples as they arrive, and what they tell: a beginning is waited for, then chunk by chunk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from steelyard.errors import InputError
+from steelyard.estimates.estimate import Estimate, no_estimate, plausible_radius
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.methods.recursive import Recursive
+from steelyard.identification.recursive.follow import Following, begin
+from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.live.buffer import Buffer, part_of
+from steelyard.live.message import Arrival
+from steelyard.live.record import Record
+from steelyard.live.settings import LIVE, LiveSettings
+
+_NOTHING_YET = (
+    "nothing was told: expected forces and motion for some seconds, found too little; see that all"
+    " instruments send, and move the platform on all six axes"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """What has arrived, and what is known of it."""
+
+    plan: Experiment
+    """Robot and instruments; its runs are of no account."""
+    name: str
+    """Of the run that arrives."""
+    sync: Mapping[str, float]
+    """Instrument -> time of one common event on its clock [s]; empty: the clocks agree."""
+    buffer: Buffer = field(default_factory=Buffer)
+    following: Following | None = None
+    paused: float | None = None
+    """Since when forces or motion have been missing [s]; None: they are there."""
+    tried: float = 0.0
+    """Length of the beginning that was tried last [s]."""
+    why: str = ""
+    """Why it was none."""
+    judged: float = -np.inf
+    """When all that was seen was looked at last [s]."""
+    estimate: Estimate | None = None
+    """What was found then."""
+    settings: LiveSettings = LIVE
+
+    def taken(self, arrivals: Iterable[Arrival], refused: int = 0) -> Session:
+        """With samples that have arrived, and messages that could not be read."""
+        used: dict[str, float] = {}
+        if self.following is not None and self.paused is None:
+            start, _ = self.following.window.grid.span(self.following.number)
+            used = {name: start + self.sync[name] for name in self.sync}
+        buffer = self.buffer.with_arrivals(arrivals, used, self.settings)
+        return replace(self, buffer=buffer.refused(refused) if refused else buffer)
+
+    def advanced(self) -> tuple[Session, list[Record]]:
+        """With all chunks that have arrived whole, and what is known after each."""
+        found, records = self, list[Record]()
+        if found.following is None:
+            found = found._begun()
+        if found.following is not None and found.paused is not None:
+            found = found._resumed(found.following, found.paused)
+        while (
+            found.following is not None
+            and found.paused is None
+            and found._is_ready(found.following)
+        ):
+            found, record = found._further(found.following)
+            records += record
+        return found._trimmed(), records
+
+    @property
+    def run(self) -> Run:
+        """What is at hand."""
+        streams = {name: each for name, each in self.buffer.streams.items() if len(each)}
+        sync = {name: time for name, time in self.sync.items() if name in streams}
+        return Run(self.name, streams, sync)
+
+    @property
+    def last(self) -> Mapping[str, float]:
+        """Instrument -> common time of its last sample [s]."""
+        return {
+            name: float(each.time[-1]) - self.sync.get(name, 0.0)
+            for name, each in self.buffer.streams.items()
+            if len(each)
+        }
+
+    @property
+    def seconds(self) -> float:
+        """Of recorded time since the first force [s]."""
+        return max(self.last.values(), default=0.0) if self.sync else 0.0
+
+    def ended(self) -> tuple[Session, Estimate]:
+        """After all that has arrived, with an estimate from it."""
+        found = self
+        if found.following is None:
+            return found, no_estimate(Recursive.name, found.why or _NOTHING_YET)
+        following = found.following
+        if found.paused is not None:
+            return found, _estimate(following)
+        newest = max(found.last.values())
+        while following.window.grid.span(following.number)[0] < newest and following.has(found.run):
+            following = following.advanced(found.run)
+        return replace(found, following=following), _estimate(following.ended())
+
+    def _begun(self) -> Session:
+        """With a beginning, where enough for one has arrived."""
+        found = self
+        forces = [name for name in found.plan.instruments if found.plan.is_force(name)]
+        force = next((name for name in forces if len(found.buffer.streams.get(name, ()))), None)
+        if force is None:
+            return found
+        if not found.sync:
+            origin = float(found.buffer.streams[force].time[0])
+            found = replace(found, sync=dict.fromkeys(found.plan.instruments, origin))
+        last = found.last
+        first = float(found.buffer.streams[force].time[0]) - found.sync[force]
+        length = last[force] - first
+        wanted = max(
+            found.settings.recursion.begin,
+            found.tried * found.settings.recursion.longer if found.tried else 0.0,
+        )
+        slowest = min(last.values()) - first
+        waited = length > wanted + found.settings.silent
+        if slowest < wanted and not waited:
+            return found
+        try:
+            own = replace(found.settings.recursion, begin=length)
+            experiment = replace(found.plan, runs=(found.run,))
+            following = begin(experiment, own=own)
+            if following.begun.fit.converged:
+                own = found.settings.recursion
+                recursion = replace(following.recursion, settings=own)
+                return replace(found, following=replace(following, recursion=recursion))
+            why = "the beginning could not be fitted yet"
+        except (InputError, NoBalanceError, np.linalg.LinAlgError) as error:
+            why = str(error)
+        return replace(found, tried=length, why=why)
+
+    def _is_ready(self, following: Following) -> bool:
+        """Whether the next chunk has arrived, and so much more that nothing of it is to come."""
+        _, end = following.window.grid.span(following.number)
+        last = self.last
+        newest = max(last.values())
+        awaited = [time for time in last.values() if newest - time < self.settings.silent]
+        return min(awaited) >= end + self.settings.patience
+
+    def _resumed(self, following: Following, since: float) -> Session:
+        """With the motion going on, where forces and motion are there again."""
+        run, last = self.run, self.last
+        common = {name: each.time - self.sync[name] for name, each in run.streams.items()}
+        again = {
+            name: float(times[at])
+            for name, times in common.items()
+            if (at := int(np.searchsorted(times, since))) < len(times)
+        }
+        newest = max(last.values())
+        awaited = [name for name in again if newest - last[name] < self.settings.silent]
+        if not awaited:
+            return self
+        start = max(again[name] for name in awaited)
+        if min(last[name] for name in awaited) - start < self.settings.again:
+            return self
+        streams = {
+            name: part_of(run.streams[name], slice(int(np.searchsorted(common[name], start)), None))
+            for name in awaited
+        }
+        try:
+            resumed = following.resumed(replace(run, streams=streams))
+        except (InputError, NoBalanceError, np.linalg.LinAlgError) as error:
+            return replace(self, paused=start + self.settings.again, why=str(error))
+        return replace(self, following=resumed, paused=None)
+
+    def _further(self, following: Following) -> tuple[Session, list[Record]]:
+        """With the next chunk."""
+        if not following.has(self.run):
+            _, end = following.window.grid.span(following.number)
+            return replace(self, following=following.ended(), paused=end), []
+        following = following.advanced(self.run).summed(self.settings.parts)
+        found = replace(self, following=following)
+        if following.is_beginning:
+            return found, []
+        instant = following.instants[-1]
+        if instant.time - found.judged >= found.settings.judged:
+            # Of a copy: the motion goes on.
+            estimate = _estimate(following.ended())
+            found = replace(found, judged=instant.time, estimate=estimate)
+        verdict = None if found.estimate is None else found.estimate.verdict
+        force = following.like.forces.name
+        record = Record.of(
+            instant.time + found.sync[force],
+            found.name,
+            instant.value,
+            instant.covariance,
+            plausible_radius(found.plan.robot),
+            None if verdict is None else verdict.accepted,
+            () if verdict is None else verdict.reasons,
+        )
+        return found, [record]
+
+    def _trimmed(self) -> Session:
+        """Without samples that have been used, and without a beginning that is too long."""
+        if not self.sync:
+            return self
+        if self.following is None:
+            oldest = max(self.last.values()) - self.settings.longest
+        elif self.paused is not None:
+            oldest = self.paused - self.settings.kept
+        else:
+            start, _ = self.following.window.grid.span(self.following.number)
+            oldest = start - self.settings.kept
+        times = {name: oldest + own for name, own in self.sync.items()}
+        return replace(self, buffer=self.buffer.since(times))
+
+
+def _estimate(following: Following) -> Estimate:
+    """From all that was seen."""
+    try:
+        return Recursive().of(following.posterior)
+    except (NoBalanceError, np.linalg.LinAlgError) as error:
+        return no_estimate(Recursive.name, str(error))
+
+
+def in_words(session: Session) -> str:
+    """What has arrived, and what was not taken."""
+    counts = session.buffer.counts
+    left = (
+        (counts.late, "too late"),
+        (counts.doubled, "doubled"),
+        (counts.ahead, "far ahead in time"),
+    )
+    parts = [f"{count} {what}" for count, what in left if count]
+    if counts.refused:
+        parts.append(f"{counts.refused} messages that could not be read")
+    rest = f"; not taken: {', '.join(parts)}" if parts else ""
+    return f"{counts.taken} samples in {session.seconds:.1f} s{rest}"

@@ -1,0 +1,1 @@
+"""Where estimates go to: one file each, one table of them all."""

@@ -1,0 +1,54 @@
+"""All kinds of sources by the beginning of their addresses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from steelyard.errors import InputError
+from steelyard.experiment.model import Experiment
+from steelyard.live.settings import LIVE, LiveSettings
+from steelyard.live.sources.mqtt import MqttTransport
+from steelyard.live.sources.replay import Replay, asked_for
+from steelyard.live.sources.source import MessageSource, Source, Transport
+from steelyard.live.sources.udp import UdpTransport
+from steelyard.live.sources.zeromq import ZeroMqTransport
+
+REPLAY = "replay:"
+TRANSPORTS: dict[str, Callable[[str], Transport]] = {
+    "udp://": UdpTransport,
+    "zmq+tcp://": ZeroMqTransport,
+    "mqtt://": MqttTransport,
+}
+"""Beginning of an address -> connection that messages come over."""
+
+
+def check_source(url: str) -> None:
+    """Refuse an address of no kind before anything is read.
+
+    Raises:
+        InputError: It is of no kind.
+    """
+    if not url.startswith((REPLAY, *TRANSPORTS)):
+        raise InputError(
+            f"--source: expected replay:RUN, udp://, zmq+tcp:// or mqtt://, found '{url}'; choose"
+            " one of these"
+        )
+
+
+def open_source(url: str, experiment: Experiment, settings: LiveSettings = LIVE) -> Source:
+    """A source that is connected.
+
+    Args:
+        url: Its address.
+        experiment: Whose instruments it reads; of a replay with the run.
+        settings: Limits of a message.
+
+    Raises:
+        InputError: The address is of no kind, or there is nothing.
+    """
+    check_source(url)
+    if url.startswith(REPLAY):
+        name, speed = asked_for(url)
+        return Replay(experiment, experiment.run(name), speed)
+    transport = next(kind for start, kind in TRANSPORTS.items() if url.startswith(start))
+    return MessageSource(transport(url), experiment.instruments, experiment.robot.m, settings)

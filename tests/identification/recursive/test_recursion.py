@@ -1,0 +1,203 @@
+"""The recursion against the same readings taken as a whole."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from places import DATA
+
+from steelyard.experiment.read import read_experiment
+from steelyard.identification.identify import identify
+from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.processes import integrals_of
+from steelyard.identification.model.segment import NormalEquations
+from steelyard.identification.recursive.follow import begin, follow
+from steelyard.identification.recursive.grid import KnotGrid
+from steelyard.identification.recursive.past import Linear, Point, eliminated, together
+from steelyard.identification.recursive.settings import RECURSIVE
+from steelyard.identification.solve.segment_equations import segment_equations
+from steelyard.smoothing import DEGREE
+
+
+def drawn(rng, functions, block, border):
+    """Equations of random rows, and the same as a dense matrix and a vector."""
+    size, width = functions * block, (DEGREE + 1) * block
+    normal, gradient = np.zeros((size + border,) * 2), np.zeros(size + border)
+    for first in range(functions - DEGREE):
+        rows = np.zeros((width + border + 3, size + border))
+        rows[:, first * block : first * block + width] = rng.normal(size=(len(rows), width))
+        rows[:, size:] = rng.normal(size=(len(rows), border))
+        normal += rows.T @ rows
+        gradient += rows.T @ rng.normal(size=len(rows))
+    band = np.zeros((width, size))
+    for d in range(width):
+        band[d, : size - d] = np.diagonal(normal[:size, :size], -d)
+    equations = NormalEquations(
+        band,
+        normal[:size, size:],
+        normal[size:, size:],
+        gradient[:size],
+        gradient[size:],
+        block=block,
+    )
+    return equations, normal, gradient
+
+
+def test_what_passes_is_eliminated_as_a_dense_solution_has_it():
+    rng = np.random.default_rng(1)
+    functions, block, border, kept = 9, 3, 4, DEGREE
+    equations, normal, gradient = drawn(rng, functions, block, border)
+    found = eliminated(equations, kept)
+    gone = (functions - kept) * block
+    left = normal[gone:, gone:] - normal[gone:, :gone] @ np.linalg.solve(
+        normal[:gone, :gone], normal[:gone, gone:]
+    )
+    right = gradient[gone:] - normal[gone:, :gone] @ np.linalg.solve(
+        normal[:gone, :gone], gradient[:gone]
+    )
+    size = kept * block
+    scale = np.abs(left).max()
+    assert np.abs(found.side - left[:size, size:]).max() < 1e-10 * scale
+    assert np.abs(found.corner - left[size:, size:]).max() < 1e-10 * scale
+    assert np.abs(found.motion_gradient - right[:size]).max() < 1e-10 * scale
+    assert np.abs(found.border_gradient - right[size:]).max() < 1e-10 * scale
+    for d in range(size):
+        own = np.diagonal(left[:size, :size], -d)
+        assert np.abs(found.band[d, : size - d] - own).max() < 1e-10 * scale
+
+
+def test_equations_seen_from_elsewhere_have_the_gradient_there():
+    rng = np.random.default_rng(2)
+    functions, block, border = 8, 2, 3
+    equations, normal, gradient = drawn(rng, functions, block, border)
+    at = Point(rng.normal(size=(functions, block)), rng.normal(size=border))
+    there = Point(rng.normal(size=(functions, block)), rng.normal(size=border))
+    found = Linear(equations, at).seen_from(there)
+    moved = np.concatenate([(there.motion - at.motion).ravel(), there.border - at.border])
+    expected = gradient - normal @ moved
+    got = np.concatenate([found.motion_gradient, found.border_gradient])
+    assert got == pytest.approx(expected, rel=1e-10, abs=1e-8)
+
+
+def test_chunks_placed_one_after_the_other_are_the_whole():
+    rng = np.random.default_rng(3)
+    one, normal, _ = drawn(rng, 8, 2, 3)
+    two, other, _ = drawn(rng, 7, 2, 3)
+    whole = together([one, two], [0, 3])
+    size = 10 * 2
+    dense = np.zeros((size + 3, size + 3))
+    for start, functions, each in ((0, 8, normal), (3, 7, other)):
+        place = np.concatenate([2 * start + np.arange(2 * functions), size + np.arange(3)])
+        dense[np.ix_(place, place)] += each
+    for d in range(len(whole.band)):
+        assert whole.band[d, : size - d] == pytest.approx(np.diagonal(dense[:size, :size], -d))
+    assert whole.side == pytest.approx(dense[:size, size:])
+    assert whole.corner == pytest.approx(dense[size:, size:])
+
+
+def test_a_grid_of_chunks_is_that_of_the_whole():
+    grid, count = KnotGrid(1.5, 0.1, 5, 7), 4
+    whole = grid.knots(0, count)
+    for number in range(count):
+        start = number * grid.intervals
+        own = whole[start : start + grid.functions + DEGREE + 1]
+        assert grid.knots(number) == pytest.approx(own)
+        assert grid.span(number) == pytest.approx((own[DEGREE], own[-DEGREE - 1]))
+    # Squares of a process over chunks are those over the whole.
+    value, rate, _ = integrals_of(whole)
+    summed = np.zeros_like(value), np.zeros_like(rate)
+    for number in range(count):
+        own = slice(number * grid.intervals, number * grid.intervals + grid.functions)
+        for total, each in zip(summed, grid.integrals[:2], strict=True):
+            total[:, own] += each
+    assert summed[0] == pytest.approx(value, abs=1e-12)
+    assert summed[1] == pytest.approx(rate, abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def points():
+    return read_experiment(DATA / "points-00" / "experiment.yaml")
+
+
+@pytest.mark.integration
+def test_all_chunks_say_what_the_same_readings_say_at_once(points):
+    # So long a beginning that nothing moves afterwards: both are linearised alike.
+    *_, found = follow(points, own=replace(RECURSIVE, begin=60.0))
+    parts, recursion = found.parts, found.recursion
+    grid = KnotGrid(
+        parts[0].segment.span[0],
+        float(np.diff(parts[0].segment.knots[:2])[0]),
+        len(parts[0].segment.coefficients) - DEGREE,
+        parts[0].segment.block,
+    )
+    motion = np.vstack([part.segment.coefficients[: grid.intervals] for part in parts])
+    motion = np.vstack([motion, parts[-1].segment.coefficients[grid.intervals :]])
+    readings = []
+    for source in dict.fromkeys(r.source for part in parts for r in part.segment.readings):
+        own = [r for part in parts for r in part.segment.readings if r.source == source]
+        values = np.concatenate([r.values for r in own])
+        readings.append(replace(own[0], time=np.concatenate([r.time for r in own]), values=values))
+    samples = [part.force_samples for part in parts]
+    forces = replace(
+        samples[0],
+        time=np.concatenate([s.time for s in samples]),
+        readings={q: np.concatenate([s.readings[q] for s in samples]) for q in samples[0].readings},
+        left_out=np.concatenate([s.left_out for s in samples]),
+    )
+    knots = grid.knots(0, len(parts))
+    whole = KnotGrid(knots[DEGREE], grid.spacing, grid.intervals * len(parts), grid.block)
+    segment: Segment = replace(
+        parts[0].segment,
+        knots=knots,
+        coefficients=motion,
+        readings=tuple(readings),
+        jerks=whole.jerks,
+    )
+    state = replace(recursion.state, segments=(segment,))
+    expected = segment_equations(recursion.task, state, segment, forces, None, run=0)
+    normal = sum(part.equations.normal for part in parts)
+    size = np.maximum(np.sqrt(np.diag(expected.equations.normal)), 1e-9)
+    scale = np.outer(size, size)
+    assert np.abs((normal - expected.equations.normal) / scale).max() < 5e-3
+    assert sum(p.tally.cost for p in parts) == pytest.approx(expected.tally.cost, rel=2e-2)
+    assert sum(p.equations.freedom for p in parts) == expected.equations.freedom
+
+
+@pytest.mark.integration
+def test_the_end_of_a_recording_is_known_as_by_the_whole_fit(points):
+    found = identify(points, ["maximum-likelihood", "recursive"])
+    whole, chunks = found.estimates["maximum-likelihood"], found.estimates["recursive"]
+    assert found.result == "maximum-likelihood"
+    assert chunks.verdict.accepted
+    off = (chunks.value - whole.value) / whole.standard_deviation
+    assert np.abs(off).max() < 0.4
+    ratio = chunks.standard_deviation / whole.standard_deviation
+    assert ratio == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.integration
+def test_what_is_known_grows_with_time(points):
+    instants = None
+    for found in follow(points):
+        instants = found.instants
+    sigmas = np.array([np.sqrt(np.diag(each.covariance)) for each in instants])
+    assert np.all(np.diff(sigmas, axis=0)[8:] < 0.05 * sigmas[8:-1])
+    assert np.all(sigmas[-1] < 0.9 * sigmas[len(sigmas) // 3])
+
+
+@pytest.mark.integration
+def test_parts_that_are_summed_up_tell_the_same(points):
+    *_, found = follow(points)
+    few = found.summed(4)
+    assert len(few.parts) == 5
+    one, other = found.posterior.solution, few.posterior.solution
+    assert other.value == pytest.approx(one.value, rel=1e-6, abs=1e-9)
+    assert np.diag(other.covariance) == pytest.approx(np.diag(one.covariance), rel=1e-6)
+
+
+@pytest.mark.integration
+def test_the_beginning_takes_no_more_than_it_is_given(points):
+    early = begin(points, own=replace(RECURSIVE, begin=4.0))
+    last = max(each.time[-1] for each in early.begun.fit.state.segments[0].readings)
+    assert last < 4.0 + 1.0
+    assert early.is_beginning
