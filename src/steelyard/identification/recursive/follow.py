@@ -244,12 +244,12 @@ def begin(
     at_rest = [each for each in experiment.runs if each.static]
     while True:
         early = replace(run, window=(start, min(end, start + length)))
-        begun = replace(experiment, runs=(*at_rest, early))
-        readings, fitted = fitted_jointly(read(begun, None, tell, settings=settings), tell)
+        taken = read(experiment, None, tell, [*at_rest, early], settings)
+        readings, fitted = fitted_jointly(taken, tell)
         if fitted.fit.converged or start + length >= end:
             break
         length *= own.longer
-    task, state = replace(fitted.task, experiment=experiment), fitted.fit.state
+    task, state = fitted.task, fitted.fit.state
     moving = [i for i, each in enumerate(state.segments) if not each.static]
     if not moving:
         raise NoBalanceError("; ".join(readings.notes))

@@ -25,6 +25,7 @@ from steelyard.identification.model.segment import (
     banded_trace,
 )
 from steelyard.identification.recursive.grid import KnotGrid
+from steelyard.identification.recursive.levels import Liveliness
 from steelyard.identification.recursive.past import Linear, Point, eliminated, together
 from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
 from steelyard.identification.solve.fit_state import FitState, Task
@@ -74,6 +75,8 @@ class Window:
     """Coefficients, shape (f, block)."""
     past: Linear | None = None
     """What remains of the chunks before it."""
+    lively: Liveliness | None = None
+    """How lively the motion is; None: as the first chunk has it."""
 
     def place(self, number: int) -> slice:
         """Where a chunk of the window has its coefficients."""
@@ -107,8 +110,11 @@ class Window:
             ends[:, : DEGREE + 1] = grid.integrals.ends[:, : DEGREE + 1]
         integrals = SplineIntegrals(grid.integrals.value, grid.integrals.rate, ends)
         processes = tuple(replace(each, integrals=integrals) for each in self.like.processes)
+        like = self.like
+        if self.lively is not None and like.smoothness is not None:
+            like = replace(like, smoothness=self.lively.smoothness)
         return replace(
-            self.like,
+            like,
             knots=grid.knots(whole),
             readings=readings,
             coefficients=self.motion[self.place(number)],
@@ -204,6 +210,8 @@ class Recursion:
             segment = replace(segment, coefficients=here.window.motion[longer.place(number)])
             if turn or motion is not None:
                 segment, forces = here._with_jitter(segment, forces)
+            if turn and motion is None and here.window.lively is not None:
+                segment = here.window.lively.at_least(segment, longer.grid.intervals)
             _, rows = whitened_rows(here.task, here.state, segment, forces)
             chunk = Chunk(
                 segment, forces, here._linear(segment, _smoothed(segment, here.task, rows))
@@ -257,6 +265,7 @@ class Recursion:
             tally,
             {label: banded_trace(each, inverse) for label, each in own.parts.items()},
         )
+        lively = window.lively or Liveliness.of(segment, self.settings.forgets / grid.spacing)
         kept = window.motion[grid.intervals : grid.functions]
         left = replace(
             window,
@@ -264,6 +273,7 @@ class Recursion:
             chunks=window.chunks[1:],
             motion=window.motion[grid.intervals :],
             past=Linear(remains, Point(kept, point)),
+            lively=lively.followed(segment, inverse, grid.intervals, self.settings),
         )
         return replace(self, window=left), part
 

@@ -20,6 +20,8 @@ class RecursiveSettings:
     """Of knots in a chunk: what it passes on is as long."""
     lag: float = 2.0
     """Length of the motion that is still fitted [s]."""
+    forgets: float = 10.0
+    """Time over which it forgets how lively a motion was [s]."""
     turns: int = 3
     """Linearisations of a chunk as it arrives, at most."""
     arrived: float = 0.1

@@ -1,0 +1,103 @@
+"""Levels that are followed while the motion goes on: how lively it is, and how noisy readings are.
+
+How lively: the expected roughness of what has passed over the freedom that it has (expectation and
+maximisation [Dempster1977]_), forgotten with time, so that a motion that begins to shake is not held
+as stiff as it was before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.identification.model.motion_residuals import PARTS, Segment
+from steelyard.identification.model.segment import banded_trace
+from steelyard.identification.recursive.settings import RecursiveSettings
+
+
+@dataclass(frozen=True)
+class Liveliness:
+    """How lively the motion is."""
+
+    rough: Mapping[str, float]
+    """Part of the pose -> expected roughness, the last seconds weighing most [m^2/s^5], [1/s^5] times
+    the freedom."""
+    freedom: Mapping[str, float]
+    """Part of the pose -> freedom that it has."""
+    looser: Mapping[str, float]
+    """See :attr:`.Segment.looser`."""
+
+    @classmethod
+    def of(cls, segment: Segment, intervals: float) -> Liveliness:
+        """As a segment has it.
+
+        Args:
+            segment: With its smoothness.
+            intervals: Of its knots that this counts for.
+        """
+        smoothness = segment.smoothness or {}
+        looser = {part: segment.looser.get(part, 1.0) for part in smoothness}
+        freedom = {part: intervals * _components(part) for part in smoothness}
+        rough = {part: freedom[part] * smoothness[part] / looser[part] for part in smoothness}
+        return cls(rough, freedom, looser)
+
+    @property
+    def smoothness(self) -> dict[str, float]:
+        """See :attr:`.Segment.smoothness`."""
+        return {
+            part: self.looser[part] * self.rough[part] / self.freedom[part] for part in self.rough
+        }
+
+    def followed(
+        self, segment: Segment, inverse: Array, intervals: int, settings: RecursiveSettings
+    ) -> Liveliness:
+        """With a chunk that passes.
+
+        Args:
+            segment: The chunk.
+            inverse: Covariance of its coefficients, lower banded form, shape (42, N).
+            intervals: Of its knots.
+            settings: How fast it forgets.
+        """
+        if not self.rough:
+            return self
+        start, end = segment.span
+        kept = float(np.exp(-(end - start) / settings.forgets))
+        roughness = segment.roughness
+        expected = {
+            part: roughness[part] + banded_trace(segment.jerks[part], inverse)
+            for part in self.rough
+        }
+        return replace(
+            self,
+            rough={part: kept * self.rough[part] + expected[part] for part in self.rough},
+            freedom={
+                part: kept * self.freedom[part] + intervals * _components(part)
+                for part in self.rough
+            },
+        )
+
+    def at_least(self, segment: Segment, intervals: int) -> Segment:
+        """A chunk no stiffer than its own motion is: it may have begun to shake.
+
+        Args:
+            segment: The chunk.
+            intervals: Of its knots.
+        """
+        if not self.rough:
+            return segment
+        own = {
+            part: value / (intervals * _components(part))
+            for part, value in segment.roughness.items()
+            if part in self.rough
+        }
+        usual = self.smoothness
+        return replace(segment, smoothness={part: max(usual[part], own[part]) for part in usual})
+
+
+def _components(part: str) -> int:
+    """Numbers of a part of the pose."""
+    return PARTS[part].stop - PARTS[part].start
