@@ -15,6 +15,7 @@ from steelyard.calibration.first_poses import UPRIGHT
 from steelyard.calibration.fit import GeometryFit, Progress, fit_geometry
 from steelyard.calibration.gauge import Gauge, gauge_of
 from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
+from steelyard.calibration.wrong_rows import WrongRow
 from steelyard.digits import number
 from steelyard.display import Display
 from steelyard.estimates.estimate import (
@@ -25,6 +26,7 @@ from steelyard.estimates.estimate import (
 )
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import ROBOT, as_tree
+from steelyard.identification.weighed_cells import WrongWeight
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.robot.covariance import POINTS, names_of
 from steelyard.robot.model import Robot
@@ -120,9 +122,10 @@ class GeometryCalibration:
             for i, j in zip(*np.nonzero(~told), strict=True)
         ]
         parameters = self.found.parameters
-        sigma = self.found.deviations
+        sigma, weighed = self.found.deviations, set(parameters.of_weighed.tolist())
         for place, entry, i in parameters.components():
             searched = entry.key in {"gain", "offset"} and entry.owner != ROBOT
+            searched = searched and place not in weighed
             before = entry.deviation[i]
             if searched and before > 0 and sigma[place] > self.settings.told * before:
                 found.append(parameters.names[place])
@@ -172,6 +175,8 @@ class GeometryCalibration:
                     " ('scale: {l1: -1, …}' in the stream)"
                 )
                 break
+        if found.parameters.weighed is not None:
+            reasons += found.parameters.weighed.reasons
         off = self._off()
         worst = int(np.argmax(np.abs(off))) if len(off) else 0
         if len(off) and abs(off[worst]) > self.settings.far_off:
@@ -181,6 +186,12 @@ class GeometryCalibration:
                 " 'uncertainty'"
             )
         return reasons
+
+    @property
+    def wrong(self) -> list[WrongRow | WrongWeight]:
+        """Rows of poses and of dead weights that were left out."""
+        weighed = self.found.parameters.weighed
+        return [*self.found.wrong, *(() if weighed is None else weighed.wrong)]
 
     def _off(self) -> Array:
         """Moves of the points over their 1-sigma beforehand, shape (6 m,); exact ones do not move."""
@@ -244,7 +255,7 @@ class GeometryCalibration:
             },
             "gauge": [str(gauge) for gauge in self.gauges.values()],
             "unobservable": self.unobservable,
-            "wrong_rows": [str(each) for each in self.found.wrong],
+            "wrong_rows": [str(each) for each in self.wrong],
             "verdict": {"accepted": not self.reasons, "reasons": self.reasons},
         }
 
@@ -270,7 +281,7 @@ class GeometryCalibration:
             f"{self.experiment.robot.name}: {said}",
             tuple(rows),
             head=("", "", "x", "y", "z"),
-            sentences=(*self.reasons, *(str(each) for each in self.found.wrong)),
+            sentences=(*self.reasons, *(str(each) for each in self.wrong)),
         )
 
 

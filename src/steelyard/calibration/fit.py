@@ -126,7 +126,10 @@ def fit_geometry(
             " platform stands"
         ) from None
     tell("leaving out", 0.8)
+    # Of what no pose tells anything, what is known beforehand stays.
+    rest = np.flatnonzero((parameters.deviation > 0) & ~task.active)
     covariance = np.zeros((len(parameters), len(parameters)))
+    covariance[np.ix_(rest, rest)] = np.linalg.inv(parameters.precision[np.ix_(rest, rest)])
     own = np.flatnonzero(task.active)
     covariance[np.ix_(own, own)] = found.covariance
     # Lengths are left out of what the motion instruments say.

@@ -13,9 +13,10 @@ import numpy as np
 
 from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, PlanForm, RunForm
 from steelyard.experiment.model import Experiment, Fault, Load, Run
-from steelyard.experiment.seen_frequencies import with_frequencies_apart
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
 from steelyard.experiment.stuck import without_stuck
+from steelyard.experiment.tables.dead_weights import with_weights_apart
+from steelyard.experiment.tables.seen_frequencies import with_frequencies_apart
 from steelyard.experiment.unread import with_unread_cables
 from steelyard.instruments import Instrument
 from steelyard.logs.log import NoRowsError
@@ -49,7 +50,13 @@ def read_experiment(path: str | Path, *, poses_alone: bool = False) -> Experimen
     robot = _described(form, document)
     _check_loads(form, document)
     runs = tuple(_read_run(i, run, form, robot, document) for i, run in enumerate(form.runs))
-    experiment = with_unread_cables(with_frequencies_apart(_experiment(form, robot, runs, path)))
+    listed = _experiment(form, robot, runs, path)
+    experiment = with_unread_cables(with_weights_apart(with_frequencies_apart(listed)))
+    if experiment.weights and not (experiment.runs or experiment.frequencies):
+        raise document.error(
+            ("runs",),
+            "expected a run of the platform beside the dead weights, found none; add one",
+        )
     numbers = {run.name: i for i, run in enumerate(runs)}
     for run in experiment.runs:
         weighed = not (poses_alone and run.static)
@@ -75,9 +82,12 @@ def read_plan(path: str | Path) -> Experiment:
     path = Path(path)
     document = read_yaml(path)
     form = validate(PlanForm, document)
-    if form.runs and any(i.rate is None and not i.commanded for i in form.instruments.values()):
+    if form.runs and any(
+        i.rate is None and not (i.commanded or i.tabular) for i in form.instruments.values()
+    ):
         return read_experiment(path)
-    return _experiment(form, _described(form, document), (), path)
+    listed = _experiment(form, _described(form, document), (), path)
+    return with_weights_apart(with_frequencies_apart(listed))
 
 
 def _described(form: ExperimentForm, document: YamlDocument) -> Robot:
@@ -158,7 +168,9 @@ def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
             "expected what is known under the load that it is about, found it for all of them; move"
             f" it to 'loads: {{{next(iter(form.loads))}: {{known: …}}}}'",
         )
-    tables = [name for name, each in form.instruments.items() if each.tabular]
+    tables = [
+        name for name, each in form.instruments.items() if each.tabular and not each.calibrates
+    ]
     if len(form.loads) > 1 and tables:
         raise document.error(
             ("instruments", tables[0]),
@@ -185,7 +197,8 @@ def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
                 ("runs", i, "load"), f"expected the name of a load, found '{run.load}'{known}"
             )
         carried = form.loads.get(run.load or next(iter(form.loads), ""))
-        if carried is not None and not carried.rigid and not run.static:
+        moves = not run.static and not _is_of_sensors(form, run)
+        if carried is not None and not carried.rigid and moves:
             raise document.error(
                 ("runs", i, "load"),
                 f"run '{run.name}': expected poses at rest of a load in which something moves, found"
@@ -203,7 +216,12 @@ def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
 def _is_carried(form: ExperimentForm, name: str) -> bool:
     """Whether a run carries a load."""
     first = next(iter(form.loads))
-    return any((run.load or first) == name for run in form.runs)
+    return any((run.load or first) == name for run in form.runs if not _is_of_sensors(form, run))
+
+
+def _is_of_sensors(form: ExperimentForm, run: RunForm) -> bool:
+    """Whether a run is no recording of a body, but a table of what is known of sensors."""
+    return bool(run.streams) and all(form.instruments[n].calibrates for n in run.streams)
 
 
 def _is_possible(form: PlatformForm) -> bool:
@@ -225,6 +243,16 @@ def check_instruments(
                 ("instruments", name),
                 "expected a name of letters, digits, '_', '-' and blanks that is no key of a run"
                 f" ({', '.join(sorted(RUN_KEYS))}), found '{name}'; rename it",
+            )
+        told = instrument.calibrates
+        if told is not None and (
+            told not in instruments or instruments[told].measured_force != "tension"
+        ):
+            cells = [n for n, each in instruments.items() if each.measured_force == "tension"]
+            raise document.error(
+                ("instruments", name, "of"),
+                f"expected the name of an instrument of kind 'tension', found '{told}'"
+                + (f"; known here: {', '.join(cells)}" if cells else "; add one"),
             )
         if instrument.per_cable and not robot.m:
             raise document.error(

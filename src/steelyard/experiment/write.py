@@ -13,7 +13,8 @@ from typing import Any, Literal
 from steelyard.experiment.columns import stream_columns
 from steelyard.experiment.form import FORMAT
 from steelyard.experiment.model import Experiment, Stream
-from steelyard.experiment.seen_frequencies import with_frequencies_together
+from steelyard.experiment.tables.dead_weights import with_weights_together
+from steelyard.experiment.tables.seen_frequencies import with_frequencies_together
 from steelyard.instruments import Instrument
 from steelyard.instruments.unread_cables import UnreadCables
 from steelyard.robot.covariance import write_covariance
@@ -47,7 +48,7 @@ def write_experiment(
         with_robot: Whether to write the robot file of a bundled robot too, so that the folder says
             all by itself.
     """
-    experiment = with_frequencies_together(experiment)
+    experiment = with_weights_together(with_frequencies_together(experiment))
     folder = Path(folder)
     description = robot_file(experiment.robot)
     bundled = (

@@ -60,7 +60,7 @@ def _result(found: GeometryCalibration) -> list[Block]:
             Statement(str(gauge)[:1].upper() + str(gauge)[1:] + ".")
             for gauge in found.gauges.values()
         ),
-        *(Statement(str(each), "bad") for each in found.found.wrong),
+        *(Statement(str(each), "bad") for each in found.wrong),
     ]
     if found.unobservable:
         statements.append(
