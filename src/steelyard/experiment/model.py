@@ -151,6 +151,16 @@ class SeenFrequencies:
     """The same as it was stated of the table [Hz]; None: it was not."""
 
 
+@dataclass(frozen=True)
+class Datum:
+    """What the world frame is, for the calibration of a robot: one of these."""
+
+    anchors: tuple[int, ...] = ()
+    """Numbers of anchors, from 1: it is the frame in which they are nearest to those drawn."""
+    pose: str | None = None
+    """Run of poses at rest, whose first pose is as its command or instruments say."""
+
+
 @dataclass(frozen=True, eq=False)
 class DeadWeights:
     """Readings of single force sensors under dead weights, a table of a run."""
@@ -201,6 +211,8 @@ class Experiment:
     """Observations that belong to no motion."""
     weights: tuple[DeadWeights, ...] = ()
     """What is known of force sensors by dead weights."""
+    datum: Datum | None = None
+    """What the world frame is, where it is stated: its calibration looks at it."""
     loads: tuple[Load, ...] = ()
     """Bodies that the runs carried, where there are several; ``known`` and the nominal platform of
     the robot are those of the first."""

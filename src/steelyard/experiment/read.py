@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, PlanForm, RunForm
-from steelyard.experiment.model import Experiment, Fault, Load, Run
+from steelyard.experiment.model import Datum, Experiment, Fault, Load, Run
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
 from steelyard.experiment.stuck import without_stuck
 from steelyard.experiment.tables.dead_weights import with_weights_apart
@@ -29,6 +30,8 @@ _FEWEST_SAMPLES = 10
 _BESIDE = 5.0
 """Of a stream beside the window of its run that is read along [s]: clocks may differ by their
 delays, filters have edges."""
+_ON_A_LINE = 0.01
+"""Spread of points across a line over that along it, below which they are on it."""
 _NAME = re.compile(r"\w[\w \-]*")
 """Names of instruments: they name files and columns of tables."""
 
@@ -94,6 +97,7 @@ def _described(form: ExperimentForm, document: YamlDocument) -> Robot:
     """The robot, once it has been seen that instruments and runs go with it."""
     robot = read_robot(form.robot, document.path.parent)
     _check_names(form, document)
+    _check_datum(form, robot, document)
     check_instruments(form.instruments, robot, document)
     return robot
 
@@ -120,6 +124,7 @@ def _experiment(
         loads=loads,
         uncertainty=form.uncertainty.of_robot,
         surroundings=form.surroundings,
+        datum=None if form.datum is None else Datum(form.datum.anchors or (), form.datum.pose),
         source=str(path),
     )
 
@@ -158,6 +163,46 @@ def _check_names(form: ExperimentForm, document: YamlDocument) -> None:
                     f"expected the name of an instrument, found '{key[-1]}'; known here:"
                     f" {', '.join(form.instruments)}",
                 )
+
+
+def _check_datum(form: ExperimentForm, robot: Robot, document: YamlDocument) -> None:
+    """Refuse anchors and runs that are not there, and anchors that leave a rotation open."""
+    if form.datum is None:
+        return
+    if form.datum.pose is not None:
+        static = [run.name for run in form.runs if run.static]
+        if form.runs and form.datum.pose not in static:
+            known = f"; known here: {', '.join(static)}" if static else ""
+            raise document.error(
+                ("datum", "pose"),
+                f"expected the name of a run of poses at rest, found '{form.datum.pose}'{known}",
+            )
+        return
+    numbers = form.datum.anchors or ()
+    key = ("datum", "anchors")
+    for number in numbers:
+        if not 1 <= number <= robot.m:
+            raise document.error(
+                key,
+                f"expected numbers of the {robot.m} cables of the robot, from 1, found {number};"
+                " correct it",
+            )
+    if len(set(numbers)) != len(numbers):
+        twice = next(n for i, n in enumerate(numbers) if n in numbers[:i])
+        raise document.error(key, f"expected each anchor once, found {twice} twice; correct it")
+    points = robot.anchors[np.array(numbers, dtype=int) - 1]
+    if len(numbers) < 3 or _are_on_a_line(points):
+        raise document.error(
+            key,
+            "expected at least three anchors that are on no line, since others leave a rotation of the"
+            f" world open, found {', '.join(map(str, numbers)) or 'none'}; name others",
+        )
+
+
+def _are_on_a_line(points: Array) -> bool:
+    """Whether points leave a rotation about themselves open, shape (n, 3)."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] <= _ON_A_LINE * spread[0])
 
 
 def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:

@@ -98,6 +98,7 @@ def write_experiment(
         **experiment.surroundings.model_dump(
             mode="json", include={"attached", "drag"}, exclude_unset=True, exclude_none=True
         ),
+        **_datum(experiment),
         "instruments": {
             name: instrument.model_dump(mode="json", exclude_unset=True)
             for name, instrument in experiment.instruments.items()
@@ -135,6 +136,15 @@ def _stated(experiment: Experiment) -> dict[str, tuple[float, float]]:
     """What is known beforehand, without what is only assumed."""
     assumed = {"mass"} if experiment.mass_assumed else set[str]()
     return {name: value for name, value in experiment.known.items() if name not in assumed}
+
+
+def _datum(experiment: Experiment) -> dict[str, Any]:
+    """What the world frame is, where it is stated."""
+    datum = experiment.datum
+    if datum is None:
+        return {}
+    own = {"anchors": list(datum.anchors)} if datum.pose is None else {"pose": datum.pose}
+    return {"datum": own}
 
 
 def _bodies(experiment: Experiment) -> dict[str, Any]:

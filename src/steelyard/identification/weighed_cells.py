@@ -359,7 +359,8 @@ def _largest(weights: DeadWeights) -> float:
 def _with_levels(
     problem: _CellProblem, use: Sequence[NDArray[np.bool_]], levels: Sequence[float]
 ) -> _Levelled:
-    """Solution with noise as stated, or as the residuals show it.
+    """Solution with noise as stated, or as the residuals show it, what the unknowns have taken of
+    these off it [MacKay1992]_.
 
     Raises:
         InputError: Too few are left to tell a noise that is not stated.
