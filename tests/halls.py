@@ -6,11 +6,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.instruments import Attitude, Length, Position
+from steelyard.instruments import Attitude, Length, Position, Tension
 from steelyard.robot.model import Robot
 
 NOISE = 5e-4  # [m], of lengths and of the tracker
 TARGET = np.array([0.1, 0.2, 1.1])
+MASS, CENTRE, G = 100.0, np.array([0.05, -0.03, -0.1]), 9.81
+POSES = 40
 EXACT_PLACE = {"target": 0, "frame": {"position": 0, "rotation": 0}}
 
 
@@ -82,3 +84,70 @@ def errors(found, true):
             (points["attachment"] - true.attachments).ravel(),
         ]
     )
+
+
+def hung(seed, *, off=0.05, tracker=False, force=1.0, cells=None):
+    """Lengths and forces of a platform of a hundred kilograms on eight cables that pull at 400 N;
+    gains and offsets of the cells are drawn unless they are given."""
+    rng = np.random.default_rng(seed)
+    true = hall(8, rng)
+    place = rng.uniform([-2.5, -2, 1], [2.5, 2, 3], (POSES, 3))
+    turned = Rotation.from_rotvec(rng.uniform(-0.4, 0.4, (POSES, 3))).as_matrix()
+    arms = np.einsum("nij,mj->nmi", turned, true.attachments)
+    along = true.anchors - (place[:, None] + arms)
+    length = np.linalg.norm(along, axis=2)
+    pull = along / length[:, :, None]
+    # Wrench in the world about the origin of the platform.
+    W = np.concatenate([pull, np.cross(arms, pull)], axis=2).transpose(0, 2, 1)
+    weight = np.array([0.0, 0.0, -MASS * G])
+    needed = -np.concatenate(
+        [np.tile(weight, (POSES, 1)), np.cross(turned @ CENTRE, weight)], axis=1
+    )
+    even = np.full(8, 400.0)
+    tension = even + np.einsum("nmk,nk->nm", np.linalg.pinv(W), needed - W @ even)
+    number = np.arange(POSES, dtype=float)
+    noise = rng.standard_normal
+    drawn = 1 + 0.005 * noise(8), 2.0 * noise(8)
+    gain, offset = cells or drawn
+    reading = tension * gain + offset + force * noise(tension.shape)
+    streams = {
+        "cables": Stream(number, {"tension": reading}, "cables"),
+        "lengths": Stream(
+            number,
+            {"length": length + rng.normal(0, 0.5, 8) + NOISE * noise(length.shape)},
+            "lengths",
+        ),
+    }
+    instruments = {
+        "cables": Tension.model_validate(
+            {
+                "kind": "tension",
+                "noise": force,
+                "calibration": {"offset": 2.0, "gain": 0.005, "common_gain": 0.0},
+            }
+        ),
+        "lengths": Length.model_validate({"kind": "length", "noise": NOISE}),
+    }
+    if tracker:
+        streams["tracker"] = Stream(
+            number,
+            {"position": place + turned @ TARGET + NOISE * noise((POSES, 3))},
+            "tracker",
+        )
+        exact = {"target": 0, "frame": {"position": 0, "rotation": 0}}
+        instruments["tracker"] = Position.model_validate(
+            {
+                "kind": "position",
+                "target": tuple(TARGET.tolist()),
+                "noise": NOISE,
+                "calibration": exact,
+            }
+        )
+    stated = {"anchor": off, "attachment": 0.01, "gravity": 0.0}
+    drawn = replace(
+        true,
+        anchors=true.anchors + off * noise((8, 3)),
+        attachments=true.attachments + 0.01 * noise((8, 3)),
+    )
+    runs = (Run("poses", streams, static=True),)
+    return Experiment("hanging", drawn, instruments, runs, uncertainty=stated), true

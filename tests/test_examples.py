@@ -128,6 +128,17 @@ def test_payload_by_difference(output):
     assert column(out, "sigma")[1:4].max() < 0.02
 
 
+def test_dead_weights(output):
+    out = output("examples/dead-weights/run.py")
+    assert "without weights: accepted" in out
+    assert "\nwith weights: accepted" in out
+    assert "32 readings of cables under dead weights" in out
+    before, after = map(float, re.findall(r"([\d.]+) kg with", out))
+    assert after < before / 5
+    assert column(out, "sigma")[0] == pytest.approx(after, abs=1e-3)
+    assert np.abs(column(out, "error_in_sigmas")).max() < SIGMAS
+
+
 def test_design_simulate_identify(output):
     out = output("examples/design-simulate-identify/run.py")
     assert re.search("^maximum-likelihood: accepted$", out, re.M)

@@ -41,13 +41,19 @@ FACTORS: dict[str, dict[str, float]] = {
         "m/s^2": 1.0, "m/s2": 1.0, "mm/s^2": 1e-3, "cm/s^2": 1e-2, "g": STANDARD_GRAVITY,
         "mg": STANDARD_GRAVITY * 1e-3, "ug": STANDARD_GRAVITY * 1e-6, "ft/s^2": _FOOT,
     },
+    "kg": {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": 0.45359237},
     "Hz": {"Hz": 1.0, "mHz": 1e-3},
     "1": {"1": 1.0},
 }
 # fmt: on
 """SI unit -> accepted unit -> factor: value in SI = factor x value as read."""
 
-_CANONICAL = frozenset(unit for factors in FACTORS.values() for unit in factors)
+MASS = "kg"
+"""Units of masses stand as they are: without a quantity beside it, 'kg' is what displays of force
+sensors show, and 'g' an acceleration."""
+_CANONICAL = frozenset(
+    unit for quantity, factors in FACTORS.items() if quantity != MASS for unit in factors
+)
 
 # fmt: off
 _SIGNS = str.maketrans({

@@ -4,86 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from halls import NOISE, TARGET, errors, hall
-from scipy.spatial.transform import Rotation
+from halls import CENTRE, MASS, G, errors, hung, recorded
 
 from steelyard.calibration.calibrate import calibrate
-from steelyard.experiment.model import Experiment, Run, Stream
-from steelyard.instruments import Length, Position, Tension
-
-MASS, CENTRE, G = 100.0, np.array([0.05, -0.03, -0.1]), 9.81
-POSES = 40
-
-
-def hung(seed, *, off=0.05, tracker=False, force=1.0):
-    """Lengths and forces of a platform of a hundred kilograms on eight cables that pull at 400 N."""
-    rng = np.random.default_rng(seed)
-    true = hall(8, rng)
-    place = rng.uniform([-2.5, -2, 1], [2.5, 2, 3], (POSES, 3))
-    turned = Rotation.from_rotvec(rng.uniform(-0.4, 0.4, (POSES, 3))).as_matrix()
-    arms = np.einsum("nij,mj->nmi", turned, true.attachments)
-    along = true.anchors - (place[:, None] + arms)
-    length = np.linalg.norm(along, axis=2)
-    pull = along / length[:, :, None]
-    # Wrench in the world about the origin of the platform.
-    W = np.concatenate([pull, np.cross(arms, pull)], axis=2).transpose(0, 2, 1)
-    weight = np.array([0.0, 0.0, -MASS * G])
-    needed = -np.concatenate(
-        [np.tile(weight, (POSES, 1)), np.cross(turned @ CENTRE, weight)], axis=1
-    )
-    even = np.full(8, 400.0)
-    tension = even + np.einsum("nmk,nk->nm", np.linalg.pinv(W), needed - W @ even)
-    number = np.arange(POSES, dtype=float)
-    noise = rng.standard_normal
-    streams = {
-        "cables": Stream(
-            number,
-            {
-                "tension": tension * (1 + 0.005 * noise(8))
-                + 2.0 * noise(8)
-                + force * noise(tension.shape)
-            },
-            "cables",
-        ),
-        "lengths": Stream(
-            number,
-            {"length": length + rng.normal(0, 0.5, 8) + NOISE * noise(length.shape)},
-            "lengths",
-        ),
-    }
-    instruments = {
-        "cables": Tension.model_validate(
-            {
-                "kind": "tension",
-                "noise": force,
-                "calibration": {"offset": 2.0, "gain": 0.005, "common_gain": 0.0},
-            }
-        ),
-        "lengths": Length.model_validate({"kind": "length", "noise": NOISE}),
-    }
-    if tracker:
-        streams["tracker"] = Stream(
-            number,
-            {"position": place + turned @ TARGET + NOISE * noise((POSES, 3))},
-            "tracker",
-        )
-        exact = {"target": 0, "frame": {"position": 0, "rotation": 0}}
-        instruments["tracker"] = Position.model_validate(
-            {
-                "kind": "position",
-                "target": tuple(TARGET.tolist()),
-                "noise": NOISE,
-                "calibration": exact,
-            }
-        )
-    stated = {"anchor": off, "attachment": 0.01, "gravity": 0.0}
-    drawn = replace(
-        true,
-        anchors=true.anchors + off * noise((8, 3)),
-        attachments=true.attachments + 0.01 * noise((8, 3)),
-    )
-    runs = (Run("poses", streams, static=True),)
-    return Experiment("hanging", drawn, instruments, runs, uncertainty=stated), true
+from steelyard.experiment.model import DeadWeights
+from steelyard.instruments import Tension, Weight
+from steelyard.instruments.base import Prior
 
 
 def test_lengths_and_forces_alone_tell_the_shape():
@@ -126,3 +52,67 @@ def test_a_sign_that_is_wrong_is_rejected():
     values = cables.values["tension"] * np.array([1, 1, -1, 1, 1, 1, 1, 1])
     streams = {**run.streams, "cables": replace(cables, values={"tension": values})}
     assert calibrate(replace(experiment, runs=(replace(run, streams=streams),))).reasons
+
+
+def weights(gain, offset, noise=0.5):
+    """Three on each of the eight cells."""
+    cable, mass = np.repeat(np.arange(8), 3), np.tile([10.0, 30.0, 60.0], 8)
+    rng = np.random.default_rng(99)
+    reading = gain[cable] * mass * G + offset[cable] + noise * rng.standard_normal(24)
+    form = Weight.model_validate({"kind": "weight", "of": "cables", "noise": noise})
+    return DeadWeights("bench", "weights", form, cable + 1, mass, reading)
+
+
+def test_dead_weights_tell_the_mass():
+    gain, offset = 1.01 + np.linspace(-0.006, 0.006, 8), np.linspace(-3, 3, 8)
+    experiment, _ = hung(0, tracker=True, cells=(gain, offset))
+    cells = experiment.instruments["cables"]
+    calibration = cells.calibration.model_copy(update={"common_gain": Prior(sigma=0.01)})
+    wide = cells.model_copy(update={"calibration": calibration})
+    experiment = replace(experiment, instruments={**experiment.instruments, "cables": wide})
+    without = calibrate(experiment)
+    weighed = calibrate(replace(experiment, weights=(weights(gain, offset),)))
+    assert not weighed.reasons
+    (mass, *_), (sigma, *_) = weighed.body
+    print(
+        f"1-sigma of the mass {without.body[1][0]:.3f} kg without weights, {sigma:.3f} kg with them"
+    )
+    assert abs(mass - MASS) < 4 * sigma
+    assert sigma < without.body[1][0] / 5
+
+
+def test_cells_of_which_there_are_only_weights_are_told_too():
+    experiment, _ = recorded()
+    cells = Tension.model_validate({"kind": "tension", "noise": 1.0})
+    gain, offset = np.linspace(0.99, 1.01, 8), np.linspace(-2, 2, 8)
+    found = calibrate(
+        replace(
+            experiment,
+            instruments={**experiment.instruments, "cables": cells},
+            weights=(weights(gain, offset),),
+        )
+    )
+    told = found.to_dict()["calibration"]["cables"]
+    both = np.array(told["gain"]["value"]) * told["common_gain"]["value"]
+    np.testing.assert_allclose(both, gain, atol=6e-3)
+    sigma = np.array(told["offset"]["standard_deviation"])
+    off = np.array(told["offset"]["value"]) - offset
+    assert (np.abs(off) < 4 * sigma).all()
+    assert not found.unobservable
+
+
+def test_a_weight_that_was_typed_wrong_is_named_beside_wrong_poses():
+    experiment, _ = recorded()
+    cells = Tension.model_validate({"kind": "tension", "noise": 1.0})
+    table = weights(np.ones(8), np.zeros(8))
+    mass = table.mass.copy()
+    mass[4] = 3.0
+    found = calibrate(
+        replace(
+            experiment,
+            instruments={**experiment.instruments, "cables": cells},
+            weights=(replace(table, mass=mass),),
+        )
+    )
+    (row,) = found.to_dict()["wrong_rows"]
+    assert row.startswith("run 'bench': row 5 of 'weights': 3 kg on cable 2")

@@ -21,7 +21,7 @@ def test_every_verb_is_a_command_of_its_name(verb):
 def test_verbs_stand_in_the_order_of_the_alphabet():
     verbs = app.list_commands(TOP)
     assert verbs == sorted(verbs)
-    assert len(verbs) == 15
+    assert len(verbs) == 16
 
 
 def test_an_unknown_verb_is_none():
@@ -47,10 +47,10 @@ def test_a_required_option_is_missed(words):
 ONE = """
 import sys
 from steelyard.cli import app
-assert not [name for name in sys.modules if name.startswith("steelyard.cli.verbs.robots")]
+assert not [name for name in sys.modules if name.startswith("steelyard.cli.verbs.files.robots")]
 app.main(["robots", "--help"], standalone_mode=False)
 loaded = {name for name in sys.modules if name.startswith("steelyard.cli.")}
-sys.exit(0 if "steelyard.cli.verbs.robots" in loaded and "steelyard.cli.verbs.design" not in loaded else 1)
+sys.exit(0 if "steelyard.cli.verbs.files.robots" in loaded and "steelyard.cli.verbs.design" not in loaded else 1)
 """
 
 

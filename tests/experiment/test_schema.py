@@ -27,6 +27,7 @@ KINDS = (
     "distance",
     "command",
     "frequencies",
+    "weight",
 )
 
 

@@ -17,7 +17,7 @@ from steelyard.live.buffer import part_of
 from steelyard.live.message import Arrival
 from steelyard.live.session import Session, in_words
 from steelyard.live.settings import LIVE
-from steelyard.live.sources.replay import Replay, asked_for
+from steelyard.live.sources.replay import ReplayedRun, asked_for
 from steelyard.live.sources.table import open_source
 from steelyard.live.watch import ended, watch
 
@@ -153,7 +153,7 @@ def messages(points, run):
 
 def test_a_replay_hands_over_every_sample_once(points):
     run = points.runs[0]
-    source, counts = Replay(points, run, np.inf), dict.fromkeys(run.streams, 0)
+    source, counts = ReplayedRun(points, run, np.inf), dict.fromkeys(run.streams, 0)
     while not (received := source.receive(0.0)).ended:
         for each in received.arrivals:
             counts[each.instrument] += len(each.stream)
@@ -181,7 +181,7 @@ def test_memory_does_not_grow_with_what_has_passed(points):
     run = points.runs[0]
     session = Session(replace(points, runs=()), run.name, run.sync, settings=settings)
     sizes = []
-    source = Replay(points, run, np.inf)
+    source = ReplayedRun(points, run, np.inf)
     while True:
         received = source.receive(0.0)
         session, _ = session.taken(received.arrivals).advanced()

@@ -8,13 +8,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from steelyard.arrays import Array
+from steelyard.calibration.datum import Placed, check_datum, placed
 from steelyard.calibration.first_poses import UPRIGHT
 from steelyard.calibration.fit import GeometryFit, Progress, fit_geometry
 from steelyard.calibration.gauge import Gauge, gauge_of
 from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
+from steelyard.calibration.wrong_rows import WrongRow
 from steelyard.digits import number
 from steelyard.display import Display
 from steelyard.estimates.estimate import (
@@ -24,7 +27,12 @@ from steelyard.estimates.estimate import (
     plausible_radius,
 )
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.calibration_parameters import ROBOT, as_tree
+from steelyard.identification.model.calibration_parameters import (
+    ROBOT,
+    CalibrationParameters,
+    as_tree,
+)
+from steelyard.identification.weighed_cells import WrongWeight
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.robot.covariance import POINTS, names_of
 from steelyard.robot.model import Robot
@@ -44,11 +52,19 @@ class GeometryCalibration:
         """That it was made from."""
         return self.found.experiment
 
+    @cached_property
+    def placed(self) -> Placed:
+        """All calibration parameters, in the world frame that a datum has defined where there is
+        one.
+        """
+        return placed(self.found)
+
     @property
     def points(self) -> dict[str, Array]:
         """``anchor`` and ``attachment`` of every cable [m], shape (m, 3) each."""
-        geometry = self.found.calibration.geometry
-        return {key: geometry[f"{key}s"].reshape(-1, 3) for key in POINTS}
+        places = self.found.parameters.places
+        values = self.placed.values
+        return {key: values[places[ROBOT, key, None]].reshape(-1, 3) for key in POINTS}
 
     @property
     def moved(self) -> dict[str, Array]:
@@ -58,10 +74,14 @@ class GeometryCalibration:
 
     @property
     def robot(self) -> Robot:
-        """The robot with these."""
-        points = self.points
+        """The robot with these, and with directions of the world in its frame."""
+        points, robot, world = self.points, self.experiment.robot, self.placed.rotation
+        robot = replace(robot, anchors=points["anchor"], attachments=points["attachment"])
+        if world is None:
+            return robot
+        place = self.found.parameters.places[ROBOT, "gravity", None]
         return replace(
-            self.experiment.robot, anchors=points["anchor"], attachments=points["attachment"]
+            robot, pulley_axis=robot.pulley_axis @ world.T, gravity=self.placed.values[place]
         )
 
     @cached_property
@@ -73,8 +93,13 @@ class GeometryCalibration:
         result = {}
         for key, frame in frames.items():
             place = parameters.places[ROBOT, key, None]
-            own = self.found.covariance[place, place]
-            result[key] = gauge_of(frame, drawn[key], own, parameters.deviation[place])
+            own = self.placed.covariance[place, place]
+            defined = self.placed.words if key == "anchor" else None
+            result[key] = (
+                gauge_of(frame, drawn[key], own, parameters.deviation[place])
+                if defined is None
+                else Gauge(frame, (), own, defined)
+            )
         return result
 
     @property
@@ -99,17 +124,32 @@ class GeometryCalibration:
     def covariance(self) -> Array:
         """Of anchors, then attachments, three coordinates a cable [m^2], shape (6 m, 6 m).
 
-        With what is uncertain about frames that nothing ties: where sensors sit is told in the same
+        With what is uncertain about frames that nothing ties and no datum defines: where sensors sit is told in the same
         platform frame, and there it matters.
         """
         use = self.found.parameters.of_geometry
-        whole = self.found.covariance[np.ix_(use, use)]
+        whole = self.placed.covariance[np.ix_(use, use)]
         return np.asarray((whole + whole.T) / 2)
 
     @property
     def names(self) -> list[str]:
         """Of its rows, such as ``anchor.1.x``."""
         return names_of(self.experiment.robot.m)
+
+    @property
+    def parameter_deviations(self) -> Array:
+        """1-sigma of all calibration parameters, shape (u,)."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.placed.covariance), 0.0)))
+
+    @property
+    def reported(self) -> CalibrationParameters:
+        """All calibration parameters, frames that were exact in another world as what they are now."""
+        parameters = self.found.parameters
+        if self.placed.rotation is None:
+            return parameters
+        exact = parameters.deviation == 0
+        sigma = np.where(exact, self.parameter_deviations, parameters.deviation)
+        return parameters.widened(sigma)
 
     @property
     def unobservable(self) -> list[str]:
@@ -120,9 +160,10 @@ class GeometryCalibration:
             for i, j in zip(*np.nonzero(~told), strict=True)
         ]
         parameters = self.found.parameters
-        sigma = self.found.deviations
+        sigma, weighed = self.found.deviations, set(parameters.of_weighed.tolist())
         for place, entry, i in parameters.components():
             searched = entry.key in {"gain", "offset"} and entry.owner != ROBOT
+            searched = searched and place not in weighed
             before = entry.deviation[i]
             if searched and before > 0 and sigma[place] > self.settings.told * before:
                 found.append(parameters.names[place])
@@ -172,6 +213,14 @@ class GeometryCalibration:
                     " ('scale: {l1: -1, …}' in the stream)"
                 )
                 break
+        if found.parameters.weighed is not None:
+            reasons += found.parameters.weighed.reasons
+        datum = self.experiment.datum
+        if datum is not None and any((w.run, w.row) == (datum.pose, 1) for w in found.wrong):
+            reasons.append(
+                f"the first pose of run '{datum.pose}', which defines the world, contradicts all others;"
+                " correct it, or name other poses or anchors under 'datum'"
+            )
         off = self._off()
         worst = int(np.argmax(np.abs(off))) if len(off) else 0
         if len(off) and abs(off[worst]) > self.settings.far_off:
@@ -181,6 +230,12 @@ class GeometryCalibration:
                 " 'uncertainty'"
             )
         return reasons
+
+    @property
+    def wrong(self) -> list[WrongRow | WrongWeight]:
+        """Rows of poses and of dead weights that were left out."""
+        weighed = self.found.parameters.weighed
+        return [*self.found.wrong, *(() if weighed is None else weighed.wrong)]
 
     def _off(self) -> Array:
         """Moves of the points over their 1-sigma beforehand, shape (6 m,); exact ones do not move."""
@@ -218,7 +273,6 @@ class GeometryCalibration:
             for key, value in self.points.items()
         }
         one_out, body = self.leave_one_out, self.body
-        sigma = self.found.deviations
         return {
             "format": FORMAT,
             "experiment": self.experiment.name,
@@ -231,7 +285,7 @@ class GeometryCalibration:
             ),
             "calibration": plain(
                 as_tree(
-                    self.experiment, self.found.parameters, self.found.calibration.values, sigma
+                    self.experiment, self.reported, self.placed.values, self.parameter_deviations
                 )
             ),
             "residuals": {
@@ -243,10 +297,24 @@ class GeometryCalibration:
                 },
             },
             "gauge": [str(gauge) for gauge in self.gauges.values()],
+            **self._datum(),
             "unobservable": self.unobservable,
-            "wrong_rows": [str(each) for each in self.found.wrong],
+            "wrong_rows": [str(each) for each in self.wrong],
             "verdict": {"accepted": not self.reasons, "reasons": self.reasons},
         }
+
+    def _datum(self) -> dict[str, Any]:
+        """How the world of the datum lies in that of the description."""
+        world = self.placed
+        if world.rotation is None or world.spread is None:
+            return {}
+        sigma = np.sqrt(np.maximum(np.diag(world.spread), 0.0))
+        turned = Rotation.from_matrix(world.rotation).as_rotvec()
+        entry = {
+            "translation": {"value": world.translation, "standard_deviation": sigma[:3]},
+            "rotation": {"value": turned, "standard_deviation": sigma[3:]},
+        }
+        return {"datum": {"world_from_described": plain(entry)}}
 
     def __repr__(self) -> str:
         return self._display().text()
@@ -270,7 +338,7 @@ class GeometryCalibration:
             f"{self.experiment.robot.name}: {said}",
             tuple(rows),
             head=("", "", "x", "y", "z"),
-            sentences=(*self.reasons, *(str(each) for each in self.found.wrong)),
+            sentences=(*self.reasons, *(str(each) for each in self.wrong)),
         )
 
 
@@ -288,11 +356,14 @@ def calibrate(
 
     Args:
         experiment: With static runs in which lengths, a tracker, a pose or an attitude were read;
-            its ``uncertainty`` says how far anchors and attachments may be off.
+            its ``uncertainty`` says how far anchors and attachments may be off, its ``datum`` what the
+            world frame is.
         progress: Is called with what is being done and the fraction that is done.
         settings: Levels.
 
     Raises:
-        InputError: There are no poses at rest, or too few readings for the unknowns.
+        InputError: There are no poses at rest, too few readings for the unknowns, or a datum that
+            cannot define the world.
     """
+    check_datum(experiment)
     return GeometryCalibration(fit_geometry(experiment, progress, settings), settings)

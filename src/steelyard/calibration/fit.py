@@ -46,6 +46,7 @@ class GeometryFit:
     """That was fitted, with the priors as they were taken."""
     task: Task
     fit: Fit
+    """Its covariance is that of the body, where forces were read, and then of what was active."""
     wrong: tuple[WrongRow, ...]
     covariance: Array
     """Of all calibration parameters; zero for exact ones, shape (u, u)."""
@@ -126,9 +127,13 @@ def fit_geometry(
             " platform stands"
         ) from None
     tell("leaving out", 0.8)
+    # Of what no pose tells anything, what is known beforehand stays.
+    rest = np.flatnonzero((parameters.deviation > 0) & ~task.active)
     covariance = np.zeros((len(parameters), len(parameters)))
+    covariance[np.ix_(rest, rest)] = np.linalg.inv(parameters.precision[np.ix_(rest, rest)])
     own = np.flatnonzero(task.active)
-    covariance[np.ix_(own, own)] = found.covariance
+    ten = len(found.covariance) - len(own)
+    covariance[np.ix_(own, own)] = found.covariance[ten:, ten:]
     # Lengths are left out of what the motion instruments say.
     alone = replace(found, state=replace(found.state, parameters=None))
     left_out = tuple(leaving_out(task, alone))
@@ -194,7 +199,7 @@ def _with_forces(
     fitted = fit(task, state)
     ten = len(fitted.covariance) - int(task.active.sum())
     own = _body_of(fitted.state), fitted.covariance[:ten, :ten]
-    return replace(fitted, covariance=fitted.covariance[ten:, ten:]), task, own
+    return fitted, task, own
 
 
 def _body_of(state: FitState) -> Array:

@@ -26,9 +26,14 @@ class Gauge:
     untied: tuple[str, ...]
     """Motions of the frame that nothing ties: ``x``, …, ``rotation about z``."""
     covariance: Array
-    """Of the points about the frame in which they are nearest to those drawn, shape (3 n, 3 n)."""
+    """Of the points about the frame in which they are nearest to those drawn, or that a datum has
+    defined, shape (3 n, 3 n)."""
+    defined: str | None = None
+    """What a datum says that the frame is, in words; None: there is none."""
 
     def __str__(self) -> str:
+        if self.defined is not None:
+            return f"the {self.frame} is {self.defined}; 1-sigma are about it"
         if not self.untied:
             return f"the {self.frame} is tied by the readings"
         return (

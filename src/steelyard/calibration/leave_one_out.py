@@ -46,7 +46,7 @@ def leaving_out(task: Task, found: Fit) -> list[LeftOut]:
     """
     state = found.state
     border = task.border(state)
-    total = np.diag(task.calibration_parameters.deviation[task.active] ** -2.0)
+    total = task.calibration_parameters.precision[np.ix_(task.active, task.active)].copy()
     poses = []
     for segment in state.segments:
         parts = [(each, _rows_of(task, found, segment, each)) for each in segment.readings]

@@ -144,6 +144,26 @@ class RunForm(FileModel):
         return {**own, "streams": rest}
 
 
+class DatumForm(FileModel):
+    """What the world frame is, for the calibration of the robot; one of both."""
+
+    anchors: tuple[int, ...] | None = None
+    """Numbers of at least three anchors, from 1: the world frame is that in which they are nearest to
+    those of the robot file."""
+    pose: str | None = None
+    """Name of a run of poses at rest: the world frame is that in which its first pose is as its
+    command, or else an instrument of kind pose, says."""
+
+    @model_validator(mode="after")
+    def _one(self) -> DatumForm:
+        if (self.anchors is None) == (self.pose is None):
+            raise ValueError(
+                "expected one of the keys 'anchors' and 'pose', found"
+                f" {'none' if self.pose is None else 'both'}; keep one"
+            )
+        return self
+
+
 class ExperimentForm(FileModel):
     """One robot, the instruments on it, and the runs recorded with them."""
 
@@ -159,6 +179,9 @@ class ExperimentForm(FileModel):
     """Hoses and umbilicals."""
     drag: DragForm | None = None
     """Of the air; None: estimated, and zero where the readings do not ask for it."""
+    datum: DatumForm | None = None
+    """What the world frame is, for the calibration of the robot; None: as the readings and the robot
+    file have it."""
     instruments: dict[str, AnyInstrument] = Field(min_length=1)
     """Name -> instrument."""
     runs: tuple[RunForm, ...] = Field(min_length=1)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard import tables
 from steelyard.arrays import Array
@@ -17,6 +18,7 @@ from steelyard.experiment.surroundings import Surroundings
 from steelyard.inertia import Inertia
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import DEFAULT_DELAY, Prior, exact, sigma
+from steelyard.instruments.weight import Weight
 from steelyard.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -149,6 +151,44 @@ class SeenFrequencies:
     """The same as it was stated of the table [Hz]; None: it was not."""
 
 
+@dataclass(frozen=True)
+class Datum:
+    """What the world frame is, for the calibration of a robot: one of these."""
+
+    anchors: tuple[int, ...] = ()
+    """Numbers of anchors, from 1: it is the frame in which they are nearest to those drawn."""
+    pose: str | None = None
+    """Run of poses at rest, whose first pose is as its command or instruments say."""
+
+
+@dataclass(frozen=True, eq=False)
+class DeadWeights:
+    """Readings of single force sensors under dead weights, a table of a run."""
+
+    run: str
+    instrument: str
+    description: Weight
+    """Its entry under ``instruments``."""
+    cable: NDArray[np.intp]
+    """Number of the cable whose cell bears the weight, from 1, shape (n,)."""
+    mass: Array
+    """Of the weight [kg], shape (n,)."""
+    reading: Array
+    """Of the cell [N], NaN where there is none, shape (n,)."""
+
+    @property
+    def of(self) -> str:
+        """The force instrument that it is about."""
+        return self.description.of
+
+    def __len__(self) -> int:
+        return len(self.mass)
+
+    def where(self, row: int) -> str:
+        """A row by its number from 0, for messages."""
+        return f"run '{self.run}': row {row + 1} of '{self.instrument}'"
+
+
 @dataclass(frozen=True, eq=False)
 class Experiment:
     """One robot, the instruments on it, and the runs recorded with them."""
@@ -169,6 +209,10 @@ class Experiment:
     """What acts on the platform beside its cables."""
     frequencies: tuple[SeenFrequencies, ...] = ()
     """Observations that belong to no motion."""
+    weights: tuple[DeadWeights, ...] = ()
+    """What is known of force sensors by dead weights."""
+    datum: Datum | None = None
+    """What the world frame is, where it is stated: its calibration looks at it."""
     loads: tuple[Load, ...] = ()
     """Bodies that the runs carried, where there are several; ``known`` and the nominal platform of
     the robot are those of the first."""

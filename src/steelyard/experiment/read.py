@@ -11,11 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, PlanForm, RunForm
-from steelyard.experiment.model import Experiment, Fault, Load, Run
-from steelyard.experiment.seen_frequencies import with_frequencies_apart
+from steelyard.experiment.model import Datum, Experiment, Fault, Load, Run
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
 from steelyard.experiment.stuck import without_stuck
+from steelyard.experiment.tables.dead_weights import with_weights_apart
+from steelyard.experiment.tables.seen_frequencies import with_frequencies_apart
 from steelyard.experiment.unread import with_unread_cables
 from steelyard.instruments import Instrument
 from steelyard.logs.log import NoRowsError
@@ -28,6 +30,8 @@ _FEWEST_SAMPLES = 10
 _BESIDE = 5.0
 """Of a stream beside the window of its run that is read along [s]: clocks may differ by their
 delays, filters have edges."""
+_ON_A_LINE = 0.01
+"""Spread of points across a line over that along it, below which they are on it."""
 _NAME = re.compile(r"\w[\w \-]*")
 """Names of instruments: they name files and columns of tables."""
 
@@ -49,7 +53,13 @@ def read_experiment(path: str | Path, *, poses_alone: bool = False) -> Experimen
     robot = _described(form, document)
     _check_loads(form, document)
     runs = tuple(_read_run(i, run, form, robot, document) for i, run in enumerate(form.runs))
-    experiment = with_unread_cables(with_frequencies_apart(_experiment(form, robot, runs, path)))
+    listed = _experiment(form, robot, runs, path)
+    experiment = with_unread_cables(with_weights_apart(with_frequencies_apart(listed)))
+    if experiment.weights and not (experiment.runs or experiment.frequencies):
+        raise document.error(
+            ("runs",),
+            "expected a run of the platform beside the dead weights, found none; add one",
+        )
     numbers = {run.name: i for i, run in enumerate(runs)}
     for run in experiment.runs:
         weighed = not (poses_alone and run.static)
@@ -75,15 +85,19 @@ def read_plan(path: str | Path) -> Experiment:
     path = Path(path)
     document = read_yaml(path)
     form = validate(PlanForm, document)
-    if form.runs and any(i.rate is None and not i.commanded for i in form.instruments.values()):
+    if form.runs and any(
+        i.rate is None and not (i.commanded or i.tabular) for i in form.instruments.values()
+    ):
         return read_experiment(path)
-    return _experiment(form, _described(form, document), (), path)
+    listed = _experiment(form, _described(form, document), (), path)
+    return with_weights_apart(with_frequencies_apart(listed))
 
 
 def _described(form: ExperimentForm, document: YamlDocument) -> Robot:
     """The robot, once it has been seen that instruments and runs go with it."""
     robot = read_robot(form.robot, document.path.parent)
     _check_names(form, document)
+    _check_datum(form, robot, document)
     check_instruments(form.instruments, robot, document)
     return robot
 
@@ -110,6 +124,7 @@ def _experiment(
         loads=loads,
         uncertainty=form.uncertainty.of_robot,
         surroundings=form.surroundings,
+        datum=None if form.datum is None else Datum(form.datum.anchors or (), form.datum.pose),
         source=str(path),
     )
 
@@ -150,6 +165,46 @@ def _check_names(form: ExperimentForm, document: YamlDocument) -> None:
                 )
 
 
+def _check_datum(form: ExperimentForm, robot: Robot, document: YamlDocument) -> None:
+    """Refuse anchors and runs that are not there, and anchors that leave a rotation open."""
+    if form.datum is None:
+        return
+    if form.datum.pose is not None:
+        static = [run.name for run in form.runs if run.static]
+        if form.runs and form.datum.pose not in static:
+            known = f"; known here: {', '.join(static)}" if static else ""
+            raise document.error(
+                ("datum", "pose"),
+                f"expected the name of a run of poses at rest, found '{form.datum.pose}'{known}",
+            )
+        return
+    numbers = form.datum.anchors or ()
+    key = ("datum", "anchors")
+    for number in numbers:
+        if not 1 <= number <= robot.m:
+            raise document.error(
+                key,
+                f"expected numbers of the {robot.m} cables of the robot, from 1, found {number};"
+                " correct it",
+            )
+    if len(set(numbers)) != len(numbers):
+        twice = next(n for i, n in enumerate(numbers) if n in numbers[:i])
+        raise document.error(key, f"expected each anchor once, found {twice} twice; correct it")
+    points = robot.anchors[np.array(numbers, dtype=int) - 1]
+    if len(numbers) < 3 or _are_on_a_line(points):
+        raise document.error(
+            key,
+            "expected at least three anchors that are on no line, since others leave a rotation of the"
+            f" world open, found {', '.join(map(str, numbers)) or 'none'}; name others",
+        )
+
+
+def _are_on_a_line(points: Array) -> bool:
+    """Whether points leave a rotation about themselves open, shape (n, 3)."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] <= _ON_A_LINE * spread[0])
+
+
 def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
     """Refuse loads that are not there, what they cannot be, and runs that tell nothing of theirs."""
     if form.loads and _known(form.known):
@@ -158,7 +213,9 @@ def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
             "expected what is known under the load that it is about, found it for all of them; move"
             f" it to 'loads: {{{next(iter(form.loads))}: {{known: …}}}}'",
         )
-    tables = [name for name, each in form.instruments.items() if each.tabular]
+    tables = [
+        name for name, each in form.instruments.items() if each.tabular and not each.calibrates
+    ]
     if len(form.loads) > 1 and tables:
         raise document.error(
             ("instruments", tables[0]),
@@ -185,7 +242,8 @@ def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
                 ("runs", i, "load"), f"expected the name of a load, found '{run.load}'{known}"
             )
         carried = form.loads.get(run.load or next(iter(form.loads), ""))
-        if carried is not None and not carried.rigid and not run.static:
+        moves = not run.static and not _is_of_sensors(form, run)
+        if carried is not None and not carried.rigid and moves:
             raise document.error(
                 ("runs", i, "load"),
                 f"run '{run.name}': expected poses at rest of a load in which something moves, found"
@@ -203,7 +261,12 @@ def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
 def _is_carried(form: ExperimentForm, name: str) -> bool:
     """Whether a run carries a load."""
     first = next(iter(form.loads))
-    return any((run.load or first) == name for run in form.runs)
+    return any((run.load or first) == name for run in form.runs if not _is_of_sensors(form, run))
+
+
+def _is_of_sensors(form: ExperimentForm, run: RunForm) -> bool:
+    """Whether a run is no recording of a body, but a table of what is known of sensors."""
+    return bool(run.streams) and all(form.instruments[n].calibrates for n in run.streams)
 
 
 def _is_possible(form: PlatformForm) -> bool:
@@ -225,6 +288,16 @@ def check_instruments(
                 ("instruments", name),
                 "expected a name of letters, digits, '_', '-' and blanks that is no key of a run"
                 f" ({', '.join(sorted(RUN_KEYS))}), found '{name}'; rename it",
+            )
+        told = instrument.calibrates
+        if told is not None and (
+            told not in instruments or instruments[told].measured_force != "tension"
+        ):
+            cells = [n for n, each in instruments.items() if each.measured_force == "tension"]
+            raise document.error(
+                ("instruments", name, "of"),
+                f"expected the name of an instrument of kind 'tension', found '{told}'"
+                + (f"; known here: {', '.join(cells)}" if cells else "; add one"),
             )
         if instrument.per_cable and not robot.m:
             raise document.error(

@@ -251,8 +251,8 @@ class _Names:
             in_log, units.get(self.asked(column), None if taken else units.get(column))
         )
         given = stated if stated is not None else self.log.units.get(in_log, unit)
-        known = canonical_unit(given)
         factors = FACTORS[unit]
+        known = given if given in factors else canonical_unit(given)
         if known not in factors:
             cure = (
                 "correct it"

@@ -13,7 +13,8 @@ from typing import Any, Literal
 from steelyard.experiment.columns import stream_columns
 from steelyard.experiment.form import FORMAT
 from steelyard.experiment.model import Experiment, Stream
-from steelyard.experiment.seen_frequencies import with_frequencies_together
+from steelyard.experiment.tables.dead_weights import with_weights_together
+from steelyard.experiment.tables.seen_frequencies import with_frequencies_together
 from steelyard.instruments import Instrument
 from steelyard.instruments.unread_cables import UnreadCables
 from steelyard.robot.covariance import write_covariance
@@ -47,7 +48,7 @@ def write_experiment(
         with_robot: Whether to write the robot file of a bundled robot too, so that the folder says
             all by itself.
     """
-    experiment = with_frequencies_together(experiment)
+    experiment = with_weights_together(with_frequencies_together(experiment))
     folder = Path(folder)
     description = robot_file(experiment.robot)
     bundled = (
@@ -97,6 +98,7 @@ def write_experiment(
         **experiment.surroundings.model_dump(
             mode="json", include={"attached", "drag"}, exclude_unset=True, exclude_none=True
         ),
+        **_datum(experiment),
         "instruments": {
             name: instrument.model_dump(mode="json", exclude_unset=True)
             for name, instrument in experiment.instruments.items()
@@ -134,6 +136,15 @@ def _stated(experiment: Experiment) -> dict[str, tuple[float, float]]:
     """What is known beforehand, without what is only assumed."""
     assumed = {"mass"} if experiment.mass_assumed else set[str]()
     return {name: value for name, value in experiment.known.items() if name not in assumed}
+
+
+def _datum(experiment: Experiment) -> dict[str, Any]:
+    """What the world frame is, where it is stated."""
+    datum = experiment.datum
+    if datum is None:
+        return {}
+    own = {"anchors": list(datum.anchors)} if datum.pose is None else {"pose": datum.pose}
+    return {"datum": own}
 
 
 def _bodies(experiment: Experiment) -> dict[str, Any]:

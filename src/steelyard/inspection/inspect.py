@@ -11,6 +11,7 @@ import numpy as np
 from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.calibration_parameters import gather
 from steelyard.identification.samples.preparation import prepare
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
@@ -172,6 +173,7 @@ def inspect(
         with np.errstate(all="ignore"):
             shown = list(excerpts(experiment, settings.runs, settings.agreements))
         _enter(experiment, shown, settings)
+        of_weights = _of_weights(experiment)
     except InputError as error:
         # The sentence of the estimator, and what physics says of its cause.
         raise InputError("; ".join([str(error), *hints])) from error
@@ -190,7 +192,7 @@ def inspect(
             experiment, shown, bool(named), contacts, progress, settings
         )
     noisy = of_noise(experiment, reports, settings.remarks)
-    remarks = [*hints, *constant_channels(experiment), *noisy, *remarks]
+    remarks = [*hints, *of_weights, *constant_channels(experiment), *noisy, *remarks]
     if not named and any(j.bad for j in described) and not contacts:
         remarks.append(_unexplained(described))
     if joint is not None:
@@ -212,6 +214,14 @@ def inspect(
         remarks=tuple(dict.fromkeys(remarks)),
         modes=modes,
     )
+
+
+def _of_weights(experiment: Experiment) -> list[str]:
+    """Readings under dead weights, which are no stream in time, and what is wrong with them."""
+    weighed = gather(experiment).weighed if experiment.weights else None
+    if weighed is None:
+        return []
+    return [*map(str, weighed.tables), *map(str, weighed.wrong), *weighed.reasons]
 
 
 def _of_swings(

@@ -18,6 +18,7 @@ from steelyard.instruments.pose import Pose as Pose
 from steelyard.instruments.position import Position as Position
 from steelyard.instruments.swing_frequencies import SwingFrequencies as SwingFrequencies
 from steelyard.instruments.tension import Tension as Tension
+from steelyard.instruments.weight import Weight as Weight
 from steelyard.instruments.wrench import Wrench as Wrench
 
 AnyInstrument = Annotated[
@@ -30,7 +31,8 @@ AnyInstrument = Annotated[
     | Length
     | Distance
     | Command
-    | SwingFrequencies,
+    | SwingFrequencies
+    | Weight,
     Field(discriminator="kind"),
 ]
 """Every kind, told apart by its key ``kind``."""

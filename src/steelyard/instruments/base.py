@@ -281,6 +281,11 @@ class Instrument(FileModel, ABC):
         return self.per_cable and not self.is_force
 
     @property
+    def calibrates(self) -> str | None:
+        """Name of the instrument whose errors its rows tell; None: they tell of the body."""
+        return None
+
+    @property
     def remembers(self) -> bool:
         """Whether its reading depends on how the cables have moved before."""
         return False

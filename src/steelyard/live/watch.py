@@ -10,7 +10,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.live.record import Record
 from steelyard.live.session import Session
 from steelyard.live.settings import LIVE, LiveSettings
-from steelyard.live.sources.source import Source
+from steelyard.live.sources.source import SampleSource
 
 _LOOK = 0.05
 """How long a source is waited for before what has arrived is looked at [s]."""
@@ -30,7 +30,7 @@ class Watched:
 
 def watch(
     experiment: Experiment,
-    source: Source,
+    source: SampleSource,
     name: str = "live",
     settings: LiveSettings = LIVE,
     stopped: Callable[[], bool] = lambda: False,

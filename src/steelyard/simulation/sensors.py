@@ -163,6 +163,12 @@ def _sensors(document: YamlDocument, robot: Robot) -> Sensors:
         )
     check_instruments(form.instruments, robot, document)
     for name, instrument in form.instruments.items():
+        if instrument.tabular:
+            raise document.error(
+                ("instruments", name, "kind"),
+                f"expected an instrument that records over time, found '{instrument.kind}', whose rows"
+                " have none; leave it out and write its table by hand",
+            )
         if instrument.rate is None:
             raise document.error(
                 ("instruments", name),

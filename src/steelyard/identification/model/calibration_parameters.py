@@ -19,6 +19,7 @@ from steelyard.arrays import Array
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment, Load, Run
 from steelyard.experiment.unread import is_unread
+from steelyard.identification.weighed_cells import WeighedCells, weighed_cells
 from steelyard.inertia import TEN
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT, Term
@@ -138,6 +139,9 @@ class CalibrationParameters:
     6 m)."""
     carried: Mapping[str, str] = field(default_factory=dict)
     """Run -> key of what it carried more than the first load; runs of the first are not there."""
+    weighed: WeighedCells | None = None
+    """What dead weights tell of gains, offsets and gravity: values and 1-sigma of these are theirs;
+    None: there are none."""
 
     @cached_property
     def places(self) -> Mapping[Key, slice]:
@@ -183,15 +187,28 @@ class CalibrationParameters:
         places = [self.places[ROBOT, key, None] for key in POINTS]
         return np.concatenate([np.arange(p.start, p.stop) for p in places], dtype=np.intp)
 
+    @property
+    def of_weighed(self) -> NDArray[np.intp]:
+        """Places of all that dead weights tell of; empty: there are none."""
+        if self.weighed is None:
+            return np.zeros(0, dtype=np.intp)
+        places = [self.places[each] for each in self.weighed.places]
+        return np.concatenate([np.arange(p.start, p.stop) for p in places], dtype=np.intp)
+
     @cached_property
     def precision(self) -> Array:
         """Inverse of the covariance beforehand, zero for exact ones, shape (u, u)."""
         free = self.deviation > 0
         found = np.diag(np.where(free, 1 / np.where(free, self.deviation, 1.0) ** 2, 0.0))
-        if self.geometry is None:
-            return found
-        use = self.of_geometry
-        found[np.ix_(use, use)] = np.linalg.inv(self.geometry + _FRAME**2 * np.eye(len(use)))
+        if self.geometry is not None:
+            use = self.of_geometry
+            found[np.ix_(use, use)] = np.linalg.inv(self.geometry + _FRAME**2 * np.eye(len(use)))
+        if self.weighed is not None:
+            use = self.of_weighed
+            sigma, told = self.deviation[use], self.deviation[use] > 0
+            scale, use = sigma[told], use[told]
+            spread = self.weighed.covariance[np.ix_(told, told)] / np.outer(scale, scale)
+            found[np.ix_(use, use)] = np.linalg.inv(spread) / np.outer(scale, scale)
         return found
 
     @cached_property
@@ -212,9 +229,11 @@ class CalibrationParameters:
         )
 
     def widened(self, deviation: Array) -> CalibrationParameters:
-        """The same with other 1-sigma, shape (u,)."""
+        """The same with other 1-sigma, shape (u,), each by itself."""
         return replace(
             self,
+            geometry=None,
+            weighed=None,
             entries=tuple(
                 replace(u, deviation=deviation[self.places[u.owner, u.key, u.run]])
                 for u in self.entries
@@ -314,12 +333,18 @@ def gather(experiment: Experiment) -> CalibrationParameters:
     """Every systematic error that the description of an experiment allows for, exact ones too."""
     entries: list[CalibrationParameter] = []
     used = dict.fromkeys(name for run in experiment.runs for name in run.streams)
-    for name in used:
+    weighed = dict.fromkeys(each.of for each in experiment.weights)
+    beforehand: dict[Key, tuple[Array, Array]] = {}
+    for name in [*used, *(each for each in weighed if each not in used)]:
         instrument = experiment.instruments[name]
         for term in instrument.terms(experiment.robot.m):
             deviation = (
                 term.deviation if term.deviation is not None else _from_data(experiment, name, term)
             )
+            if name in weighed:
+                own = [w.run for w in experiment.weights if w.of == name]
+                for place in own if term.prior.per == "run" else [None]:
+                    beforehand[name, term.key, place] = term.mean, deviation
             runs: Sequence[Run | None] = (
                 [r for r in experiment.runs if name in r.streams]
                 if term.prior.per == "run"
@@ -378,7 +403,27 @@ def gather(experiment: Experiment) -> CalibrationParameters:
         for run in experiment.runs
         if (load := experiment.load_of(run.name)) is not None and load.name in keys
     }
-    return CalibrationParameters(tuple(entries), robot.m, robot.covariance, carried)
+    found = CalibrationParameters(tuple(entries), robot.m, robot.covariance, carried)
+    if not weighed:
+        return found
+    gravity = (ROBOT, "gravity", None)
+    beforehand[gravity] = robot.gravity, deviations["gravity"]
+    return _with_weighed(found, weighed_cells(experiment, gravity, beforehand))
+
+
+def _with_weighed(found: CalibrationParameters, weighed: WeighedCells) -> CalibrationParameters:
+    """The same with what dead weights tell in place of what was known before; an offset that was
+    another in each run is of no use in others.
+    """
+    told = weighed.of([place for place in weighed.places if place in found.places])
+    values = told.each
+    entries = tuple(
+        replace(u, mean=values[key][0], deviation=values[key][1])
+        if (key := (u.owner, u.key, u.run)) in values
+        else u
+        for u in found.entries
+    )
+    return replace(found, entries=entries, weighed=told)
 
 
 def load_place(parameters: CalibrationParameters, load: Load) -> slice:
@@ -510,7 +555,7 @@ def _from_data(experiment: Experiment, name: str, term: Term) -> Array:
     quantity = {"offset.force": "force", "offset.torque": "torque"}.get(term.key, "tension")
     readings = [
         run.streams[name].values[quantity] for run in experiment.runs if name in run.streams
-    ]
+    ] or [each.reading for each in experiment.weights if each.of == name]
     sizes = np.abs(np.concatenate(readings))
     scale = _OFFSET_SHARE * np.nanmedian(sizes) if quantity == "tension" else np.nanmax(sizes)
     return np.full(term.size, float(scale))

@@ -38,6 +38,7 @@ def reasons(
     tests = directed_tests(posterior, settings) if tests is None else tests
     contradictions = [*_of_motion(posterior, settings), *_of_forces(posterior, settings)]
     load = swinging(posterior)
+    weighed = posterior.calibration.calibration_parameters.weighed
     return [
         *contradictions,
         *of_disturbances(posterior, settings),
@@ -53,6 +54,7 @@ def reasons(
         *of_description(tests, 1 if contradictions else settings.most_named, settings),
         *of_frequencies(posterior.experiment, posterior.parameters, posterior.size, settings),
         *against_readings(posterior, settings),
+        *([] if weighed is None else weighed.reasons),
         *_of_nominal(posterior, settings),
         *_of_bias(posterior, settings),
     ]

@@ -75,15 +75,19 @@ def variance_shares(posterior: Posterior) -> dict[str, Array]:
     shares = {name: posterior.noise_factor * each for name, each in shares.items()}
     prior = posterior.prior.precision
     calibration = posterior.calibration.calibration_parameters
+    together = {_WEIGHED: calibration.of_weighed}
     if calibration.geometry is not None:
-        use = TEN + calibration.of_geometry
+        together["geometry of the cables"] = calibration.of_geometry
+    for name, places in together.items():
+        use = TEN + places
         block = np.zeros_like(prior)
         block[np.ix_(use, use)] = prior[np.ix_(use, use)]
-        shares["geometry of the cables"] = of(block)
+        shares[name] = of(block)
+    joint = np.concatenate(list(together.values()))
     for entry in calibration.entries:
-        if calibration.geometry is not None and entry.owner == ROBOT and entry.key in _GEOMETRY:
-            continue
         place = calibration.places[entry.owner, entry.key, entry.run]
+        if place.start in joint:
+            continue
         own = TEN + np.arange(place.start, place.stop)
         name = _group(posterior, entry)
         shares[name] = shares.get(name, 0.0) + gain[:, own] ** 2 @ np.diag(prior)[own]
@@ -95,6 +99,7 @@ def variance_shares(posterior: Posterior) -> dict[str, Array]:
 
 _MOTION = "smoothness of the motion"
 _BODY = "the body beforehand"
+_WEIGHED = "gains, offsets and gravity after dead weights"
 _GEOMETRY = frozenset(POINTS)
 _OF_ROLLERS = frozenset({"friction", "presliding", "viscous"})
 _OF_GAINS = frozenset({"gain", "common_gain", "crosstalk"})

@@ -16,7 +16,7 @@ _STEP = 0.1
 """Of recorded time that is handed over at once where nobody waits [s]."""
 
 
-class Replay:
+class ReplayedRun:
     """A run whose samples arrive again."""
 
     def __init__(self, experiment: Experiment, run: Run, speed: float) -> None:
@@ -28,7 +28,7 @@ class Replay:
         self._now = self._first
 
     def receive(self, seconds: float) -> Received:
-        """See :meth:`.Source.receive`."""
+        """See :meth:`.SampleSource.receive`."""
         if self._started is None:
             self._started = time.monotonic()
         if np.isinf(self._speed):
@@ -46,7 +46,7 @@ class Replay:
         return Received(tuple(arrivals), ended=until > self._last)
 
     def close(self) -> None:
-        """See :meth:`.Source.close`."""
+        """See :meth:`.SampleSource.close`."""
 
 
 def asked_for(url: str) -> tuple[str, float]:

@@ -27,7 +27,7 @@ class Received:
     """Whether nothing more will come."""
 
 
-class Source(Protocol):
+class SampleSource(Protocol):
     """Somewhere that samples come from."""
 
     def receive(self, seconds: float) -> Received:
@@ -58,7 +58,7 @@ class MessageSource:
     settings: LiveSettings = field(default=LIVE)
 
     def receive(self, seconds: float) -> Received:
-        """See :meth:`Source.receive`."""
+        """See :meth:`SampleSource.receive`."""
         messages, remarks = self.transport.messages(seconds)
         arrivals: list[Arrival] = []
         refused, why = 0, ""
@@ -70,7 +70,7 @@ class MessageSource:
         return Received(tuple(arrivals), refused, why, tuple(remarks))
 
     def close(self) -> None:
-        """See :meth:`Source.close`."""
+        """See :meth:`SampleSource.close`."""
         self.transport.close()
 
 

@@ -8,8 +8,8 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.live.settings import LIVE, LiveSettings
 from steelyard.live.sources.mqtt import MqttTransport
-from steelyard.live.sources.replay import Replay, asked_for
-from steelyard.live.sources.source import MessageSource, Source, Transport
+from steelyard.live.sources.replay import ReplayedRun, asked_for
+from steelyard.live.sources.source import MessageSource, SampleSource, Transport
 from steelyard.live.sources.udp import UdpTransport
 from steelyard.live.sources.zeromq import ZeroMqTransport
 
@@ -35,7 +35,7 @@ def check_source(url: str) -> None:
         )
 
 
-def open_source(url: str, experiment: Experiment, settings: LiveSettings = LIVE) -> Source:
+def open_source(url: str, experiment: Experiment, settings: LiveSettings = LIVE) -> SampleSource:
     """A source that is connected.
 
     Args:
@@ -49,6 +49,6 @@ def open_source(url: str, experiment: Experiment, settings: LiveSettings = LIVE)
     check_source(url)
     if url.startswith(REPLAY):
         name, speed = asked_for(url)
-        return Replay(experiment, experiment.run(name), speed)
+        return ReplayedRun(experiment, experiment.run(name), speed)
     transport = next(kind for start, kind in TRANSPORTS.items() if url.startswith(start))
     return MessageSource(transport(url), experiment.instruments, experiment.robot.m, settings)

@@ -55,12 +55,14 @@ def _lead(found: GeometryCalibration) -> Statement:
 
 def _result(found: GeometryCalibration) -> list[Block]:
     """Gauge, what is not told, wrong rows; the points."""
+    weighed = found.found.parameters.weighed
     statements = [
         *(
             Statement(str(gauge)[:1].upper() + str(gauge)[1:] + ".")
             for gauge in found.gauges.values()
         ),
-        *(Statement(str(each), "bad") for each in found.found.wrong),
+        *(Statement(f"{table}.") for table in (weighed.tables if weighed else ())),
+        *(Statement(str(each), "bad") for each in found.wrong),
     ]
     if found.unobservable:
         statements.append(
@@ -87,14 +89,14 @@ def _result(found: GeometryCalibration) -> list[Block]:
 
 def _others(found: GeometryCalibration) -> Grid:
     """Calibration parameters of the instruments."""
-    parameters = found.found.parameters
-    sigma = found.found.deviations
+    parameters = found.reported
+    sigma, values = found.parameter_deviations, found.placed.values
     rows = tuple(
         (
             parameters.names[place],
             entry.unit,
-            number(float(found.found.calibration.values[place]), float(sigma[place])),
-            f"{entry.deviation[i]:.3g}",
+            number(float(values[place]), float(sigma[place])),
+            f"{found.found.parameters.deviation[place]:.3g}",
         )
         for place, entry, i in parameters.components()
         if entry.owner not in {"robot", UPRIGHT} and entry.deviation[i] > 0 and entry.key != "delay"

@@ -116,6 +116,7 @@ def finished(
             *_notes(found),
             *notes_on_unstated(disturbed, errors),
             *notes_on_jitter(found),
+            *_of_weights(found),
             *notes,
             *_left_out(found),
         ),
@@ -135,6 +136,12 @@ def _residuals(found: Posterior) -> dict[str, Any]:
     for (name, quantity), ratio in found.motion_ratios.items():
         motion.setdefault(name, {})[quantity] = ratio
     return {"force": rms[:3], "torque": rms[3:], "in_units_of_noise": motion}
+
+
+def _of_weights(found: Posterior) -> list[str]:
+    """Dead weights that it rests on, in words."""
+    weighed = found.calibration.calibration_parameters.weighed
+    return [] if weighed is None else [*map(str, weighed.tables), *map(str, weighed.wrong)]
 
 
 def _notes(found: Posterior) -> list[str]:

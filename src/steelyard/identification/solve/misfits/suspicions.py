@@ -152,7 +152,7 @@ class _Gains:
     scale: Array
     """These 1-sigma, shape (b,)."""
     tighter: Array
-    """Precision that the priors as stated have beyond the wide ones, shape (b,)."""
+    """Precision that the priors as stated have beyond the wide ones, shape (b, b)."""
     off: Array
     """What is known beforehand less the present values, shape (b,)."""
     column_of: NDArray[np.intp]
@@ -169,10 +169,12 @@ class _Gains:
         step = step_of(loose, state, smooth(state, [each.all for each in parts]))
         scale = np.sqrt(np.diag(step.covariance))
         matrix = np.linalg.inv(step.covariance / np.outer(scale, scale))
-        tighter, off = np.zeros((2, len(scale)))
-        held = loose.active & (stated > 0)
+        tighter, off = np.zeros((len(scale), len(scale))), np.zeros(len(scale))
+        held = np.flatnonzero(loose.active & (stated > 0))
         column_of = loose.column_of(state)
-        tighter[column_of[held]] = stated[held] ** -2 - wide[held] ** -2
+        tighter[np.ix_(column_of[held], column_of[held])] = parameters.precision[
+            np.ix_(held, held)
+        ] - np.diag(wide[held] ** -2)
         off[column_of[loose.active]] = (parameters.mean - state.calibration.values)[loose.active]
         base = np.concatenate([np.arange(state.ten), column_of[task.active]])
         return cls(matrix, matrix @ (step.border / scale), scale, tighter, off, column_of, base)
@@ -193,9 +195,9 @@ class _Gains:
     def _fall(self, columns: NDArray[np.intp], own: NDArray[np.intp]) -> tuple[float, Array]:
         """Decrease of the cost where these columns alone may move, some of them widely."""
         tighter = self.tighter.copy()
-        tighter[own] = 0.0
-        matrix = self.matrix + np.diag(tighter * self.scale**2)
-        right = self.right + tighter * self.off * self.scale
+        tighter[own], tighter[:, own] = 0.0, 0.0
+        matrix = self.matrix + tighter * np.outer(self.scale, self.scale)
+        right = self.right + (tighter @ self.off) * self.scale
         moved = np.zeros(len(self.scale))
         moved[columns] = np.linalg.solve(matrix[np.ix_(columns, columns)], right[columns])
         return float(right @ moved), np.asarray((moved * self.scale)[own])

@@ -1,0 +1,1 @@
+"""Verbs that make files or bring them into other forms."""

@@ -1,0 +1,1 @@
+"""Tables that belong to no motion: rows without time, kept apart from the runs they were listed in."""
