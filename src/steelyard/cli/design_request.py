@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -70,6 +70,23 @@ def check_numbers(margin: float, runs: int, budget: float, rate: float) -> None:
             f"--budget: expected {_BUDGETS[0]:g} to {_BUDGETS[1]:g} s, found {budget:g}; choose"
             " another time"
         )
+
+
+def check_unused(options: Mapping[str, object], beside: str) -> None:
+    """Refuse options that would be passed over.
+
+    Args:
+        options: Name -> what was given; None, or nothing in it: it was not.
+        beside: What has no use for them.
+
+    Raises:
+        InputError: One was given.
+    """
+    for name, value in options.items():
+        if value is not None and value != ():
+            raise InputError(
+                f"{name}: expected no such option with {beside}, found one; leave it out"
+            )
 
 
 def design_task(

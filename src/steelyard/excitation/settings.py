@@ -165,6 +165,25 @@ class DesignSettings:
     command_rate: float = 100.0
     """Of a command that states none [Hz]."""
 
+    # Poses at rest for a calibration
+
+    candidate_poses: int = 200
+    """Poses that are drawn to choose from: twice as many make the mean 1-sigma of CoGiRo's anchors
+    smaller by some three per cent."""
+    smaller_turns: tuple[float, ...] = (0.5, 0.25, 0.0)
+    """Parts of its angles with which a pose is tried again that the cables cannot hold as drawn."""
+    grid_turn: float = 0.5
+    """Angles of the regular grid that the choice is compared with, in half widths of the
+    workspace."""
+    exchanges: int = 10
+    """Rounds of exchanges at most; three are usual."""
+    exchange_gain: float = 1e-6
+    """Gain of a round in the logarithm of the determinant that is no progress any more."""
+    fewest_poses: int = 3
+    """Of a calibration: with fewer no length tells anything but its offset."""
+    most_poses: int = 100
+    """Of a calibration: half of those that there are to choose from."""
+
 
 DEFAULT = DesignSettings()
 """What is used where nothing is given."""

@@ -54,20 +54,25 @@ def read_experiment(path: str | Path, *, poses_alone: bool = False) -> Experimen
     for run in experiment.runs:
         weighed = not (poses_alone and run.static)
         _check_run(experiment, run, document, ("runs", numbers[run.name]), weighed=weighed)
-    if poses_alone:
-        stated = form.uncertainty.model_fields_set
-        kept = {key: v for key, v in experiment.uncertainty.items() if key in stated}
-        experiment = replace(experiment, uncertainty=kept)
-    return experiment
+    return _as_stated(experiment, form) if poses_alone else experiment
 
 
-def read_plan(path: str | Path) -> Experiment:
+def _as_stated(experiment: Experiment, form: ExperimentForm) -> Experiment:
+    """The experiment with only what is stated of the robot's uncertainty."""
+    stated = form.uncertainty.model_fields_set
+    kept = {key: v for key, v in experiment.uncertainty.items() if key in stated}
+    return replace(experiment, uncertainty=kept)
+
+
+def read_plan(path: str | Path, *, poses_alone: bool = False) -> Experiment:
     """Read what an experiment file says of robot and instruments, recorded or not.
 
     Recordings are looked at only where an instrument states no rate and they have to show it.
 
     Args:
         path: The file.
+        poses_alone: Whether it is for a calibration, as in :func:`read_experiment`: poses at rest
+            need no rate.
 
     Raises:
         InputError: Anything that does not fit the contract; the sentence says where and what to do.
@@ -75,6 +80,9 @@ def read_plan(path: str | Path) -> Experiment:
     path = Path(path)
     document = read_yaml(path)
     form = validate(PlanForm, document)
+    if poses_alone:
+        planned = _experiment(form, _described(form, document), (), path)
+        return _as_stated(planned, form)
     if form.runs and any(i.rate is None and not i.commanded for i in form.instruments.values()):
         return read_experiment(path)
     return _experiment(form, _described(form, document), (), path)

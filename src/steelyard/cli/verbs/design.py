@@ -29,6 +29,19 @@ REPORT = "design"
 @click.command()
 @click.argument("place", metavar="ROBOT|EXPERIMENT")
 @click.option("--duration", type=float, help="Of each motion [s].")
+@click.option(
+    "--calibration",
+    is_flag=True,
+    help=(
+        "Poses at rest that tell anchors and attachments best, in place of a motion: poses.csv,"
+        " poses.json, poses.html and poses.md."
+    ),
+)
+@click.option(
+    "--poses",
+    type=int,
+    help="How many with --calibration. Default: 20.",
+)
 @out_option(
     help="Folder for command.csv, design.json, design.html, design.md and motion.parquet; must be"
     " new or empty."
@@ -99,6 +112,8 @@ REPORT = "design"
 def design(
     place: str,
     duration: float | None,
+    calibration: bool,
+    poses: int | None,
     out: Path | None,
     check: str | None,
     start: tuple[float, ...] | None,
@@ -125,6 +140,7 @@ def design(
     """
     from steelyard.cli.design_request import (
         check_numbers,
+        check_unused,
         checked_motion,
         design_task,
         pose_of,
@@ -138,6 +154,16 @@ def design(
     check_numbers(margin, runs, budget, rate)
     if out is not None:
         check_target(out, force=force)
+    of_motion = {"--duration": duration, "--check": check, "--start": start, "--end": end}
+    if calibration:
+        check_unused(
+            {**of_motion, "--body": body, "--after": after, "--target": target}, "--calibration"
+        )
+        _propose_poses(
+            place, poses, sensors, margin, seed, out, force=force, as_json=as_json, quiet=quiet
+        )
+        return
+    check_unused({"--poses": poses}, "a motion")
     with progress(quiet=quiet) as tell:
         task = design_task(place, sensors, body, after, target)
         found: Design | None = None
@@ -177,6 +203,47 @@ def design(
     print_result(values, document, as_json=as_json)
     if not as_json and found is not None and out is not None:
         _print_next_steps(found, place, out)
+
+
+def _propose_poses(
+    place: str,
+    poses: int | None,
+    sensors: str,
+    margin: float,
+    seed: int,
+    out: Path | None,
+    *,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Poses at rest for a calibration; see :func:`steelyard.design_poses`."""
+    from steelyard.excitation.poses.pose_design import USUAL_POSES, design_poses
+    from steelyard.excitation.poses.pose_file import POSES, poses_dict, write_poses
+    from steelyard.output import results_folder
+    from steelyard.report.documents.poses import poses_document
+    from steelyard.report.write import write_document
+
+    with progress(quiet=quiet) as tell:
+        found = design_poses(
+            place,
+            USUAL_POSES if poses is None else poses,
+            sensors=sensors,
+            margin=margin,
+            seed=seed,
+            progress=tell,
+        )
+    document = poses_document(found)
+    if out is not None:
+        with results_folder(out, force=force) as folder:
+            write_poses(found, folder)
+            write_document(document, folder, "poses")
+    print_result(poses_dict(found), document, as_json=as_json)
+    if out is not None and not as_json:
+        print(
+            f"\nThe poses are in {out / POSES}. Record one row a pose with every instrument, as a run"
+            " with 'static: true', then: steelyard calibrate EXPERIMENT --out DIR"
+        )
 
 
 def _print_next_steps(found: Design, place: str, out: Path) -> None:
