@@ -113,6 +113,23 @@ def design_task(
     return DesignTask(experiment, _target(target, platform), before)
 
 
+def target_of(place: str, sensors: str, text: str | None) -> Target | None:
+    """Wanted 1-sigma for what a robot carries, or the first load of an experiment; None: none is
+    said.
+
+    Args:
+        place: A robot or an experiment.
+        sensors: Of a robot alone.
+        text: As ``--target`` has it.
+
+    Raises:
+        InputError: It is wrong, or there is no platform that its shares are of.
+    """
+    if text is None:
+        return None
+    return _target(text, designed_body(planned(place, sensors).robot))
+
+
 def pose_of(values: Sequence[float] | None) -> Array | None:
     """A pose from x, y, z [m], roll, pitch, yaw [deg]; angles in radians, shape (6,).
 

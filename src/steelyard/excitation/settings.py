@@ -184,6 +184,19 @@ class DesignSettings:
     most_poses: int = 100
     """Of a calibration: half of those that there are to choose from."""
 
+    # Reference bodies
+
+    reference_shares: tuple[float, ...] = (0.05, 0.2, 0.5, 1.0)
+    """Masses of weighed bodies that are added, in parts of what the platform carries."""
+    replacing_shares: tuple[float, ...] = (0.5, 1.0)
+    """The same of those that are carried in its place, as a whole: lighter ones are seldom held."""
+    reference_place: float = 0.005
+    """1-sigma of each coordinate of where a reference is fastened [m]: by a tape."""
+    reference_density: float = 7800.0
+    """Of references [kg/m^3]: balls of steel."""
+    motion_instants: float = 10.0
+    """Instants per second through which a recorded motion is made again [Hz]."""
+
 
 DEFAULT = DesignSettings()
 """What is used where nothing is given."""

@@ -11,7 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, PlanForm, RunForm
+from steelyard.experiment.form import (
+    RUN_KEYS,
+    AddedBodyForm,
+    ExperimentForm,
+    KnownBodyForm,
+    PlanForm,
+    RunForm,
+)
 from steelyard.experiment.model import Experiment, Fault, Load, Run
 from steelyard.experiment.seen_frequencies import with_frequencies_apart
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
@@ -101,7 +108,13 @@ def _experiment(
 ) -> Experiment:
     """The experiment, once all of its parts are read."""
     loads = tuple(
-        Load(name, _known(each.known), body_of_form(each.nominal), each.rigid)
+        Load(
+            name,
+            _known(each.known),
+            body_of_form(each.nominal),
+            each.rigid,
+            _known_points(each.added),
+        )
         for name, each in form.loads.items()
     )
     if loads:
@@ -124,10 +137,16 @@ def _experiment(
 
 def _known(form: KnownBodyForm) -> dict[str, tuple[float, float]]:
     """Body parameter -> value and 1-sigma known beforehand."""
+    entries = {f"J{axes}": entry for axes, entry in vars(form.inertia).items()}
+    known = {name: (entry.value, entry.sigma) for name, entry in entries.items() if entry}
+    return _known_points(form) | known
+
+
+def _known_points(form: KnownBodyForm | AddedBodyForm) -> dict[str, tuple[float, float]]:
+    """The same of mass and centre of gravity."""
     entries = {
         "mass": form.mass,
         **{f"c{axis}": entry for axis, entry in vars(form.center_of_gravity).items()},
-        **{f"J{axes}": entry for axes, entry in vars(form.inertia).items()},
     }
     return {name: (entry.value, entry.sigma) for name, entry in entries.items() if entry}
 
@@ -186,6 +205,7 @@ def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
                 "expected a body that can exist, found one whose moments of inertia no body has;"
                 " correct it",
             )
+    _check_added(form, document)
     for i, run in enumerate(form.runs):
         if run.load is not None and run.load not in form.loads:
             known = f"; known here: {', '.join(form.loads)}" if form.loads else "; add 'loads'"
@@ -206,6 +226,23 @@ def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
             f"expected a run that carries '{unused[0]}', found none; add 'load: {unused[0]}' to its"
             " run, or leave the load out",
         )
+
+
+def _check_added(form: ExperimentForm, document: YamlDocument) -> None:
+    """Refuse what the first load has more than itself, and a place of what nobody has weighed."""
+    for i, (name, each) in enumerate(form.loads.items()):
+        added = _known_points(each.added)
+        if added and i == 0:
+            raise document.error(
+                ("loads", name, "added"),
+                "expected none of the first load, to which others are added, found one; put the load"
+                " without it first",
+            )
+        if added and "mass" not in added:
+            raise document.error(
+                ("loads", name, "added"),
+                "expected the mass of what was added beside its centre of gravity, found none; add it",
+            )
 
 
 def _is_carried(form: ExperimentForm, name: str) -> bool:

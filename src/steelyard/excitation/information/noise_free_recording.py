@@ -158,12 +158,20 @@ def fit_noise_free(
     Raises:
         InputError: The instruments cannot identify anything, or lack a rate or a noise.
     """
-    recorded = with_noise_free_runs(experiment, trajectories, level, settings)
+    return fit_recorded(with_noise_free_runs(experiment, trajectories, level, settings), progress)
+
+
+def fit_recorded(recorded: Experiment, progress: Progress = None) -> Posterior:
+    """The joint fit of maximum likelihood to recordings that have no noise.
+
+    Raises:
+        InputError: They identify nothing.
+    """
     try:
         return fit_jointly(recorded, progress, settings=_AS_DESCRIBED)
     except NoBalanceError as error:
         raise InputError(
-            f"{experiment.source or experiment.name}: expected instruments and a motion that"
+            f"{recorded.source or recorded.name}: expected instruments and a motion that"
             f" identify something of the body, found that {error}"
         ) from None
 
@@ -222,6 +230,16 @@ def _with_rate(
         )
     _check_noise(name, instrument, experiment)
     return instrument.model_copy(update={"rate": rate})
+
+
+def check_noise(experiment: Experiment) -> None:
+    """Refuse an experiment of which an instrument states no noise.
+
+    Raises:
+        InputError: One does not.
+    """
+    for name, instrument in experiment.instruments.items():
+        _check_noise(name, instrument, experiment)
 
 
 def _check_noise(name: str, instrument: Instrument, experiment: Experiment) -> None:
