@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import named
-from steelyard.excitation.references.reference_design import ReferencePrediction, ReferenceDesign
+from steelyard.excitation.references.reference_design import ReferenceDesign, ReferencePrediction
 
 FORMAT = "steelyard-reference/1"
 RESULT = "reference.json"

@@ -10,7 +10,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.digits import LABELS
-from steelyard.excitation.references.reference_design import ReferencePrediction, ReferenceDesign
+from steelyard.excitation.references.reference_design import ReferenceDesign, ReferencePrediction
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.blocks.document import Document, Grid, Section, Statement, Statements
 from steelyard.report.blocks.parameter_grid import ParameterTexts, parameter_grid
