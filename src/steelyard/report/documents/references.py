@@ -122,9 +122,11 @@ def _statements(design: ReferenceDesign) -> Iterator[Statement]:
         yield Statement(f"Without anything added not identifiable: {', '.join(untold)}.", "note")
     best = next((each.addition for each in design.predictions if each.addition.load), None)
     if best is not None and best.load is not None:
+        first = "" if design.experiment.loads else "as-it-is: {}, "
         yield Statement(
-            f"State the best of them in the experiment file as a further load: {best.load.name}:"
-            f" {_as_stated(best.load.added or best.load.known, best.kind)}, and 'load:"
+            "The experiment file states the best of them, with what it really weighs and where it"
+            f" really is, as 'loads: {{{first}{best.load.name}:"
+            f" {_as_stated(best.load.added or best.load.known, best.kind)}}}' and 'load:"
             f" {best.load.name}' in its run."
         )
 
