@@ -172,6 +172,8 @@ def design_references(
         try:
             further = _recorded(experiment, robot, addition, runs, constraints.level, settings)
         except InputError as error:
+            if addition.poses is None:
+                raise
             # In motion instruments tell more than at rest.
             unread = error
             continue
