@@ -36,6 +36,14 @@ if TYPE_CHECKING:
     from steelyard.excitation.design import Design as Design
     from steelyard.excitation.design import design as design
     from steelyard.excitation.design_file import write_design as write_design
+    from steelyard.excitation.poses.pose_design import PoseDesign as PoseDesign
+    from steelyard.excitation.poses.pose_design import design_poses as design_poses
+    from steelyard.excitation.references.reference_design import (
+        ReferenceDesign as ReferenceDesign,
+    )
+    from steelyard.excitation.references.reference_design import (
+        design_references as design_references,
+    )
     from steelyard.experiment.model import Experiment as Experiment
     from steelyard.experiment.model import Load as Load
     from steelyard.experiment.model import Run as Run
@@ -100,6 +108,8 @@ _WHERE = {
     "MaximumLikelihood": "identification.methods.maximum_likelihood",
     "NamedEstimate": "estimates.estimate_file",
     "Payload": "estimates.payload",
+    "PoseDesign": "excitation.poses.pose_design",
+    "ReferenceDesign": "excitation.references.reference_design",
     "Robot": "robot.model",
     "Run": "experiment.model",
     "SteelyardError": "errors",
@@ -111,6 +121,8 @@ _WHERE = {
     "compare": "estimates.comparison",
     "cramer_rao": "identification.solve.bound",
     "design": "excitation.design",
+    "design_poses": "excitation.poses.pose_design",
+    "design_references": "excitation.references.reference_design",
     "export": "exports.formats",
     "figure": "report.figures",
     "figures": "report.figures",

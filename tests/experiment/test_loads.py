@@ -117,3 +117,38 @@ def test_what_is_known_of_one_load_is_not_of_another(tmp_path):
     found = read_experiment(written(tmp_path, lambda values: None))
     other = found.of_load(found.loads[2])
     assert replace(other, known={}).known == found.known
+
+
+ADDED = {
+    "mass": {"value": 20.0, "sigma": 0.01},
+    "center_of_gravity": {"z": {"value": 0.5, "sigma": 0.005}},
+}
+
+
+def test_what_was_added_is_read_and_written(tmp_path):
+    def add(values):
+        values["loads"]["with-fork"] = {"added": ADDED}
+
+    found = read_experiment(written(tmp_path, add))
+    assert found.loads[1].added == {"mass": (20.0, 0.01), "cz": (0.5, 0.005)}
+    assert found.loads[2].added == {}
+    (tmp_path / "copy").mkdir()
+    write_experiment(found, tmp_path / "copy")
+    again = read_experiment(tmp_path / "copy" / "experiment.yaml")
+    assert again.loads[1].added == found.loads[1].added
+
+
+@pytest.mark.parametrize(
+    ("load", "added", "message"),
+    [
+        ("empty", ADDED, "expected none of the first load, to which others are added"),
+        ("reference", {"center_of_gravity": ADDED["center_of_gravity"]}, "expected the mass of"),
+        ("reference", {"inertia": {}}, "inertia"),
+    ],
+)
+def test_what_cannot_have_been_added_is_refused(tmp_path, load, added, message):
+    def add(values):
+        values["loads"][load] = {"added": added}
+
+    with pytest.raises(InputError, match=message):
+        read_experiment(written(tmp_path, add))

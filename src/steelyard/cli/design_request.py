@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -72,6 +72,23 @@ def check_numbers(margin: float, runs: int, budget: float, rate: float) -> None:
         )
 
 
+def check_unused(options: Mapping[str, object], beside: str) -> None:
+    """Refuse options that would be passed over.
+
+    Args:
+        options: Name -> what was given; None, or nothing in it: it was not.
+        beside: What has no use for them.
+
+    Raises:
+        InputError: One was given.
+    """
+    for name, value in options.items():
+        if value is not None and value != ():
+            raise InputError(
+                f"{name}: expected no such option with {beside}, found one; leave it out"
+            )
+
+
 def design_task(
     place: str, sensors: str, body: str | None, after: Sequence[str], target: str | None
 ) -> DesignTask:
@@ -94,6 +111,23 @@ def design_task(
     for each in earlier:
         before += _information(each, platform)
     return DesignTask(experiment, _target(target, platform), before)
+
+
+def target_of(place: str, sensors: str, text: str | None) -> Target | None:
+    """Wanted 1-sigma for what a robot carries, or the first load of an experiment; None: none is
+    said.
+
+    Args:
+        place: A robot or an experiment.
+        sensors: Of a robot alone.
+        text: As ``--target`` has it.
+
+    Raises:
+        InputError: It is wrong, or there is no platform that its shares are of.
+    """
+    if text is None:
+        return None
+    return _target(text, designed_body(planned(place, sensors).robot))
 
 
 def pose_of(values: Sequence[float] | None) -> Array | None:

@@ -165,6 +165,38 @@ class DesignSettings:
     command_rate: float = 100.0
     """Of a command that states none [Hz]."""
 
+    # Poses at rest for a calibration
+
+    candidate_poses: int = 200
+    """Poses that are drawn to choose from: twice as many make the mean 1-sigma of CoGiRo's anchors
+    smaller by some three per cent."""
+    smaller_turns: tuple[float, ...] = (0.5, 0.25, 0.0)
+    """Parts of its angles with which a pose is tried again that the cables cannot hold as drawn."""
+    grid_turn: float = 0.5
+    """Angles of the regular grid that the choice is compared with, in half widths of the
+    workspace."""
+    exchanges: int = 10
+    """Rounds of exchanges at most; three are usual."""
+    exchange_gain: float = 1e-6
+    """Gain of a round in the logarithm of the determinant that is no progress any more."""
+    fewest_poses: int = 3
+    """Of a calibration: with fewer no length tells anything but its offset."""
+    most_poses: int = 100
+    """Of a calibration: half of those that there are to choose from."""
+
+    # Reference bodies
+
+    reference_shares: tuple[float, ...] = (0.05, 0.2, 0.5, 1.0)
+    """Masses of weighed bodies that are added, in parts of what the platform carries."""
+    replacing_shares: tuple[float, ...] = (0.5, 1.0)
+    """The same of those that are carried in its place, as a whole: lighter ones are seldom held."""
+    reference_place: float = 0.005
+    """1-sigma of each coordinate of where a reference is fastened [m]: by a tape."""
+    reference_density: float = 7800.0
+    """Of references [kg/m^3]: balls of steel."""
+    motion_instants: float = 10.0
+    """Instants per second through which a recorded motion is made again [Hz]."""
+
 
 DEFAULT = DesignSettings()
 """What is used where nothing is given."""

@@ -52,11 +52,23 @@ class KnownBodyForm(FileModel):
     """About the centre of gravity, platform axes [kg m^2]."""
 
 
+class AddedBodyForm(FileModel):
+    """What is known beforehand about a body that was added to the first load."""
+
+    mass: KnownForm | None = None
+    """[kg]"""
+    center_of_gravity: KnownVectorForm = KnownVectorForm()
+    """Platform frame [m]; needs the mass."""
+
+
 class LoadForm(FileModel):
     """A body that runs carry, the platform included."""
 
     known: KnownBodyForm = KnownBodyForm()
     """What is known beforehand about it: a weighed body calibrates the force sensors."""
+    added: AddedBodyForm = AddedBodyForm()
+    """What is known beforehand about what it has more than the first load: a weighed body that was
+    added to it."""
     nominal: PlatformForm | None = None
     """As it was drawn; without it: of the first load the platform of the robot file."""
     rigid: bool = True

@@ -127,6 +127,9 @@ class Load:
     """As it was drawn; None: nobody says."""
     rigid: bool = True
     """Whether nothing moves in it."""
+    added: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """The same as ``known``, of what it has more than the first load: ``mass``, ``cx``, ``cy``,
+    ``cz`` of a weighed body that was added."""
 
 
 @dataclass(frozen=True, eq=False)

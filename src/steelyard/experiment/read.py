@@ -12,7 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownBodyForm, PlanForm, RunForm
+from steelyard.experiment.form import (
+    RUN_KEYS,
+    AddedBodyForm,
+    ExperimentForm,
+    KnownBodyForm,
+    PlanForm,
+    RunForm,
+)
 from steelyard.experiment.model import Datum, Experiment, Fault, Load, Run
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
 from steelyard.experiment.stuck import without_stuck
@@ -64,20 +71,25 @@ def read_experiment(path: str | Path, *, poses_alone: bool = False) -> Experimen
     for run in experiment.runs:
         weighed = not (poses_alone and run.static)
         _check_run(experiment, run, document, ("runs", numbers[run.name]), weighed=weighed)
-    if poses_alone:
-        stated = form.uncertainty.model_fields_set
-        kept = {key: v for key, v in experiment.uncertainty.items() if key in stated}
-        experiment = replace(experiment, uncertainty=kept)
-    return experiment
+    return _as_stated(experiment, form) if poses_alone else experiment
 
 
-def read_plan(path: str | Path) -> Experiment:
+def _as_stated(experiment: Experiment, form: ExperimentForm) -> Experiment:
+    """The experiment with only what is stated of the robot's uncertainty."""
+    stated = form.uncertainty.model_fields_set
+    kept = {key: v for key, v in experiment.uncertainty.items() if key in stated}
+    return replace(experiment, uncertainty=kept)
+
+
+def read_plan(path: str | Path, *, poses_alone: bool = False) -> Experiment:
     """Read what an experiment file says of robot and instruments, recorded or not.
 
     Recordings are looked at only where an instrument states no rate and they have to show it.
 
     Args:
         path: The file.
+        poses_alone: Whether it is for a calibration, as in :func:`read_experiment`: poses at rest
+            need no rate.
 
     Raises:
         InputError: Anything that does not fit the contract; the sentence says where and what to do.
@@ -85,6 +97,9 @@ def read_plan(path: str | Path) -> Experiment:
     path = Path(path)
     document = read_yaml(path)
     form = validate(PlanForm, document)
+    if poses_alone:
+        planned = _experiment(form, _described(form, document), (), path)
+        return _as_stated(planned, form)
     if form.runs and any(
         i.rate is None and not (i.commanded or i.tabular) for i in form.instruments.values()
     ):
@@ -107,7 +122,13 @@ def _experiment(
 ) -> Experiment:
     """The experiment, once all of its parts are read."""
     loads = tuple(
-        Load(name, _known(each.known), body_of_form(each.nominal), each.rigid)
+        Load(
+            name,
+            _known(each.known),
+            body_of_form(each.nominal),
+            each.rigid,
+            _known_points(each.added),
+        )
         for name, each in form.loads.items()
     )
     if loads:
@@ -131,10 +152,16 @@ def _experiment(
 
 def _known(form: KnownBodyForm) -> dict[str, tuple[float, float]]:
     """Body parameter -> value and 1-sigma known beforehand."""
+    entries = {f"J{axes}": entry for axes, entry in vars(form.inertia).items()}
+    known = {name: (entry.value, entry.sigma) for name, entry in entries.items() if entry}
+    return _known_points(form) | known
+
+
+def _known_points(form: KnownBodyForm | AddedBodyForm) -> dict[str, tuple[float, float]]:
+    """The same of mass and centre of gravity."""
     entries = {
         "mass": form.mass,
         **{f"c{axis}": entry for axis, entry in vars(form.center_of_gravity).items()},
-        **{f"J{axes}": entry for axes, entry in vars(form.inertia).items()},
     }
     return {name: (entry.value, entry.sigma) for name, entry in entries.items() if entry}
 
@@ -235,6 +262,7 @@ def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
                 "expected a body that can exist, found one whose moments of inertia no body has;"
                 " correct it",
             )
+    _check_added(form, document)
     for i, run in enumerate(form.runs):
         if run.load is not None and run.load not in form.loads:
             known = f"; known here: {', '.join(form.loads)}" if form.loads else "; add 'loads'"
@@ -256,6 +284,23 @@ def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
             f"expected a run that carries '{unused[0]}', found none; add 'load: {unused[0]}' to its"
             " run, or leave the load out",
         )
+
+
+def _check_added(form: ExperimentForm, document: YamlDocument) -> None:
+    """Refuse what the first load has more than itself, and a place of what nobody has weighed."""
+    for i, (name, each) in enumerate(form.loads.items()):
+        added = _known_points(each.added)
+        if added and i == 0:
+            raise document.error(
+                ("loads", name, "added"),
+                "expected none of the first load, to which others are added, found one; put the load"
+                " without it first",
+            )
+        if added and "mass" not in added:
+            raise document.error(
+                ("loads", name, "added"),
+                "expected the mass of what was added beside its centre of gravity, found none; add it",
+            )
 
 
 def _is_carried(form: ExperimentForm, name: str) -> bool:

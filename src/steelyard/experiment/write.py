@@ -156,6 +156,7 @@ def _bodies(experiment: Experiment) -> dict[str, Any]:
         "loads": {
             load.name: {
                 **({"known": _known(load.known)} if load.known else {}),
+                **({"added": _known(load.added)} if load.added else {}),
                 **({"nominal": platform_values(load.nominal)} if load.nominal else {}),
                 **({} if load.rigid else {"rigid": False}),
             }

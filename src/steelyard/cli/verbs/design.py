@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -29,6 +29,33 @@ REPORT = "design"
 @click.command()
 @click.argument("place", metavar="ROBOT|EXPERIMENT")
 @click.option("--duration", type=float, help="Of each motion [s].")
+@click.option(
+    "--calibration",
+    is_flag=True,
+    help=(
+        "Poses at rest that tell anchors and attachments best, in place of a motion: poses.csv,"
+        " poses.json, poses.html and poses.md."
+    ),
+)
+@click.option(
+    "--reference",
+    is_flag=True,
+    help=(
+        "A table of the weighed bodies and poses at rest that would help most if they were recorded"
+        " beside the experiment (or, of what is not recorded yet, beside the motion of --check):"
+        " reference.json, reference.html and reference.md."
+    ),
+)
+@click.option(
+    "--reference-sigma",
+    type=float,
+    help="1-sigma to which these bodies are weighed [kg]. Default: 0.01.",
+)
+@click.option(
+    "--poses",
+    type=int,
+    help="How many at rest: with --calibration (20), or at most with --reference (9).",
+)
 @out_option(
     help="Folder for command.csv, design.json, design.html, design.md and motion.parquet; must be"
     " new or empty."
@@ -99,6 +126,10 @@ REPORT = "design"
 def design(
     place: str,
     duration: float | None,
+    calibration: bool,
+    reference: bool,
+    reference_sigma: float | None,
+    poses: int | None,
     out: Path | None,
     check: str | None,
     start: tuple[float, ...] | None,
@@ -125,6 +156,7 @@ def design(
     """
     from steelyard.cli.design_request import (
         check_numbers,
+        check_unused,
         checked_motion,
         design_task,
         pose_of,
@@ -138,6 +170,19 @@ def design(
     check_numbers(margin, runs, budget, rate)
     if out is not None:
         check_target(out, force=force)
+    moves = {"--start": start, "--end": end, "--body": body, "--after": after}
+    of_motion = {"--duration": duration, "--check": check, "--target": target}
+    shown = _Shown(out, force, as_json, quiet)
+    if calibration:
+        of_reference = {"--reference": reference or None, "--reference-sigma": reference_sigma}
+        check_unused({**moves, **of_motion, **of_reference}, "--calibration")
+        _propose_poses(place, poses, sensors, margin, seed, shown)
+        return
+    if reference:
+        check_unused(moves, "--reference")
+        _compare_references(place, sensors, check, duration, poses, reference_sigma, target, shown)
+        return
+    check_unused({"--poses": poses, "--reference-sigma": reference_sigma}, "a motion")
     with progress(quiet=quiet) as tell:
         task = design_task(place, sensors, body, after, target)
         found: Design | None = None
@@ -177,6 +222,82 @@ def design(
     print_result(values, document, as_json=as_json)
     if not as_json and found is not None and out is not None:
         _print_next_steps(found, place, out)
+
+
+class _Shown(NamedTuple):
+    """Where a result goes."""
+
+    out: Path | None
+    force: bool
+    as_json: bool
+    quiet: bool
+
+
+def _propose_poses(
+    place: str, poses: int | None, sensors: str, margin: float, seed: int, shown: _Shown
+) -> None:
+    """Poses at rest for a calibration; see :func:`steelyard.design_poses`."""
+    from steelyard.excitation.poses.pose_design import USUAL_POSES, design_poses
+    from steelyard.excitation.poses.pose_file import POSES, poses_dict, write_poses
+    from steelyard.output import results_folder
+    from steelyard.report.documents.poses import poses_document
+    from steelyard.report.write import write_document
+
+    count = USUAL_POSES if poses is None else poses
+    with progress(quiet=shown.quiet) as tell:
+        found = design_poses(place, count, sensors=sensors, margin=margin, seed=seed, progress=tell)
+    document = poses_document(found)
+    if shown.out is not None:
+        with results_folder(shown.out, force=shown.force) as folder:
+            write_poses(found, folder)
+            write_document(document, folder, "poses")
+    print_result(poses_dict(found), document, as_json=shown.as_json)
+    if shown.out is not None and not shown.as_json:
+        print(
+            f"\nThe poses are in {shown.out / POSES}. Record one row a pose with every instrument, as"
+            " a run with 'static: true', then: steelyard calibrate EXPERIMENT --out DIR"
+        )
+
+
+def _compare_references(
+    place: str,
+    sensors: str,
+    check: str | None,
+    duration: float | None,
+    poses: int | None,
+    sigma: float | None,
+    target: str | None,
+    shown: _Shown,
+) -> None:
+    """Reference bodies beside an experiment; see :func:`steelyard.design_references`."""
+    from steelyard.cli.design_request import target_of
+    from steelyard.excitation.references.reference_design import (
+        USUAL_REST,
+        USUAL_SIGMA,
+        design_references,
+    )
+    from steelyard.excitation.references.reference_file import RESULT, reference_dict
+    from steelyard.output import results_folder, write_json
+    from steelyard.report.documents.references import reference_document
+    from steelyard.report.write import write_document
+
+    with progress(quiet=shown.quiet) as tell:
+        found = design_references(
+            place,
+            sensors=sensors,
+            motion=check,
+            duration=duration,
+            poses=USUAL_REST if poses is None else poses,
+            sigma=USUAL_SIGMA if sigma is None else sigma,
+            target=target_of(place, sensors, target),
+            progress=tell,
+        )
+    values, document = reference_dict(found), reference_document(found)
+    if shown.out is not None:
+        with results_folder(shown.out, force=shown.force) as folder:
+            write_json(values, folder / RESULT)
+            write_document(document, folder, "reference")
+    print_result(values, document, as_json=shown.as_json)
 
 
 def _print_next_steps(found: Design, place: str, out: Path) -> None:

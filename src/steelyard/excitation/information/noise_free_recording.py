@@ -8,14 +8,14 @@ will read the recording has read it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.excitation.settings import DEFAULT, DesignSettings
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment, Load, Run, Stream
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior, Progress
@@ -73,15 +73,76 @@ def with_noise_free_runs(
         name: _with_rate(name, each, experiment, settings)
         for name, each in experiment.instruments.items()
     }
-    planned = replace(experiment, instruments=instruments)
+    planned, body = replace(experiment, instruments=instruments), experiment.robot.platform
+    assert body is not None
     runs = []
     for run, trajectory in trajectories.items():
         streams = {
-            name: _noise_free_stream(planned, name, trajectory, level, settings)
-            for name in instruments
+            name: _noise_free_stream(
+                planned,
+                name,
+                ExactMotion(planned.robot, body, trajectory),
+                _instants(name, each, trajectory.duration),
+                level,
+                settings,
+            )
+            for name, each in instruments.items()
         }
         runs.append(Run(run, streams, dict.fromkeys(streams, 0.0)))
     return replace(planned, runs=tuple(runs))
+
+
+def noise_free_poses(
+    experiment: Experiment,
+    name: str,
+    poses: Array,
+    level: float,
+    *,
+    load: Load | None = None,
+    settings: DesignSettings = DEFAULT,
+) -> Run:
+    """A noise-free recording of poses at rest, one row each.
+
+    Args:
+        experiment: Robot, with its nominal platform, and instruments.
+        name: Of the run.
+        poses: x, y, z [m], roll, pitch, yaw [rad], shape (n, 6).
+        level: Tension near which the cables are held [N].
+        load: What the platform carries, with its nominal body; None: the nominal platform.
+        settings: Of the design.
+
+    Raises:
+        InputError: An instrument states no noise.
+    """
+    robot = experiment.robot
+    body = robot.platform if load is None else load.nominal
+    assert body is not None
+    motion = ExactMotion(robot, body, _AtRest(poses))
+    times = np.arange(len(poses), dtype=np.float64)
+    streams = {}
+    for each, instrument in experiment.instruments.items():
+        if instrument.is_measurement and not instrument.tabular:
+            _check_noise(each, instrument, experiment)
+            streams[each] = _noise_free_stream(experiment, each, motion, times, level, settings)
+    return Run(name, streams, static=True, load=None if load is None else load.name)
+
+
+@dataclass(frozen=True, eq=False)
+class _AtRest:
+    """Poses one after the other, each at rest; the time is the number of the pose."""
+
+    poses: Array
+    """Shape (n, 6)."""
+
+    @property
+    def duration(self) -> float:
+        """Number of the last pose."""
+        return float(len(self.poses) - 1)
+
+    def derivative(self, t: Array, order: int) -> Array:
+        """See :class:`.Trajectory`."""
+        at = self.poses[np.asarray(t).astype(np.intp)]
+        return np.zeros_like(at) if order else at
 
 
 def fit_noise_free(
@@ -97,34 +158,51 @@ def fit_noise_free(
     Raises:
         InputError: The instruments cannot identify anything, or lack a rate or a noise.
     """
-    recorded = with_noise_free_runs(experiment, trajectories, level, settings)
+    return fit_recorded(with_noise_free_runs(experiment, trajectories, level, settings), progress)
+
+
+def fit_recorded(recorded: Experiment, progress: Progress = None) -> Posterior:
+    """The joint fit of maximum likelihood to recordings that have no noise.
+
+    Raises:
+        InputError: They identify nothing.
+    """
     try:
         return fit_jointly(recorded, progress, settings=_AS_DESCRIBED)
     except NoBalanceError as error:
         raise InputError(
-            f"{experiment.source or experiment.name}: expected instruments and a motion that"
+            f"{recorded.source or recorded.name}: expected instruments and a motion that"
             f" identify something of the body, found that {error}"
         ) from None
+
+
+def _instants(name: str, instrument: Instrument, duration: float) -> Array:
+    """When an instrument reads a motion [s], shape (n,).
+
+    Raises:
+        InputError: It reads less than twice.
+    """
+    assert instrument.rate is not None
+    times = np.arange(0.5 / instrument.rate, duration, 1 / instrument.rate)
+    if len(times) < 2:
+        raise InputError(
+            f"instrument '{name}': expected at least two samples in {duration:g}"
+            f" s, found a rate of {instrument.rate:g} Hz; choose a longer motion"
+        )
+    return times
 
 
 def _noise_free_stream(
     experiment: Experiment,
     name: str,
-    trajectory: Trajectory,
+    motion: ExactMotion,
+    times: Array,
     level: float,
     settings: DesignSettings,
 ) -> Stream:
     """Readings of one instrument without noise and errors."""
     robot, instrument = experiment.robot, experiment.instruments[name]
-    assert robot.platform is not None
-    assert instrument.rate is not None
-    times = np.arange(0.5 / instrument.rate, trajectory.duration, 1 / instrument.rate)
-    if len(times) < 2:
-        raise InputError(
-            f"instrument '{name}': expected at least two samples in {trajectory.duration:g}"
-            f" s, found a rate of {instrument.rate:g} Hz; choose a longer motion"
-        )
-    state = ExactMotion(robot, robot.platform, trajectory).at(times)
+    state = motion.at(times)
     if instrument.per_cable:
         state = replace(state, tension=tensions_near_level(robot, state, level, settings))
     readings = predict(instrument, robot, state, means(instrument, robot.m))
@@ -150,6 +228,26 @@ def _with_rate(
             f"instrument '{name}': expected the key 'rate', found none, and no recording to"
             " take it from; add the samples per second"
         )
+    _check_noise(name, instrument, experiment)
+    return instrument.model_copy(update={"rate": rate})
+
+
+def check_noise(experiment: Experiment) -> None:
+    """Refuse an experiment of which an instrument states no noise.
+
+    Raises:
+        InputError: One does not.
+    """
+    for name, instrument in experiment.instruments.items():
+        _check_noise(name, instrument, experiment)
+
+
+def _check_noise(name: str, instrument: Instrument, experiment: Experiment) -> None:
+    """Refuse an instrument that states no noise.
+
+    Raises:
+        InputError: It does not.
+    """
     recorded = _recorded_quantities(name, instrument, experiment)
     for quantity in instrument.quantities(experiment.robot.m):
         if quantity.name in recorded and not quantity.noise and instrument.is_measurement:
@@ -158,7 +256,6 @@ def _with_rate(
                 f" found none; add 'noise', the 1-sigma of a sample in {quantity.unit}: what can be"
                 " known depends on it"
             )
-    return instrument.model_copy(update={"rate": rate})
 
 
 def _recorded_rate(name: str, experiment: Experiment) -> float | None:

@@ -54,6 +54,8 @@ LOAD = "load"
 """First part of the keys of what further loads are more than the first: ten linear parameters."""
 _ANY_LOAD = 10.0
 """1-sigma of that, in plausible sizes of a body: none that the data tell is hardly moved by it."""
+_EXACT_PART = 1e-6
+"""Part of its size to which what was added is known at best."""
 _DECAY = 0.2
 """1-sigma of the rate at which swings decay where no force is read [1/s]: two per cent of critical
 damping at a hertz."""
@@ -63,6 +65,12 @@ _BLUFF = 3.0
 """1-sigma of drag coefficients times area, and of turning, in units of the platform's size squared
 and to the fifth power: frames and sheets."""
 _AXES = "xyz"
+_OF_LOADS = (
+    "mass",
+    *(f"first moment {axis}" for axis in _AXES),
+    *(f"inertia {axes} about the origin" for axes in ("xx", "yy", "zz", "yz", "xz", "xy")),
+)
+"""What a load is more than the first, as people would say it."""
 _PER_CABLE = frozenset({"offset", "gain", "friction"})
 _NEGLIGIBLE = 0.1
 """Part of the 1-sigma of devices that have an error at all, below which it is another's doing."""
@@ -118,6 +126,9 @@ class CalibrationParameter:
         if self.key == CROSSTALK:
             pairs = [(i, j) for i in range(m) for j in range(m) if i != j]
             return [f"{where} of cable {i + 1} from cable {j + 1}" for i, j in pairs]
+        if self.is_load:
+            load = self.key.removeprefix(f"{LOAD}.")
+            return [f"{each} of what load '{load}' has more" for each in _OF_LOADS]
         if size == 3:
             return [f"{where} {axis}" for axis in _AXES]
         return [where] if size == 1 else [f"{where} {i + 1}" for i in range(size)]
@@ -437,16 +448,41 @@ def _load_key(load: Load) -> str:
 
 
 def _further_loads(experiment: Experiment) -> Iterator[CalibrationParameter]:
-    """By how much they differ from the first: nothing is known of it."""
+    """By how much they differ from the first, and what is known of that."""
     if len(experiment.loads) < 2:
         return
     known = [load.known["mass"][0] for load in experiment.loads if "mass" in load.known]
+    known += [load.added["mass"][0] for load in experiment.loads if "mass" in load.added]
     drawn = [load.nominal.mass for load in experiment.loads if load.nominal is not None]
     weighs = _usual_forces(experiment) / float(np.linalg.norm(experiment.robot.gravity))
     mass, size = max([*known, *drawn, weighs, 1e-9]), plausible_radius(experiment.robot)
     wide = _ANY_LOAD * np.array([mass, *[mass * size] * 3, *[mass * size**2] * 6])
     for load in experiment.loads[1:]:
-        yield CalibrationParameter(ROBOT, _load_key(load), None, "", np.zeros(TEN), wide)
+        mean, deviation = _of_added(load, wide)
+        yield CalibrationParameter(ROBOT, _load_key(load), None, "", mean, deviation)
+
+
+def _of_added(load: Load, wide: Array) -> tuple[Array, Array]:
+    """What is known of the ten linear parameters of what was added to the first load, and 1-sigma,
+    shape (10,) each.
+
+    Args:
+        load: With it.
+        wide: 1-sigma of those of which nothing is known, shape (10,).
+    """
+    mean, deviation = np.zeros(TEN), wide.copy()
+    if "mass" in load.added:
+        # As exact as a body of which all is known may be.
+        mean[0], sigma = load.added["mass"]
+        deviation[0] = max(sigma, _EXACT_PART * mean[0])
+        for i, axis in enumerate(_AXES, start=1):
+            if f"c{axis}" in load.added:
+                place, off = load.added[f"c{axis}"]
+                mean[i] = mean[0] * place
+                # The first moment of a mass at a place: both may be off.
+                by_mass, by_place = deviation[0] * place, mean[0] * off
+                deviation[i] = max(float(np.hypot(by_mass, by_place)), _EXACT_PART * wide[i])
+    return mean, deviation
 
 
 def _surroundings(experiment: Experiment) -> Iterator[CalibrationParameter]:

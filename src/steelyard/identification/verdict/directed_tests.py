@@ -168,7 +168,7 @@ def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Find
     moves = posterior.solution.covariance[:TEN, TEN:]
     for place, unknown, component in calibration_parameters.components():
         if unknown.is_load:
-            # Nothing was known of it.
+            # What is known of it is held against the readings beside what is known of bodies.
             continue
         prior = unknown.deviation[component] ** 2
         if (

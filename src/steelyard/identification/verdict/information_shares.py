@@ -111,6 +111,8 @@ def _group(posterior: Posterior, entry: CalibrationParameter) -> str:
     if entry.owner == ROBOT:
         if entry.key in _GEOMETRY:
             return "geometry of the cables"
+        if entry.is_load:
+            return "what was added to the first load"
         return "gravity" if entry.key == "gravity" else "hoses, air and cable inertia"
     if entry.key in _OF_CLOCKS:
         return "clocks and filters"

@@ -12,20 +12,25 @@ from scipy.stats import chi2
 
 from steelyard.estimates.estimate import plausible_sizes
 from steelyard.identification.known_body import EXACT
+from steelyard.identification.model.calibration_parameters import load_place
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
-from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS, Inertia
+from steelyard.inertia import BODY_PARAMETERS, BODY_UNITS, TEN, Inertia
 
+_ADDED = (("added mass", "kg"), *((f"added first moment {axis}", "kg m") for axis in "xyz"))
+"""Names and units of what may be known of what was added."""
 _TOLD = 1e-6
 """Part of the variance of a known value that the readings have to take off it, to say anything."""
 
 
 @dataclass(frozen=True)
 class KnownValue:
-    """A body parameter that is known beforehand."""
+    """A body parameter that is known beforehand, or what is known of what was added to the first
+    load.
+    """
 
     name: str
-    """One of :data:`steelyard.inertia.BODY_PARAMETERS`."""
+    """One of :data:`steelyard.inertia.BODY_PARAMETERS`; ``added mass``, ``added first moment x`` …"""
     unit: str
     stated: float
     sigma: float
@@ -62,17 +67,48 @@ def known_values(posterior: Posterior) -> Iterator[KnownValue]:
         told = 1 - variance[i] / square
         if told < _TOLD or (name == "mass" and posterior.experiment.mass_assumed):
             continue
-        # Two readings of one number: taken apart again.
-        alone = variance[i] / told
-        found = alone * (value[i] / variance[i] - stated / square)
-        yield KnownValue(
-            name,
-            BODY_UNITS[i],
-            float(stated),
-            float(np.sqrt(square)),
-            float(found),
-            float(np.sqrt(alone)),
-        )
+        yield _apart(name, BODY_UNITS[i], (stated, square), (value[i], variance[i]))
+    yield from _added_values(posterior)
+
+
+def _added_values(posterior: Posterior) -> Iterator[KnownValue]:
+    """The same of what the load that it is seen from has more than the first."""
+    if posterior.load is None:
+        return
+    calibration = posterior.calibration
+    parameters = calibration.calibration_parameters
+    place = load_place(parameters, posterior.load)
+    prior = parameters.deviation[place] ** 2
+    variance = np.diag(posterior.solution.covariance)[TEN:][place]
+    for i, (name, unit) in enumerate(_ADDED):
+        entry = posterior.load.added.get("mass" if i == 0 else f"c{'xyz'[i - 1]}")
+        if entry is None or variance[i] > (1 - _TOLD) * prior[i]:
+            continue
+        mean, value = parameters.mean[place][i], calibration.values[place][i]
+        yield _apart(name, unit, (mean, prior[i]), (value, variance[i]))
+
+
+def _apart(
+    name: str, unit: str, stated: tuple[float, float], both: tuple[float, float]
+) -> KnownValue:
+    """Two readings of one number taken apart again.
+
+    Args:
+        name: Of the number.
+        unit: Of the number.
+        stated: What is known beforehand, and its variance.
+        both: What follows from that and the readings, and its variance.
+    """
+    alone = both[1] / (1 - both[1] / stated[1])
+    found = alone * (both[0] / both[1] - stated[0] / stated[1])
+    return KnownValue(
+        name,
+        unit,
+        float(stated[0]),
+        float(np.sqrt(stated[1])),
+        float(found),
+        float(np.sqrt(alone)),
+    )
 
 
 def against_readings(posterior: Posterior, settings: VerdictSettings = VERDICT) -> Iterator[str]:
