@@ -32,13 +32,13 @@ _NAME = re.compile(r"\w[\w \-]*")
 """Names of instruments: they name files and columns of tables."""
 
 
-def read_experiment(path: str | Path, *, poses_alone: bool = False) -> Experiment:
+def read_experiment(path: str | Path, *, weighed: bool = True) -> Experiment:
     """Read an experiment file with all its streams.
 
     Args:
         path: The file; streams and robot file stand relative to it.
-        poses_alone: Whether poses at rest need no forces, and only what is stated of the robot's
-            uncertainty counts: for its calibration.
+        weighed: Whether a body is to be told by forces; else runs need none, and only what is stated
+            of the robot's uncertainty counts: for its calibration.
 
     Raises:
         InputError: Anything that does not fit the contract; the sentence says where and what to do.
@@ -52,9 +52,8 @@ def read_experiment(path: str | Path, *, poses_alone: bool = False) -> Experimen
     experiment = with_unread_cables(with_frequencies_apart(_experiment(form, robot, runs, path)))
     numbers = {run.name: i for i, run in enumerate(runs)}
     for run in experiment.runs:
-        weighed = not (poses_alone and run.static)
         _check_run(experiment, run, document, ("runs", numbers[run.name]), weighed=weighed)
-    if poses_alone:
+    if not weighed:
         stated = form.uncertainty.model_fields_set
         kept = {key: v for key, v in experiment.uncertainty.items() if key in stated}
         experiment = replace(experiment, uncertainty=kept)
@@ -449,7 +448,6 @@ def _check_run(
                 f" {lengths} rows; align the files",
             )
         return
-    assert force is not None  # cables that nobody reads stand in for it
     span = {name: experiment.common_time(run, name) for name in run.streams}
     start, end = run.window or (-math.inf, math.inf)
     for name, time in span.items():
@@ -462,6 +460,8 @@ def _check_run(
                 f" left ({others}, after sync{' and within the window' if run.window else ''});"
                 " correct 'sync' or 'window'",
             )
+    if force is None:
+        return
     samples = int(np.sum((span[force] >= start) & (span[force] <= end)))
     if samples < _FEWEST_SAMPLES:
         raise document.error(

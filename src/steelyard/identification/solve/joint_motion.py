@@ -79,12 +79,26 @@ def fit_jointly(
         if progress is not None:
             progress(f"maximum-likelihood: {what}", fraction)
 
-    return sound(lambda: _posterior(read(experiment, start, tell, settings=settings), tell))
+    def posterior() -> Posterior:
+        readings = read(experiment, start, tell, settings=settings)
+        found = fit_readings(readings, begin(readings, tell, thorough=False), tell)
+        return concluded([stretch_of(readings, found)])
+
+    return sound(posterior)
 
 
-def _posterior(readings: Readings, tell: Tell) -> Posterior:
-    """Motion and forces, what vibrates followed more closely, and what nothing explains."""
-    found = _fitted(readings, begin(readings, tell, thorough=False), tell, {})
+def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
+    """Fit motion and forces, with what vibrates followed more closely, and what nothing explains.
+
+    Args:
+        readings: Of the experiment.
+        begun: Where to begin.
+        tell: Is called with what is being done and the fraction that is done.
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined.
+    """
+    found = _fitted(readings, begun, tell, {})
     if vibrations := _vibrations(readings, found):
         tell("following a vibration", 0.4)
         readings = _finer(readings, vibrations)
@@ -102,7 +116,7 @@ def _posterior(readings: Readings, tell: Tell) -> Posterior:
     # Gains that were far off then have stretched cables by what they do not.
     found = _seen_with_tensions(found, _SAME_TENSION)
     tell("how well it is known", 0.85)
-    return concluded([stretch_of(readings, found)])
+    return found
 
 
 def _finer(readings: Readings, vibrations: Mapping[str, _Vibration]) -> Readings:
