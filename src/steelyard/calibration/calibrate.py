@@ -165,7 +165,7 @@ class GeometryCalibration:
                     reasons.append(
                         f"{quantity.removesuffix(' at rest').replace('_', ' ')} of {name} departs from"
                         f" all others by {np.sqrt(size):.1f} times its stated noise; check the order"
-                        f" of the cables, units, signs and 'noise'{self._stretch(name)}"
+                        f" of the cables, units, signs and 'noise'{self._stretch}"
                     )
         for place, entry, _ in found.parameters.components():
             drum = entry.key == "gain" and self.experiment.instruments[entry.owner].is_cable_motion
@@ -186,10 +186,11 @@ class GeometryCalibration:
         unit = in_millimetres(self.experiment) if reasons else ""
         return [unit, *reasons] if unit else reasons
 
-    def _stretch(self, name: str) -> str:
+    @property
+    def _stretch(self) -> str:
         """That lengths of cables that stretch need tensions, where none were read."""
-        robot, lengths = self.experiment.robot, self.experiment.instruments[name].is_cable_motion
-        if not lengths or not robot.cable.axial_stiffness or self.found.body is not None:
+        stiffness = self.experiment.robot.cable.axial_stiffness
+        if not stiffness or self.found.body is not None:
             return ""
         return ", and add tensions: how far cables stretch is not known without"
 

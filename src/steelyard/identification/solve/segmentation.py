@@ -244,7 +244,7 @@ def _moving(
     finest = np.inf
     if spacing is None:
         spacing, finest = _spacing(experiment, streams, stretches, settings)
-        if isinstance(experiment.instruments[force], UnreadCables):
+        if run.locked and isinstance(experiment.instruments[force], UnreadCables):
             # The balance is no looser than its equations: the motion has to be able to fulfil them.
             spacing = min(spacing, settings.swinging)
     pose = poses_of(samples)
