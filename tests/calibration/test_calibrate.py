@@ -268,7 +268,7 @@ def _with_cell(text, cell):
             lambda e: replace(
                 e, runs=(replace(e.runs[0], streams={"tracker": e.runs[0].streams["tracker"]}),)
             ),
-            "nothing in it depends on where the cables are fixed",
+            "expected cable lengths",
         ),
     ],
 )

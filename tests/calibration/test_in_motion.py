@@ -203,9 +203,7 @@ def test_a_run_that_tells_nothing_is_said():
     (run,) = moving.runs
     blind = replace(run, streams={k: v for k, v in run.streams.items() if k != "lengths"})
     instruments = {**moving.instruments, **experiment.instruments}
-    found = calibrate(
-        replace(experiment, instruments=instruments, runs=(*experiment.runs, blind))
-    )
+    found = calibrate(replace(experiment, instruments=instruments, runs=(*experiment.runs, blind)))
     (note,) = found.to_dict()["notes"]
     assert "run 'move': not used: nothing in it depends on where the cables are fixed" in note
     with pytest.raises(InputError, match="run 'move': not used"):
@@ -230,7 +228,14 @@ def test_lengths_that_stretch_need_tensions():
 def test_the_verb_takes_a_motion_without_forces(tmp_path, capsys):
     (tmp_path / "in").mkdir()
     write_experiment(moved(3, forces=False)[0], tmp_path / "in")
-    arguments = [str(tmp_path / "in" / "experiment.yaml"), "--out", str(tmp_path / "out"), "--quiet"]
+    arguments = [
+        str(tmp_path / "in" / "experiment.yaml"),
+        "--out",
+        str(tmp_path / "out"),
+        "--quiet",
+    ]
     calibrate_verb.main(arguments, standalone_mode=False)
     assert "accepted" in capsys.readouterr().out
-    assert "each tenth of the motion left out" in (tmp_path / "out" / "calibration.html").read_text()
+    assert (
+        "each tenth of the motion left out" in (tmp_path / "out" / "calibration.html").read_text()
+    )

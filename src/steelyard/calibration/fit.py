@@ -21,7 +21,6 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.known_body import known_bodies, plausible
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import (
-    ROBOT,
     CalibrationParameters,
     CalibrationValues,
     gather,
@@ -31,7 +30,6 @@ from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.inertia import TEN
 from steelyard.instruments.base import Prior
-from steelyard.robot.covariance import POINTS
 
 Progress = Callable[[str, float], None] | None
 _RADIUS = 1.0
@@ -226,8 +224,6 @@ def _with_forces(
     state = found.state
     body = first_body(experiment, state, forces, experiment.known, task.settings)
     active = task.active.copy()
-    for key in POINTS:
-        active[parameters.places[ROBOT, key, None]] = True
     for segment, each in zip(state.segments, forces, strict=True):
         if each is None:
             continue

@@ -93,12 +93,14 @@ def _lack(experiment: Experiment, run: Run) -> str:
     }
     force = experiment.force_instrument(run)
     pulls = force is not None and experiment.instruments[force].measured_force == "tension"
+    if run.static:
+        return "" if "length" in told else "expected cable lengths (kind: length); add them"
     if "length" not in told and not pulls:
         return (
             "nothing in it depends on where the cables are fixed; add their lengths (kind: length)"
             " or tensions (kind: tension)"
         )
-    if run.static or pulls:
+    if pulls:
         return ""
     missing = [
         f"{what} ({kinds})"
