@@ -213,6 +213,14 @@ def test_a_run_that_tells_nothing_is_said():
         calibrate(replace(moving, runs=(unturned,)))
 
 
+def test_a_robot_file_in_millimetres_is_named():
+    experiment, _ = moved(0, forces=False)
+    robot = experiment.robot
+    large = replace(robot, anchors=1000 * robot.anchors, attachments=1000 * robot.attachments)
+    with pytest.raises(InputError, match="robot file seems to be in millimetres; write metres"):
+        calibrate(replace(experiment, robot=large))
+
+
 def test_lengths_that_stretch_need_tensions():
     experiment, _ = moved(0, forces=False)
     robot = experiment.robot

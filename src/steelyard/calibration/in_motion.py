@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.calibration.poses import forces_at_rest
 from steelyard.calibration.settings import CalibrationSettings
+from steelyard.calibration.wrong_units import in_millimetres
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.unread import with_unread_cables
@@ -41,6 +42,8 @@ from steelyard.instruments.unread_cables import UnreadCables
 from steelyard.robot.covariance import POINTS
 
 Tell = Callable[[str, float], None]
+_LARGEST = 1000.0
+"""Span of the anchors of any robot [m]: beyond, motion is not looked for."""
 _SOFT = 0.01
 """Stretch of a cable over its length beyond which errors of the tensions matter in lengths: at .3 per
 cent 1-sigma are right, at 2.6 per cent they are too small by a third."""
@@ -139,6 +142,9 @@ def fit_in_motion(
     Raises:
         InputError: A run lacks what is needed, or motion and readings cannot be fitted.
     """
+    unit = in_millimetres(experiment)
+    if unit and float(np.ptp(experiment.robot.anchors, axis=0).max()) > _LARGEST:
+        raise InputError(f"{experiment.source or experiment.name}: {unit}")
     experiment = with_unread_cables(experiment, every=True)
     weighed = any(_is_weighed(experiment, run) for run in experiment.runs)
     about = experiment if start is None else _about(experiment, start)
