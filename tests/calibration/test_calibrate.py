@@ -139,6 +139,8 @@ def test_a_mistake_is_rejected(mistake, off):
     assert not found.to_dict()["verdict"]["accepted"]
     if mistake == "order of the cables":
         assert "order of the cables" in " ".join(found.reasons)
+    if "in millimetres" in mistake and not mistake.startswith("places"):
+        assert "seem to be in millimetres" in found.reasons[0].replace("seems", "seem")
     if mistake == "sign of the lengths":
         assert "turn their signs" in " ".join(found.reasons)
 
@@ -227,7 +229,7 @@ def test_a_robot_that_was_calibrated_is_read_with_its_covariance(tmp_path):
     assert np.median(again.deviations["anchor"]) < np.median(found.deviations["anchor"])
     (tmp_path / "copy").mkdir()
     write_experiment(replace(experiment, robot=robot), tmp_path / "copy")
-    copied = read_experiment(tmp_path / "copy" / "experiment.yaml", poses_alone=True)
+    copied = read_experiment(tmp_path / "copy" / "experiment.yaml", weighed=False)
     np.testing.assert_allclose(copied.robot.covariance, robot.covariance, rtol=1e-9)
     assert true.m == copied.robot.m
 
@@ -288,7 +290,7 @@ def test_streams_of_other_numbers_of_rows_are_refused(tmp_path):
     (tmp_path / "in").mkdir()
     write_experiment(broken, tmp_path / "in")
     with pytest.raises(InputError, match=r"experiment\.yaml"):
-        read_experiment(tmp_path / "in" / "experiment.yaml", poses_alone=True)
+        read_experiment(tmp_path / "in" / "experiment.yaml", weighed=False)
 
 
 def test_the_verb_writes_all_of_it(tmp_path, capsys):

@@ -320,7 +320,7 @@ def test_the_file_is_read_and_written(tmp_path):
         folder = tmp_path / str(datum.pose)
         folder.mkdir()
         write_experiment(put_up(0, datum=datum)[0], folder)
-        assert read_experiment(folder / "experiment.yaml", poses_alone=True).datum == datum
+        assert read_experiment(folder / "experiment.yaml", weighed=False).datum == datum
 
 
 @pytest.mark.parametrize(
@@ -343,6 +343,6 @@ def test_what_is_no_datum_is_said(tmp_path, entry, said):
     path = tmp_path / "experiment.yaml"
     path.write_text(path.read_text() + f"datum: {entry}\n")
     with pytest.raises(InputError) as error:
-        read_experiment(path, poses_alone=True)
+        read_experiment(path, weighed=False)
     assert said in str(error.value)
     assert "\n" not in str(error.value)

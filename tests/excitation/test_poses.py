@@ -255,7 +255,7 @@ def test_the_verb_writes_poses_that_an_experiment_reads(tmp_path):
     lines = "\n".join([",".join(f"l{i + 1}" for i in range(8)), *["5" + ",5" * 7] * 6])
     (out / "lengths.csv").write_text(lines + "\n")
     (out / "experiment.yaml").write_text(EXPERIMENT)
-    read = read_experiment(out / "experiment.yaml", poses_alone=True)
+    read = read_experiment(out / "experiment.yaml", weighed=False)
     # The plan and the record of it are the same description.
     plan = design_poses(out / "experiment.yaml", 6, settings=FEW)
     assert plan.experiment.uncertainty == read.uncertainty == {}

@@ -1,1 +1,1 @@
-"""The robot's own geometry from poses at rest."""
+"""The robot's own geometry from poses at rest and recordings in motion."""

@@ -1,4 +1,6 @@
-"""The robot's own calibration: anchors, attachments, drums and sensors from poses at rest."""
+"""The robot's own calibration: anchors, attachments, drums and sensors from poses at rest and from
+recordings in motion.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +20,7 @@ from steelyard.calibration.fit import GeometryFit, Progress, fit_geometry
 from steelyard.calibration.gauge import Gauge, gauge_of
 from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
 from steelyard.calibration.wrong_rows import WrongRow
+from steelyard.calibration.wrong_units import in_millimetres
 from steelyard.digits import number
 from steelyard.display import Display
 from steelyard.estimates.estimate import (
@@ -203,7 +206,7 @@ class GeometryCalibration:
                     reasons.append(
                         f"{quantity.removesuffix(' at rest').replace('_', ' ')} of {name} departs from"
                         f" all others by {np.sqrt(size):.1f} times its stated noise; check the order"
-                        " of the cables, units, signs and 'noise'"
+                        f" of the cables, units, signs and 'noise'{self._stretch}"
                     )
         for place, entry, _ in found.parameters.components():
             drum = entry.key == "gain" and self.experiment.instruments[entry.owner].is_cable_motion
@@ -229,7 +232,16 @@ class GeometryCalibration:
                 " the order of the cables and the unit of the robot file, or state a larger"
                 " 'uncertainty'"
             )
-        return reasons
+        unit = in_millimetres(self.experiment) if reasons else ""
+        return [unit, *reasons] if unit else reasons
+
+    @property
+    def _stretch(self) -> str:
+        """That lengths of cables that stretch need tensions, where none were read."""
+        stiffness = self.experiment.robot.cable.axial_stiffness
+        if not stiffness or self.found.body is not None:
+            return ""
+        return ", and add tensions: how far cables stretch is not known without"
 
     @property
     def wrong(self) -> list[WrongRow | WrongWeight]:
@@ -258,6 +270,7 @@ class GeometryCalibration:
         size = plausible_radius(self.experiment.robot)
         value = Inertia.from_parameters(parameters).body_parameters
         known = identifiable_parameters(float(value[0]), covariance, size)
+        known &= ~((np.arange(len(value)) == 0) & self.experiment.mass_assumed)
         sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         return np.where(known, value, np.nan), np.where(known, sigma, np.nan)
 
@@ -300,6 +313,7 @@ class GeometryCalibration:
             **self._datum(),
             "unobservable": self.unobservable,
             "wrong_rows": [str(each) for each in self.wrong],
+            "notes": list(self.found.notes),
             "verdict": {"accepted": not self.reasons, "reasons": self.reasons},
         }
 
@@ -338,7 +352,11 @@ class GeometryCalibration:
             f"{self.experiment.robot.name}: {said}",
             tuple(rows),
             head=("", "", "x", "y", "z"),
-            sentences=(*self.reasons, *(str(each) for each in self.wrong)),
+            sentences=(
+                *self.reasons,
+                *(str(each) for each in self.wrong),
+                *self.found.notes,
+            ),
         )
 
 
@@ -352,18 +370,18 @@ def calibrate(
     progress: Progress = None,
     settings: CalibrationSettings = CALIBRATION,
 ) -> GeometryCalibration:
-    """Find the geometry of a robot from poses at rest.
+    """Find the geometry of a robot from poses at rest, recordings in motion, or both.
 
     Args:
-        experiment: With static runs in which lengths, a tracker, a pose or an attitude were read;
-            its ``uncertainty`` says how far anchors and attachments may be off, its ``datum`` what the
-            world frame is.
+        experiment: With runs in which lengths or tensions were read, and what tells how the platform
+            stands or moves; its ``uncertainty`` says how far anchors and attachments may be off,
+            its ``datum`` what the world frame is.
         progress: Is called with what is being done and the fraction that is done.
         settings: Levels.
 
     Raises:
-        InputError: There are no poses at rest, too few readings for the unknowns, or a datum that
-            cannot define the world.
+        InputError: No run tells the geometry, there are too few readings for the unknowns, or the
+            datum cannot define the world.
     """
     check_datum(experiment)
     return GeometryCalibration(fit_geometry(experiment, progress, settings), settings)

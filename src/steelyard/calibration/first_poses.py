@@ -93,8 +93,7 @@ def _put_apart(
         return
     numbers, seen = numbers[placed], lengths[0].values[placed]
     straight = robot.with_straight_cables()
-    taut = np.ones((len(numbers), robot.m))
-    drawn = cables_at(straight, position[numbers], rotation[numbers], taut).length
+    drawn = _drawn(straight, position[numbers], rotation[numbers])
     # Drums of any scale, with any zero.
     told = np.empty_like(drawn)
     for i in range(robot.m):
@@ -107,15 +106,30 @@ def _put_apart(
     wrong = (off > _APART * np.median(off)) & (off > _METRES)
     usual = np.median(position[numbers[~wrong]], axis=0)
     for number, own in zip(numbers[wrong], told[wrong], strict=True):
-        use = np.isfinite(own)
+        position[number] = _placed(straight, rotation[number], own, usual)
 
-        def error(
-            where: Array, n: int = int(number), o: Array = own, u: NDArray[np.bool_] = use
-        ) -> Array:
-            at = cables_at(straight, where[None], rotation[n][None], np.ones((1, robot.m)))
-            return np.asarray((at.length[0] - o)[u])
 
-        position[number] = least_squares(error, usual, loss="soft_l1").x
+def _drawn(robot: Robot, position: Array, rotation: Array) -> Array:
+    """Lengths of straight cables that do not stretch [m], shape (n, m)."""
+    taut = np.ones((len(position), robot.m))
+    return cables_at(robot, position, rotation, taut).length
+
+
+def _placed(robot: Robot, rotation: Array, length: Array, start: Array) -> Array:
+    """Place at which straight cables have lengths [m], shape (3,); those of some may be wrong.
+
+    Args:
+        robot: With straight cables.
+        rotation: R_world_platform, shape (3, 3).
+        length: [m], NaN where it was not read, shape (m,).
+        start: Where it is looked for first [m], shape (3,).
+    """
+    use = np.isfinite(length)
+
+    def off(where: Array) -> Array:
+        return np.asarray((_drawn(robot, where[None], rotation[None])[0] - length)[use])
+
+    return np.asarray(least_squares(off, start, loss="soft_l1").x)
 
 
 def _robust_line(x: Array, y: Array) -> tuple[float, float]:
@@ -169,33 +183,17 @@ def _by_lengths(
     """Put positions at which a robot as it was drawn would have the lengths; offsets of which nothing
     is known are those of the poses that are placed already, else none.
     """
-    robot = experiment.robot
+    robot = experiment.robot.with_straight_cables()
     numbers = reading.time.astype(int)
-
-    def drawn(where: Array, turned: Array) -> Array:
-        straight = robot.with_straight_cables()
-        length = cables_at(straight, where[None], turned[None], np.ones(robot.m)).length
-        return np.asarray(length[0])
-
-    placed = [i for i, number in enumerate(numbers) if not missing[number]]
     offset = np.zeros(robot.m)
-    if placed:
-        apart = [
-            reading.values[i] - drawn(position[numbers[i]], rotation[numbers[i]]) for i in placed
-        ]
+    placed = ~missing[numbers]
+    if placed.any():
+        known = numbers[placed]
+        apart = reading.values[placed] - _drawn(robot, position[known], rotation[known])
         offset = np.nanmedian(apart, axis=0)
     start = np.median(position[~missing], axis=0) if (~missing).any() else _middle(robot)
-    for i, number in enumerate(numbers):
-        if not missing[number]:
-            continue
-        seen = reading.values[i] - offset
-        use = np.isfinite(seen)
-
-        def off(where: Array, n: int = number, s: Array = seen, u: Array = use) -> Array:
-            return np.asarray((drawn(where, rotation[n]) - s)[u])
-
-        found = least_squares(off, start, loss="soft_l1")
-        position[number] = found.x
+    for number, seen in zip(numbers[~placed], reading.values[~placed], strict=True):
+        position[number] = _placed(robot, rotation[number], seen - offset, start)
     rest = np.isnan(position).any(axis=1)
     position[rest] = start
 

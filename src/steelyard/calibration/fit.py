@@ -10,22 +10,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.calibration.in_motion import fit_in_motion, with_used_runs
 from steelyard.calibration.leave_one_out import LeftOut, leaving_out
-from steelyard.calibration.poses import forces_of, segment_of, with_upright
+from steelyard.calibration.poses import forces_at_rest, segment_of, with_upright
 from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
 from steelyard.calibration.wrong_rows import WrongRow, are_many, without_wrong
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import plausible_radius
-from steelyard.experiment.model import Experiment
+from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.known_body import known_bodies, plausible
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import (
     CalibrationParameters,
     CalibrationValues,
     gather,
-)
-from steelyard.identification.model.motion_residuals import (
-    Segment,
 )
 from steelyard.identification.solve.beginning import first_body, read_by, stated_noise
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
@@ -54,6 +52,8 @@ class GeometryFit:
     body: tuple[Array, Array] | None = None
     """Ten linear parameters of the body that hung there, and their covariance, shapes (10,) and (10,
     10); None: no forces were read."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know of the recordings: what was not used, and why."""
 
     @property
     def calibration(self) -> CalibrationValues:
@@ -76,24 +76,107 @@ def fit_geometry(
     progress: Progress = None,
     settings: CalibrationSettings = CALIBRATION,
 ) -> GeometryFit:
-    """Fit the geometry of a robot to poses at rest.
+    """Fit the geometry of a robot to poses at rest and to motions.
 
     Args:
-        experiment: With static runs; ``uncertainty`` says how far its geometry may be off.
+        experiment: With runs; ``uncertainty`` says how far its geometry may be off.
         progress: Is called with what is being done and the fraction that is done.
         settings: Levels.
 
     Raises:
-        InputError: There are no poses at rest, or too few readings for the unknowns.
+        InputError: No run tells the geometry, or there are too few readings for the unknowns.
     """
     tell = progress or (lambda what, fraction: None)
-    experiment = with_upright(_widened(experiment, settings), settings)
-    runs = [run for run in experiment.runs if run.static]
-    if not runs:
+    experiment, notes = with_used_runs(with_upright(_widened(experiment, settings), settings))
+    if not experiment.runs:
         raise InputError(
             f"{experiment.source or experiment.name}: expected runs of poses at rest ('static:"
-            " true'), found none; record the platform at rest in some ten poses or more"
+            f" true') or in motion that tell where the cables are fixed, found none"
+            f"{''.join(f'; {note}' for note in notes)}; record the platform at rest in some ten poses"
+            " or more, or in motion"
         )
+    moving = any(not run.static for run in experiment.runs)
+    rested = _rested(experiment, tell, settings, with_forces=not moving)
+    wrong = () if rested is None else tuple(rested.wrong)
+    if moving:
+        segments = () if rested is None else rested.fit.state.segments
+        start = None
+        if rested is not None and rested.fit.converged:
+            start = rested.fit.state.calibration
+        found = fit_in_motion(experiment, segments, start, tell, settings)
+        task, fitted, body, covariance = found.task, found.fit, found.body, found.covariance
+        notes += found.notes
+    else:
+        assert rested is not None  # there are runs
+        task, fitted, body = rested.task, rested.fit, rested.body
+        covariance = _covariance_of(task, fitted)
+    tell("leaving out", 0.9)
+    left_out = tuple(leaving_out(task, fitted))
+    return GeometryFit(
+        experiment, task, fitted, wrong, covariance, left_out, body, tuple(dict.fromkeys(notes))
+    )
+
+
+def _covariance_of(task: Task, found: Fit) -> Array:
+    """Of all calibration parameters, shape (u, u): of what no pose tells anything, what is known
+    beforehand stays.
+    """
+    parameters = task.calibration_parameters
+    rest = np.flatnonzero((parameters.deviation > 0) & ~task.active)
+    covariance = np.zeros((len(parameters), len(parameters)))
+    covariance[np.ix_(rest, rest)] = np.linalg.inv(parameters.precision[np.ix_(rest, rest)])
+    own = np.flatnonzero(task.active)
+    ten = len(found.covariance) - len(own)
+    covariance[np.ix_(own, own)] = found.covariance[ten:, ten:]
+    return covariance
+
+
+@dataclass(frozen=True, eq=False)
+class _Rested:
+    """Where a fit of poses at rest ended."""
+
+    task: Task
+    fit: Fit
+    wrong: list[WrongRow]
+    body: tuple[Array, Array] | None
+
+
+def _rested(
+    experiment: Experiment,
+    tell: Callable[[str, float], None],
+    settings: CalibrationSettings,
+    *,
+    with_forces: bool,
+) -> _Rested | None:
+    """Fit the poses at rest alone; None: there are none.
+
+    Raises:
+        InputError: They leave the geometry undetermined.
+    """
+    runs = [run for run in experiment.runs if run.static]
+    if not runs:
+        return None
+    task, state = _begun_at_rest(experiment, runs, tell)
+    body = None
+    try:
+        found, wrong = _robust(task, state, settings)
+        forces = tuple(forces_at_rest(experiment, run, settings) for run in runs)
+        if with_forces and any(each is not None for each in forces):
+            tell("fitting the forces", 0.6)
+            found, task, body = _with_forces(task, found, forces)
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"{experiment.source or experiment.name}: expected poses that tell the geometry, found"
+            " that they leave it undetermined; add poses, or an instrument that tells how the"
+            " platform stands"
+        ) from None
+    return _Rested(task, found, wrong, body)
+
+
+def _begun_at_rest(
+    experiment: Experiment, runs: Sequence[Run], tell: Callable[[str, float], None]
+) -> tuple[Task, FitState]:
+    """What is to be fitted of poses at rest, without forces, and where it begins."""
     tell("reading the poses", 0.05)
     begun = [segment_of(experiment, run) for run in runs]
     segments = tuple(segment for segment, _ in begun)
@@ -110,34 +193,8 @@ def fit_geometry(
         stated_noise(experiment),
         plausible(np.ones(TEN), _RADIUS),
     )
-    _check_lengths(task, segments)
-    state = FitState(segments, CalibrationValues(parameters, first), None)
-    forces = tuple(forces_of(experiment, run, settings) for run in runs)
     tell("fitting poses and geometry", 0.2)
-    try:
-        found, wrong = _robust(task, state, settings)
-        body = None
-        if any(each is not None for each in forces):
-            tell("fitting the forces", 0.6)
-            found, task, body = _with_forces(task, found, forces)
-    except np.linalg.LinAlgError:
-        raise InputError(
-            f"{experiment.source or experiment.name}: expected poses that tell the geometry, found"
-            " that they leave it undetermined; add poses, or an instrument that tells how the"
-            " platform stands"
-        ) from None
-    tell("leaving out", 0.8)
-    # Of what no pose tells anything, what is known beforehand stays.
-    rest = np.flatnonzero((parameters.deviation > 0) & ~task.active)
-    covariance = np.zeros((len(parameters), len(parameters)))
-    covariance[np.ix_(rest, rest)] = np.linalg.inv(parameters.precision[np.ix_(rest, rest)])
-    own = np.flatnonzero(task.active)
-    ten = len(found.covariance) - len(own)
-    covariance[np.ix_(own, own)] = found.covariance[ten:, ten:]
-    # Lengths are left out of what the motion instruments say.
-    alone = replace(found, state=replace(found.state, parameters=None))
-    left_out = tuple(leaving_out(task, alone))
-    return GeometryFit(experiment, task, found, tuple(wrong), covariance, left_out, body)
+    return task, FitState(segments, CalibrationValues(parameters, first), None)
 
 
 def _widened(experiment: Experiment, settings: CalibrationSettings) -> Experiment:
@@ -206,16 +263,6 @@ def _body_of(state: FitState) -> Array:
     """Its ten linear parameters."""
     assert state.parameters is not None
     return state.parameters
-
-
-def _check_lengths(task: Task, segments: Sequence[Segment]) -> None:
-    """Refuse poses in which nothing was read that depends on where the cables are fixed."""
-    names = {reading.source[0] for segment in segments for reading in segment.readings}
-    if not any(task.experiment.instruments[name].is_cable_motion for name in names):
-        raise InputError(
-            f"{task.experiment.source or task.experiment.name}: expected cable lengths (kind: length)"
-            " in the poses at rest, which tell where the cables are fixed, found none; add them"
-        )
 
 
 def _robust(

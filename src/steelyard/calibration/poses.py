@@ -15,8 +15,8 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.motion_residuals import Reading, Segment
 from steelyard.identification.model.settings import MOTION
+from steelyard.identification.samples.segmentation import forces_of
 from steelyard.instruments import Attitude
-from steelyard.robot.model import DIRECTIONS
 
 _FIRST_NOISE = 1e-3
 """1-sigma of readings whose noise is not stated, to begin with: the residuals tell it."""
@@ -93,7 +93,9 @@ def segment_of(experiment: Experiment, run: Run) -> tuple[Segment, Mapping[str, 
     return Segment(run.name, numbers, tuple(readings), pose, static=True), offsets
 
 
-def forces_of(experiment: Experiment, run: Run, settings: CalibrationSettings) -> Forces | None:
+def forces_at_rest(
+    experiment: Experiment, run: Run, settings: CalibrationSettings
+) -> Forces | None:
     """Tensions that were read in the poses of a run; None: there are none.
 
     Args:
@@ -104,27 +106,13 @@ def forces_of(experiment: Experiment, run: Run, settings: CalibrationSettings) -
     name = experiment.force_instrument(run)
     if name is None or "tension" not in run.streams[name].values:
         return None
-    instrument, m = experiment.instruments[name], experiment.robot.m
-    values = run.streams[name].values["tension"]
-    missing = ~np.isfinite(values)
-    without = np.array([f"f{i + 1}" in instrument.unread for i in range(m)])
-    unread = without | missing.all(axis=0)
-    usual = np.nanmedian(np.where(missing, np.nan, values), axis=0) if len(values) else np.ones(m)
-    usual = np.where(np.isfinite(usual), usual, float(np.nanmedian(values)))
-    noise = instrument.quantity("tension", m).noise
-    sigma = np.full(m, noise or settings.force * float(np.median(np.abs(usual))))
-    unmodelled = None
-    if int(np.sum(~unread)) < DIRECTIONS:
-        unmodelled = float(sigma[0]) * np.array([1.0] * 3 + [experiment.robot.size or 1.0] * 3)
-    return Forces(
-        name=name,
-        time=np.arange(len(values), dtype=np.float64),
-        readings={"tension": np.where(missing, usual, values)},
-        sigma=sigma,
-        left_out=missing & ~unread,
-        unmodelled=unmodelled,
-        unread=unread if unread.any() else None,
-    )
+    m, values = experiment.robot.m, run.streams[name].values["tension"]
+    there = np.abs(values[np.isfinite(values)])
+    usual = float(np.median(there)) if there.size else 1.0
+    noise = experiment.instruments[name].quantity("tension", m).noise
+    sigma = np.full(m, noise or settings.force * usual)
+    number = np.arange(len(values), dtype=np.float64)
+    return forces_of(experiment, name, number, {"tension": values}, sigma)
 
 
 def tensions(experiment: Experiment, run: Run, count: int) -> Array:

@@ -32,6 +32,11 @@ class CalibrationSettings:
     most_wrong: float = 0.15
     """Part of the rows of a channel that may be left out as wrong: with more it is the
     description."""
+    renewed: float = 0.1
+    """Move of a point from which on cables in motion are fitted again about where it is found [m]:
+    it turns the ends of a sagging cable by less than their forces tell."""
+    renewals: int = 4
+    """Times at most that they are."""
     rounds: int = 5
     """Times that wrong rows are looked for."""
     far_off: float = 5.0

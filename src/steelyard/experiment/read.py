@@ -43,13 +43,13 @@ _NAME = re.compile(r"\w[\w \-]*")
 """Names of instruments: they name files and columns of tables."""
 
 
-def read_experiment(path: str | Path, *, poses_alone: bool = False) -> Experiment:
+def read_experiment(path: str | Path, *, weighed: bool = True) -> Experiment:
     """Read an experiment file with all its streams.
 
     Args:
         path: The file; streams and robot file stand relative to it.
-        poses_alone: Whether poses at rest need no forces, and only what is stated of the robot's
-            uncertainty counts: for its calibration.
+        weighed: Whether a body is to be told by forces; else runs need none, and only what is stated
+            of the robot's uncertainty counts: for its calibration.
 
     Raises:
         InputError: Anything that does not fit the contract; the sentence says where and what to do.
@@ -69,9 +69,8 @@ def read_experiment(path: str | Path, *, poses_alone: bool = False) -> Experimen
         )
     numbers = {run.name: i for i, run in enumerate(runs)}
     for run in experiment.runs:
-        weighed = not (poses_alone and run.static)
         _check_run(experiment, run, document, ("runs", numbers[run.name]), weighed=weighed)
-    return _as_stated(experiment, form) if poses_alone else experiment
+    return experiment if weighed else _as_stated(experiment, form)
 
 
 def _as_stated(experiment: Experiment, form: ExperimentForm) -> Experiment:
@@ -81,15 +80,15 @@ def _as_stated(experiment: Experiment, form: ExperimentForm) -> Experiment:
     return replace(experiment, uncertainty=kept)
 
 
-def read_plan(path: str | Path, *, poses_alone: bool = False) -> Experiment:
+def read_plan(path: str | Path, *, weighed: bool = True) -> Experiment:
     """Read what an experiment file says of robot and instruments, recorded or not.
 
     Recordings are looked at only where an instrument states no rate and they have to show it.
 
     Args:
         path: The file.
-        poses_alone: Whether it is for a calibration, as in :func:`read_experiment`: poses at rest
-            need no rate.
+        weighed: Whether a body is to be told by forces; else it is for a calibration, as in
+            :func:`read_experiment`, and poses at rest need no rate.
 
     Raises:
         InputError: Anything that does not fit the contract; the sentence says where and what to do.
@@ -97,7 +96,7 @@ def read_plan(path: str | Path, *, poses_alone: bool = False) -> Experiment:
     path = Path(path)
     document = read_yaml(path)
     form = validate(PlanForm, document)
-    if poses_alone:
+    if not weighed:
         planned = _experiment(form, _described(form, document), (), path)
         return _as_stated(planned, form)
     if form.runs and any(
@@ -567,7 +566,6 @@ def _check_run(
                 f" {lengths} rows; align the files",
             )
         return
-    assert force is not None  # cables that nobody reads stand in for it
     span = {name: experiment.common_time(run, name) for name in run.streams}
     start, end = run.window or (-math.inf, math.inf)
     for name, time in span.items():
@@ -580,6 +578,8 @@ def _check_run(
                 f" left ({others}, after sync{' and within the window' if run.window else ''});"
                 " correct 'sync' or 'window'",
             )
+    if force is None:
+        return
     samples = int(np.sum((span[force] >= start) & (span[force] <= end)))
     if samples < _FEWEST_SAMPLES:
         raise document.error(

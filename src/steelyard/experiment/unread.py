@@ -24,18 +24,19 @@ _USUAL_MASS = 10.0
 """Of a body of which nothing is known [kg]; how hard cables sag and stretch follows from it."""
 
 
-def with_unread_cables(experiment: Experiment) -> Experiment:
+def with_unread_cables(experiment: Experiment, *, every: bool = False) -> Experiment:
     """The experiment in which cables without force sensors carry the platform in runs that have
     locked winches and no forces; where nothing weighs the platform, a mass is assumed.
 
     Args:
         experiment: As it was read.
+        every: Whether in all runs that have no forces, poses at rest too.
     """
     instruments = dict(experiment.instruments)
     weight = usual_mass(experiment) * float(np.linalg.norm(experiment.robot.gravity))
     runs = []
     for run in experiment.runs:
-        clock = _clock(experiment, run)
+        clock = _clock(experiment, run, every=every)
         if clock is not None:
             name, instrument = _standing_in(instruments, clock, experiment.robot)
             instruments[name] = instrument
@@ -73,13 +74,16 @@ def usual_mass(experiment: Experiment) -> float:
     return experiment.robot.platform.mass if experiment.robot.platform else _USUAL_MASS
 
 
-def _clock(experiment: Experiment, run: Run) -> str | None:
+def _clock(experiment: Experiment, run: Run, *, every: bool) -> str | None:
     """The instrument by whose clock the balance of a run without forces is looked at: the fastest
     that knows how the platform moves; None: the run has forces, or needs none.
     """
-    if not run.locked or run.static or experiment.force_instrument(run) is not None:
+    if experiment.force_instrument(run) is not None:
+        return None
+    if not every and (not run.locked or run.static):
         return None
     motion = [n for n in run.streams if experiment.instruments[n].is_motion]
+    motion = motion or [n for n in run.streams if every]
     whole = [n for n in motion if {"position", "orientation"} <= run.streams[n].values.keys()]
     return max(whole or motion, key=lambda name: len(run.streams[name]), default=None)
 

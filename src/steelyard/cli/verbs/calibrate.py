@@ -23,7 +23,9 @@ NOT_ACCEPTED = 3
 @force_option()
 @common
 def calibrate(experiment: Path, out: Path | None, force: bool, as_json: bool, quiet: bool) -> None:
-    """Find anchors, attachments and drums of the robot from poses at rest that EXPERIMENT lists."""
+    """Find anchors, attachments and drums of the robot from the poses at rest and the recordings in
+    motion that EXPERIMENT lists.
+    """
     from steelyard.calibration.calibrate import calibrate as calibrated
     from steelyard.experiment.read import read_experiment
     from steelyard.output import check_target
@@ -32,7 +34,7 @@ def calibrate(experiment: Path, out: Path | None, force: bool, as_json: bool, qu
 
     if out is not None:
         check_target(out, force=force)
-    recorded = read_experiment(experiment, poses_alone=True)
+    recorded = read_experiment(experiment, weighed=False)
     with progress(quiet=quiet) as tell:
         found = calibrated(recorded, tell)
     if out is not None:

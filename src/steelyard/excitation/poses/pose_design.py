@@ -167,7 +167,7 @@ def _described(subject: Experiment | Robot | str | Path, sensors: Sensors | str)
         InputError: Nothing tells the geometry, or it is known exactly.
     """
     if not isinstance(subject, Experiment | Robot) and is_experiment(subject):
-        experiment = read_plan(subject, poses_alone=True)
+        experiment = read_plan(subject, weighed=False)
     else:
         experiment = planned(subject, sensors)
         if not isinstance(subject, Experiment):

@@ -31,8 +31,9 @@ from steelyard.identification.solve.beginning import (
     on_force_clock,
     read,
 )
+from steelyard.identification.solve.beginning import begin as started
 from steelyard.identification.solve.conclusion import Fitted, FittedStretch, concluded
-from steelyard.identification.solve.joint_motion import fitted_jointly
+from steelyard.identification.solve.joint_motion import fit_readings
 from steelyard.identification.solve.long_recording import span_of
 from steelyard.identification.solve.noise_levels import ratios_of
 from steelyard.identification.solve.posterior import Posterior
@@ -245,14 +246,14 @@ def begin(
     while True:
         early = replace(run, window=(start, min(end, start + length)))
         taken = read(experiment, None, tell, [*at_rest, early], settings)
-        readings, fitted = fitted_jointly(taken, tell)
+        fitted = fit_readings(taken, started(taken, tell, thorough=False), tell)
         if fitted.fit.converged or start + length >= end:
             break
         length *= own.longer
     task, state = fitted.task, fitted.fit.state
     moving = [i for i, each in enumerate(state.segments) if not each.static]
     if not moving:
-        raise NoBalanceError("; ".join(readings.notes))
+        raise NoBalanceError("; ".join(taken.notes))
     like = Likeness(state.segments[moving[0]], fitted.force_samples[moving[0]])
     recursion = Recursion.begun(task, state, own)
     names = [each.name for each in experiment.runs]
@@ -268,7 +269,7 @@ def begin(
         experiment,
         fitted,
         like,
-        readings.samples,
+        taken.samples,
         recursion,
         np.zeros((0, like.segment.block)),
         parts=tuple(parts),

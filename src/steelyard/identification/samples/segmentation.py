@@ -244,7 +244,7 @@ def _moving(
     finest = np.inf
     if spacing is None:
         spacing, finest = _spacing(experiment, streams, stretches, settings)
-        if isinstance(experiment.instruments[force], UnreadCables):
+        if run.locked and isinstance(experiment.instruments[force], UnreadCables):
             # The balance is no looser than its equations: the motion has to be able to fulfil them.
             spacing = min(spacing, settings.swinging)
     pose = poses_of(samples)
@@ -586,35 +586,41 @@ def _force_samples(
         & (common <= end)
         & np.any([np.isfinite(v).any(axis=1) for v in values.values()], axis=0)
     )
-    stacked = np.hstack(list(values.values()))[inside]
-    missing = ~np.isfinite(stacked)
-    unread = _unread(experiment, name, missing)
-    filled = np.where(missing, _usual(stacked), stacked)
-    ends = np.cumsum([v.shape[1] for v in values.values()])[:-1]
     sigma = force_sigma(experiment, run, samples)[0]
+    read = {quantity: own[inside] for quantity, own in values.items()}
+    return forces_of(experiment, name, time[inside], read, sigma)
+
+
+def forces_of(
+    experiment: Experiment, name: str, time: Array, readings: Mapping[str, Array], sigma: Array
+) -> Forces:
+    """Readings of the force instrument, of which some may not be there.
+
+    Args:
+        experiment: With the instrument.
+        name: Of it.
+        time: By its clock, moved to the common event [s]; of poses at rest their number; shape (n,).
+        readings: Quantity -> readings, r numbers a sample in all.
+        sigma: 1-sigma of single readings, shape (r,).
+    """
+    instrument = experiment.instruments[name]
+    stacked = np.hstack(list(readings.values()))
+    missing = ~np.isfinite(stacked)
+    quantities = instrument.quantities(experiment.robot.m)
+    columns = [column for q in quantities if q.name in readings for column in q.forms[0]]
+    # Of cables without a sensor, or without a single number.
+    unread = np.array([c in instrument.unread for c in columns]) | missing.all(axis=0)
+    filled = np.where(missing, _usual(stacked), stacked)
+    ends = np.cumsum([v.shape[1] for v in readings.values()])[:-1]
     return Forces(
         name=name,
-        time=time[inside],
-        readings=dict(zip(values, np.split(filled, ends, axis=1), strict=True)),
+        time=time,
+        readings=dict(zip(readings, np.split(filled, ends, axis=1), strict=True)),
         sigma=sigma,
         left_out=missing & ~unread,
         unmodelled=_unmodelled(experiment, name, unread, sigma),
         unread=unread if unread.any() else None,
     )
-
-
-def _unread(experiment: Experiment, name: str, missing: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Readings that nobody reads: of cables without a sensor, or without a single number, shape (r,).
-
-    Args:
-        experiment: With the force instrument.
-        name: Of it.
-        missing: Readings that are not there, shape (n, r).
-    """
-    instrument = experiment.instruments[name]
-    quantities = instrument.quantities(experiment.robot.m)
-    columns = [column for q in quantities for column in q.forms[0]]
-    return np.array([c in instrument.unread for c in columns]) | missing.all(axis=0)
 
 
 def _unmodelled(

@@ -80,26 +80,25 @@ def fit_jointly(
             progress(f"maximum-likelihood: {what}", fraction)
 
     def posterior() -> Posterior:
-        readings, found = fitted_jointly(read(experiment, start, tell, settings=settings), tell)
-        tell("how well it is known", 0.85)
+        readings = read(experiment, start, tell, settings=settings)
+        found = fit_readings(readings, begin(readings, tell, thorough=False), tell)
         return concluded([stretch_of(readings, found)])
 
     return sound(posterior)
 
 
-def fitted_jointly(readings: Readings, tell: Tell) -> tuple[Readings, Fitted]:
-    """Motion and forces, what vibrates followed more closely, and what nothing explains: the
-    readings on the knots that they were fitted on, and their fit.
+def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
+    """Fit motion and forces, with what vibrates followed more closely, and what nothing explains.
 
     Args:
         readings: Of the experiment.
+        begun: Where to begin.
         tell: Is called with what is being done and the fraction that is done.
 
     Raises:
-        NoBalanceError: No run has a segment.
-        numpy.linalg.LinAlgError: The motion is not determined, or there is no body.
+        numpy.linalg.LinAlgError: The motion is not determined.
     """
-    found = _fitted(readings, begin(readings, tell, thorough=False), tell, {})
+    found = _fitted(readings, begun, tell, {})
     if vibrations := _vibrations(readings, found):
         tell("following a vibration", 0.4)
         readings = _finer(readings, vibrations)
@@ -115,7 +114,7 @@ def fitted_jointly(readings: Readings, tell: Tell) -> tuple[Readings, Fitted]:
             # Nothing is asked for, and would not be a second time.
             break
     # Gains that were far off then have stretched cables by what they do not.
-    return readings, _seen_with_tensions(found, _SAME_TENSION)
+    return _seen_with_tensions(found, _SAME_TENSION)
 
 
 def _finer(readings: Readings, vibrations: Mapping[str, _Vibration]) -> Readings:

@@ -99,7 +99,7 @@ def border_prior(task: Task, state: FitState) -> tuple[Array, Array]:
     deviation = task.calibration_parameters.deviation[task.active]
     scale = np.concatenate([task.sizes[: state.ten], deviation])
     nothing = np.zeros((len(scale), len(scale)))
-    matrix, right = _with_priors(task, state, nothing, nothing[0], scale)
+    matrix, right = _with_priors(task, state, nothing, np.zeros(len(scale)), scale)
     return matrix / np.outer(scale, scale), right / scale
 
 

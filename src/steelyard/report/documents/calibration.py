@@ -63,12 +63,13 @@ def _result(found: GeometryCalibration) -> list[Block]:
         ),
         *(Statement(f"{table}.") for table in (weighed.tables if weighed else ())),
         *(Statement(str(each), "bad") for each in found.wrong),
+        *(Statement(each, "note") for each in found.found.notes),
     ]
     if found.unobservable:
         statements.append(
             Statement(
-                f"Not told by these poses: {', '.join(found.unobservable)}. Poses farther apart, higher"
-                " and lower, and turned would tell them.",
+                f"Not told by these recordings: {', '.join(found.unobservable)}. Poses farther apart,"
+                " higher and lower, and turned would tell them.",
                 "note",
             )
         )
@@ -137,25 +138,29 @@ def _residuals(found: GeometryCalibration) -> list[Block]:
     """Residuals of lengths in each pose about the geometry that all others tell."""
     blocks: list[Block] = []
     text = (
-        "Each pose about the geometry that all other poses tell (leave one out): what a length will be"
-        " off in a new pose, beside the noise of its reading."
+        "Each pose and each tenth of a motion about the geometry that all others tell (leave one out):"
+        " what a length will be off in a new pose, beside the noise of its reading."
     )
     blocks.append(Statements((Statement(text),)))
     for one in found.found.left_out:
         m = one.residual.shape[1]
         heat = {
             "type": "heatmap",
-            "x": [int(pose) + 1 for pose in one.pose],
+            "x": [int(part) + 1 for part in one.part],
             "y": [f"cable {i + 1}" for i in range(m)],
             "z": [[None if np.isnan(v) else float(_MM * v) for v in row] for row in one.residual.T],
             "colorscale": "RdBu",
             "zmid": 0,
             "colorbar": {"title": {"text": "mm"}},
         }
+        what = "pose" if one.static else "tenth of the motion"
         name = f"residuals-{len(blocks)}"
-        title = f"Residuals of {one.instrument} in run {one.run}, each pose left out"
-        layout = {"xaxis": {"title": {"text": "pose"}}, "yaxis": {"type": "category"}}
-        blocks.append(Figure(name, title, "Residuals by pose and cable.", (heat,), layout))
+        title = f"Residuals of {one.instrument} in run {one.run}, each {what} left out"
+        layout = {"xaxis": {"title": {"text": what}}, "yaxis": {"type": "category"}}
+        caption = "Residuals by pose and cable."
+        if not one.static:
+            caption = "Root mean square of the residuals by tenth and cable."
+        blocks.append(Figure(name, title, caption, (heat,), layout))
     rms = found.leave_one_out
     if rms is not None:
         rows = tuple((f"cable {i + 1}", f"{_MM * v:.3g}") for i, v in enumerate(rms))
