@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from steelyard.identification.methods.maximum_likelihood import (
         MaximumLikelihood as MaximumLikelihood,
     )
+    from steelyard.identification.methods.recursive import Recursive as Recursive
     from steelyard.identification.methods.two_step import TwoStep as TwoStep
     from steelyard.identification.model.fitted_motion import FittedMotion as FittedMotion
     from steelyard.identification.solve.bound import cramer_rao as cramer_rao
@@ -109,6 +110,7 @@ _WHERE = {
     "NamedEstimate": "estimates.estimate_file",
     "Payload": "estimates.payload",
     "PoseDesign": "excitation.poses.pose_design",
+    "Recursive": "identification.methods.recursive",
     "ReferenceDesign": "excitation.references.reference_design",
     "Robot": "robot.model",
     "Run": "experiment.model",

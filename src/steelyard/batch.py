@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, TypeAlias
 
@@ -26,8 +27,10 @@ Symbol: TypeAlias = Any
 _BLOCK = 256
 """Samples a call: large enough to hide the call, small enough to build in a millisecond."""
 _SMALL_BLOCK = 16
-"""The same of long expressions, beside which a call is nothing: the last block computes less in
-vain."""
+"""The same of long expressions, beside which a call is nothing, and of few samples: the last block
+computes less in vain."""
+_FEW = 128
+"""Samples that are few."""
 _LONG = 4000
 """Operations of an expression from which on it is long."""
 _SAMPLES_A_THREAD = 32 * _BLOCK
@@ -65,6 +68,19 @@ class Batched:
         self._size = _BLOCK if self._single.n_instructions() < _LONG else _SMALL_BLOCK
         self._block = self._single.map(self._size)
 
+    @cached_property
+    def _small(self) -> Symbol:
+        """The function of a small block."""
+        return self._single.map(_SMALL_BLOCK)
+
+    def _blocks_for(self, n: int) -> tuple[int, Symbol]:
+        """Size of the blocks of n samples, and their function."""
+        if n == 1:
+            return 1, self._single
+        if n <= _FEW and self._size > _SMALL_BLOCK:
+            return _SMALL_BLOCK, self._small
+        return self._size, self._block
+
     @property
     def function(self) -> Symbol:
         """The CasADi function of one sample; matrices go in and come out row by row."""
@@ -98,7 +114,7 @@ class Batched:
             raise ValueError(f"expected equal numbers of samples, found {sorted(lengths)}")
         n = lengths.pop() if lengths else 1
         # Whole blocks, so that the last one needs no function of its own; one sample is none.
-        size, function = (1, self._single) if n == 1 else (self._size, self._block)
+        size, function = self._blocks_for(n)
         padded = -(-n // size) * size
         inputs = [_stack(values[key], shape, n, padded) for key, shape in self._in_shapes.items()]
         outputs = {key: np.empty((padded, *shape)) for key, shape in self._out_shapes.items()}

@@ -17,6 +17,7 @@ from steelyard.identification.methods.consistent import Consistent
 from steelyard.identification.methods.instrumental_variables import InstrumentalVariables
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.inertia import BODY_PARAMETERS
 
@@ -31,6 +32,7 @@ METHODS = {
         LeastSquares(),
         InstrumentalVariables(),
         Consistent(),
+        Recursive(),
         MaximumLikelihood(),
     )
 }

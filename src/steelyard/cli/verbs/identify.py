@@ -36,7 +36,8 @@ NOT_ACCEPTED = 3
     multiple=True,
     metavar="NAME",
     help=(
-        "two-step, least-squares, instrumental-variables, consistent, maximum-likelihood, or all;"
+        "two-step, least-squares, instrumental-variables, consistent, recursive, maximum-likelihood, or"
+        " all;"
         " may be repeated. Default: maximum-likelihood, with two-step beside it."
     ),
 )

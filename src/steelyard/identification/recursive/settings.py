@@ -24,8 +24,8 @@ class RecursiveSettings:
     """Time over which it forgets how lively a motion was [s]."""
     turns: int = 3
     """Linearisations of a chunk as it arrives, at most."""
-    arrived: float = 0.1
-    """Promised decrease of the cost below which it has arrived."""
+    arrived: float = 0.5
+    """Promised decrease of the cost, a chi-square, below which it has arrived."""
 
 
 RECURSIVE = RecursiveSettings()
