@@ -11,7 +11,7 @@ from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, no_estimate, plausible_radius
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.methods.recursive import Recursive
-from steelyard.identification.recursive.follow import Following, begin
+from steelyard.identification.recursive.follow import LOST, Following, begin
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.live.buffer import Buffer, part_of
 from steelyard.live.message import Arrival
@@ -175,12 +175,17 @@ class Session:
             return replace(self, paused=start + self.settings.again, why=str(error))
         return replace(self, following=resumed, paused=None)
 
-    def _further(self, following: Following) -> tuple[Session, list[Record]]:
+    def _further(self, before: Following) -> tuple[Session, list[Record]]:
         """With the next chunk."""
-        if not following.has(self.run):
-            _, end = following.window.grid.span(following.number)
-            return replace(self, following=following.ended(), paused=end), []
-        following = following.advanced(self.run).summed(self.settings.parts)
+        _, end = before.window.grid.span(before.number)
+        try:
+            following = before.advanced(self.run) if before.has(self.run) else None
+        except LOST:
+            following = None
+        if following is None:
+            # It is followed again once forces and motion are there.
+            return replace(self, following=before.ended(), paused=end), []
+        following = following.summed(self.settings.parts)
         found = replace(self, following=following)
         if following.is_beginning:
             return found, []

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.errors import InfeasibleError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.motion_residuals import Segment
 from steelyard.identification.model.segment import basis, values_at
@@ -42,6 +43,8 @@ from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.inertia import TEN, Inertia, body_jacobian
 from steelyard.smoothing import DEGREE
 
+LOST = (InfeasibleError, np.linalg.LinAlgError)
+"""Errors of a motion that cannot be followed."""
 _DENSE = 6
 """Instants between two knots at which a motion is taken over to other knots."""
 
@@ -207,6 +210,7 @@ class Following:
             tally=tally,
             ratios=ratios_of(recursion.task, spent, tally),
             turns=len(parts),
+            converged=fitted.fit.converged and not recursion.unsettled,
         )
         forces = tuple(part.force_samples for part in parts)
         whole = replace(fitted, task=recursion.task, fit=fit, force_samples=forces)
@@ -301,7 +305,14 @@ def follow(
         found = found.resumed(run) if i else found
         _, end = span_of(experiment, run)
         while found.window.grid.span(found.number)[0] < end:
-            found = found.advanced(run)
+            try:
+                found = found.advanced(run)
+            except LOST as error:
+                when = found.window.grid.span(found.number)[0]
+                raise NoBalanceError(
+                    f"run '{run.name}': the motion was lost at {when:.1f} s, where what was read does"
+                    " not go on from before; use maximum-likelihood, which takes a recording as a whole"
+                ) from error
             done = found.window.grid.span(found.number)[0] / max(end, 1e-9)
             tell(f"following {run.name}", 0.4 + 0.5 * (i + min(1.0, done)) / len(moving))
             yield found
@@ -320,7 +331,7 @@ def _at_beginning(found: Following, number: int, like: Likeness) -> Following:
     segment, own = like.segment, found.recursion.settings
     fitted = next(each for each in found.begun.fit.state.segments if not each.static)
     spacing = fitted.knots[DEGREE + 1] - fitted.knots[DEGREE]
-    intervals = max(own.fewest_intervals, round(own.chunk / float(spacing)))
+    intervals = max(1, round(own.chunk / float(spacing)))
     first, _ = segment.span
     read_at = [float(each.time[0]) for each in segment.readings]
     start = max(first, min(read_at))

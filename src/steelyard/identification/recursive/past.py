@@ -78,6 +78,18 @@ def together(parts: Sequence[NormalEquations], places: Sequence[int]) -> NormalE
     return whole
 
 
+def scaled(equations: NormalEquations, factor: float) -> NormalEquations:
+    """Equations of readings that count so many times as much."""
+    return NormalEquations(
+        factor * equations.band,
+        factor * equations.side,
+        factor * equations.corner,
+        factor * equations.motion_gradient,
+        factor * equations.border_gradient,
+        block=equations.block,
+    )
+
+
 def eliminated(equations: NormalEquations, kept: int) -> NormalEquations:
     """The same without the functions but the last ones (Schur complement).
 

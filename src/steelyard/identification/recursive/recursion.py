@@ -17,7 +17,12 @@ from steelyard.arrays import Array
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.identification.known_body import plausible
 from steelyard.identification.model.balance import Forces
-from steelyard.identification.model.motion_residuals import Reading, Segment, Tally
+from steelyard.identification.model.motion_residuals import (
+    Reading,
+    Segment,
+    Tally,
+    motion_residuals,
+)
 from steelyard.identification.model.processes import SplineIntegrals, embedded
 from steelyard.identification.model.segment import (
     NormalEquations,
@@ -26,7 +31,7 @@ from steelyard.identification.model.segment import (
 )
 from steelyard.identification.recursive.grid import KnotGrid
 from steelyard.identification.recursive.levels import Liveliness
-from steelyard.identification.recursive.past import Linear, Point, eliminated, together
+from steelyard.identification.recursive.past import Linear, Point, eliminated, scaled, together
 from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
 from steelyard.identification.solve.fit_state import FitState, Task
 from steelyard.identification.solve.misfits.jitter import with_jitter
@@ -47,6 +52,10 @@ from steelyard.identification.solve.segment_equations import (
 )
 from steelyard.inertia import TEN
 from steelyard.smoothing import DEGREE
+
+_WIDE = 1e4
+"""By how much readings are taken as noisier where none of them is to stand far; what they say counts
+the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +175,8 @@ class Recursion:
     """None: no motion is followed now."""
     solution: Solution | None = None
     """Of all that has arrived."""
+    unsettled: int = 0
+    """Chunks in which the steps did not settle."""
     settings: RecursiveSettings = RECURSIVE
 
     @classmethod
@@ -204,23 +215,62 @@ class Recursion:
         longer = self.window.longer(motion)
         number = len(longer.chunks)
         segment = longer.segment(number, tuple(readings))
-        here = replace(self, window=longer)
+        here, held = replace(self, window=longer), motion is not None
+        if not held:
+            here = here._foreseen(segment, forces)
+        settled = False
         for turn in range(self.settings.turns):
             assert here.window is not None
             segment = replace(segment, coefficients=here.window.motion[longer.place(number)])
-            if turn or motion is not None:
-                segment, forces = here._with_jitter(segment, forces)
-            if turn and motion is None and here.window.lively is not None:
+            segment, forces = here._with_jitter(segment, forces)
+            if turn and not held and here.window.lively is not None:
                 segment = here.window.lively.at_least(segment, longer.grid.intervals)
             _, rows = whitened_rows(here.task, here.state, segment, forces)
-            chunk = Chunk(
-                segment, forces, here._linear(segment, _smoothed(segment, here.task, rows))
+            here = here._with_chunk(segment, forces, _smoothed(segment, here.task, rows), number)
+            here, promised = here._stepped(held=held)
+            settled = promised < self.settings.arrived
+            if settled:
+                break
+        return here if settled else replace(here, unsettled=here.unsettled + 1)
+
+    def _foreseen(self, segment: Segment, forces: Forces) -> Recursion:
+        """With a motion of the last chunk that its own instruments show; what a motion that merely
+        goes on is off by must not count as a reading that stands far.
+
+        Args:
+            segment: The chunk.
+            forces: Within it.
+        """
+        assert self.window is not None
+        here, number = self, len(self.window.chunks)
+        task, place = self.task, self.window.place(number)
+        column_of = TEN + np.arange(len(task.calibration_parameters), dtype=np.intp)
+        wide = {
+            each.source: _WIDE * self.state.factors.get(each.source, 1.0)
+            for each in segment.readings
+        }
+        for _ in range(self.settings.foresights):
+            assert here.window is not None
+            segment = replace(segment, coefficients=here.window.motion[place])
+            rows = motion_residuals(
+                task.experiment, segment, here.state.calibration, column_of, wide, Tally()
             )
-            here = replace(here, window=replace(here.window, chunks=(*longer.chunks, chunk)))
-            here, promised = here._stepped(held=motion is not None)
+            told = scaled(segment.equations(border_of(task), rows), _WIDE**2)
+            here = here._with_chunk(segment, forces, segment.smooth(told), number)
+            here, promised = here._stepped(held=True)
             if promised < self.settings.arrived:
                 break
-        return here
+        assert here.window is not None
+        return replace(here, window=replace(here.window, chunks=self.window.chunks))
+
+    def _with_chunk(
+        self, segment: Segment, forces: Forces, equations: NormalEquations, number: int
+    ) -> Recursion:
+        """With a chunk of the window as it is linearised."""
+        assert self.window is not None
+        chunk = Chunk(segment, forces, Linear(equations, Point(segment.coefficients, self.point)))
+        chunks = (*self.window.chunks[:number], chunk, *self.window.chunks[number + 1 :])
+        return replace(self, window=replace(self.window, chunks=chunks))
 
     def passed(self) -> tuple[Recursion, SegmentEquations]:
         """With the first chunk of the window eliminated, and what it says, calibration parameters
@@ -235,8 +285,9 @@ class Recursion:
         segment = replace(first.segment, coefficients=window.motion[window.place(0)])
         balances, rows = whitened_rows(self.task, self.state, segment, first.forces, tally=tally)
         own = _smoothed(segment, self.task, rows)
-        chunk = Chunk(segment, first.forces, self._linear(segment, own))
-        every = replace(window, chunks=(chunk, *window.chunks[1:])).equations(point)
+        here = self._with_chunk(segment, first.forces, own, 0)
+        assert here.window is not None
+        every = here.window.equations(point)
         parts, before = [replace(own, parts={})], _nothing(len(point))
         if window.past is not None:
             past = window.past.seen_from(Point(window.motion[:DEGREE], point))
@@ -310,9 +361,6 @@ class Recursion:
             replace(self.task, force_samples=(forces,)), replace(self.state, segments=(segment,))
         )
         return state.segments[0], task.force_samples[0] or forces
-
-    def _linear(self, segment: Segment, equations: NormalEquations) -> Linear:
-        return Linear(equations, Point(segment.coefficients, self.point))
 
     def _stepped(self, *, held: bool) -> tuple[Recursion, float]:
         """After a step over window and border, and the decrease of the cost that it promised.

@@ -14,16 +14,16 @@ class RecursiveSettings:
     and values to linearise about."""
     longer: float = 1.6
     """By how much that is longer where the fit has not arrived."""
-    chunk: float = 0.25
-    """Length of what is taken at once [s], at least."""
-    fewest_intervals: int = 5
-    """Of knots in a chunk: what it passes on is as long."""
+    chunk: float = 0.4
+    """Length of what is taken at once [s]; one spacing of the knots at least."""
     lag: float = 2.0
     """Length of the motion that is still fitted [s]."""
     forgets: float = 10.0
     """Time over which it forgets how lively a motion was [s]."""
-    turns: int = 3
-    """Linearisations of a chunk as it arrives, at most."""
+    foresights: int = 2
+    """Steps by which a chunk finds its motion before what stands far is looked at."""
+    turns: int = 6
+    """Linearisations of a chunk as it arrives, at most: two or three as a rule."""
     arrived: float = 0.5
     """Promised decrease of the cost, a chi-square, below which it has arrived."""
 
