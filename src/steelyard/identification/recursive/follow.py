@@ -209,7 +209,7 @@ class Following:
             equations=(),
             tally=tally,
             ratios=ratios_of(recursion.task, spent, tally),
-            turns=len(parts),
+            turns=len(self.parts),
             converged=fitted.fit.converged and not recursion.unsettled,
         )
         forces = tuple(part.force_samples for part in parts)

@@ -79,5 +79,6 @@ class ZeroMqTransport:
     def close(self) -> None:
         """End the connection."""
         self._socket.disable_monitor()
+        self._monitor.close(linger=0)
         self._socket.close()
         self._context.term()
