@@ -309,7 +309,7 @@ class Tally:
             each: Numbers in each.
         """
         # Where most are large, none is the exception.
-        usual = float(np.median(size)) / np.sqrt(chi2.ppf(0.5, each)) if size.size else 1.0
+        usual = float(np.median(size)) / _usual(each) if size.size else 1.0
         near = (weight > 0) & (size <= limit(each) * max(1.0, usual))
         self.square[label] = self.square.get(label, 0.0) + float(np.sum(size[near] ** 2))
         self.count[label] = self.count.get(label, 0.0) + each * int(np.sum(near))
@@ -321,6 +321,12 @@ class Tally:
         )
         # Of weights c / size: 2 c size - c^2 beyond c.
         self.cost += float(np.sum(size**2 * weight * (2 - weight)))
+
+
+@cache
+def _usual(k: int) -> float:
+    """Median length of a whitened residual of k numbers."""
+    return float(np.sqrt(chi2.ppf(0.5, k)))
 
 
 @cache

@@ -6,12 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from steelyard.arrays import Array
-from steelyard.identification.model.segment import NormalEquations, banded_product
+from steelyard.identification.model.segment import NormalEquations
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +32,11 @@ class Linear:
     equations: NormalEquations
     at: Point
 
+    @cached_property
+    def _matrix(self) -> Array:
+        """Of the motion, shape (N, N): it is small, and asked for again and again."""
+        return _dense(self.equations.band)
+
     def seen_from(self, point: Point) -> NormalEquations:
         """The same with the gradient at another point: the matrix stays.
 
@@ -42,9 +48,7 @@ class Linear:
         border = point.border - self.at.border
         return replace(
             own,
-            motion_gradient=(
-                own.motion_gradient - banded_product(own.band, motion) - own.side @ border
-            ),
+            motion_gradient=(own.motion_gradient - self._matrix @ motion - own.side @ border),
             border_gradient=own.border_gradient - own.side.T @ motion - own.corner @ border,
             parts={},
         )
@@ -102,10 +106,7 @@ def eliminated(equations: NormalEquations, kept: int) -> NormalEquations:
     """
     block, width = equations.block, len(equations.band)
     size, rest = equations.band.shape[1], kept * block
-    matrix = np.zeros((size, size))
-    for d in range(min(width, size)):
-        own = np.arange(size - d)
-        matrix[own + d, own] = matrix[own, own + d] = equations.band[d, : size - d]
+    matrix = _dense(equations.band)
     gone = size - rest
     right = np.hstack(
         [matrix[:gone, gone:], equations.side[:gone], equations.motion_gradient[:gone, None]]
@@ -125,3 +126,13 @@ def eliminated(equations: NormalEquations, kept: int) -> NormalEquations:
         equations.border_gradient - left[last, -1],
         block=block,
     )
+
+
+def _dense(band: Array) -> Array:
+    """A symmetric matrix in lower banded form as a whole, shape (N, N)."""
+    width, size = band.shape
+    matrix = np.zeros((size, size))
+    for d in range(min(width, size)):
+        own = np.arange(size - d)
+        matrix[own + d, own] = matrix[own, own + d] = band[d, : size - d]
+    return matrix

@@ -25,9 +25,12 @@ from steelyard.identification.model.motion_residuals import (
 )
 from steelyard.identification.model.processes import SplineIntegrals, embedded
 from steelyard.identification.model.segment import (
+    POSE,
     NormalEquations,
     Rows,
     banded_trace,
+    basis,
+    values_at,
 )
 from steelyard.identification.recursive.grid import KnotGrid
 from steelyard.identification.recursive.levels import Liveliness
@@ -96,15 +99,30 @@ class Window:
         """With coefficients for one more chunk.
 
         Args:
-            motion: Of that chunk, shape (f, block); None: it goes on as it does.
+            motion: Of that chunk, shape (f, block); None: it goes on as fast as it is.
         """
         own = self.motion
-        if motion is None:
-            steps = np.arange(1, self.grid.intervals + 1)[:, None]
-            further = own[-1] + steps * (own[-1] - own[-2])
-        else:
+        if motion is not None:
             further = motion[DEGREE:] if len(own) else motion
-        return replace(self, motion=np.vstack([own, further]) if len(own) else further)
+            return replace(self, motion=np.vstack([own, further]) if len(own) else further)
+        # By value and rate where it has been read last: single coefficients reach beyond. That of a
+        # straight line is its value in the middle of the function [DeBoor1978]_.
+        knots = self.grid.knots(self.first, len(self.chunks))
+        end = knots[-DEGREE - 1]
+        local = basis(knots, np.array([end]))
+        value, rate = (values_at(local, own, order)[0] for order in (0, 1))
+        rate[POSE:] = 0.0
+        middle = (DEGREE + 1) / 2 + np.arange(self.grid.intervals)
+        further = value + self.grid.spacing * middle[:, None] * rate
+        return replace(self, motion=np.vstack([own, further]))
+
+    def moved(self, step: Array) -> Window:
+        """With other coefficients.
+
+        Args:
+            step: By how much, shape (f block,).
+        """
+        return replace(self, motion=self.motion + step.reshape(self.motion.shape))
 
     def segment(self, number: int, readings: tuple[Reading, ...]) -> Segment:
         """A chunk of the window as a segment.
@@ -227,10 +245,13 @@ class Recursion:
                 segment = here.window.lively.at_least(segment, longer.grid.intervals)
             _, rows = whitened_rows(here.task, here.state, segment, forces)
             here = here._with_chunk(segment, forces, _smoothed(segment, here.task, rows), number)
-            here, promised = here._stepped(held=held)
+            here, promised = here._followed() if held else here._stepped()
             settled = promised < self.settings.arrived
             if settled:
                 break
+        if held:
+            assert here.window is not None
+            here = replace(here, solution=here._known(here.window.equations(here.point)))
         return here if settled else replace(here, unsettled=here.unsettled + 1)
 
     def _foreseen(self, segment: Segment, forces: Forces) -> Recursion:
@@ -257,7 +278,7 @@ class Recursion:
             )
             told = scaled(segment.equations(border_of(task), rows), _WIDE**2)
             here = here._with_chunk(segment, forces, segment.smooth(told), number)
-            here, promised = here._stepped(held=True)
+            here, promised = here._followed()
             if promised < self.settings.arrived:
                 break
         assert here.window is not None
@@ -362,24 +383,31 @@ class Recursion:
         )
         return state.segments[0], task.force_samples[0] or forces
 
-    def _stepped(self, *, held: bool) -> tuple[Recursion, float]:
-        """After a step over window and border, and the decrease of the cost that it promised.
-
-        Args:
-            held: Whether the border stays where it is.
-        """
+    def _stepped(self) -> tuple[Recursion, float]:
+        """After a step over window and border, and the decrease of the cost that it promised."""
         assert self.window is not None
         every = self.window.equations(self.point)
-        now = _of_border(every, self.point)
-        solution = self._solved(self.relative(self.told + now))
+        solution = self._known(every)
         step = solution.value - absolute(self.state)
-        step = np.zeros_like(step) if held else step
         motion = every.motion_step(step)
-        moved = self.window.motion + motion.reshape(self.window.motion.shape)
         promised = float(motion @ every.motion_gradient + step @ every.border_gradient)
-        window = replace(self.window, motion=moved)
-        found = replace(self, solution=solution) if held else self._at(solution)
-        return replace(found, window=window), abs(promised)
+        found = replace(self, window=self.window.moved(motion))
+        return found._at(solution), abs(promised)
+
+    def _followed(self) -> tuple[Recursion, float]:
+        """The same with the border as it is."""
+        assert self.window is not None
+        every = self.window.equations(self.point)
+        promised = float(every.settled @ every.motion_gradient)
+        return replace(self, window=self.window.moved(every.settled)), abs(promised)
+
+    def _known(self, every: NormalEquations) -> Solution:
+        """Body and calibration from all that has arrived.
+
+        Args:
+            every: Equations of the window.
+        """
+        return self._solved(self.relative(self.told + _of_border(every, self.point)))
 
     def _at(self, solution: Solution) -> Recursion:
         """With body and calibration as a solution has them."""

@@ -24,8 +24,9 @@ class RecursiveSettings:
     """Steps by which a chunk finds its motion before what stands far is looked at."""
     turns: int = 6
     """Linearisations of a chunk as it arrives, at most: two or three as a rule."""
-    arrived: float = 0.5
-    """Promised decrease of the cost, a chi-square, below which it has arrived."""
+    arrived: float = 10.0
+    """Decrease of the cost, a chi-square, that the last step promised: what is left then is some
+    hundreds of times smaller."""
 
 
 RECURSIVE = RecursiveSettings()
