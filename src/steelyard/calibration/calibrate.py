@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
 from steelyard.arrays import Array
 from steelyard.calibration.datum import Placed, check_datum, placed
@@ -29,6 +28,7 @@ from steelyard.estimates.estimate import (
     plain,
     plausible_radius,
 )
+from steelyard.estimates.quantiles import chi2_tail
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
@@ -202,7 +202,7 @@ class GeometryCalibration:
             factor = found.fit.state.factors.get(source, 1.0)
             if source in found.fit.stated and count > 1:
                 size = ratio * factor**2
-                if size > 2 and chi2.sf(size * count, count) < self.settings.by_chance:
+                if size > 2 and chi2_tail(size * count, count) < self.settings.by_chance:
                     reasons.append(
                         f"{quantity.removesuffix(' at rest').replace('_', ' ')} of {name} departs from"
                         f" all others by {np.sqrt(size):.1f} times its stated noise; check the order"

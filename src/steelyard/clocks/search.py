@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
 
 from steelyard.arrays import Array
 from steelyard.clocks.clock_signals import ClockSignals, LogClock, Signal
@@ -174,6 +173,8 @@ def _residual_variances(
         """Sum of first[i] second[i + lag] for all lags, for columns side by side, shape (lags,
         k).
         """
+        from scipy.signal import fftconvolve
+
         found: Array = fftconvolve(second, first[::-1], axes=0)
         return found
 

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import chi2
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import (
@@ -16,6 +15,7 @@ from steelyard.estimates.estimate import (
     judge,
     plausible_radius,
 )
+from steelyard.estimates.quantiles import chi2_exceeded
 from steelyard.experiment.model import Experiment
 from steelyard.identification.known_body import known_body, plausible
 from steelyard.identification.methods.from_posterior.unweighed import up_to_mass
@@ -62,7 +62,7 @@ def by_frequencies(
     count = sum(len(each.frequency) for each in experiment.frequencies)
     fits = [_fitted(experiment, starts[0], size)]
     partial = any(len(each.frequency) < modes for each in experiment.frequencies)
-    if partial or fits[0].cost > chi2.isf(settings.family, count):
+    if partial or fits[0].cost > chi2_exceeded(settings.family, count):
         # Modes that were not seen may be these or those.
         fits += [_fitted(experiment, other, size) for other in starts[1:]]
     best = min(fits, key=lambda each: each.cost)
@@ -94,7 +94,7 @@ def _of_others(
     fits: Sequence[_Found], best: _Found, covariance: Array, settings: VerdictSettings
 ) -> Iterator[str]:
     """Another body that has what was seen nearly as well."""
-    limit = float(chi2.isf(settings.family / 10, len(covariance)))
+    limit = float(chi2_exceeded(settings.family / 10, len(covariance)))
     use = slice(1, None)
     for other in fits:
         off = (other.parameters - best.parameters)[use]

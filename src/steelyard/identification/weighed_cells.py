@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm, t
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
+from steelyard.estimates.quantiles import chi2_tail, normal_tail, student_tail
 from steelyard.experiment.model import DeadWeights, Experiment
 from steelyard.instruments.weight import SCALE, cells_under_weights
 
@@ -433,7 +433,7 @@ def _worst(
         rest = np.sqrt(np.maximum(float(residual @ residual) - square, 0.0) / others)
         noise = np.maximum(rest, max(stated, _LEAST * _largest(weights)))
         z = np.sqrt(square) / noise
-        chance = 2 * np.where(noise > stated, t.sf(z, others), norm.sf(z))
+        chance = 2 * np.where(noise > stated, student_tail(z, others), normal_tail(z))
         i = int(np.argmin(np.where(z > _WRONG, chance, 1.0)))
         if z[i] > _WRONG and chance[i] < least:
             least, worst = float(chance[i]), (k, int(rows[i]))
@@ -464,4 +464,4 @@ def _scatter(weights: DeadWeights, found: _Solved, use: NDArray[np.bool_], table
     if not stated or freedom < 1:
         return 1.0
     square = float(np.sum((found.residual[table][use] / stated) ** 2))
-    return square / freedom if chi2.sf(square, freedom) < _LARGER else 1.0
+    return square / freedom if chi2_tail(square, freedom) < _LARGER else 1.0

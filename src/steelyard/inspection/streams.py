@@ -9,7 +9,6 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from steelyard.arrays import Array, binned_means, stretches
 from steelyard.experiment.faults import Timing, faults_of, timing
@@ -171,6 +170,8 @@ def _sigma(third: Array) -> Array:
 
 def _spectrum(time: Array, flat: Array, settings: StreamSettings) -> tuple[Array, Array]:
     """Amplitude density on an even grid [Hz], unit per root of Hz."""
+    from scipy.signal import welch
+
     complete = np.isfinite(flat).all(axis=1)
     time, flat = time[complete], flat[complete]
     step = float(np.median(np.diff(time))) if len(time) >= 64 else 0.0

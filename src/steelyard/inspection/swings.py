@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
 from steelyard.arrays import Array
+from steelyard.estimates.quantiles import chi2_exceeded
 from steelyard.experiment.model import Experiment, Run
 from steelyard.robot.model import DIRECTIONS
 
@@ -80,7 +80,7 @@ def excited_modes(experiment: Experiment, run: Run) -> Iterator[ExcitedMode]:
         wider, own = _refined(time, motion, np.vstack([rates, [start, 0.05]]))
         gained = np.sum(fitted.residual**2) - np.sum(own.residual**2)
         level = np.sum(own.residual**2) / max(own.residual.size - 20, 1)
-        if gained / max(level, 1e-300) < chi2.isf(_CHANCE, 2 + 2 * motion.shape[1]):
+        if gained / max(level, 1e-300) < chi2_exceeded(_CHANCE, 2 + 2 * motion.shape[1]):
             break
         rates, fitted = wider, own
         own_modes = ~_combined(rates[:, 0], fitted.amplitude, 1 / (time[-1] - time[0]))

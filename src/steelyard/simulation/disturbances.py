@@ -5,7 +5,6 @@ the accelerometer.
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
@@ -54,6 +53,8 @@ def markov(white: Array, step: float) -> Array:
         white: Standard normal numbers, shape (n, k).
         step: Between samples, in correlation times.
     """
+    from scipy.signal import lfilter
+
     kept = np.exp(-step)
     drive = np.sqrt(1 - kept**2) * white
     drive[0] = white[0]
@@ -64,6 +65,8 @@ def _leaning(times: Array, constant: float, motion: Response) -> Array:
     """Rotation vectors in the world by which an attitude is wrong that takes what the accelerometer
     reads for the vertical, with this time constant [s]; shape (n, 3).
     """
+    from scipy.signal import lfilter
+
     state = motion.at(times)
     up = np.einsum("nij,nj->ni", state.rotation, state.specific_force)
     up /= np.linalg.norm(up, axis=1, keepdims=True)

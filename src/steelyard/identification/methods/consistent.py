@@ -10,13 +10,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from steelyard.arrays import Array
 from steelyard.bodies.consistent_body import BodyProblem, ConsistentBody, covariance, solve
 from steelyard.bodies.mass_region import Box, Ellipsoid
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
+from steelyard.estimates.quantiles import chi2_tail
 from steelyard.identification.known_body import plausible
 from steelyard.identification.methods.from_posterior.finished import finished
 from steelyard.identification.methods.method import PosteriorMethod
@@ -136,7 +136,7 @@ def _finished(
     further: list[str] = []
     if body.binding:
         freedom = max(1, len(body.binding))
-        chance = float(chi2.sf(body.misfit, freedom))
+        chance = float(chi2_tail(body.misfit, freedom))
         words = (
             f"{'; '.join(str(each) for each in body.binding)}; that costs a chi-square of"
             f" {body.misfit:.1f}"

@@ -15,10 +15,10 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import Estimate, no_estimate
+from steelyard.estimates.quantiles import chi2_tail
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.known_body import plausible
 from steelyard.identification.methods.from_posterior.finished import finished
@@ -87,7 +87,7 @@ class InstrumentalVariables(PosteriorMethod):
         own = solved(posterior, products)
         found = replace(posterior, solution=own, by_source={})
         chi, freedom = durbin_wu_hausman(found, products, plain)
-        probability = float(chi2.sf(chi, freedom))
+        probability = float(chi2_tail(chi, freedom))
         deviation = np.sqrt(np.diag(own.covariance)[:TEN])
         ratio = deviation / np.sqrt(np.maximum(np.diag(plain.covariance)[:TEN], 1e-300))
         further = []

@@ -13,9 +13,9 @@ from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from steelyard.arrays import Array
+from steelyard.estimates.quantiles import chi2_quantile
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import (
     UNMODELLED,
@@ -397,7 +397,7 @@ def tally_forces(
     """Count the corrections of the readings and of the unmodelled wrench, quantity by quantity."""
     used_at_all = weight > 0
     usual = (
-        float(np.median(size[used_at_all])) / np.sqrt(chi2.ppf(0.5, 6))
+        float(np.median(size[used_at_all])) / np.sqrt(chi2_quantile(0.5, 6))
         if used_at_all.any()
         else 1.0
     )

@@ -14,9 +14,9 @@ from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from steelyard.arrays import Array
+from steelyard.estimates.quantiles import chi2_quantile
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
@@ -326,13 +326,13 @@ class Tally:
 @cache
 def _usual(k: int) -> float:
     """Median length of a whitened residual of k numbers."""
-    return float(np.sqrt(chi2.ppf(0.5, k)))
+    return float(np.sqrt(chi2_quantile(0.5, k)))
 
 
 @cache
 def limit(k: int) -> float:
     """Length of a whitened residual of k numbers beyond which it stands far."""
-    return float(np.sqrt(chi2.ppf(1 - _FAR, k)))
+    return float(np.sqrt(chi2_quantile(1 - _FAR, k)))
 
 
 def robust_weight(size: Array, k: int) -> Array:

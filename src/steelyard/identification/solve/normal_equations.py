@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, t
 
 from steelyard.arrays import Array
+from steelyard.estimates.quantiles import chi2_quantile, student_quantile
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.inertia import TEN
 
@@ -313,7 +313,7 @@ def enlarged(
     if len(runs) > 1:
         by_run = np.array([moved[blocks.run == run].sum(axis=0) for run in runs])
         freedom_of_runs = (len(runs) - 1) * len(part)
-        few = (t.ppf(0.975, freedom_of_runs) / t.ppf(0.975, 1e9)) ** 2
+        few = (student_quantile(0.975, freedom_of_runs) / student_quantile(0.975, 1e9)) ** 2
         factor = _scatter(by_run, settings)
         found["runs"] = factor * few if factor > 1 else 1.0
     name, factor = max(found.items(), key=lambda item: item[1])
@@ -335,7 +335,7 @@ def _scatter(moved: Array, settings: FitSettings) -> float:
 
 def _beyond_chance(factor: float, freedom: float, settings: FitSettings) -> float:
     """A mean square over what it should be; 1 within chance."""
-    return factor if factor > chi2.ppf(settings.significant, freedom) / freedom else 1.0
+    return factor if factor > chi2_quantile(settings.significant, freedom) / freedom else 1.0
 
 
 def together(parts: Sequence[Blocks]) -> Blocks:

@@ -7,8 +7,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.stats import chi2
 
+from steelyard.estimates.quantiles import chi2_below, chi2_tail
 from steelyard.experiment.faults import channels, clipped
 from steelyard.identification.known_body import plausible
 from steelyard.identification.solve.posterior import Posterior
@@ -128,7 +128,7 @@ def _of_forces(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]
     # Few equations scatter widely without anything being wrong.
     large, small = (
         chance(solution.ratio * freedom, freedom) < settings.by_chance
-        for chance in (chi2.sf, chi2.cdf)
+        for chance in (chi2_tail, chi2_below)
     )
     if not posterior.stated and 6 * total.freedom < 2 * solution.spent:
         yield (
@@ -235,7 +235,7 @@ def _of_runs(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
         inverse = np.linalg.pinv(variance * np.outer(size, size), rcond=1e-10, hermitian=True)
         chi += float(scaled @ inverse @ scaled)
     freedom = (len(sums) - 1) * len(use)
-    if chi2.sf(chi / posterior.noise_factor, freedom) < settings.family / 10:
+    if chi2_tail(chi / posterior.noise_factor, freedom) < settings.family / 10:
         yield (
             f"the runs contradict each other (chi-square {chi:.0f} on {freedom}); check whether the"
             " load or a sensor changed between them"

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from steelyard.arrays import Array
+from steelyard.estimates.quantiles import normal_exceeded
 from steelyard.identification.model.calibration_parameters import DRAG, ROBOT
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
@@ -59,7 +59,7 @@ def directed_tests(
 
 def of_description(tests: Sequence[Finding], most: int, settings: VerdictSettings) -> Iterator[str]:
     """Numbers of the description that the residual points at."""
-    limit = float(norm.isf(settings.family / max(1, len(tests)) / 2))
+    limit = float(normal_exceeded(settings.family / max(1, len(tests)) / 2))
     found = [
         test
         for test in tests

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from steelyard.estimates.estimate import plausible_sizes
+from steelyard.estimates.quantiles import chi2_tail
 from steelyard.identification.known_body import EXACT
 from steelyard.identification.model.calibration_parameters import load_place
 from steelyard.identification.solve.posterior import Posterior
@@ -114,7 +114,7 @@ def _apart(
 def against_readings(posterior: Posterior, settings: VerdictSettings = VERDICT) -> Iterator[str]:
     """What is known and the readings contradict."""
     for each in known_values(posterior):
-        if chi2.sf(each.z**2, 1) < settings.family / 10:
+        if chi2_tail(each.z**2, 1) < settings.family / 10:
             yield (
                 f"what is known beforehand does not go with the readings: {each}; weigh again, or"
                 " check the unit and the gains of the force sensors"

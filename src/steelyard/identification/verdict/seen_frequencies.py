@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.stats import chi2
 
 from steelyard.arrays import Array
+from steelyard.estimates.quantiles import chi2_tail
 from steelyard.experiment.model import Experiment
 from steelyard.identification.known_body import plausible
 from steelyard.identification.verdict.settings import VerdictSettings
@@ -37,7 +37,7 @@ def of_frequencies(
     residual = seen.residual(parameters)
     z = residual / np.sqrt(np.diag(seen.covariance))
     chi = float(residual @ np.linalg.solve(seen.covariance, residual))
-    if chi2.sf(chi, len(z)) < settings.family / 10:
+    if chi2_tail(chi, len(z)) < settings.family / 10:
         of_each = [each for each in experiment.frequencies for _ in each.frequency]
         worst = int(np.argmax(np.abs(z)))
         own = of_each[worst]

@@ -10,11 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import bilinear, lfilter
 from scipy.spatial.transform import Rotation
-from scipy.stats import f as fisher
 
 from steelyard.arrays import Array
+from steelyard.estimates.quantiles import fisher_tail
 from steelyard.identification.model.balance import UNMODELLED_PARTS
 from steelyard.identification.model.segment import motion_at
 from steelyard.identification.solve.posterior import Posterior
@@ -87,6 +86,8 @@ def likeliest_swing(
         gravity: World frame [m/s^2], shape (3,).
         independent: Number of independent values that the force is worth.
     """
+    from scipy.signal import bilinear, lfilter
+
     down = gravity / np.linalg.norm(gravity)
     across = np.linalg.svd(down[None])[2][1:]
     time = _STEP * np.arange(len(pull))
@@ -111,5 +112,5 @@ def likeliest_swing(
     count = 5
     left = max(independent - count, 1.0)
     ratio = best.explained / count / ((1 - best.explained) / left)
-    chance = float(fisher.sf(ratio, count, left)) * len(_FREQUENCIES)
+    chance = float(fisher_tail(ratio, count, left)) * len(_FREQUENCIES)
     return best if chance < _CHANCE else None

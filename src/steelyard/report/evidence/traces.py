@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from steelyard.arrays import Array
 from steelyard.identification.residuals import Residuals
@@ -74,6 +73,8 @@ def _spectrum(
         scaled: Residuals in their 1-sigma, shape (n, k).
         thinning: Lengths of the parts that it is the mean of.
     """
+    from scipy.signal import welch
+
     step = np.diff(each.time)
     if each.static or len(step) < thinning.fewest_intervals:
         return None

@@ -14,10 +14,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
-from scipy.stats import norm
+from scipy.linalg import solve_banded
 
 from steelyard.arrays import Array
+from steelyard.estimates.quantiles import normal_quantile
 from steelyard.identification.model.balance import (
     UNMODELLED,
     UNMODELLED_PARTS,
@@ -175,7 +175,7 @@ def as_noise(
     square = forces.unmodelled_sigma(segment, factors) ** 2
     local = segment.basis(times)
     for each in parts:
-        usual = np.median(np.abs(segment.disturbance(each, local, 0))) / norm.ppf(0.75)
+        usual = np.median(np.abs(segment.disturbance(each, local, 0))) / normal_quantile(0.75)
         square[UNMODELLED_PARTS[each.source]] += usual**2
     factor = factors.get(segment.label(ROBOT, UNMODELLED), 1.0)
     others = tuple(each for each in segment.processes if each not in parts)
@@ -274,11 +274,19 @@ def _correlation(
     products, variances = [], []
     for each in settings.correlations:
         kept = np.exp(-step / each)
-        before = lfilter([0.0, kept], [1.0, -kept], score, axis=0)
-        known = lfilter([0.0, kept**2], [1.0, -(kept**2)], information, axis=0)
+        before, known = _remembered(score, kept), _remembered(information, kept**2)
         products.append(np.sum(score * before, axis=0))
         variances.append(np.sum(information * known, axis=0))
     return np.array(products), np.array(variances)
+
+
+def _remembered(values: Array, kept: float) -> Array:
+    """Of every instant, what those before leave, each step keeping so much of it, shape (n, k)."""
+    band = np.ones((2, len(values)))
+    band[1] = -kept
+    drive = np.zeros_like(values)
+    drive[1:] = kept * values[:-1]
+    return np.asarray(solve_banded((1, 0), band, drive, check_finite=False))
 
 
 def _with(task: Task, state: FitState, sources: Mapping[Source, Colour]) -> FitState:

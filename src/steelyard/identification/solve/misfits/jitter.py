@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.signal import savgol_filter
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import Forces
@@ -204,6 +203,8 @@ def _residual_and_rate(
 
 def _force_rates(forces: Forces) -> Array:
     """By how much force readings change in a second, shape (n, r)."""
+    from scipy.signal import savgol_filter
+
     values = np.hstack(list(forces.readings.values()))
     step = float(np.median(np.diff(forces.time))) if len(forces.time) > 1 else 1.0
     many = 2 * max(_FEWEST // 2, round(_HALF / max(step, 1e-6))) + 1

@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import chi2, norm
 
 from steelyard.arrays import Array
+from steelyard.estimates.quantiles import chi2_exceeded, chi2_tail, normal_tail
 from steelyard.identification.model.calibration_parameters import (
     AIR,
     ATTACHED,
@@ -90,7 +90,7 @@ def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
         return np.concatenate([whiten @ (values - there), point / reach])
 
     nearest = least_squares(beside, np.concatenate([values[:4], np.zeros(3)]))
-    return bool(2 * nearest.cost < chi2.isf(_CHANCE, len(values) - 4))
+    return bool(2 * nearest.cost < chi2_exceeded(_CHANCE, len(values) - 4))
 
 
 def _worst(task: Task, state: FitState, refused: frozenset[Key]) -> frozenset[Key]:
@@ -115,7 +115,7 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key]) -> frozenset[Ke
     for own, deviation in rivals:
         wide[own] = np.maximum(wide[own], deviation)
     gains = _Gains.of(task, state, wide)
-    worst, least = frozenset[Key](), 2 * float(norm.sf(task.settings.suspicious))
+    worst, least = frozenset[Key](), 2 * float(normal_tail(task.settings.suspicious))
     for entries in suspects.values():
         keys = frozenset((each.owner, each.key, each.run) for each in entries)
         own = np.concatenate([np.r_[places[e.owner, e.key, e.run]] for e in entries])
@@ -185,7 +185,7 @@ class _Gains:
         """
         own = self.column_of[places]
         fall, moved = self._fall(np.union1d(self.base, own), own)
-        return float(chi2.sf(fall - self._usual, len(own))), moved
+        return float(chi2_tail(fall - self._usual, len(own))), moved
 
     @cached_property
     def _usual(self) -> float:
