@@ -4,7 +4,7 @@ then chunk by chunk.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,7 +35,7 @@ from steelyard.identification.solve.beginning import (
 from steelyard.identification.solve.beginning import begin as started
 from steelyard.identification.solve.conclusion import Fitted, FittedStretch, concluded
 from steelyard.identification.solve.joint_motion import fit_readings
-from steelyard.identification.solve.long_recording import span_of
+from steelyard.identification.solve.long_recording import lively_parts, span_of
 from steelyard.identification.solve.noise_levels import ratios_of
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.solve.segment_equations import SegmentEquations, segment_equations
@@ -179,13 +179,17 @@ class Following:
             raise NoBalanceError("; ".join(readings.notes))
         told = on_force_clock(self.experiment, replace(state, segments=readings.segments[:1]))
         segment = told.segments[0].disturbed(self.like.segment.processes)
-        own = {each.source for each in segment.readings}
+        sigmas = {each.source: each.sigma for each in self.like.segment.readings}
         like = replace(
             self.like.segment,
             run=run.name,
             knots=segment.knots,
             coefficients=segment.coefficients,
-            readings=tuple(r for r in self.like.segment.readings if r.source in own),
+            readings=tuple(
+                replace(each, sigma=sigmas[each.source])
+                for each in segment.readings
+                if each.source in sigmas
+            ),
             reference=segment.reference,
         )
         number = [each.name for each in self.experiment.runs].index(run.name)
@@ -246,19 +250,41 @@ def begin(
     run = next(each for each in experiment.runs if not each.static)
     start, end = span_of(experiment, run)
     length = own.begin
-    at_rest = [each for each in experiment.runs if each.static]
     while True:
         early = replace(run, window=(start, min(end, start + length)))
-        taken = read(experiment, None, tell, [*at_rest, early], settings)
-        fitted = fit_readings(taken, started(taken, tell, thorough=False), tell)
-        if fitted.fit.converged or start + length >= end:
+        found = _begun(experiment, [early], tell, settings, own)
+        if found.begun.fit.converged or start + length >= end:
             break
         length *= own.longer
+    number = [each.name for each in experiment.runs].index(run.name)
+    return _at_beginning(found, number, found.like)
+
+
+def _begun(
+    experiment: Experiment,
+    stretches: Sequence[Run],
+    tell: Tell,
+    settings: FitSettings,
+    own: RecursiveSettings,
+) -> Following:
+    """Levels and values to begin with, from the poses at rest and stretches of runs in motion.
+
+    Raises:
+        InputError: A run lacks what the fit needs.
+        NoBalanceError: Forces and motion cannot be fitted.
+    """
+    at_rest = [each for each in experiment.runs if each.static]
+    taken = read(experiment, None, tell, [*at_rest, *stretches], settings)
+    fitted = fit_readings(taken, started(taken, tell, thorough=False), tell)
     task, state = fitted.task, fitted.fit.state
-    moving = [i for i, each in enumerate(state.segments) if not each.static]
+    moving = [
+        Likeness(segment, forces)
+        for segment, forces in zip(state.segments, fitted.force_samples, strict=True)
+        if not segment.static
+    ]
     if not moving:
         raise NoBalanceError("; ".join(taken.notes))
-    like = Likeness(state.segments[moving[0]], fitted.force_samples[moving[0]])
+    like = min(moving, key=lambda each: _spacing(each.segment))
     recursion = Recursion.begun(task, state, own)
     names = [each.name for each in experiment.runs]
     parts = []
@@ -269,7 +295,7 @@ def begin(
             )
             parts.append(counted_from(part, state.calibration.values))
             recursion = recursion.with_told(parts[-1].equations)
-    found = Following(
+    return Following(
         experiment,
         fitted,
         like,
@@ -278,7 +304,6 @@ def begin(
         np.zeros((0, like.segment.block)),
         parts=tuple(parts),
     )
-    return _at_beginning(found, names.index(run.name), like)
 
 
 def follow(
@@ -288,6 +313,9 @@ def follow(
     own: RecursiveSettings = RECURSIVE,
 ) -> Iterator[Following]:
     """A whole recording, chunk by chunk; the last is after all motions have ended.
+
+    Levels of noise, knots and values to begin with are those of the liveliest stretches, since the
+    whole is there.
 
     Args:
         experiment: With a run in motion.
@@ -299,10 +327,12 @@ def follow(
         InputError: A run lacks what the fit needs.
         NoBalanceError: Forces and motion cannot be fitted.
     """
-    found = begin(experiment, tell, settings, own)
     moving = [each for each in experiment.runs if not each.static]
+    lively = replace(settings, part=own.begin * len(moving), shortest_part=own.begin)
+    stretches = [each for each in lively_parts(experiment, lively).runs if not each.static]
+    found = _begun(experiment, stretches, tell, settings, own)
     for i, run in enumerate(moving):
-        found = found.resumed(run) if i else found
+        found = found.resumed(run)
         _, end = span_of(experiment, run)
         while found.window.grid.span(found.number)[0] < end:
             try:
@@ -329,16 +359,20 @@ def _at_beginning(found: Following, number: int, like: Likeness) -> Following:
         like: What its readings are like; with the motion of the beginning.
     """
     segment, own = like.segment, found.recursion.settings
-    fitted = next(each for each in found.begun.fit.state.segments if not each.static)
-    spacing = fitted.knots[DEGREE + 1] - fitted.knots[DEGREE]
-    intervals = max(1, round(own.chunk / float(spacing)))
+    spacing = min(_spacing(each) for each in found.begun.fit.state.segments if not each.static)
+    intervals = max(1, round(own.chunk / spacing))
     first, _ = segment.span
     read_at = [float(each.time[0]) for each in segment.readings]
     start = max(first, min(read_at))
-    grid = KnotGrid(start, float(spacing), intervals, segment.block)
+    grid = KnotGrid(start, spacing, intervals, segment.block)
     window = Window(number, grid, segment)
     recursion = replace(found.recursion, window=window)
     return replace(found, like=like, recursion=recursion, first=_on_grid(segment, grid), number=0)
+
+
+def _spacing(segment: Segment) -> float:
+    """Of the knots [s]."""
+    return float(segment.knots[DEGREE + 1] - segment.knots[DEGREE])
 
 
 def _on_grid(segment: Segment, grid: KnotGrid) -> Array:
