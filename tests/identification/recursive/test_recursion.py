@@ -111,6 +111,10 @@ def test_a_grid_of_chunks_is_that_of_the_whole():
         for total, each in zip(summed, grid.integrals[:2], strict=True):
             total[:, own] += each
     assert summed[0] == pytest.approx(value, abs=1e-12)
+    short = KnotGrid(1.5, 0.1, 1, 7)
+    begin, end = short.ends
+    assert begin[:, -1] == pytest.approx(0.0)
+    assert begin + end == pytest.approx(short.integrals.ends)
     assert summed[1] == pytest.approx(rate, abs=1e-9)
 
 

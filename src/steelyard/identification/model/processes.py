@@ -140,13 +140,26 @@ def integrals_of(grid: Array) -> SplineIntegrals:
         grid: Knots [s].
     """
     local, weight = quadrature(grid, _NODES)
-    ends = basis(grid, grid[[DEGREE, len(grid) - DEGREE - 1]])
     functions = len(grid) - DEGREE - 1
     return SplineIntegrals(
         _squares(local.values[0], local.first, weight, functions),
         _squares(local.values[1], local.first, weight, functions),
-        _squares(ends.values[0], ends.first, np.ones(2), functions),
+        np.sum(ends_of(grid), axis=0),
     )
+
+
+def ends_of(grid: Array) -> tuple[Array, Array]:
+    """Squared values of a spline at its beginning and at its end, as in :class:`SplineIntegrals`.
+
+    Args:
+        grid: Knots [s].
+    """
+    ends = basis(grid, grid[[DEGREE, len(grid) - DEGREE - 1]])
+    functions, one = len(grid) - DEGREE - 1, np.ones(1)
+    first, last = (
+        _squares(ends.values[0][i : i + 1], ends.first[i : i + 1], one, functions) for i in (0, 1)
+    )
+    return first, last
 
 
 def _squares(values: Array, first: NDArray[np.intp], weight: Array, functions: int) -> Array:

@@ -4,7 +4,7 @@ then chunk by chunk.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,7 +35,7 @@ from steelyard.identification.solve.beginning import (
 from steelyard.identification.solve.beginning import begin as started
 from steelyard.identification.solve.conclusion import Fitted, FittedStretch, concluded
 from steelyard.identification.solve.joint_motion import fit_readings
-from steelyard.identification.solve.long_recording import lively_parts, span_of
+from steelyard.identification.solve.long_recording import span_of
 from steelyard.identification.solve.noise_levels import ratios_of
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.solve.segment_equations import SegmentEquations, segment_equations
@@ -252,7 +252,7 @@ def begin(
     length = own.begin
     while True:
         early = replace(run, window=(start, min(end, start + length)))
-        found = _begun(experiment, [early], tell, settings, own)
+        found = _begun(experiment, early, tell, settings, own)
         if found.begun.fit.converged or start + length >= end:
             break
         length *= own.longer
@@ -262,19 +262,19 @@ def begin(
 
 def _begun(
     experiment: Experiment,
-    stretches: Sequence[Run],
+    early: Run,
     tell: Tell,
     settings: FitSettings,
     own: RecursiveSettings,
 ) -> Following:
-    """Levels and values to begin with, from the poses at rest and stretches of runs in motion.
+    """Levels and values to begin with, from the poses at rest and the beginning of a run in motion.
 
     Raises:
         InputError: A run lacks what the fit needs.
         NoBalanceError: Forces and motion cannot be fitted.
     """
     at_rest = [each for each in experiment.runs if each.static]
-    taken = read(experiment, None, tell, [*at_rest, *stretches], settings)
+    taken = read(experiment, None, tell, [*at_rest, early], settings)
     fitted = fit_readings(taken, started(taken, tell, thorough=False), tell)
     task, state = fitted.task, fitted.fit.state
     moving = [
@@ -314,9 +314,6 @@ def follow(
 ) -> Iterator[Following]:
     """A whole recording, chunk by chunk; the last is after all motions have ended.
 
-    Levels of noise, knots and values to begin with are those of the liveliest stretches, since the
-    whole is there.
-
     Args:
         experiment: With a run in motion.
         tell: Is called with what is being done and the fraction that is done.
@@ -328,11 +325,9 @@ def follow(
         NoBalanceError: Forces and motion cannot be fitted.
     """
     moving = [each for each in experiment.runs if not each.static]
-    lively = replace(settings, part=own.begin * len(moving), shortest_part=own.begin)
-    stretches = [each for each in lively_parts(experiment, lively).runs if not each.static]
-    found = _begun(experiment, stretches, tell, settings, own)
+    found = begin(experiment, tell, settings, own)
     for i, run in enumerate(moving):
-        found = found.resumed(run)
+        found = found.resumed(run) if i else found
         _, end = span_of(experiment, run)
         while found.window.grid.span(found.number)[0] < end:
             try:

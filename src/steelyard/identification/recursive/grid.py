@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.motion_residuals import jerk_matrices
-from steelyard.identification.model.processes import SplineIntegrals, integrals_of
+from steelyard.identification.model.processes import SplineIntegrals, ends_of, integrals_of
 from steelyard.smoothing import DEGREE
 
 
@@ -64,3 +64,8 @@ class KnotGrid:
     def integrals(self) -> SplineIntegrals:
         """See :func:`.integrals_of`, of a chunk."""
         return integrals_of(self.knots(0))
+
+    @cached_property
+    def ends(self) -> tuple[Array, Array]:
+        """See :func:`.ends_of`, of a chunk."""
+        return ends_of(self.knots(0))

@@ -132,9 +132,8 @@ class Window:
             readings: Of its motion instruments.
         """
         grid, whole = self.grid, self.first + number
-        ends = np.zeros_like(grid.integrals.ends)
-        if whole == 0:
-            ends[:, : DEGREE + 1] = grid.integrals.ends[:, : DEGREE + 1]
+        # It begins once; where it ends for now is told by the window.
+        ends = grid.ends[0] if whole == 0 else np.zeros_like(grid.ends[0])
         integrals = SplineIntegrals(grid.integrals.value, grid.integrals.rate, ends)
         processes = tuple(replace(each, integrals=integrals) for each in self.like.processes)
         like = self.like
@@ -172,7 +171,7 @@ class Window:
         grid, functions = self.grid, len(self.motion)
         whole = np.zeros((grid.block * (DEGREE + 1), functions * grid.block))
         start = (functions - DEGREE - 1) * grid.block
-        last = grid.integrals.ends[:, -DEGREE - 1 :]
+        last = grid.ends[1][:, -DEGREE - 1 :]
         for each in self.like.processes:
             place = self.like.process_places[each.source]
             for i in range(place.start, place.stop):
