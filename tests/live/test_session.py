@@ -131,7 +131,7 @@ def test_a_source_of_datagrams(points, recursive):
     source.close()
     found = ended(session).estimate
     assert session.buffer.counts.refused == 1
-    assert "1 messages that could not be read" in in_words(session)
+    assert "1 message that could not be read" in in_words(session)
     off = (found.value - recursive.value) / recursive.standard_deviation
     assert np.abs(off).max() < 0.5
 

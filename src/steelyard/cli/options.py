@@ -18,19 +18,18 @@ if TYPE_CHECKING:
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-def _there(_context: click.Context, _parameter: click.Parameter, path: Path) -> Path:
-    """The path, before anything that is heavy is loaded for it.
+experiment_argument = click.argument("experiment", type=click.Path(path_type=Path))
+"""The experiment file."""
+
+
+def check_there(path: Path) -> None:
+    """See that a file is there before anything heavy is loaded for it.
 
     Raises:
         InputError: There is nothing.
     """
     if not path.exists():
         raise InputError(f"{path}: expected a file, found nothing there; check the path")
-    return path
-
-
-experiment_argument = click.argument("experiment", type=click.Path(path_type=Path), callback=_there)
-"""The experiment file."""
 
 
 def common(function: _Function) -> _Function:

@@ -240,6 +240,7 @@ def in_words(session: Session) -> str:
     )
     parts = [f"{count} {what}" for count, what in left if count]
     if counts.refused:
-        parts.append(f"{counts.refused} messages that could not be read")
+        plural = "" if counts.refused == 1 else "s"
+        parts.append(f"{counts.refused} message{plural} that could not be read")
     rest = f"; not taken: {', '.join(parts)}" if parts else ""
     return f"{counts.taken} samples in {session.seconds:.1f} s{rest}"

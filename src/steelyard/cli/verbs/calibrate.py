@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from steelyard.cli.options import common, experiment_argument, force_option, out_option
+from steelyard.cli.options import check_there, common, experiment_argument, force_option, out_option
 from steelyard.cli.printing import print_result, progress
 
 NOT_ACCEPTED = 3
@@ -26,6 +26,7 @@ def calibrate(experiment: Path, out: Path | None, force: bool, as_json: bool, qu
     """Find anchors, attachments and drums of the robot from the poses at rest and the recordings in
     motion that EXPERIMENT lists.
     """
+    check_there(experiment)
     from steelyard.calibration.calibrate import calibrate as calibrated
     from steelyard.experiment.read import read_experiment
     from steelyard.output import check_target

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from steelyard.cli.options import (
+    check_there,
     common,
     experiment_argument,
     force_option,
@@ -111,6 +112,7 @@ def identify(
     quiet: bool,
 ) -> None:
     """Estimate mass, centre of gravity and inertia from the recordings that EXPERIMENT lists."""
+    check_there(experiment)
     from steelyard.experiment.read import read_experiment
     from steelyard.identification.identify import chosen_methods, default_methods
     from steelyard.identification.identify import identify as identified

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from steelyard.cli.options import (
+    check_there,
     common,
     experiment_argument,
     force_option,
@@ -38,6 +39,7 @@ def inspect(
 
     Ends with status 0 also where it names mistakes.
     """
+    check_there(experiment)
     from steelyard.experiment.read import read_experiment
     from steelyard.inspection.inspect import inspect as inspected
     from steelyard.output import check_target, results_folder, write_json

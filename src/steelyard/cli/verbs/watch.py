@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from steelyard.cli.options import experiment_argument, force_option, out_option
+from steelyard.cli.options import check_there, experiment_argument, force_option, out_option
 
 if TYPE_CHECKING:
     from steelyard.live.record import Record
@@ -80,6 +80,7 @@ def watch(
 
     Ends with the source, after --until, or on Ctrl-C, with an estimate of all that was seen.
     """
+    check_there(experiment)
     from dataclasses import replace
 
     from steelyard.experiment.read import read_experiment, read_plan

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from steelyard.cli.options import common, experiment_argument, force_option, out_option
+from steelyard.cli.options import check_there, common, experiment_argument, force_option, out_option
 from steelyard.cli.printing import print_json, print_samples, progress, samples_of
 from steelyard.cli.truth import LARGEST_TRUTH, TRUTH
 from steelyard.errors import InputError
@@ -37,6 +37,7 @@ def convert(
     """Put EXPERIMENT with all its logs into one tidy form, on one clock and in SI units, to share
     and to keep.
     """
+    check_there(experiment)
     from steelyard.experiment.read import read_experiment
     from steelyard.experiment.tidy import tidied
     from steelyard.experiment.write import write_experiment
