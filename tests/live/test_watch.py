@@ -11,6 +11,7 @@ from places import DATA
 
 from steelyard.errors import InputError
 from steelyard.live.sinks.table import open_sink
+from steelyard.live.sources.mqtt import mqtt_client
 from steelyard.live.sources.zeromq import ZeroMqTransport
 
 pytestmark = pytest.mark.integration
@@ -113,6 +114,19 @@ def test_what_is_there_is_not_overwritten(run, tmp_path):
     assert status == 2
     assert "estimate.json" in err
     assert not (tmp_path / "live.jsonl").exists()
+
+
+@pytest.mark.parametrize(
+    ("url", "expected"),
+    [
+        ("mqtt://broker/arm/cell", ("broker", 1883, "arm/cell")),
+        ("mqtt://broker:18830/arm/#", ("broker", 18830, "arm/#")),
+        ("mqtt://user:p%40ss@broker/+/cell", ("broker", 1883, "+/cell")),
+    ],
+)
+def test_topics_may_have_wildcards(url, expected):
+    _, *found = mqtt_client(url)
+    assert tuple(found) == expected
 
 
 def received(transport, count, until=20.0):

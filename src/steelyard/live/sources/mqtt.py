@@ -31,7 +31,8 @@ def mqtt_client(url: str) -> tuple[Any, str, int, str]:
 
     paho: Any = library("paho-mqtt", load)
     try:
-        parts = urlsplit(url)
+        # A topic may have the wildcards # and +; neither a fragment nor a query is meant.
+        parts = urlsplit(url.replace("#", "%23").replace("?", "%3F"))
         host, port, topic = parts.hostname, parts.port or _PORT, unquote(parts.path.lstrip("/"))
     except ValueError:
         host, port, topic = None, 0, ""
