@@ -18,7 +18,7 @@ from steelyard.errors import InputError
 from steelyard.estimates.chi_square import agreement
 from steelyard.estimates.comparison import compare
 from steelyard.estimates.comparison_settings import SETTINGS
-from steelyard.estimates.estimate import FORMAT, Estimate, judge
+from steelyard.estimates.estimate import FORMAT, Estimate, judge, unassessed
 from steelyard.estimates.estimate_file import read_estimate_file, read_estimates
 from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.estimates.payload import payload
@@ -379,6 +379,18 @@ def test_covariance_of_the_payload_is_that_of_many_draws(rng):
     np.testing.assert_allclose(
         seen / np.outer(sigma, sigma), predicted.covariance / np.outer(sigma, sigma), atol=0.07
     )
+
+
+def test_a_payload_between_baselines_is_no_more_than_they_are():
+    C = covariance_of(1) * 1e-4
+    pair = [named(BEFORE.body_parameters, C, "a"), named(AFTER.body_parameters, C, "b")]
+    baseline = unassessed(judge(pair[0].estimate.value))
+    pair[0] = replace(pair[0], estimate=replace(pair[0].estimate, verdict=baseline))
+    found = payload(*pair)
+    assert found.estimate.verdict.accepted is None
+    said = list(payload_statements(found))
+    assert not any(": accepted" in each.text or each.tone == "good" for each in said)
+    assert any(each.text == "a: baseline, not assessed" and each.tone == "note" for each in said)
 
 
 def test_a_payload_below_its_uncertainty_has_no_place():

@@ -38,6 +38,7 @@ from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.bound import Bound
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.synchronisation import synchronise
+from steelyard.identification.verdict.disagreement import with_disagreement
 from steelyard.identification.verdict.prediction import Prediction, predict_held_out
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.tables import Tabular
@@ -93,6 +94,15 @@ class Identification(Tabular):
     def estimate(self) -> Estimate:
         """Of the best method that ran."""
         return self.estimates[self.result]
+
+    @property
+    def is_rejected(self) -> bool:
+        """Whether the methods that were assessed reject the result; a baseline alone is neither
+        accepted nor rejected.
+        """
+        if self.estimate.verdict.accepted is not None:
+            return not self.estimate.verdict.accepted
+        return any(each.verdict.accepted is False for each in self.estimates.values())
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values in the shape of ``estimate.json``."""
@@ -240,6 +250,7 @@ def identify(
         raise baseline
     by_name = {each.method: each for each in estimates}
     best = _best(by_name)
+    by_name = with_disagreement(by_name, best)
     fits = (method.fit for method in chosen if method.name == best)
     posterior = next((posteriors.get(fit) for fit in fits if fit is not None), None)
     return Identification(

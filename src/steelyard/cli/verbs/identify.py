@@ -160,7 +160,7 @@ def identify(
         with results_folder(out, force=force) as folder:
             write_identification(found, summary, folder)
     print_result(found.to_dict(), brief_of(summary), as_json=as_json)
-    if not found.estimate.verdict.accepted:
+    if found.is_rejected:
         sys.exit(NOT_ACCEPTED)
 
 

@@ -14,6 +14,9 @@ from steelyard.estimates.payload import Payload
 from steelyard.report.blocks.document import Document, Grid, Section, Statement, Statements, Tone
 from steelyard.report.blocks.parameter_grid import ParameterTexts, parameter_grid
 
+_TONES: dict[bool | None, Tone] = {True: "good", False: "bad", None: "note"}
+"""Verdict -> tone."""
+
 
 def comparison_document(comparison: Comparison, *, fail_above: float | None = None) -> Document:
     """Estimates, their differences from the first, and whether they agree.
@@ -69,11 +72,10 @@ def payload_document(payload: Payload) -> Document:
     columns = [_column(payload.before), _column(payload.after), _column(added)]
     grid = parameter_grid("payload: what was added", columns)
     statements = Statements(tuple(payload_statements(payload)))
-    accepted = payload.estimate.verdict.accepted
+    verdict = payload.estimate.verdict
     lead = Statement(
-        f"The payload between {payload.before.name} and {payload.after.name}:"
-        f" {'accepted' if accepted else 'not accepted'}.",
-        "good" if accepted else "bad",
+        f"The payload between {payload.before.name} and {payload.after.name}: {verdict.short}.",
+        _TONES[verdict.accepted],
     )
     return Document("Payload", lead, (Section("payload", "Payload", (grid, statements)),))
 
@@ -90,7 +92,7 @@ def payload_statements(payload: Payload) -> Iterator[Statement]:
             can = "; whether such a body can exist is not known"
         yield Statement(f"payload: accepted{can}", "good")
     for reason in verdict.reasons:
-        yield Statement(f"payload: not accepted: {reason}", "bad")
+        yield Statement(f"payload: {verdict.short}: {reason}", _TONES[verdict.accepted])
     for note in payload.estimate.notes:
         yield Statement(f"note: {note}")
 
@@ -121,14 +123,17 @@ def _sigmas(z: float) -> str:
 
 
 def _doubted(estimates: Sequence[NamedEstimate]) -> Iterator[Statement]:
-    """Those that were not accepted, with the reasons."""
+    """Those that were not accepted, with the reasons, and baselines that nothing was tested of."""
     for each in estimates:
         verdict = each.estimate.verdict
-        if not verdict.accepted:
+        if verdict.accepted is None:
+            yield Statement(f"{each.name}: {verdict.short}", "note")
+        elif not verdict.accepted:
             reasons = "; ".join(verdict.reasons) or "no reason given"
-            said = "accepted" if verdict.accepted is False else "assessed"
-            text = f"{each.name}: was not {said} when it was made: {reasons}"
+            text = f"{each.name}: was not accepted when it was made: {reasons}"
             yield Statement(text, "bad")
+        elif verdict.disagreement:
+            yield Statement(f"{each.name}: {verdict.disagreement}", "note")
 
 
 def _tone(found: ChiSquareTest) -> Tone:

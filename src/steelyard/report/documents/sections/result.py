@@ -33,10 +33,13 @@ def lead(summary: Summary) -> Statement:
     known = ", ".join(parts)
     if not best.accepted:
         tone: Tone = "bad" if best.accepted is False else "note"
-        said = "Not accepted" if best.accepted is False else "Not assessed"
-        why = "; ".join(best.reasons)
+        said = "Not accepted" if best.accepted is False else "Baseline, not assessed"
+        why = "; ".join((*best.reasons, *([best.disagreement] if best.disagreement else [])))
         return Statement(f"{said}: {why}. As estimated by {best.name}: {known}.", tone)
-    return Statement(f"{known[:1].upper()}{known[1:]} (1-sigma), by {best.name}: accepted.", "good")
+    told = f"{known[:1].upper()}{known[1:]} (1-sigma), by {best.name}: accepted"
+    if best.disagreement:
+        return Statement(f"{told}; {best.disagreement}.", "note")
+    return Statement(f"{told}.", "good")
 
 
 def _of_best(summary: Summary) -> list[str]:
