@@ -53,7 +53,6 @@ if TYPE_CHECKING:
     from steelyard.exports.exported import Exported as Exported
     from steelyard.exports.formats import export as export
     from steelyard.identification.identify import Identification as Identification
-    from steelyard.identification.identify import identify as identify
     from steelyard.identification.methods.consistent import Consistent as Consistent
     from steelyard.identification.methods.force_free import ForceFree as ForceFree
     from steelyard.identification.methods.instrumental_variables import (
@@ -70,6 +69,7 @@ if TYPE_CHECKING:
     from steelyard.identification.verdict.prediction import predict_held_out as predict_held_out
     from steelyard.imports.formats import import_robot as import_robot
     from steelyard.inertia import Inertia as Inertia
+    from steelyard.inspection.identify import identify as identify
     from steelyard.inspection.inspect import Inspection as Inspection
     from steelyard.inspection.inspect import inspect as inspect
     from steelyard.natural_frequencies.frequencies import Frequencies as Frequencies
@@ -129,7 +129,7 @@ _WHERE = {
     "figure": "report.figures",
     "figures": "report.figures",
     "frequencies": "natural_frequencies.frequencies",
-    "identify": "identification.identify",
+    "identify": "inspection.identify",
     "import_robot": "imports.formats",
     "inspect": "inspection.inspect",
     "nearest_body": "bodies.nearest_body",

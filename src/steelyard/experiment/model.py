@@ -63,6 +63,9 @@ class Stream:
     angles: Mapping[str, Array] = field(default_factory=dict)
     """Quantity -> roll, pitch, yaw as they stand in the log, where a rotation was read from angles
     [rad], shape (n, 3)."""
+    forms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Quantity -> columns of the contract that it was read from; what was not read from a log has
+    none."""
 
     def __len__(self) -> int:
         return len(self.time)

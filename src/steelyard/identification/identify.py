@@ -74,6 +74,9 @@ class Identification(Tabular):
     """What was looked at: without the runs held out, on one clock."""
     posterior: Posterior | None = None
     """What the best of the estimates was drawn from; None: it is a method of its own."""
+    amendment: str = ""
+    """YAML to merge into the experiment file, where that takes back what makes the result wrong;
+    empty: nothing is known that would."""
 
     @property
     def bound(self) -> Bound | None:
@@ -126,6 +129,7 @@ class Identification(Tabular):
                 if self.clocks
                 else {}
             ),
+            **({"amendment": self.amendment} if self.amendment else {}),
             **(
                 {"holdout": {p.run: p.to_dict() for p in self.predictions}}
                 if self.predictions
@@ -161,8 +165,20 @@ class Identification(Tabular):
             )
             + self._per_mass(),
             head=("", "", *self.estimates),
-            sentences=tuple(f"{name}: {each.verdict}" for name, each in self.estimates.items()),
+            sentences=(
+                *(f"{name}: {each.verdict}" for name, each in self.estimates.items()),
+                *(
+                    [f"to merge into the experiment file: {self._in_one_line}"]
+                    if self.amendment
+                    else []
+                ),
+            ),
         )
+
+    @property
+    def _in_one_line(self) -> str:
+        """What to merge, as a sentence has it."""
+        return " ".join(self.amendment.split())
 
     def _per_mass(self) -> tuple[tuple[str, ...], ...]:
         """Rows of the inertia over mass by all methods; none where every one has the mass."""

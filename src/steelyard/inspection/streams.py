@@ -150,6 +150,19 @@ def _quantity(
     )
 
 
+def noise_of(stream: Stream, quantity: str, settings: StreamSettings = STREAMS) -> float | None:
+    """1-sigma of samples of a vector about their neighbours, at rest or not; None where there are too
+    few.
+
+    Args:
+        stream: Of an instrument.
+        quantity: Of its readings.
+        settings: How many samples are looked at.
+    """
+    flat = stream.values[quantity][: settings.most]
+    return _scatter(flat, np.ones(len(flat), dtype=bool), 1.0, settings)
+
+
 def _scatter(
     flat: Array, rows: NDArray[np.bool_], scale: float, settings: StreamSettings
 ) -> float | None:

@@ -89,6 +89,11 @@ NOT_ACCEPTED = 3
         " left out better."
     ),
 )
+@click.option(
+    "--anyway",
+    is_flag=True,
+    help="Run all methods though the recordings give away that the description is wrong.",
+)
 @out_option(
     help="Folder for estimate.json, the report (report.html, .md, .json) and motion.parquet; without"
     " it nothing is written."
@@ -106,6 +111,7 @@ def identify(
     box: tuple[float, ...] | None,
     ellipsoid: tuple[float, ...] | None,
     towards_nominal: bool,
+    anyway: bool,
     out: Path | None,
     force: bool,
     as_json: bool,
@@ -115,10 +121,10 @@ def identify(
     check_there(experiment)
     from steelyard.experiment.read import read_experiment
     from steelyard.identification.identify import chosen_methods, default_methods
-    from steelyard.identification.identify import identify as identified
     from steelyard.identification.methods.consistent import Consistent
     from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
     from steelyard.identification.methods.two_step import TwoStep
+    from steelyard.inspection.identify import identify as identified
     from steelyard.output import check_target, results_folder
     from steelyard.report.documents.identification import brief_of
     from steelyard.report.evidence.made import made_of
@@ -138,7 +144,7 @@ def identify(
         check_target(out, force=force)
     recorded = selected(read_experiment(experiment), runs).without(*without)
     with progress(quiet=quiet) as tell:
-        found = identified(recorded, methods, tell, holdout=holdout, ready=ready)
+        found = identified(recorded, methods, tell, holdout=holdout, ready=ready, anyway=anyway)
     truth = known_truth(experiment.parent)
     if out is None:
         summary = summarise(found, truth, with_evidence=False)
@@ -154,12 +160,15 @@ def identify(
                 "box": box,
                 "ellipsoid": ellipsoid,
                 "towards-nominal": towards_nominal,
+                "anyway": anyway,
             }
         )
         summary = summarise(found, truth, made=made_of(recorded, options))
         with results_folder(out, force=force) as folder:
             write_identification(found, summary, folder)
     print_result(found.to_dict(), brief_of(summary), as_json=as_json)
+    if found.amendment and not as_json:
+        print(f"\nTo merge into {experiment}:\n\n{found.amendment}")
     if found.is_rejected:
         sys.exit(NOT_ACCEPTED)
 

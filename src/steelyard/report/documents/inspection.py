@@ -181,7 +181,11 @@ def statements(found: Inspection) -> Iterator[Statement]:
     for each in found.streams:
         for text in fault_words(each):
             yield Statement(text, "note")
-    if not found.mistakes and all(a.agrees for _, a in found.agreements):
+    if (
+        not found.mistakes
+        and found.misplaced is None
+        and all(a.agrees for _, a in found.agreements)
+    ):
         yield Statement(
             "no mistake of sign, unit, axis or order was found: all instruments agree as described",
             "good",

@@ -48,6 +48,8 @@ def _lead(found: Inspection) -> Statement:
         return Statement(
             "The instruments contradict each other, and no simple mistake explains it.", "bad"
         )
+    if found.misplaced is not None:
+        return Statement(f"{found.misplaced.remark}.", "bad")
     if found.contacts:
         return Statement(
             "The instruments agree as described, but something else than the body pulled or"
