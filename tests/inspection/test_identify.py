@@ -46,8 +46,7 @@ def test_a_wrong_description_is_rejected_with_what_to_write(robot, what):
     assert wanted in found.amendment
     assert found.to_dict()["amendment"] == found.amendment
     assert " ".join(found.amendment.split()) in repr(found)
-    for estimate in found.estimates.values():
-        assert estimate.verdict.accepted is False
+    assert not any(estimate.verdict.accepted for estimate in found.estimates.values())
 
 
 @pytest.mark.parametrize("robot", QUICK)

@@ -86,7 +86,13 @@ def check_description(
     found = list(by_size)
     with np.errstate(all="ignore"):
         try:
-            shown = excerpts(experiment, settings.checked, settings.agreements)
+            # Each load by what is known of it.
+            alone = [experiment.alone(load) for load in experiment.loads] or [experiment]
+            shown = [
+                each
+                for part in alone
+                for each in excerpts(part, settings.checked, settings.agreements)
+            ][: 2 * settings.checked]
         except InputError:
             # What cannot be read is said by those who need it.
             shown = []

@@ -25,6 +25,9 @@ class StreamSettings:
     """Bins in a row that make a rest."""
     fewest: int = 20
     """Third differences that are enough to find the noise."""
+    white: float = 0.04
+    """By how much the correlation of neighbouring third differences may be off that of white noise:
+    half of what it is off for a random walk."""
     segment: int = 512
     """Samples of a noise spectrum: resolves a hundredth of the rate."""
 
@@ -279,7 +282,7 @@ class SizeSettings:
     are possible those are likelier with which they do."""
     noise_factor: float = 4.0
     """Ratio of the noise that is stated to that which is seen, from which it may be a unit."""
-    noise_near: float = 0.1
+    noise_near: float = 0.08
     """Logarithm within which that ratio is one of a unit: of noise that was stated too large by
     chance, few are."""
     noise_runs: int = 3

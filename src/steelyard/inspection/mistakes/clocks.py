@@ -29,9 +29,10 @@ def of_clocks(
     """
     excerpt = now.excerpt
     experiment, run = excerpt.experiment, excerpt.run
+    own = instruments_by_clock(experiment, run)
     # Instruments that are said to share a clock may not.
-    alone = [(name,) for name in run.streams]
-    groups = dict.fromkeys([*instruments_by_clock(experiment, run), *alone])
+    alone = [(name,) for name in run.streams] if run.sync else []
+    groups = dict.fromkeys([*own, *alone])
     force = experiment.force_instrument(run)
     for names in groups:
         if force in names or not suspects & set(names):

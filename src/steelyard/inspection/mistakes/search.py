@@ -131,15 +131,22 @@ def _best(
     total = sum(a.cost for a in now.bad)
     wanted = max(settings.least_gain, settings.share * min(total, settings.enough))
     tried: list[_Trial] = []
-    for candidates in (amendments, clock_amendments):
+    unsaid = not now.excerpt.run.sync
+    # Where nobody has said how the clocks are apart, that is the likeliest mistake.
+    tables = (clock_amendments, amendments) if unsaid else (amendments, clock_amendments)
+    for candidates in tables:
         best = max((trial.gain for trial in tried), default=0.0)
         if best > settings.plain * total:
             break
         for amendment in candidates(now, suspected, settings):
             best = max((trial.gain for trial in tried), default=0.0)
             trial = _tried(now, amendment, max(wanted, best - 2 * settings.equal), settings)
-            if trial is not None:
-                tried.append(trial)
+            if trial is None:
+                continue
+            tried.append(trial)
+            if amendment.proposal == SYNC_AUTO and _helps_much(now, trial, settings):
+                # The other clocks are found with this one.
+                break
     tried.sort(key=lambda trial: -trial.gain)
     for trial in tried[: settings.considered]:
         if _helps_much(now, trial, settings):

@@ -26,7 +26,7 @@ from steelyard.inspection.mistakes.amendment import (
 from steelyard.inspection.mistakes.columns import LIKELY_UNITS
 from steelyard.inspection.mistakes.search import Mistake
 from steelyard.inspection.settings import SIZES, STREAMS, SizeSettings
-from steelyard.inspection.streams import noise_of
+from steelyard.inspection.streams import white_noise
 from steelyard.units import FACTORS
 
 
@@ -141,13 +141,15 @@ def _beyond(experiment: Experiment, size: float, settings: SizeSettings) -> str:
 
 
 def _noise(experiment: Experiment, name: str, settings: SizeSettings) -> tuple[float, float]:
-    """1-sigma of the noise as stated and as seen [N]; (1, 0) where nothing is stated."""
+    """1-sigma of the noise as stated and as seen [N]; (1, 0) where nothing is stated, or where what
+    is seen is not white.
+    """
     stated = experiment.instruments[name].quantity("tension", experiment.robot.m).noise
     if not stated:
         return 1.0, 0.0
     seen = []
     for run in experiment.runs[: settings.noise_runs]:
         if name in run.streams and not run.static:
-            found = noise_of(run.streams[name], "tension", STREAMS)
+            found = white_noise(run.streams[name], "tension", STREAMS)
             seen += [found] if found else []
     return (stated, float(np.median(seen))) if seen else (1.0, 0.0)
