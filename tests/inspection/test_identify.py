@@ -12,6 +12,8 @@ import steelyard
 from steelyard.experiment.read import read_experiment
 from steelyard.inspection.description import check_description
 from steelyard.inspection.identify import identify
+from steelyard.inspection.misplaced import misplaced
+from steelyard.report.documents.inspection import statements
 
 pytestmark = pytest.mark.integration
 
@@ -124,3 +126,36 @@ def test_contacts_wait_for_a_mistake():
     assert found.mistakes
     assert found.contacts == ()
     assert any("once the mistakes are corrected" in remark for remark in found.remarks)
+
+
+def found_by_a_fit(name="imu.position", size=-0.3):
+    """Directed tests as a fit gives them, the largest first."""
+    return [
+        {"name": f"{name} x", "z": -40.0, "size": size, "sigma": 0.004},
+        {"name": "attachment 1 x", "z": 7.0, "size": 0.01, "sigma": 0.001},
+        {"name": f"{name} y", "z": 2.0, "size": 0.05, "sigma": 0.025},
+    ]
+
+
+def test_a_place_that_the_fit_contradicts_most_is_amended():
+    whole = sound(1)
+    place = misplaced(whole, found_by_a_fit())
+    stated = np.array(whole.instruments["imu"].position)
+    np.testing.assert_allclose(place.place, stated + np.array([-0.3, 0, 0]))
+    assert place.amendment.startswith("instruments:\n  imu:\n    position: [")
+    assert "calibration: {position: 0.05}" in place.amendment
+    assert "by 0.30 m" in place.remark
+
+
+@pytest.mark.parametrize("tests", [[], found_by_a_fit(size=0.02), found_by_a_fit("anchor 3")])
+def test_what_is_near_or_no_place_is_not_amended(tests):
+    assert misplaced(sound(1), tests) is None
+
+
+@pytest.mark.slow
+def test_instruments_do_not_agree_with_an_imu_that_sits_elsewhere():
+    found = steelyard.inspect(DESCRIPTIONS["wrong IMU place"][0](experiment("four cables")))
+    assert found.misplaced.instrument == "imu"
+    said = [each.text for each in statements(found)]
+    assert any("imu seems to sit elsewhere" in text for text in said)
+    assert not any("all instruments agree" in text for text in said)
