@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import plausible_radius
@@ -219,7 +220,7 @@ class Recursion:
             run: Its name.
         """
         assert self.solution is not None
-        pick = self._picked(run)
+        pick = self.picked(run)
         value = self.state.calibration.body(self.solution.value[:TEN], run)
         return value, np.asarray(pick @ self.solution.covariance @ pick.T)
 
@@ -233,16 +234,36 @@ class Recursion:
         assert self.solution is not None
         first, calibration = self.solution.value[:TEN], self.state.calibration
         value = calibration.body(first, after)[0] - calibration.body(first, before)[0]
-        row = self._picked(after)[0] - self._picked(before)[0]
+        row = self.picked(after)[0] - self.picked(before)[0]
         return float(value), float(np.sqrt(row @ self.solution.covariance @ row))
 
-    def _picked(self, run: str) -> Array:
+    def picked(self, run: str) -> Array:
         """How what a run carries follows the border, shape (10, k)."""
         pick = np.eye(TEN, len(self.point))
         place = self.state.calibration.calibration_parameters.place_of_load(run)
         if place is not None:
             pick[:, TEN + place.start : TEN + place.stop] = np.eye(TEN)
         return pick
+
+    def information(self) -> tuple[Array, NDArray[np.intp]]:
+        """Inverse of the covariance of the columns that are estimated, shape (e, e), and which these
+        are.
+
+        Raises:
+            numpy.linalg.LinAlgError: The motion is not determined.
+        """
+        assert self.window is not None
+        assert self.state.parameters is not None
+        robot = self.task.experiment.robot
+        prior = prior_of(
+            self.task.experiment,
+            self.state.calibration,
+            self.state.parameters,
+            plausible_radius(robot),
+        )
+        window, _ = self.window.equations(self.point).reduced()
+        use = np.flatnonzero(np.concatenate([np.ones(TEN, dtype=bool), self.task.active]))
+        return (self.told.normal + window + prior.precision)[np.ix_(use, use)], use
 
     def arrived(
         self, readings: Sequence[Reading], forces: Forces, motion: Array | None = None
