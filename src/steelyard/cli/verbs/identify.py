@@ -94,6 +94,7 @@ NOT_ACCEPTED = 3
     " it nothing is written."
 )
 @force_option()
+@click.option("--details", is_flag=True, help="Print what each run says alone, too.")
 @common
 def identify(
     experiment: Path,
@@ -108,6 +109,7 @@ def identify(
     towards_nominal: bool,
     out: Path | None,
     force: bool,
+    details: bool,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -159,7 +161,7 @@ def identify(
         summary = summarise(found, truth, made=made_of(recorded, options))
         with results_folder(out, force=force) as folder:
             write_identification(found, summary, folder)
-    print_result(found.to_dict(), brief_of(summary), as_json=as_json)
+    print_result(found.to_dict(), brief_of(summary, details=details), as_json=as_json)
     if not found.estimate.verdict.accepted:
         sys.exit(NOT_ACCEPTED)
 

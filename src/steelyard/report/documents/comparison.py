@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from steelyard.digits import ten_numbers
+from steelyard.digits import fixed, ten_numbers
 from steelyard.estimates.chi_square import ChiSquareTest
 from steelyard.estimates.comparison import Comparison, Pair
 from steelyard.estimates.named_estimate import NamedEstimate
@@ -117,7 +117,7 @@ def _column(named: NamedEstimate) -> ParameterTexts:
 def _sigmas(z: float) -> str:
     if np.isnan(z):
         return "-"
-    return "exact" if np.isinf(z) else f"{z:+.1f}"
+    return "exact" if np.isinf(z) else fixed(z, 1, sign=True)
 
 
 def _doubted(estimates: Sequence[NamedEstimate]) -> Iterator[Statement]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.digits import figures
 from steelyard.experiment.model import Run
 from steelyard.inspection.agreements.agreement import InstrumentAgreement
 from steelyard.inspection.contact import Residual
@@ -74,9 +75,9 @@ def _pictures(found: Inspection) -> Iterator[Section]:
         ("streams", "Streams", over_time),
         ("spectra", "Spectra", [_spectra(streams)] if has_spectra else []),
     )
-    for name, title, figures in shown:
-        if figures:
-            yield Section(name, title, tuple(figures))
+    for name, title, pictures in shown:
+        if pictures:
+            yield Section(name, title, tuple(pictures))
 
 
 def _lines(
@@ -137,7 +138,7 @@ def _agreement(run: str, agreement: InstrumentAgreement, place: int) -> Figure:
         f"agreement-{place + 1}",
         f"run {run}: {agreement.name}",
         f"Measured lines and, dotted, as predicted by the others; the residual is at most"
-        f" {agreement.worst:.2g} of what is allowed.",
+        f" {figures(agreement.worst, 2)} of what is allowed.",
         tuple(lines),
         axes("instant", agreement.unit),
     )

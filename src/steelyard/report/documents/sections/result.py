@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from steelyard.digits import LABELS, number
-from steelyard.report.blocks.document import Block, Grid, Section, Statement, Statements, Tone
+from steelyard.digits import LABELS, deviation, figures, number
+from steelyard.report.blocks.document import Block, Fold, Grid, Section, Statement, Statements, Tone
 from steelyard.report.blocks.parameter_grid import ParameterTexts, parameter_grid
-from steelyard.report.blocks.shown import deviations_of, scaled, short
+from steelyard.report.blocks.shown import deviations_of, scaled
 from steelyard.report.documents.sections.intervals import intervals
-from steelyard.report.evidence.summary import ParameterTable, Summary
+from steelyard.report.evidence.summary import ATTAINABLE, ParameterTable, Summary
 from steelyard.report.evidence.values import EstimatedBody, Number
 
 _PARTS = (
@@ -56,8 +56,8 @@ def _said(body: EstimatedBody, name: str, place: slice) -> str:
     if all(value is None for value in values):
         return f"{name} not identifiable"
     texts = []
-    for value, deviation in zip(values, deviations, strict=True):
-        shown = number(scaled(value, factor), scaled(deviation, factor))
+    for value, sigma in zip(values, deviations, strict=True):
+        shown = number(scaled(value, factor), scaled(sigma, factor))
         texts.append("not identifiable" if value is None else shown)
     return f"{name} {texts[0]} {unit}" if len(texts) == 1 else f"{name} ({', '.join(texts)}) {unit}"
 
@@ -77,7 +77,8 @@ def result(summary: Summary) -> Section:
     remarks = tuple(_remarks(summary.best, weighed=not _of_best(summary)))
     if remarks:
         blocks.append(Statements(remarks))
-    blocks += [grid_of(table) for table in summary.runs]
+    if summary.runs:
+        blocks.append(Fold("Each run alone", tuple(map(grid_of, summary.runs))))
     return Section("result", "Result", tuple(blocks))
 
 
@@ -120,20 +121,22 @@ def grid_of(table: ParameterTable) -> Grid:
     columns = []
     for column in table.columns:
         deviations = column.deviations
-        if deviations is None:
-            columns.append(ParameterTexts(column.heading, [short(v, 6) for v in column.values]))
+        if column.heading == ATTAINABLE:
+            columns.append(ParameterTexts(column.heading, [deviation(v) for v in column.values]))
+        elif deviations is None:
+            columns.append(ParameterTexts(column.heading, [figures(v, 6) for v in column.values]))
         else:
             pairs = zip(column.values, deviations, strict=True)
-            texts = [number(value, deviation) for value, deviation in pairs]
+            texts = [number(*pair) for pair in pairs]
             columns.append(ParameterTexts(f"{column.heading} ± 1-sigma", texts))
         if column.errors is not None:
             errors = zip(column.errors, deviations or (None,) * len(LABELS), strict=True)
-            texts = [_error(error, deviation) for error, deviation in errors]
+            texts = [_error(*pair) for pair in errors]
             columns.append(ParameterTexts("error", texts, secondary=True))
     return parameter_grid(table.title, columns)
 
 
-def _error(value: Number, deviation: Number) -> str:
+def _error(value: Number, sigma: Number) -> str:
     """A difference from the truth with the digits that its 1-sigma leaves."""
-    text, _, _ = number(value, deviation, sign=True).partition(" ± ")
+    text, _, _ = number(value, sigma, sign=True).partition(" ± ")
     return text

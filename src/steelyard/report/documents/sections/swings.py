@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from steelyard.digits import number
+from steelyard.digits import fixed, number
 from steelyard.report.blocks.document import Block, Figure, Grid, Section, Statement, Statements
 from steelyard.report.blocks.plot import axes, line
 from steelyard.report.blocks.shown import slug
@@ -50,8 +50,8 @@ def _figure(each: SwingTrack) -> Figure:
         )
         for i, (frequency, _) in enumerate(each.predicted)
     ]
-    seen = ", ".join(f"{frequency:.3f}" for frequency, _ in each.seen) or "none"
-    predicted = ", ".join(f"{frequency:.3f}" for frequency, _ in each.predicted) or "none"
+    seen = ", ".join(fixed(frequency, 3) for frequency, _ in each.seen) or "none"
+    predicted = ", ".join(fixed(frequency, 3) for frequency, _ in each.predicted) or "none"
     text = (
         f"Spectrum of the motion in run {each.run}, amplitude over frequency; seen at {seen} Hz,"
         f" predicted at {predicted} Hz (dashed)."

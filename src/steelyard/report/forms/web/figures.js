@@ -100,8 +100,40 @@ function describe(plot) {
 }
 
 function redraw() {
-  drawn.forEach((_, plot) => draw(plot));
+  drawn.forEach((_, plot) => {
+    if (plot.clientWidth) draw(plot);
+    else {
+      // What is not seen now is drawn when it is, in the colours of then.
+      Plotly.purge(plot);
+      drawn.delete(plot);
+      watch.observe(plot);
+    }
+  });
 }
+
+// One run at a time: what is chosen in one place holds wherever there is something of that run.
+function choose(name) {
+  document.querySelectorAll(".choice").forEach((choice) => {
+    const options = [...choice.querySelectorAll(":scope > .option")];
+    const chosen = options.find((option) => option.dataset.option === name);
+    if (!chosen) return;
+    options.forEach((option) => { option.hidden = option !== chosen; });
+    choice.querySelector(":scope > .chooser select").value = name;
+  });
+}
+
+document.querySelectorAll(".choice").forEach((choice) => {
+  const options = choice.querySelectorAll(":scope > .option");
+  const chooser = choice.querySelector(":scope > .chooser");
+  options.forEach((option, i) => { option.hidden = i > 0; });
+  chooser.hidden = options.length < 2;
+  chooser.querySelector("select").addEventListener("change", (event) => {
+    const before = choice.getBoundingClientRect().top;
+    choose(event.target.value);
+    // Others above may be longer or shorter now: this one stays where it is looked at.
+    scrollBy(0, choice.getBoundingClientRect().top - before);
+  });
+});
 
 const plots = document.querySelectorAll(".plot");
 const watch = new IntersectionObserver(
@@ -112,7 +144,11 @@ plots.forEach((plot) => watch.observe(plot));
 darkness.addEventListener("change", redraw);
 addEventListener("beforeprint", () => {
   root.classList.add("printing");
-  plots.forEach((plot) => { watch.unobserve(plot); draw(plot); });
+  plots.forEach((plot) => {
+    if (!plot.clientWidth) return; // of another run, or folded away
+    watch.unobserve(plot);
+    draw(plot);
+  });
 });
 addEventListener("afterprint", () => {
   root.classList.remove("printing");

@@ -1,0 +1,146 @@
+"""Whole screens as a terminal shows them, against recorded ones; STEELYARD_RECORD_SCREENS=yes
+records them anew, to be looked at before they are committed.
+"""
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from steelyard.report.documents.identification import brief_of
+from steelyard.report.evidence.summary import (
+    ATTAINABLE,
+    ParameterColumn,
+    ParameterTable,
+    Summary,
+)
+from steelyard.report.evidence.values import EstimatedBody, Evidence, Made
+from steelyard.report.forms import terminal
+
+SCREENS = Path(__file__).parent / "screens"
+TRUTH = (161.058, -1.0, -77.0, -118.0, 94.955, 88.859, 31.635, 4.136, -0.085, -0.393)
+SIGMA = (0.382, 1.66, 1.26, 2.26, 0.48, 0.602, 0.597, 0.397, 0.37, 0.286)
+METHODS = (
+    "maximum-likelihood",
+    "two-step",
+    "least-squares",
+    "instrumental-variables",
+    "consistent",
+    "recursive",
+)
+
+
+def column(name, place):
+    errors = [(-1.0) ** (i + place) * s * (0.3 + 0.4 * place) for i, s in enumerate(SIGMA)]
+    errors[7] = -0.001  # rounds to nothing
+    wide = [s * (1 + place) for s in SIGMA]
+    values = [t + e for t, e in zip(TRUTH, errors, strict=True)]
+    return ParameterColumn(name, tuple(values), tuple(wide), tuple(errors))
+
+
+def body(name):
+    covariance = np.diag(np.square(np.array(SIGMA) / [1, *[1e3] * 3, *[1] * 6]))
+    value = np.array(TRUTH) / [1, *[1e3] * 3, *[1] * 6]
+    return EstimatedBody(
+        name, name, tuple(value), tuple(map(tuple, covariance.tolist())), ("data",) * 10, True, ()
+    )
+
+
+def summary(count):
+    names = METHODS[:count]
+    columns = [column(name, i) for i, name in enumerate(names)]
+    columns[1:1] = [
+        ParameterColumn("nominal = truth", TRUTH, None),
+        ParameterColumn(ATTAINABLE, SIGMA, None),
+    ]
+    runs = [ParameterColumn(f"run-{i}", TRUTH, tuple(5 * s for s in SIGMA)) for i in range(8)]
+    return Summary(
+        table=ParameterTable("CoGiRo, 20 s on all six axes", tuple(columns)),
+        runs=(ParameterTable("two-step, each run alone", tuple(runs)),),
+        statements=(
+            *(f"{name}: accepted" for name in names),
+            "two-step: its 1-sigma comes from the residuals; it does not contain cables.offset,"
+            " imu.misalignment, imu.gyro_bias, the weight of the cables",
+        ),
+        result=names[0],
+        bodies=tuple(map(body, names)),
+        nominal=TRUTH,
+        truth=TRUTH,
+        attainable=SIGMA,
+        per_mass=None,
+        evidence=Evidence(),
+        made=Made((("steelyard", "1"),), ()),
+    )
+
+
+def shown(monkeypatch, capsys, width, environment, count, *, encoding="utf-8", details=False):
+    for name in ("NO_COLOR", "FORCE_COLOR", "COLORTERM", "TERM"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(Console, "encoding", property(lambda _: encoding))
+    monkeypatch.setattr(
+        terminal, "Console", lambda **given: Console(force_terminal=True, width=width, **given)
+    )
+    terminal.show(brief_of(summary(count), details=details))
+    return capsys.readouterr().out
+
+
+COLOUR = {"TERM": "xterm-256color"}
+PLAIN = {**COLOUR, "NO_COLOR": "1"}
+CASES = {
+    "two-methods-80": (80, {"TERM": "dumb"}, 2, {}),
+    "two-methods-100": (100, {"TERM": "dumb"}, 2, {}),
+    "six-methods-80": (80, {"TERM": "dumb"}, 6, {}),
+    "six-methods-160": (160, {"TERM": "dumb"}, 6, {}),
+    "details-80": (80, {"TERM": "dumb"}, 2, {"details": True}),
+    "ascii-80": (80, {"TERM": "dumb"}, 2, {"encoding": "ascii"}),
+    "colour-80": (80, COLOUR, 2, {}),
+    "no-colour-80": (80, PLAIN, 2, {}),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_screen_is_the_recorded_one(monkeypatch, capsys, name):
+    width, environment, count, further = CASES[name]
+    out = shown(monkeypatch, capsys, width, environment, count, **further)
+    path = SCREENS / f"{name}.txt"
+    if os.environ.get("STEELYARD_RECORD_SCREENS"):
+        path.write_text(out, encoding="utf-8")
+    assert out == path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_no_screen_has_cut_numbers(name):
+    text = (SCREENS / f"{name}.txt").read_text(encoding="utf-8")
+    assert "…" not in text
+    for cell in text.split():
+        assert cell not in {"-0", "+0", "-0.0", "-0.00", "5e+03"}
+    if name != "colour-80":
+        assert "\x1b[3" not in text
+        assert max(map(len, stripped(text).splitlines())) <= CASES[name][0]
+
+
+def test_colours_say_nothing_that_words_do_not():
+    coloured, plain = (
+        (SCREENS / f"{name}-80.txt").read_text(encoding="utf-8") for name in ("colour", "no-colour")
+    )
+    assert "\x1b[32m" in coloured
+    assert stripped(coloured) == stripped(plain)
+
+
+def stripped(text):
+    return re.sub(r"\x1b\[[0-9;]*m", "", text)
+
+
+def test_runs_are_shown_on_request_and_it_is_said_how():
+    brief, detailed = (
+        (SCREENS / f"{name}-80.txt").read_text(encoding="utf-8")
+        for name in ("two-methods", "details")
+    )
+    assert "--details shows it" in brief
+    assert "run-7" not in brief
+    assert "run-7" in detailed
