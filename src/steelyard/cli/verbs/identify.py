@@ -11,8 +11,10 @@ import click
 
 from steelyard.cli.options import (
     check_there,
+    checked_day,
     common,
     experiment_argument,
+    facts_options,
     force_option,
     out_option,
     runs_option,
@@ -95,6 +97,7 @@ NOT_ACCEPTED = 3
 )
 @force_option()
 @click.option("--details", is_flag=True, help="Print what each run says alone, too.")
+@facts_options
 @common
 def identify(
     experiment: Path,
@@ -110,6 +113,9 @@ def identify(
     out: Path | None,
     force: bool,
     details: bool,
+    project: str | None,
+    operator: str | None,
+    date: str | None,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -127,6 +133,7 @@ def identify(
     from steelyard.report.evidence.summary import summarise
     from steelyard.report.write import write_identification
 
+    facts = {"project": project, "operator": operator, "date": checked_day(date)}
     regions = _regions(box, ellipsoid)
     with_options: tuple[TwoStep | Consistent | MaximumLikelihood, ...] = (
         TwoStep(acceleration=acceleration, combine=combine),
@@ -158,7 +165,7 @@ def identify(
                 "towards-nominal": towards_nominal,
             }
         )
-        summary = summarise(found, truth, made=made_of(recorded, options))
+        summary = summarise(found, truth, made=made_of(recorded, options, facts))
         with results_folder(out, force=force) as folder:
             write_identification(found, summary, folder)
     print_result(found.to_dict(), brief_of(summary, details=details), as_json=as_json)

@@ -6,7 +6,7 @@ All text is as people read it; the forms escape it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -54,6 +54,15 @@ class Grid:
 
 
 @dataclass(frozen=True, eq=False)
+class Narrow:
+    """What is different about a picture in a narrow window."""
+
+    layout: Mapping[str, Any]
+    height: int
+    """[px]"""
+
+
+@dataclass(frozen=True, eq=False)
 class Figure:
     """A picture for Plotly."""
 
@@ -69,6 +78,8 @@ class Figure:
     """Axes and their titles; colours, fonts and margins belong to the page."""
     height: int = 360
     """[px]"""
+    narrow: Narrow | None = None
+    """None: the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +129,13 @@ class Choice:
 
 
 Block: TypeAlias = "Statements | Grid | Figure | Scene | Fold | Choice"
+
+
+def by_choice(label: str, options: Sequence[tuple[str, tuple[Block, ...]]]) -> list[Block]:
+    """Blocks of one run as they are, those of several as a choice."""
+    if len(options) < 2:
+        return [block for _, blocks in options for block in blocks]
+    return [Choice(label, tuple(options))]
 
 
 def flat(blocks: Iterable[Block]) -> list[Block]:

@@ -29,7 +29,7 @@ def certificate_of(summary: Summary) -> Document:
         sections.append(Section("reference", "Check against reference", tuple(_checked(summary))))
     sections.append(Section("made", "Provenance", (Statements(tuple(_made(summary))),)))
     title = f"Certificate: {summary.table.title}"
-    return Document(title, lead(summary), tuple(sections), one_page=True)
+    return Document(title, lead(summary), tuple(sections), one_page=True, facts=summary.made.facts)
 
 
 def _result(summary: Summary) -> Iterator[Block]:

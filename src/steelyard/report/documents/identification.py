@@ -36,9 +36,8 @@ SECTIONS = (
 def document_of(summary: Summary) -> Document:
     """The report as values."""
     found = (section(summary) for section in SECTIONS)
-    return Document(
-        summary.table.title, lead(summary), tuple(each for each in found if each is not None)
-    )
+    sections = tuple(each for each in found if each is not None)
+    return Document(summary.table.title, lead(summary), sections, facts=summary.made.facts)
 
 
 def brief_of(summary: Summary, *, details: bool = False) -> Document:

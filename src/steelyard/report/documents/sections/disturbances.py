@@ -16,6 +16,7 @@ from steelyard.report.blocks.document import (
     Section,
     Statement,
     Statements,
+    by_choice,
 )
 from steelyard.report.blocks.plot import axes, line
 from steelyard.report.blocks.shown import Unit, scaled, shown_unit, slug, words
@@ -47,7 +48,10 @@ def disturbances(summary: Summary) -> Section | None:
         )
         blocks.append(Statements((Statement(text, "note"),)))
     blocks.append(_table(found))
-    blocks += [_figure(each) for each in found]
+    runs = dict.fromkeys(each.run for each in found)
+    blocks += by_choice(
+        "Run", [(run, tuple(_figure(each) for each in found if each.run == run)) for run in runs]
+    )
     return Section("disturbances", "What the model does not know", tuple(blocks))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from steelyard.digits import LABELS
-from steelyard.report.blocks.document import Figure
+from steelyard.report.blocks.document import Figure, Narrow
 from steelyard.report.blocks.plot import line, points
 from steelyard.report.blocks.shown import deviations_of, line_colour, scaled
 from steelyard.report.evidence.summary import Summary
@@ -17,23 +17,30 @@ COVERED = 1.96
 _WIDEST = 8.0
 """Intervals of other methods are shown up to so many times the best one; wider ones run out of the
 picture."""
-_ROWS = 5
-"""Panels above each other, in two columns."""
-_ROW, _ENTRY, _MARGINS = 118, 18, 90
-"""Height of a row of panels, of an entry of the legend, which has a line of its own where the
-window is narrow, and of what is beside them [px]."""
+_COLUMNS = 2
+"""Of panels, where the window is wide."""
+_LEFT = (0.0, 0.62)
+"""Where they begin, as parts of the width: before each there is room for the names of its rows."""
+_WIDE = 0.38
+"""Of one, likewise."""
+_LINE, _TITLE, _TICKS = 17, 22, 30
+"""Heights of a row of a panel, of its title, and of what is below it [px]."""
+_TOP, _BOTTOM = 34, 8
+"""Margins [px]; the legend is at the top."""
+_ATTAINABLE = "smallest possible"
 
 
 def intervals(summary: Summary) -> Figure:
     """95 % intervals against nominal, truth and the smallest possible ones."""
     bodies = [body for body in summary.bodies if any(v is not None for v in body.value)]
-    lines = len(bodies) + (summary.attainable is not None)
-    legend = {"orientation": "h", "y": 1.06, "yanchor": "bottom"}
-    layout: dict[str, Any] = {"annotations": [], "legend": legend}
+    names = [body.name for body in bodies]
+    if summary.attainable is not None:
+        names.append(_ATTAINABLE)
     data: list[dict[str, Any]] = []
     for i in range(len(LABELS)):
-        _lay_out(layout, summary, bodies, i, lines)
-        data += _panel(summary, bodies, i, lines)
+        data += _panel(summary, bodies, i, len(names))
+    wide = _layout(summary, bodies, names, _COLUMNS)
+    narrow = _layout(summary, bodies, names, 1)
     text = (
         "95 % intervals of the ten parameters by every method, against nominal, truth and the"
         " smallest possible where known; lines that run out of the picture are wider. The numbers"
@@ -44,35 +51,70 @@ def intervals(summary: Summary) -> Figure:
         "The ten parameters with their 95 % intervals",
         text,
         tuple(data),
-        layout,
-        height=_ROW * _ROWS + _MARGINS + _ENTRY * (lines + 2),
+        wide,
+        height=_height(len(names), _COLUMNS),
+        narrow=Narrow(narrow, _height(len(names), 1)),
     )
+
+
+def _height(lines: int, columns: int) -> int:
+    """Of the whole picture [px]."""
+    return len(LABELS) // columns * (_TITLE + _LINE * lines + _TICKS) + _TOP + _BOTTOM
+
+
+def _layout(
+    summary: Summary, bodies: Sequence[EstimatedBody], names: Sequence[str], columns: int
+) -> dict[str, Any]:
+    """Panels in so many columns, each with the names of its rows."""
+    layout: dict[str, Any] = {
+        "annotations": [],
+        "legend": {
+            "orientation": "h",
+            "xref": "container",
+            "x": 0,
+            "yref": "container",
+            "y": 1,
+            "yanchor": "top",
+        },
+        "margin": {"t": _TOP, "b": _BOTTOM},
+    }
+    for i in range(len(LABELS)):
+        _lay_out(layout, summary, bodies, names, i, columns)
+    return layout
 
 
 def _lay_out(
     layout: dict[str, Any],
     summary: Summary,
     bodies: Sequence[EstimatedBody],
+    names: Sequence[str],
     i: int,
-    lines: int,
+    columns: int,
 ) -> None:
     """Add axes and title of the panel of a parameter."""
     label, unit, factor = LABELS[i]
-    suffix = _suffix(i)
-    left, top = 0.54 * (i // _ROWS), 1 - i % _ROWS / _ROWS
+    suffix, lines = _suffix(i), len(names)
+    rows = len(LABELS) // columns
+    left, width = (_LEFT[i // rows], _WIDE) if columns > 1 else (0.0, 1.0)
+    pixel = 1 / (rows * (_TITLE + _LINE * lines + _TICKS))
+    top = 1 - i % rows / rows
     identifiable = any(body.value[i] is not None for body in bodies)
     layout[f"xaxis{suffix}"] = {
         "visible": identifiable,
-        "domain": [left, left + 0.46],
+        "domain": [left, left + width],
         "anchor": f"y{suffix}",
         "nticks": 5,
         "range": _range(summary, bodies, i, factor),
     }
     layout[f"yaxis{suffix}"] = {
-        "domain": [top - 0.125, top - 0.02],
+        "domain": [top - (_TITLE + _LINE * lines) * pixel, top - _TITLE * pixel],
         "anchor": f"x{suffix}",
         "range": [-0.7, lines - 0.3],
-        "showticklabels": False,
+        "tickmode": "array",
+        "tickvals": list(range(lines - 1, -1, -1)),
+        "ticktext": list(names),
+        "tickfont": {"size": 11},
+        "ticks": "",
         "visible": identifiable,
         "zeroline": False,
         "showgrid": False,
@@ -80,7 +122,7 @@ def _lay_out(
     title = {
         "text": f"{label} [{unit}]" if identifiable else f"{label}: not identifiable",
         "x": left,
-        "y": top - 0.02,
+        "y": top - _TITLE * pixel,
         "xref": "paper",
         "yref": "paper",
         "showarrow": False,
@@ -101,7 +143,7 @@ def _panel(
     if summary.attainable is not None:
         best = scaled(summary.best.value[i], factor)
         attainable = None if best is None else scaled(summary.attainable[i], factor)
-        yield _interval("smallest possible", "var(--muted)", best, attainable, 0, i)
+        yield _interval(_ATTAINABLE, "var(--muted)", best, attainable, 0, i)
     for name, given, dash in (
         ("nominal", summary.nominal, "dot"),
         ("truth", summary.truth, "solid"),
@@ -138,20 +180,28 @@ def _interval(
     bar = {"type": "data", "array": [COVERED * (deviation or 0.0)], "color": colour}
     error = {**bar, "thickness": 2, "width": 5}
     return points(
-        name, [value], [y], {"size": 8, "color": colour}, error_x=error, **_placed(name, i)
+        name,
+        [value],
+        [y],
+        {"size": 8, "color": colour},
+        error_x=error,
+        **_placed(name, i),
+        showlegend=False,
     )
 
 
 def _line(name: str, value: Number, dash: str, lines: int, i: int) -> dict[str, Any]:
     """A line across all rows of the i-th panel."""
     style = {"dash": dash, "width": 1.5, "color": "var(--ink)"}
-    return line(name, [value, value], [-0.6, lines - 0.4], style, **_placed(name, i))
+    return line(
+        name, [value, value], [-0.6, lines - 0.4], style, **_placed(name, i), showlegend=i == 0
+    )
 
 
 def _placed(name: str, i: int) -> dict[str, Any]:
-    """The i-th panel; in the legend each name stands once."""
+    """The i-th panel."""
     axes = {"xaxis": f"x{_suffix(i)}", "yaxis": f"y{_suffix(i)}"}
-    return {"legendgroup": name, "showlegend": i == 0, **axes}
+    return {"legendgroup": name, **axes}
 
 
 def _suffix(i: int) -> str:

@@ -4,14 +4,22 @@ their spectra.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from steelyard.digits import figures, fixed
 from steelyard.identification.residuals import PLATFORM
-from steelyard.report.blocks.document import Block, Figure, Grid, Section, Statement, Statements
+from steelyard.report.blocks.document import (
+    Block,
+    Figure,
+    Grid,
+    Section,
+    Statement,
+    Statements,
+    by_choice,
+)
 from steelyard.report.blocks.plot import axes, line, points
 from steelyard.report.blocks.shown import Unit, line_colour, scaled, shown_unit, slug, words
 from steelyard.report.evidence.summary import Summary
@@ -37,7 +45,7 @@ def wrench(summary: Summary) -> Section | None:
     return Section(
         "wrench",
         "Wrench on the platform",
-        (Statements((Statement(text),)), *map(_figure, traces)),
+        (Statements((Statement(text),)), *_each_run(traces, lambda of: map(_figure, of))),
     )
 
 
@@ -51,12 +59,27 @@ def residuals(summary: Summary) -> Section | None:
     remarks = [*_expected(traces), *_remarks(summary, traces)]
     if remarks:
         blocks.append(Statements(tuple(remarks)))
-    blocks.append(_table(evidence.traces))
     if evidence.noise:
         blocks.append(_noise(summary))
-    blocks += [_figure(each) for each in traces]
-    blocks += list(_spectra(evidence.traces))
+    blocks += _each_run(evidence.traces, _of_run)
     return Section("residuals", "Measurements and residuals", tuple(blocks))
+
+
+def _each_run(
+    traces: Sequence[Trace], drawn: Callable[[Sequence[Trace]], Iterable[Block]]
+) -> list[Block]:
+    """Blocks of every run; of several one is chosen."""
+    runs: dict[str, list[Trace]] = {}
+    for each in traces:
+        runs.setdefault(each.run, []).append(each)
+    return by_choice("Run", [(run, tuple(drawn(of))) for run, of in runs.items()])
+
+
+def _of_run(traces: Sequence[Trace]) -> Iterator[Block]:
+    """What there is to say of one run."""
+    yield _table(traces)
+    yield from (_figure(each) for each in traces if each.instrument != PLATFORM)
+    yield from _spectra(traces)
 
 
 def _expected(traces: Sequence[Trace]) -> Iterator[Statement]:
@@ -110,7 +133,7 @@ def _table(traces: Sequence[Trace]) -> Grid:
     """Sizes of the residuals, a row a quantity."""
     rows = []
     for each in traces:
-        unit = shown_unit(each.unit, each.quantity)
+        unit = shown_unit(each.unit, "error")
         ratio = _ratio(each)
         rows.append(
             (
@@ -144,7 +167,7 @@ def _noise(summary: Summary) -> Grid:
     """Noise as stated, as the fit assumes it, and as estimated from the data."""
     rows = []
     for each in summary.evidence.noise:
-        unit = shown_unit(each.unit, each.quantity)
+        unit = shown_unit(each.unit, "error")
         values = [figures(scaled(v, unit.factor)) for v in (each.stated, each.used, each.found)]
         rows.append((each.instrument, words(each.quantity), unit.name, *values))
     head = ("instrument", "quantity", "unit", "stated", "assumed", "estimated")

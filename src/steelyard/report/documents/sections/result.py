@@ -64,7 +64,9 @@ def _said(body: EstimatedBody, name: str, place: slice) -> str:
 
 def result(summary: Summary) -> Section:
     """The section."""
-    blocks: list[Block] = [Statements(tuple(_verdicts(summary))), grid_of(summary.table)]
+    said = list(_verdicts(summary))
+    verdicts = [each for each in said if _is_verdict(each, summary)]
+    blocks: list[Block] = [Statements(tuple(verdicts)), grid_of(summary.table)]
     blocks += [grid_of(table) for table in summary.loads]
     if summary.per_mass is not None:
         head = ("parameter", "unit", *summary.per_mass.headings)
@@ -74,12 +76,24 @@ def result(summary: Summary) -> Section:
         )
     if any(value is not None for body in summary.bodies for value in body.value):
         blocks.append(intervals(summary))
-    remarks = tuple(_remarks(summary.best, weighed=not _of_best(summary)))
-    if remarks:
-        blocks.append(Statements(remarks))
+    own = tuple(_remarks(summary.best, weighed=not _of_best(summary)))
+    if own:
+        blocks.append(Statements(own))
+    others = tuple(each for each in said if each not in verdicts)
+    if others:
+        count = f"{len(others)} remarks" if len(others) > 1 else "One remark"
+        blocks.append(Fold(count, (Statements(others),)))
     if summary.runs:
         blocks.append(Fold("Each run alone", tuple(map(grid_of, summary.runs))))
     return Section("result", "Result", tuple(blocks))
+
+
+def _is_verdict(said: Statement, summary: Summary) -> bool:
+    """Whether it stands before the numbers: a verdict, or what was predicted of runs left out."""
+    verdicts = ("accepted", "not accepted", "not assessed", "baseline")
+    names = [body.name for body in summary.bodies]
+    rest = next((said.text[len(name) :] for name in names if said.text.startswith(name)), "")
+    return said.tone in {"good", "bad"} or rest.partition(": ")[2].startswith(verdicts)
 
 
 def _remarks(best: EstimatedBody, *, weighed: bool) -> Iterator[Statement]:

@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from steelyard.digits import fixed, number
-from steelyard.report.blocks.document import Block, Figure, Grid, Section, Statement, Statements
+from steelyard.report.blocks.document import (
+    Block,
+    Figure,
+    Grid,
+    Section,
+    Statement,
+    Statements,
+    by_choice,
+)
 from steelyard.report.blocks.plot import axes, line
 from steelyard.report.blocks.shown import slug
 from steelyard.report.evidence.summary import Summary
@@ -19,7 +27,8 @@ def swings(summary: Summary) -> Section | None:
         "Natural frequencies that the recordings show, and those of the estimated body about the"
         " middle of each swing. The larger a swing is, the lower its frequencies are than these."
     )
-    blocks: list[Block] = [Statements((Statement(text),)), _table(found), *map(_figure, found)]
+    blocks: list[Block] = [Statements((Statement(text),)), _table(found)]
+    blocks += by_choice("Run", [(each.run, (_figure(each),)) for each in found])
     return Section("swings", "Natural frequencies", tuple(blocks))
 
 

@@ -1,9 +1,11 @@
 // Draws the pictures of the page when they come into view, in the colours that the style sheet has for the scheme.
 "use strict";
 
+const NARROW = 700; // [px], of a picture that has another layout below
 const PAPER_WIDTH = 660; // [px], of a page of A4 within its margins
 const root = document.documentElement;
 const darkness = matchMedia("(prefers-color-scheme: dark)");
+const PAPER_HEIGHT = 0.72; // of that on a screen
 const drawn = new Map(); // plot -> what it was drawn from
 
 function colour(name) {
@@ -62,13 +64,18 @@ function draw(plot) {
   if (first) {
     const written = JSON.parse(document.getElementById(`${plot.id}-data`).textContent);
     const figure = whole(written, written.arrays);
-    state = { figure, scene: plot.parentElement.classList.contains("scene") ? new Scene(plot, figure) : null };
+    state = { figure, height: plot.clientHeight, scene: plot.parentElement.classList.contains("scene") ? new Scene(plot, figure) : null };
     drawn.set(plot, state);
   }
   const { figure, scene } = state;
   const printing = root.classList.contains("printing");
   let data = dressed(figure.data);
-  let layout = { ...dressed(figure.layout), template: look(), uirevision: "kept", height: plot.clientHeight, autosize: !printing };
+  state.narrow = !printing && plot.clientWidth < NARROW;
+  const narrow = state.narrow && figure.narrow;
+  const height = narrow ? figure.narrow.height : state.height;
+  plot.style.height = `${printing && !scene ? Math.round(PAPER_HEIGHT * height) : height}px`;
+  const own = narrow ? figure.narrow.layout : figure.layout;
+  let layout = { ...dressed(own), template: look(), uirevision: "kept", height: plot.clientHeight, autosize: !printing };
   if (printing) layout.width = PAPER_WIDTH;
   if (scene) {
     layout.margin = { l: 0, r: 0, t: 30, b: 0, ...layout.margin };
@@ -142,6 +149,9 @@ const watch = new IntersectionObserver(
 );
 plots.forEach((plot) => watch.observe(plot));
 darkness.addEventListener("change", redraw);
+addEventListener("resize", () => drawn.forEach((state, plot) => {
+  if (state.figure.narrow && plot.clientWidth && state.narrow !== plot.clientWidth < NARROW) draw(plot);
+}));
 addEventListener("beforeprint", () => {
   root.classList.add("printing");
   plots.forEach((plot) => {
