@@ -16,7 +16,7 @@ from written_summary import METHODS, summary, traces
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.report import pdf
-from steelyard.report.blocks.document import Choice, Fold, Grid, flat
+from steelyard.report.blocks.document import Fold, Grid, OneOf, flat
 from steelyard.report.documents.identification import document_of
 from steelyard.report.documents.sections.intervals import intervals
 from steelyard.report.evidence.made import made_of, with_facts
@@ -46,10 +46,10 @@ def test_remarks_and_runs_are_folded_and_verdicts_are_not():
 
 def test_one_run_at_a_time():
     (section,) = (s for s in document_of(with_runs()).sections if s.name == "residuals")
-    (choice,) = (block for block in section.blocks if isinstance(block, Choice))
+    (choice,) = (block for block in section.blocks if isinstance(block, OneOf))
     assert tuple(name for name, _ in choice.options) == RUNS
     (alone,) = (s for s in document_of(with_runs(RUNS[:1])).sections if s.name == "residuals")
-    assert not any(isinstance(block, Choice) for block in alone.blocks)
+    assert not any(isinstance(block, OneOf) for block in alone.blocks)
     one = [type(block) for block in choice.options[0][1]]
     assert one == [type(block) for block in flat(alone.blocks)][-len(one) :]
 

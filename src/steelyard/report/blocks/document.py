@@ -117,7 +117,7 @@ class Fold:
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class OneOf:
     """Blocks of which a page shows those of one run at a time; all choices of a page that know it
     follow.
     """
@@ -128,14 +128,14 @@ class Choice:
     """Name and blocks of each."""
 
 
-Block: TypeAlias = "Statements | Grid | Figure | Scene | Fold | Choice"
+Block: TypeAlias = "Statements | Grid | Figure | Scene | Fold | OneOf"
 
 
 def by_choice(label: str, options: Sequence[tuple[str, tuple[Block, ...]]]) -> list[Block]:
     """Blocks of one run as they are, those of several as a choice."""
     if len(options) < 2:
         return [block for _, blocks in options for block in blocks]
-    return [Choice(label, tuple(options))]
+    return [OneOf(label, tuple(options))]
 
 
 def flat(blocks: Iterable[Block]) -> list[Block]:
@@ -144,7 +144,7 @@ def flat(blocks: Iterable[Block]) -> list[Block]:
     for block in blocks:
         if isinstance(block, Fold):
             found += flat(block.blocks)
-        elif isinstance(block, Choice):
+        elif isinstance(block, OneOf):
             for _, inner in block.options:
                 found += flat(inner)
         else:

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Iterator
 
 from steelyard.report.blocks.document import (
     Block,
-    Choice,
     Document,
     Figure,
     Fold,
     Grid,
+    OneOf,
     Scene,
     Statements,
 )
@@ -52,7 +52,7 @@ def _block(block: Block) -> Iterator[str]:
             yield from _block(block.figure)
         case Fold(title, blocks):
             yield from _titled(title, blocks)
-        case Choice(label, options):
+        case OneOf(label, options):
             for i, (name, blocks) in enumerate(options):
                 yield from ([""] if i else [])
                 yield from _titled(f"{label} {name}", blocks)
