@@ -121,32 +121,32 @@ def identify(
 ) -> None:
     """Estimate mass, centre of gravity and inertia from the recordings that EXPERIMENT lists."""
     check_there(experiment)
-    from steelyard.experiment.read import read_experiment
-    from steelyard.identification.identify import chosen_methods, default_methods
-    from steelyard.identification.identify import identify as identified
-    from steelyard.identification.methods.consistent import Consistent
-    from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
-    from steelyard.identification.methods.two_step import TwoStep
-    from steelyard.output import check_target, results_folder
-    from steelyard.report.documents.identification import brief_of
-    from steelyard.report.evidence.made import made_of
-    from steelyard.report.evidence.summary import summarise
-    from steelyard.report.write import write_identification
-
-    facts = {"project": project, "operator": operator, "date": checked_day(date)}
-    regions = _regions(box, ellipsoid)
-    with_options: tuple[TwoStep | Consistent | MaximumLikelihood, ...] = (
-        TwoStep(acceleration=acceleration, combine=combine),
-        Consistent(regions=regions, towards_nominal=towards_nominal),
-        MaximumLikelihood(regions=regions, towards_nominal=towards_nominal),
-    )
-    ready: dict[str, Any] = {method.name: method for method in with_options}
-    # A name that is wrong is said before anything is read.
-    chosen_methods(methods, ready)
-    if out is not None:
-        check_target(out, force=force)
-    recorded = selected(read_experiment(experiment), runs).without(*without)
     with progress(quiet=quiet) as tell:
+        from steelyard.experiment.read import read_experiment
+        from steelyard.identification.identify import chosen_methods, default_methods
+        from steelyard.identification.identify import identify as identified
+        from steelyard.identification.methods.consistent import Consistent
+        from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+        from steelyard.identification.methods.two_step import TwoStep
+        from steelyard.output import check_target, results_folder
+        from steelyard.report.documents.identification import brief_of
+        from steelyard.report.evidence.made import made_of
+        from steelyard.report.evidence.summary import summarise
+        from steelyard.report.write import write_identification
+
+        facts = {"project": project, "operator": operator, "date": checked_day(date)}
+        regions = _regions(box, ellipsoid)
+        with_options: tuple[TwoStep | Consistent | MaximumLikelihood, ...] = (
+            TwoStep(acceleration=acceleration, combine=combine),
+            Consistent(regions=regions, towards_nominal=towards_nominal),
+            MaximumLikelihood(regions=regions, towards_nominal=towards_nominal),
+        )
+        ready: dict[str, Any] = {method.name: method for method in with_options}
+        # A name that is wrong is said before anything is read.
+        chosen_methods(methods, ready)
+        if out is not None:
+            check_target(out, force=force)
+        recorded = selected(read_experiment(experiment), runs).without(*without)
         found = identified(recorded, methods, tell, holdout=holdout, ready=ready)
     truth = known_truth(experiment.parent)
     if out is None:
