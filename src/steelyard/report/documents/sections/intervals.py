@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from steelyard.digits import LABELS
@@ -10,7 +11,7 @@ from steelyard.report.blocks.document import Figure, Narrow
 from steelyard.report.blocks.plot import line, points
 from steelyard.report.blocks.shown import deviations_of, line_colour, scaled
 from steelyard.report.evidence.summary import Summary
-from steelyard.report.evidence.values import EstimatedBody, Number
+from steelyard.report.evidence.values import EstimatedBody, Number, Ten
 
 COVERED = 1.96
 """Of a normal distribution: 95 % within so many 1-sigma."""
@@ -30,17 +31,37 @@ _TOP, _BOTTOM = 34, 8
 _ATTAINABLE = "smallest possible"
 
 
+@dataclass(frozen=True)
+class SideBySide:
+    """Estimates and what they are held against, SI."""
+
+    bodies: tuple[EstimatedBody, ...]
+    best: EstimatedBody
+    """Whose interval decides how much a panel shows."""
+    attainable: Ten | None = None
+    """The smallest 1-sigma that any method could have."""
+    nominal: Ten | None = None
+    truth: Ten | None = None
+
+
 def intervals(summary: Summary) -> Figure:
     """95 % intervals against nominal, truth and the smallest possible ones."""
-    bodies = [body for body in summary.bodies if any(v is not None for v in body.value)]
+    return intervals_of(
+        SideBySide(summary.bodies, summary.best, summary.attainable, summary.nominal, summary.truth)
+    )
+
+
+def intervals_of(compared: SideBySide) -> Figure:
+    """95 % intervals of estimates, a panel a parameter and a row an estimate."""
+    bodies = [body for body in compared.bodies if any(v is not None for v in body.value)]
     names = [body.name for body in bodies]
-    if summary.attainable is not None:
+    if compared.attainable is not None:
         names.append(_ATTAINABLE)
     data: list[dict[str, Any]] = []
     for i in range(len(LABELS)):
-        data += _panel(summary, bodies, i, len(names))
-    wide = _layout(summary, bodies, names, _COLUMNS)
-    narrow = _layout(summary, bodies, names, 1)
+        data += _panel(compared, bodies, i, len(names))
+    wide = _layout(compared, bodies, names, _COLUMNS)
+    narrow = _layout(compared, bodies, names, 1)
     text = (
         "95 % intervals of the ten parameters by every method, against nominal, truth and the"
         " smallest possible where known; lines that run out of the picture are wider. The numbers"
@@ -63,7 +84,7 @@ def _height(lines: int, columns: int) -> int:
 
 
 def _layout(
-    summary: Summary, bodies: Sequence[EstimatedBody], names: Sequence[str], columns: int
+    compared: SideBySide, bodies: Sequence[EstimatedBody], names: Sequence[str], columns: int
 ) -> dict[str, Any]:
     """Panels in so many columns, each with the names of its rows."""
     layout: dict[str, Any] = {
@@ -79,13 +100,13 @@ def _layout(
         "margin": {"t": _TOP, "b": _BOTTOM},
     }
     for i in range(len(LABELS)):
-        _lay_out(layout, summary, bodies, names, i, columns)
+        _lay_out(layout, compared, bodies, names, i, columns)
     return layout
 
 
 def _lay_out(
     layout: dict[str, Any],
-    summary: Summary,
+    compared: SideBySide,
     bodies: Sequence[EstimatedBody],
     names: Sequence[str],
     i: int,
@@ -104,7 +125,7 @@ def _lay_out(
         "domain": [left, left + width],
         "anchor": f"y{suffix}",
         "nticks": 5,
-        "range": _range(summary, bodies, i, factor),
+        "range": _range(compared, bodies, i, factor),
     }
     layout[f"yaxis{suffix}"] = {
         "domain": [top - (_TITLE + _LINE * lines) * pixel, top - _TITLE * pixel],
@@ -133,35 +154,35 @@ def _lay_out(
 
 
 def _panel(
-    summary: Summary, bodies: Sequence[EstimatedBody], i: int, lines: int
+    compared: SideBySide, bodies: Sequence[EstimatedBody], i: int, lines: int
 ) -> Iterator[dict[str, Any]]:
     """What the panel of a parameter shows, the first method at the top."""
     factor = LABELS[i][2]
     for j, body in enumerate(bodies):
         value, deviation = scaled(body.value[i], factor), scaled(deviations_of(body)[i], factor)
         yield _interval(body.name, line_colour(j), value, deviation, lines - 1 - j, i)
-    if summary.attainable is not None:
-        best = scaled(summary.best.value[i], factor)
-        attainable = None if best is None else scaled(summary.attainable[i], factor)
+    if compared.attainable is not None:
+        best = scaled(compared.best.value[i], factor)
+        attainable = None if best is None else scaled(compared.attainable[i], factor)
         yield _interval(_ATTAINABLE, "var(--muted)", best, attainable, 0, i)
     for name, given, dash in (
-        ("nominal", summary.nominal, "dot"),
-        ("truth", summary.truth, "solid"),
+        ("nominal", compared.nominal, "dot"),
+        ("truth", compared.truth, "solid"),
     ):
         if given is not None:
             yield _line(name, scaled(given[i], factor), dash, lines, i)
 
 
 def _range(
-    summary: Summary, bodies: Sequence[EstimatedBody], i: int, factor: float
+    compared: SideBySide, bodies: Sequence[EstimatedBody], i: int, factor: float
 ) -> list[float] | None:
     """What a panel shows: the best interval well, others as far as that allows; None: all there
     is.
     """
-    centre, sigma = summary.best.value[i], deviations_of(summary.best)[i]
+    centre, sigma = compared.best.value[i], deviations_of(compared.best)[i]
     if centre is None or not sigma:
         return None
-    given = [ten[i] for ten in (summary.nominal, summary.truth) if ten is not None]
+    given = [ten[i] for ten in (compared.nominal, compared.truth) if ten is not None]
     known = [abs(value - centre) for value in given if value is not None]
     others = [0.0]
     for body in bodies:
