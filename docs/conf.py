@@ -34,7 +34,7 @@ suppress_warnings = [
     "toc.empty_glob",
 ]
 
-myst_enable_extensions = ["dollarmath", "tasklist"]
+myst_enable_extensions = ["deflist", "dollarmath", "tasklist"]
 myst_heading_anchors = 3
 
 # What is copied of a session are its commands, without prompts and what they print.

@@ -33,6 +33,17 @@ def test_intervals_are_those_of_the_estimates():
         assert marks[each.name]["error_x"]["array"] == [pytest.approx(1.96 * sigma)]
 
 
+def test_estimates_that_are_far_apart_are_both_seen():
+    far = [NamedEstimate(n, estimate_of(TEN * f)) for n, f in (("a", 1.0), ("b", 40.0))]
+    figure = comparison_page(compare(far)).sections[0].blocks[0]
+    for layout in (figure.layout, figure.narrow.layout):
+        for each in figure.data:
+            low, high = layout["xaxis" + each["xaxis"][1:]]["range"]
+            (value,), (reach,) = each["x"], each["error_x"]["array"]
+            assert low <= value - reach
+            assert value + reach <= high
+
+
 def test_the_page_is_written_whole_and_nothing_is_replaced(run, files):
     out = files / "out"
     status, printed, err = run("compare", files / "before", files / "after", "--out", out, "--json")

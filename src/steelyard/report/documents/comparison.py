@@ -48,7 +48,7 @@ def comparison_page(comparison: Comparison, *, fail_above: float | None = None) 
     blocks: list[Block] = []
     known = [body for body in bodies if any(value is not None for value in body.value)]
     if known:
-        blocks.append(intervals_of(SideBySide(bodies, known[0])))
+        blocks.append(intervals_of(SideBySide(bodies, known[0], whole=True)))
     blocks.append(parameter_grid("value ± 1-sigma", [_column(e) for e in comparison.estimates]))
     section = Section("values", "Side by side", tuple(blocks))
     return replace(document, sections=(section, *document.sections))

@@ -42,6 +42,8 @@ class SideBySide:
     """The smallest 1-sigma that any method could have."""
     nominal: Ten | None = None
     truth: Ten | None = None
+    whole: bool = False
+    """Whether all of every interval is shown, however wide others are than the best one."""
 
 
 def intervals(summary: Summary) -> Figure:
@@ -190,7 +192,8 @@ def _range(
         if value is not None:
             others.append(abs(value - centre) + COVERED * (deviation or 0.0))
     best = COVERED * sigma
-    reach = 1.1 * max(1.5 * best, *known, min(max(others), _WIDEST * best))
+    farthest = max(others) if compared.whole else min(max(others), _WIDEST * best)
+    reach = 1.1 * max(1.5 * best, *known, farthest)
     return [(centre - reach) * factor, (centre + reach) * factor]
 
 
