@@ -23,6 +23,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_copybutton",
     "citations",
+    "gallery",
     "generated",
     "mathml",
     "shell",

@@ -333,3 +333,14 @@ def test_troubleshooting_quotes_what_the_program_says():
             for piece in filter(None, (p.strip(" %:") for p in re.split(r"…%?", part))):
                 if len(piece) > 6:
                     assert piece in source, piece
+
+
+def test_the_gallery_shows_what_the_build_makes():
+    import gallery
+
+    text = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    shown = re.findall(r'<iframe [^>]*src="gallery/([^"]+)"', text)
+    assert shown == list(gallery.PAGES)
+    for command in gallery.COMMANDS:
+        assert f"steelyard {command[0]}" in text
+        assert command[0] in app.list_commands(click.Context(app))
