@@ -53,6 +53,8 @@ AVAILABLE: dict[str, Callable[[], Method]] = {
     "maximum-likelihood": MaximumLikelihood,
 }
 """Methods of this version by name, with their default settings."""
+_QUICK = 0.1
+"""How long clocks, a baseline or what is drawn from a fit that is there take, in units of a fit."""
 ALL = "all"
 """Stands for every one of them."""
 
@@ -234,18 +236,19 @@ def identify(
                 f"--holdout: expected one of {', '.join(names)}, found '{name}'; choose one of"
                 " these"
             )
-    found = synchronise(experiment, progress)
+    clocks, held_out, *each = _shares(progress, chosen, holdout=bool(holdout))
+    found = synchronise(experiment, clocks)
     experiment = found.experiment
-    predictions = predict_held_out(experiment, frozenset(holdout), progress) if holdout else ()
+    predictions = predict_held_out(experiment, frozenset(holdout), held_out) if holdout else ()
     used = replace(
         experiment, runs=tuple(run for run in experiment.runs if run.name not in holdout)
     )
     estimates: list[Estimate] = []
     posteriors: dict[Fit, Posterior] = {}
     baseline: InputError | None = None
-    for method in chosen:
+    for method, share in zip(chosen, each, strict=True):
         try:
-            estimates.append(_estimate(method, used, posteriors, progress))
+            estimates.append(_estimate(method, used, posteriors, share))
         except NoBalanceError as error:
             estimates.append(no_estimate(method.name, str(error)))
         except InputError as error:
@@ -279,6 +282,29 @@ def identify(
         used,
         posterior,
     )
+
+
+def _shares(progress: Progress, methods: Sequence[Method], *, holdout: bool) -> list[Progress]:
+    """Progress of the clocks, of runs left out and of each method, as fractions of the whole: fits
+    take about as long as each other, all else little.
+    """
+    fitted: list[Fit | None] = []
+    weights = [_QUICK, 1.0 if holdout else 0.0]
+    for method in methods:
+        known = method.fit is not None and method.fit in fitted
+        weights.append(_QUICK if known or method.is_baseline else 1.0)
+        fitted.append(method.fit)
+    whole, shares = sum(weights), []
+    for i, weight in enumerate(weights):
+        shares.append(_share(progress, sum(weights[:i]) / whole, weight / whole))
+    return shares
+
+
+def _share(progress: Progress, before: float, share: float) -> Progress:
+    """Progress of a part of the whole."""
+    if progress is None:
+        return None
+    return lambda what, done: progress(what, before + share * min(1.0, done))
 
 
 def _best(estimates: Mapping[str, Estimate]) -> str:

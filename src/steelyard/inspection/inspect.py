@@ -218,7 +218,11 @@ def inspect(
         experiment=experiment,
         streams=reports,
         delays=tuple(delays),
-        agreements=tuple((j.excerpt.run.name, a) for j in described for a in j.agreements.values()),
+        agreements=tuple(
+            (j.excerpt.run.name, replace(a, time=j.excerpt.time))
+            for j in described
+            for a in j.agreements.values()
+        ),
         mistakes=named,
         runs_of=runs_of,
         contacts=tuple(sorted(contacts, key=lambda c: (c.run, c.start))),

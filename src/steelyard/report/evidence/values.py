@@ -282,6 +282,8 @@ class Made:
     options: tuple[tuple[str, str], ...]
     """What was asked for."""
     inputs: tuple[Input, ...] = ()
+    facts: tuple[tuple[str, str], ...] = ()
+    """What stands under the title: project, operator, day of the recording."""
 
 
 @dataclass(frozen=True)

@@ -31,15 +31,15 @@ def init(
 
     LOG is a file of any format, or a folder with files in it or one level below.
     """
-    from steelyard.drafts.draft import draft
-    from steelyard.experiment.read import read_experiment
-    from steelyard.output import check_file_target, results_file
-    from steelyard.report.documents.draft import draft_document
-    from steelyard.robot.file import read_robot
-
-    check_file_target(out, force=force)
-    model = read_robot(robot)
     with progress(quiet=quiet) as tell:
+        from steelyard.drafts.draft import draft
+        from steelyard.experiment.read import read_experiment
+        from steelyard.output import check_file_target, results_file
+        from steelyard.report.documents.draft import draft_document
+        from steelyard.robot.file import read_robot
+
+        check_file_target(out, force=force)
+        model = read_robot(robot)
         found = draft(logs, model, tell)
     with results_file(out, force=force) as fresh:
         # What `identify` would refuse must not be written: it is read once, from a place beside its
