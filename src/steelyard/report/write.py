@@ -7,7 +7,7 @@ from pathlib import Path
 from steelyard.estimates.named_estimate import FILE_NAME as ESTIMATE
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
-from steelyard.output import results_folder, write_json, write_table
+from steelyard.output import results_folder, write_file, write_json, write_table
 from steelyard.report.blocks.document import Document
 from steelyard.report.documents.certificate import certificate_of
 from steelyard.report.documents.identification import document_of
@@ -88,4 +88,4 @@ def write_document(document: Document, folder: Path, name: str) -> None:
         name: Of the files, without their endings.
     """
     for ending, form in (("html", page), ("md", markdown)):
-        (folder / f"{name}.{ending}").write_text(form(document), encoding="utf-8", newline="\n")
+        write_file(folder / f"{name}.{ending}", form(document))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from steelyard.calibration.calibrate import GeometryCalibration
 from steelyard.calibration.robot_text import COVARIANCE, robot_text
-from steelyard.output import results_folder, write_json
+from steelyard.output import results_folder, write_file, write_json
 from steelyard.report.documents.calibration import calibration_document
 from steelyard.report.write import write_document
 from steelyard.robot.covariance import write_covariance
@@ -32,7 +32,7 @@ def write_calibration(
         InputError: The folder cannot be written to, or has files.
     """
     with results_folder(Path(folder), force=force) as fresh:
-        (fresh / CALIBRATED[0]).write_text(robot_text(found), encoding="utf-8", newline="\n")
+        write_file(fresh / CALIBRATED[0], robot_text(found))
         write_covariance(found.covariance, found.robot.m, fresh / COVARIANCE)
         write_json(found.to_dict(), fresh / CALIBRATED[1])
         write_document(calibration_document(found), fresh, "calibration")
