@@ -10,6 +10,7 @@ from typing import Any
 
 from steelyard.arrays import Array
 from steelyard.output.disk import write_file
+from steelyard.processes import check_not_forked
 
 
 def write_json(values: Mapping[str, Any], path: Path) -> None:
@@ -36,6 +37,7 @@ def write_table(runs: Sequence[tuple[str, Mapping[str, Array]]], path: Path) -> 
     """
     import polars as pl
 
+    check_not_forked()
     frames = [
         pl.DataFrame(columns).select(pl.lit(run).alias("run"), pl.all()) for run, columns in runs
     ]

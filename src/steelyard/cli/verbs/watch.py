@@ -195,7 +195,8 @@ def _asked_to_stop() -> Iterator[Callable[[], bool]]:
 
     def note(number: int, _frame: Any) -> None:
         stop.append(number)
-        signal.signal(signal.SIGINT, before[signal.SIGINT])
+        for each, handler in before.items():
+            signal.signal(each, handler)
 
     before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
     for each in before:
