@@ -32,6 +32,7 @@ LAYERS = [
     {"calibration"},
     {"excitation"},
     {"inspection"},
+    {"provenance"},
     {"exports"},
     {"live"},
     {"report"},
@@ -63,7 +64,16 @@ INNER = {
         {"figures", "write", "write_calibration"},
     ],
     "cli": [
-        {"design_request", "interruption", "lazy_group", "options", "printing", "process", "truth"},
+        {
+            "design_request",
+            "inputs",
+            "interruption",
+            "lazy_group",
+            "options",
+            "printing",
+            "process",
+            "truth",
+        },
         {"verbs"},
     ],
 }

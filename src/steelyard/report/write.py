@@ -8,6 +8,8 @@ from steelyard.estimates.named_estimate import FILE_NAME as ESTIMATE
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.output import results_folder, write_file, write_json, write_table
+from steelyard.provenance.hashes import inputs_of
+from steelyard.provenance.record import origin
 from steelyard.report.blocks.document import Document
 from steelyard.report.documents.certificate import certificate_of
 from steelyard.report.documents.identification import document_of
@@ -51,7 +53,11 @@ def write_results(
 
 def write_identification(found: Identification, summary: Summary, folder: Path) -> None:
     """Write estimate, report and motion into a folder that is there."""
-    write_json(found.to_dict(), folder / ESTIMATE)
+    values = found.to_dict()
+    if found.recorded and found.recorded.source:
+        recorded = found.recorded
+        values["provenance"] = origin(inputs_of(recorded), Path(recorded.source).parent)
+    write_json(values, folder / ESTIMATE)
     write_report(summary, folder)
     if found.motion:
         # A row per instant, the run in the first column, SI units.

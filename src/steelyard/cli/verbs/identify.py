@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from steelyard.cli.inputs import read_files
 from steelyard.cli.options import (
     check_there,
     common,
@@ -120,6 +121,7 @@ def identify(
     from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
     from steelyard.identification.methods.two_step import TwoStep
     from steelyard.output import check_target, results_folder
+    from steelyard.provenance.record import write_provenance
     from steelyard.report.documents.identification import brief_of
     from steelyard.report.evidence.made import made_of
     from steelyard.report.evidence.summary import summarise
@@ -159,6 +161,7 @@ def identify(
         summary = summarise(found, truth, made=made_of(recorded, options))
         with results_folder(out, force=force) as folder:
             write_identification(found, summary, folder)
+            write_provenance(folder, out, read_files(recorded, experiment), sys.argv[1:])
     print_result(found.to_dict(), brief_of(summary), as_json=as_json)
     if not found.estimate.verdict.accepted:
         sys.exit(NOT_ACCEPTED)

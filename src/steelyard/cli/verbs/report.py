@@ -24,6 +24,7 @@ def report(folder: Path, certificate: bool, as_json: bool, quiet: bool) -> None:
     its report.json.
     """
     from steelyard.output import results_folder
+    from steelyard.provenance.record import renew_provenance
     from steelyard.report.evidence.report_file import read_summary
     from steelyard.report.write import CERTIFICATE, DRAWN, draw_certificate, draw_report
 
@@ -37,6 +38,7 @@ def report(folder: Path, certificate: bool, as_json: bool, quiet: bool) -> None:
     # What is replaced has been drawn from the same summary.
     with results_folder(folder, force=True) as fresh:
         (draw_certificate if certificate else draw_report)(summary, fresh)
+        renew_provenance(fresh, folder)
     drawn = CERTIFICATE if certificate else DRAWN
     written = [str(folder / name) for name in drawn]
     if as_json:
