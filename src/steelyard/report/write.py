@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from steelyard.estimates.named_estimate import FILE_NAME as ESTIMATE
 from steelyard.identification.identify import Identification
@@ -53,15 +54,20 @@ def write_results(
 
 def write_identification(found: Identification, summary: Summary, folder: Path) -> None:
     """Write estimate, report and motion into a folder that is there."""
-    values = found.to_dict()
-    if found.recorded and found.recorded.source:
-        recorded = found.recorded
-        values["provenance"] = origin(inputs_of(recorded), Path(recorded.source).parent)
-    write_json(values, folder / ESTIMATE)
+    write_json(identification_values(found), folder / ESTIMATE)
     write_report(summary, folder)
     if found.motion:
         # A row per instant, the run in the first column, SI units.
         write_table([(each.run, each.columns()) for each in found.motion], folder / MOTION)
+
+
+def identification_values(found: Identification) -> dict[str, Any]:
+    """What stands in ``estimate.json``: the estimates, and what they were made of."""
+    recorded = found.recorded
+    if recorded is None or not recorded.source:
+        return found.to_dict()
+    made = origin(inputs_of(recorded), Path(recorded.source).parent)
+    return {**found.to_dict(), "provenance": made}
 
 
 def write_report(summary: Summary, folder: Path) -> None:

@@ -125,7 +125,7 @@ def identify(
     from steelyard.report.documents.identification import brief_of
     from steelyard.report.evidence.made import made_of
     from steelyard.report.evidence.summary import summarise
-    from steelyard.report.write import write_identification
+    from steelyard.report.write import identification_values, write_identification
 
     regions = _regions(box, ellipsoid)
     with_options: tuple[TwoStep | Consistent | MaximumLikelihood, ...] = (
@@ -162,7 +162,7 @@ def identify(
         with results_folder(out, force=force) as folder:
             write_identification(found, summary, folder)
             write_provenance(folder, out, read_files(recorded, experiment), sys.argv[1:])
-    print_result(found.to_dict(), brief_of(summary), as_json=as_json)
+    print_result(identification_values(found), brief_of(summary), as_json=as_json)
     if not found.estimate.verdict.accepted:
         sys.exit(NOT_ACCEPTED)
 
