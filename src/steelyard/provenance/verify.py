@@ -18,8 +18,10 @@ from steelyard.provenance.record import FILE_NAME, Provenance, read_provenance
 NUMBERS = ("estimate.json", "calibration.json", "design.json", "poses.json", "reference.json")
 """Files of results whose numbers are compared when they are computed again."""
 TOLERANCE = 1e-9
-"""Of numbers that come out again elsewhere: in units of their 1-sigma where they have one, else of
-themselves."""
+"""Of numbers that come out again elsewhere, in units of their 1-sigma."""
+_WITHOUT_SIGMA = 1e-3
+"""What a number counts by that has no 1-sigma, in units of itself: shares and tests repeat to six
+digits with another number of threads, estimates to eleven."""
 _ORIGIN = "provenance"
 
 
@@ -94,7 +96,7 @@ class Repetition:
     """How many were compared."""
     same_bits: bool
     largest: float
-    """Difference, in units of the 1-sigma where a number has one, else of itself."""
+    """Difference, in units of the 1-sigma where a number has one, else of a thousand times itself."""
     where: str
     """Of the largest difference; empty: there is none."""
 
@@ -162,7 +164,8 @@ def _differences(old: Any, new: Any, key: str, sigma: Any) -> Iterator[tuple[str
             own = sigma[i] if isinstance(sigma, list) and i < len(sigma) else None
             yield from _differences(a, b, f"{key}[{i}]", own)
     elif isinstance(old, float) and isinstance(new, float):
-        scale = sigma if isinstance(sigma, float) and sigma > 0 else max(abs(old), abs(new))
+        told = isinstance(sigma, float) and sigma > 0
+        scale = sigma if told else max(abs(old), abs(new)) / _WITHOUT_SIGMA
         yield key, 0.0 if old == new else abs(old - new) / scale, True
     else:
         yield key, 0.0 if old == new else math.inf, False
