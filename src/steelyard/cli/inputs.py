@@ -32,6 +32,7 @@ def named_files(words: Sequence[str], out: Path | None) -> list[Path]:
 
 
 def _paths(words: Sequence[str]) -> Iterator[Path]:
+    """Places that words name; of a folder, the estimate in it."""
     for word in words:
         # ESTIMATE#LOAD and ESTIMATE:METHOD name files, too.
         for text in (word, word.split("#")[0], word.rsplit(":", 1)[0]):
