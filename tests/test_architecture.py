@@ -12,7 +12,8 @@ from places import PACKAGE, ROOT
 
 LAYERS = [
     {"arrays", "errors", "units", "digits", "display"},
-    {"batch", "tables"},
+    {"batch", "processes"},
+    {"tables"},
     {"rotations", "inertia"},
     {"dynamics", "smoothing"},
     {"yaml_file", "json_file", "output"},
@@ -31,6 +32,7 @@ LAYERS = [
     {"calibration"},
     {"excitation"},
     {"inspection"},
+    {"provenance"},
     {"exports"},
     {"live"},
     {"report"},
@@ -61,7 +63,19 @@ INNER = {
         {"forms"},
         {"figures", "write", "write_calibration"},
     ],
-    "cli": [{"design_request", "lazy_group", "options", "printing", "process", "truth"}, {"verbs"}],
+    "cli": [
+        {
+            "design_request",
+            "inputs",
+            "interruption",
+            "lazy_group",
+            "options",
+            "printing",
+            "process",
+            "truth",
+        },
+        {"verbs"},
+    ],
 }
 """Within a room, from left to right; what is not named may be anywhere."""
 MOST_FILES = 16

@@ -10,7 +10,15 @@ import pytest
 from time_limits import finished
 
 from steelyard.errors import InputError
-from steelyard.output import check_target, results_folder, to_json, write_json
+from steelyard.output import (
+    check_target,
+    disk,
+    placing,
+    results_folder,
+    settle,
+    to_json,
+    write_json,
+)
 
 
 def fill(folder, **files):
@@ -151,23 +159,172 @@ def test_a_process_that_is_killed_leaves_no_half_results(tmp_path, before):
 def test_an_error_while_results_are_put_in_place_loses_nothing(tmp_path, monkeypatch, error):
     target = tmp_path / "out"
     fill(target, a="old", b="old", c="old")
-    rename, moved = Path.rename, []
+    monkeypatch.chdir(target)
+    rename, moved = os.rename, []
 
-    def failing(self, other):
+    def failing(path, other):
         # Only moves into place fail: moving back must be possible.
         if Path(other) == target / "b" and not moved:
             moved.append(other)
             raise error
-        return rename(self, other)
+        return rename(path, other)
 
-    monkeypatch.setattr(Path, "rename", failing)
+    monkeypatch.setattr(os, "rename", failing)
     with pytest.raises(error):
         publish(target, force=True, a="new", b="new", c="new")
     assert moved
-    found = tree(tmp_path)
-    assert found.keys() == {"out", "out/a", "out/b", "out/c"}
-    assert found["out/b"] == "old"
-    assert found["out/c"] == "old"
+    assert tree(tmp_path) == {"out": None, "out/a": "old", "out/b": "old", "out/c": "old"}
+
+
+# All at once
+
+
+def test_a_reader_sees_results_of_one_run_only(tmp_path, monkeypatch):
+    target = tmp_path / "out"
+    fill(target, a="old", b="old", mine="mine")
+    seen = []
+    exchange = placing.exchange
+
+    def watched(one, other):
+        seen.append(tree(target))
+        exchange(one, other)
+        seen.append(tree(target))
+
+    monkeypatch.setattr(placing, "exchange", watched)
+    publish(target, force=True, a="new", b="new", c="new")
+    assert seen == [
+        {"a": "old", "b": "old", "mine": "mine"},
+        {"a": "new", "b": "new", "c": "new", "mine": "mine"},
+    ]
+
+
+def test_a_folder_keeps_its_rights_and_what_else_lies_in_it(tmp_path):
+    target = tmp_path / "out"
+    fill(target, a="old", mine="mine")
+    fill(target / "notes" / "far", b="mine")
+    (target / "link").symlink_to("nowhere")
+    target.chmod(0o750)
+    (target / "notes").chmod(0o500)
+    before = (target / "mine").stat()
+    publish(target, force=True, a="new", b="new")
+    assert (target / "mine").stat().st_ino == before.st_ino
+    assert (target / "mine").stat().st_nlink == 1
+    assert (target / "link").readlink() == Path("nowhere")
+    assert target.stat().st_mode & 0o777 == 0o750
+    assert (target / "notes").stat().st_mode & 0o777 == 0o500
+    assert (target / "notes" / "far" / "b").read_text() == "mine"
+    assert tree(tmp_path).keys() == {
+        "out", "out/a", "out/b", "out/link", "out/mine", "out/notes", "out/notes/far",
+        "out/notes/far/b",
+    }  # fmt: skip
+
+
+def test_what_others_write_meanwhile_stays(tmp_path, monkeypatch):
+    target = tmp_path / "out"
+    fill(target, a="old", mine="mine", edited="mine")
+    fill(target / "notes", b="mine")
+    exchange = placing.exchange
+
+    def late(one, other):
+        fill(target, late="of another process")
+        fill(target / "notes", late="of another process")
+        fill(tmp_path, edited="edited")
+        (tmp_path / "edited").replace(target / "edited")
+        exchange(one, other)
+
+    monkeypatch.setattr(placing, "exchange", late)
+    publish(target, force=True, a="new", b="new")
+    assert tree(tmp_path) == {
+        "out": None,
+        "out/a": "new",
+        "out/b": "new",
+        "out/edited": "edited",
+        "out/late": "of another process",
+        "out/mine": "mine",
+        "out/notes": None,
+        "out/notes/b": "mine",
+        "out/notes/late": "of another process",
+    }
+
+
+@pytest.mark.parametrize("missing", ["call", "device"])
+def test_where_folders_cannot_be_exchanged_files_are_moved_one_by_one(
+    tmp_path, monkeypatch, missing
+):
+    target = tmp_path / "out"
+    fill(target, a="old", b="old", mine="mine")
+    if missing == "call":
+        monkeypatch.setattr(disk, "_renameat2", lambda: None)
+    else:
+        monkeypatch.setattr(placing, "exchange", no_exchange)
+    publish(target, force=True, a="new", b="new")
+    assert tree(tmp_path) == {"out": None, "out/a": "new", "out/b": "new", "out/mine": "mine"}
+
+
+def no_exchange(one, other):
+    raise OSError(22, "Invalid argument", str(one))
+
+
+# What killed processes left
+
+
+def test_what_a_killed_process_left_is_removed_by_the_next_one(tmp_path):
+    target = tmp_path / "out"
+    for _ in range(2):
+        ended = finished([sys.executable, "-c", KILLED, str(target)])
+        assert ended.returncode == -signal.SIGKILL
+    # The second has removed what the first one left.
+    assert len(list(tmp_path.glob(".steelyard-*"))) == 1
+    publish(target, a="1")
+    assert tree(tmp_path) == {"out": None, "out/a": "1"}
+
+
+def test_of_a_process_that_lives_nothing_is_removed(tmp_path):
+    with results_folder(tmp_path / "one", force=False) as folder:
+        fill(folder, a="1")
+        publish(tmp_path / "other", a="2")
+        settle(tmp_path / "one")
+        assert tree(folder) == {"a": "1"}
+    assert tree(tmp_path) == {"one": None, "one/a": "1", "other": None, "other/a": "2"}
+
+
+@pytest.mark.parametrize("files", [{"mine": "1"}, {"plan.json": "{}"}])
+def test_what_is_not_surely_ours_is_not_removed(tmp_path, files):
+    fill(tmp_path / ".steelyard-mine", **files)
+    publish(tmp_path / "out", a="1")
+    assert tree(tmp_path / ".steelyard-mine") == files
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        "{}",
+        "[",
+        "null",
+        '{"place": "..", "names": ["a"], "inode": 0}',
+        '{"place": "", "names": ["../a"], "inode": 0}',
+        '{"place": "", "names": [1], "inode": 0}',
+        '{"place": 3, "names": [], "inode": 0}',
+    ],
+)
+def test_a_plan_that_leads_elsewhere_is_not_followed(tmp_path, plan):
+    left = tmp_path / "far" / ".steelyard-x"
+    fill(left, **{"plan.json": plan, "lock": ""})
+    fill(left / "new", a="hostile")
+    settle(tmp_path / "far" / "out")
+    assert tree(tmp_path)["far/.steelyard-x/new/a"] == "hostile"
+    assert not (tmp_path / "a").exists()
+
+
+def test_two_writers_leave_the_results_of_one(tmp_path):
+    target = tmp_path / "out"
+    fill(target, a="old", b="old")
+    with results_folder(target, force=True) as one:
+        with results_folder(target, force=True) as other:
+            fill(one, a="1", b="1")
+            fill(other, a="2", b="2")
+        assert tree(target) == {"a": "2", "b": "2"}
+    assert tree(tmp_path) == {"out": None, "out/a": "1", "out/b": "1"}
 
 
 # What may be replaced
@@ -289,14 +446,20 @@ def test_nothing_is_made_beside_a_folder_that_exists(tmp_path, monkeypatch):
     # The same for root, to whom nothing is forbidden.
     target = tmp_path / "mine"
     target.mkdir()
-    mkdir = os.mkdir
+    mkdir, rename = os.mkdir, os.rename
 
     def within(path, *mode):
         if target not in Path(path).parents:
             raise PermissionError(13, "Permission denied", str(path))
         mkdir(path, *mode)
 
+    def moved_within(path, other):
+        if target not in Path(other).parents:
+            raise PermissionError(13, "Permission denied", str(other))
+        rename(path, other)
+
     monkeypatch.setattr(os, "mkdir", within)
+    monkeypatch.setattr(os, "rename", moved_within)
     publish(target, a="1")
     publish(target, force=True, a="2")
     assert tree(tmp_path) == {"mine": None, "mine/a": "2"}
@@ -306,14 +469,15 @@ def test_results_for_a_folder_that_exists_are_prepared_on_the_same_device(tmp_pa
     # Moves between devices fail, and a mount point is on another device than what is beside it.
     target = tmp_path / "mounted"
     target.mkdir()
-    rename = Path.rename
+    rename = os.rename
 
-    def within(self, other):
-        if (target in self.parents) != (target in Path(other).parents):
-            raise OSError(18, "Invalid cross-device link", str(self))
-        return rename(self, other)
+    def within(path, other):
+        if (target in Path(path).parents) != (target in Path(other).parents):
+            raise OSError(18, "Invalid cross-device link", str(path))
+        return rename(path, other)
 
-    monkeypatch.setattr(Path, "rename", within)
+    monkeypatch.setattr(os, "rename", within)
+    monkeypatch.setattr(placing, "exchange", no_exchange)
     publish(target, a="1")
     publish(target, force=True, a="2", b="2")
     assert tree(tmp_path) == {"mounted": None, "mounted/a": "2", "mounted/b": "2"}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from steelyard.arrays import Array
 from steelyard.errors import SteelyardError
+from steelyard.processes import check_not_forked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,6 +42,7 @@ def to_polars(columns: Columns) -> pl.DataFrame:
     """Frame of Polars; null where there is no number."""
     import polars as pl
 
+    check_not_forked()
     return pl.DataFrame(dict(columns)).fill_nan(None)
 
 

@@ -295,7 +295,15 @@ def test_what_identify_writes_has_the_shape_of_the_contract(run, small, tmp_path
     assert (status, err) == (0, "")
     assert "two-step" in out
     answer = parsed((tmp_path / "out" / "estimate.json").read_text())
-    assert list(answer) == ["format", "experiment", "nominal", "result", "estimates", "attainable"]
+    assert list(answer) == [
+        "format",
+        "experiment",
+        "nominal",
+        "result",
+        "estimates",
+        "attainable",
+        "provenance",
+    ]
     assert answer["format"] == "steelyard-estimate/1"
     assert answer["experiment"] == "small"
     assert answer["nominal"]["mass"] == 161.058
@@ -342,7 +350,11 @@ def test_a_baseline_alone_is_neither_accepted_nor_rejected(run, small, tmp_path)
 def test_identify_twice_gives_the_same_bytes(run, small, tmp_path):
     for name in ("one", "two"):
         run("identify", small, "--out", tmp_path / name)
-    assert files(tmp_path / "one") == files(tmp_path / "two")
+    one, two = files(tmp_path / "one"), files(tmp_path / "two")
+    # What differs between runs, the time, has a file of its own.
+    assert one.pop("provenance.json")
+    assert two.pop("provenance.json")
+    assert one == two
 
 
 def test_results_may_lie_beside_the_experiment(run, small):
@@ -351,6 +363,7 @@ def test_results_may_lie_beside_the_experiment(run, small):
     after = files(small.parent)
     assert set(after) - set(before) == {
         "estimate.json", "report.html", "report.json", "report.md", "motion.parquet",
+        "provenance.json",
     }  # fmt: skip
     assert {name: after[name] for name in before} == before
 

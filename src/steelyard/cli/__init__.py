@@ -26,6 +26,7 @@ _VERBS = {
     "robots": "steelyard.cli.verbs.files.robots:robots",
     "schema": "steelyard.cli.verbs.files.schema:schema",
     "simulate": "steelyard.cli.verbs.simulate:simulate",
+    "verify": "steelyard.cli.verbs.verify:verify",
     "watch": "steelyard.cli.verbs.watch:watch",
 }
 

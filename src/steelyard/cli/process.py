@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import io
 import os
-import signal
 import sys
 
 import click
 
+from steelyard.cli.interruption import INTERRUPTED, TERMINATED, interruptible
 from steelyard.display import printable
 from steelyard.errors import SteelyardError
 
@@ -25,7 +25,7 @@ def run_process(app: click.Group) -> None:
         _run(app)
     except KeyboardInterrupt:
         # Also where it reaches us before the work has begun, or while an error is being said.
-        _fail("interrupted; nothing was written", 130)
+        _fail("interrupted; nothing was written", INTERRUPTED)
 
 
 def _run(app: click.Group) -> None:
@@ -33,28 +33,45 @@ def _run(app: click.Group) -> None:
     # Many small matrices: threads of the linear algebra cost more than they do. Before NumPy is
     # loaded, and only in this process.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # A polite kill unwinds like Ctrl-C, so that nothing half-written is left behind.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A terminal of few characters shows the others escaped.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        status = app.main(standalone_mode=False)
-        sys.exit(status if isinstance(status, int) else 0)
+        with interruptible():
+            status = _status(app)
+            # A disk that is full is said here, not while Python ends.
+            sys.stdout.flush()
+        sys.exit(status)
     except click.ClickException as error:
         _fail(_sentence(error), 2)
     except SteelyardError as error:
         _fail(str(error), 2)
     except (click.Abort, KeyboardInterrupt):
-        _fail("interrupted; nothing was written", 130)
+        _fail("interrupted; nothing was written", INTERRUPTED)
     except BrokenPipeError:
         # The reader of our output has gone; there is nobody left to tell.
         sys.stderr.close()
         sys.exit(1)
     except OSError as error:
-        what = error.filename or "file"
+        # Files say their names; what has none is the stream that results are printed to.
+        what = error.filename or "standard output"
         why = error.strerror or error
         _fail(f"{what}: cannot be read or written ({why}); check path and rights", 2)
+
+
+def _status(app: click.Group) -> int:
+    """Run the verb; the exit status that it asks for.
+
+    Raises:
+        SystemExit: A polite kill has come.
+    """
+    try:
+        status = app.main(standalone_mode=False)
+    except SystemExit as end:
+        if not isinstance(end.code, int) or end.code == TERMINATED:
+            raise
+        status = end.code
+    return status if isinstance(status, int) else 0
 
 
 def _sentence(error: click.ClickException) -> str:

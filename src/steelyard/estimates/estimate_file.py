@@ -28,6 +28,7 @@ from steelyard.estimates.named_estimate import (
 from steelyard.estimates.per_mass import PER_MASS_PARAMETERS, PerMass
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six
 from steelyard.json_file import read_json
+from steelyard.output import settle
 from steelyard.yaml_file import FileModel, YamlDocument, require_file, validate
 
 ALL = "all"
@@ -169,6 +170,8 @@ def read_estimate_file(path: Path) -> EstimateFile:
         InputError: It is not there, too large, no JSON, or not of the form of the contract.
     """
     path = path / FILE_NAME if path.is_dir() else path
+    # Of a process that was killed while it replaced results.
+    settle(path.parent)
     require_file(path, "file that identify wrote, or its folder")
     document = YamlDocument(path, read_json(path), {})
     if not isinstance(document.data, dict):

@@ -28,6 +28,7 @@ from steelyard.experiment.tables.seen_frequencies import with_frequencies_apart
 from steelyard.experiment.unread import with_unread_cables
 from steelyard.instruments import Instrument
 from steelyard.logs.log import NoRowsError
+from steelyard.processes import check_not_forked
 from steelyard.robot.file import PlatformForm, body_of_form, read_robot
 from steelyard.robot.model import DIRECTIONS, Robot
 from steelyard.yaml_file import YamlDocument, read_yaml, validate
@@ -53,7 +54,9 @@ def read_experiment(path: str | Path, *, weighed: bool = True) -> Experiment:
 
     Raises:
         InputError: Anything that does not fit the contract; the sentence says where and what to do.
+        SteelyardError: This process was forked from one that had read recordings.
     """
+    check_not_forked()
     path = Path(path)
     document = read_yaml(path)
     form = validate(ExperimentForm, document)

@@ -17,6 +17,7 @@ from steelyard.experiment.tables.dead_weights import with_weights_together
 from steelyard.experiment.tables.seen_frequencies import with_frequencies_together
 from steelyard.instruments import Instrument
 from steelyard.instruments.unread_cables import UnreadCables
+from steelyard.output import write_file
 from steelyard.robot.covariance import write_covariance
 from steelyard.robot.file import bundled_names, platform_values, read_robot, robot_file
 from steelyard.tables import to_polars
@@ -182,7 +183,7 @@ def _known(known: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
 
 def write_yaml(values: Mapping[str, Any], path: Path) -> None:
     """Write plain values as YAML 1.2, lists of numbers in one line."""
-    path.write_text(to_yaml(values), encoding="utf-8", newline="\n")
+    write_file(path, to_yaml(values))
 
 
 def write_stream(
@@ -192,8 +193,8 @@ def write_stream(
     is no sample.
     """
     columns = stream_columns(stream.time if timed else None, stream.values, instrument, m)
-    with path.open("wb") as file:
-        to_polars({name: values for name, (values, _) in columns.items()}).write_csv(file)
+    table = to_polars({name: values for name, (values, _) in columns.items()})
+    write_file(path, table.write_csv())
 
 
 def write_parquet_stream(
@@ -215,4 +216,4 @@ def write_parquet_stream(
     # Into memory first: names of files are bytes, which the library would have as text.
     buffer = io.BytesIO()
     frame.write_parquet(buffer, metadata={"steelyard": json.dumps(about)})
-    path.write_bytes(buffer.getvalue())
+    write_file(path, buffer.getvalue())

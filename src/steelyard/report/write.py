@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from steelyard.estimates.named_estimate import FILE_NAME as ESTIMATE
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
-from steelyard.output import results_folder, write_json, write_table
+from steelyard.output import results_folder, write_file, write_json, write_table
+from steelyard.provenance.hashes import inputs_of
+from steelyard.provenance.record import origin
 from steelyard.report.blocks.document import Document
 from steelyard.report.documents.certificate import certificate_of
 from steelyard.report.documents.identification import document_of
@@ -51,11 +54,20 @@ def write_results(
 
 def write_identification(found: Identification, summary: Summary, folder: Path) -> None:
     """Write estimate, report and motion into a folder that is there."""
-    write_json(found.to_dict(), folder / ESTIMATE)
+    write_json(identification_values(found), folder / ESTIMATE)
     write_report(summary, folder)
     if found.motion:
         # A row per instant, the run in the first column, SI units.
         write_table([(each.run, each.columns()) for each in found.motion], folder / MOTION)
+
+
+def identification_values(found: Identification) -> dict[str, Any]:
+    """What stands in ``estimate.json``: the estimates, and what they were made of."""
+    recorded = found.recorded
+    if recorded is None or not recorded.source:
+        return found.to_dict()
+    made = origin(inputs_of(recorded), Path(recorded.source).parent)
+    return {**found.to_dict(), "provenance": made}
 
 
 def write_report(summary: Summary, folder: Path) -> None:
@@ -88,4 +100,4 @@ def write_document(document: Document, folder: Path, name: str) -> None:
         name: Of the files, without their endings.
     """
     for ending, form in (("html", page), ("md", markdown)):
-        (folder / f"{name}.{ending}").write_text(form(document), encoding="utf-8", newline="\n")
+        write_file(folder / f"{name}.{ending}", form(document))

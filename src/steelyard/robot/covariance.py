@@ -10,6 +10,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
+from steelyard.output import write_file
 
 POINTS = ("anchor", "attachment")
 """What is told of each cable, in this order."""
@@ -36,8 +37,7 @@ def write_covariance(covariance: Array, m: int, path: Path) -> None:
 
     names = names_of(m)
     columns = {"": names, **dict(zip(names, np.asarray(covariance).T.tolist(), strict=True))}
-    with path.open("wb") as file:
-        pl.DataFrame(columns).write_csv(file)
+    write_file(path, pl.DataFrame(columns).write_csv())
 
 
 def read_covariance(path: Path, m: int) -> Array:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from steelyard.cli.inputs import read_files
 from steelyard.cli.options import check_there, common, experiment_argument, force_option, out_option
 from steelyard.cli.printing import print_result, progress
 
@@ -39,7 +40,8 @@ def calibrate(experiment: Path, out: Path | None, force: bool, as_json: bool, qu
         recorded = read_experiment(experiment, weighed=False)
         found = calibrated(recorded, tell)
     if out is not None:
-        write_calibration(found, out, force=force)
+        inputs = read_files(recorded, experiment)
+        write_calibration(found, out, force=force, inputs=inputs, command=sys.argv[1:])
     print_result(found.to_dict(), calibration_document(found), as_json=as_json)
     if found.reasons:
         sys.exit(NOT_ACCEPTED)

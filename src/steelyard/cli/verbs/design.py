@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
+from steelyard.cli.inputs import named_files
 from steelyard.cli.options import (
     common,
     force_option,
@@ -164,6 +166,7 @@ def design(
     from steelyard.excitation.design import design as designed
     from steelyard.excitation.design_file import RESULT, design_dict, evaluation_dict, write_design
     from steelyard.output import check_target, results_folder, write_json
+    from steelyard.provenance.record import write_provenance
     from steelyard.report.documents.design_document import design_document
     from steelyard.report.write import write_document
 
@@ -219,6 +222,7 @@ def design(
                 else:
                     write_design(found, folder, rate)
                 write_document(document, folder, REPORT)
+                write_provenance(folder, out, named_files(sys.argv[1:], out), sys.argv[1:])
     print_result(values, document, as_json=as_json)
     if not as_json and found is not None and out is not None:
         _print_next_steps(found, place, out)
@@ -240,6 +244,7 @@ def _propose_poses(
     from steelyard.excitation.poses.pose_design import USUAL_POSES, design_poses
     from steelyard.excitation.poses.pose_file import POSES, poses_dict, write_poses
     from steelyard.output import results_folder
+    from steelyard.provenance.record import write_provenance
     from steelyard.report.documents.poses import poses_document
     from steelyard.report.write import write_document
 
@@ -251,6 +256,7 @@ def _propose_poses(
         with results_folder(shown.out, force=shown.force) as folder:
             write_poses(found, folder)
             write_document(document, folder, "poses")
+            write_provenance(folder, shown.out, named_files(sys.argv[1:], shown.out), sys.argv[1:])
     print_result(poses_dict(found), document, as_json=shown.as_json)
     if shown.out is not None and not shown.as_json:
         print(
@@ -278,6 +284,7 @@ def _compare_references(
     )
     from steelyard.excitation.references.reference_file import RESULT, reference_dict
     from steelyard.output import results_folder, write_json
+    from steelyard.provenance.record import write_provenance
     from steelyard.report.documents.references import reference_document
     from steelyard.report.write import write_document
 
@@ -297,6 +304,7 @@ def _compare_references(
         with results_folder(shown.out, force=shown.force) as folder:
             write_json(values, folder / RESULT)
             write_document(document, folder, "reference")
+            write_provenance(folder, shown.out, named_files(sys.argv[1:], shown.out), sys.argv[1:])
     print_result(values, document, as_json=shown.as_json)
 
 

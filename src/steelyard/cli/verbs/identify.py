@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from steelyard.cli.inputs import read_files
 from steelyard.cli.options import (
     check_there,
     checked_day,
@@ -135,10 +136,11 @@ def identify(
         from steelyard.identification.methods.two_step import TwoStep
         from steelyard.inspection.identify import identify as identified
         from steelyard.output import check_target, results_folder
+        from steelyard.provenance.record import write_provenance
         from steelyard.report.documents.identification import brief_of
         from steelyard.report.evidence.made import made_of
         from steelyard.report.evidence.summary import summarise
-        from steelyard.report.write import write_identification
+        from steelyard.report.write import identification_values, write_identification
 
         facts = {"project": project, "operator": operator, "date": checked_day(date)}
         regions = _regions(box, ellipsoid)
@@ -175,7 +177,8 @@ def identify(
         summary = summarise(found, truth, made=made_of(recorded, options, facts))
         with results_folder(out, force=force) as folder:
             write_identification(found, summary, folder)
-    print_result(found.to_dict(), brief_of(summary, details=details), as_json=as_json)
+            write_provenance(folder, out, read_files(recorded, experiment), sys.argv[1:])
+    print_result(identification_values(found), brief_of(summary, details=details), as_json=as_json)
     if found.amendment and not as_json:
         print(f"\nTo merge into {experiment}:\n\n{found.amendment}")
     if found.is_rejected:

@@ -45,6 +45,7 @@ def report(
             " path"
         )
     from steelyard.output import results_folder
+    from steelyard.provenance.record import renew_provenance
     from steelyard.report.evidence.made import with_facts
     from steelyard.report.evidence.report_file import read_summary
     from steelyard.report.pdf import browser_for_pdf, write_pdf
@@ -63,6 +64,7 @@ def report(
             page = fresh / drawn[0]
             write_pdf(page, page.with_suffix(".pdf"), browser)
             drawn = (*drawn, page.with_suffix(".pdf").name)
+        renew_provenance(fresh, folder)
     written = [str(folder / name) for name in drawn]
     if as_json:
         print_json({"written": written})

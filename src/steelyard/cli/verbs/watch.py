@@ -116,7 +116,7 @@ def watch(
             stack.callback(sinks[-1].close)
         samples = open_source(source, plan, settings)
         stack.callback(samples.close)
-        write = stack.enter_context(_log(out))
+        write = stack.enter_context(_log(out, beside))
         show = stack.enter_context(_shown(as_json=as_json))
         for each in watch(plan, samples, name, settings, stopped):
             session = each.session
@@ -136,7 +136,7 @@ def watch(
             if until is not None and session.seconds >= until:
                 break
         found = ended(session) if session is not None else None
-    sys.exit(_finished(plan, found, records, out, beside, force=force, quiet=quiet))
+    sys.exit(_finished(plan, found, records, out, beside, quiet=quiet))
 
 
 def _finished(
@@ -146,26 +146,25 @@ def _finished(
     out: Path | None,
     beside: Path | None,
     *,
-    force: bool,
     quiet: bool,
 ) -> int:
     """Write what was found in the end; the exit status."""
     from steelyard.identification.identify import Identification
     from steelyard.live.record import table_of
     from steelyard.live.session import in_words
-    from steelyard.output import results_file, write_json, write_table
+    from steelyard.output import results_folder, write_json, write_table
 
     if found is None or found.estimate is None:
         _say("nothing has arrived", quiet=False)
         return NOT_ACCEPTED
     estimate = found.estimate
     identification = Identification(plan.name, plan.robot.platform, {estimate.method: estimate})
-    if out is not None and out.suffix == ".parquet":
-        with results_file(out, force=True) as path:
-            write_table([(found.session.name, table_of(records))], path)
-    if beside is not None:
-        with results_file(beside, force=force) as path:
-            write_json(identification.to_dict(), path)
+    if out is not None and beside is not None:
+        # Both at once: a table is never beside the estimate of another.
+        with results_folder(out.parent, force=True, shared=True) as folder:
+            write_json(identification.to_dict(), folder / beside.name)
+            if out.suffix == ".parquet":
+                write_table([(found.session.name, table_of(records))], folder / out.name)
     _say(in_words(found.session), quiet=quiet)
     _say(str(estimate.verdict), quiet=quiet)
     return 0 if estimate.verdict.accepted else NOT_ACCEPTED
@@ -196,7 +195,8 @@ def _asked_to_stop() -> Iterator[Callable[[], bool]]:
 
     def note(number: int, _frame: Any) -> None:
         stop.append(number)
-        signal.signal(signal.SIGINT, before[signal.SIGINT])
+        for each, handler in before.items():
+            signal.signal(each, handler)
 
     before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
     for each in before:
@@ -209,14 +209,19 @@ def _asked_to_stop() -> Iterator[Callable[[], bool]]:
 
 
 @contextmanager
-def _log(out: Path | None) -> Iterator[Callable[[str], None]]:
+def _log(out: Path | None, beside: Path | None) -> Iterator[Callable[[str], None]]:
     """A file of JSON lines that grows as they come: what was seen before a failure stays."""
+    from steelyard.output import growing_file
+
     if out is None or out.suffix == ".parquet":
         yield lambda text: None
         return
     out.parent.mkdir(parents=True, exist_ok=True)
-    with out.open("w", encoding="utf-8", buffering=1) as file:
-        yield lambda text: print(text, file=file)
+    if beside is not None:
+        # That of an earlier log; ours comes in the end.
+        beside.unlink(missing_ok=True)
+    with growing_file(out) as write:
+        yield lambda text: write(f"{text}\n")
 
 
 @contextmanager

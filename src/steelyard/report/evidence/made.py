@@ -4,37 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from steelyard.experiment.model import Experiment
+from steelyard.provenance.hashes import hash_of, inputs_of, version_of, versions
 from steelyard.report.evidence.values import Input, Made
 from steelyard.robot.file import robot_file
 
-_LIBRARIES = ("numpy", "scipy", "casadi", "clarabel", "polars")
-"""Those that the numbers depend on."""
 FACTS = ("project", "operator", "date")
 """Names of what stands under the title, in this order."""
 _EARLIEST, _LATEST = 946_684_800.0, 4_102_444_800.0
 """Seconds since 1970 of the years 2000 and 2100: a clock that shows others was never set."""
-_UNKNOWN = "not installed as a package"
 
 
 def steelyard_version() -> str:
     """Of this package."""
-    return _version("steelyard")
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return _UNKNOWN
+    return version_of("steelyard")
 
 
 def made_of(
@@ -49,13 +37,7 @@ def made_of(
         options: What was asked for, by name.
         facts: What is to stand under the title, see :func:`with_facts`.
     """
-    python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    versions = (
-        ("steelyard", steelyard_version()),
-        ("Python", python),
-        *((n, _version(n)) for n in _LIBRARIES),
-    )
-    made = Made(versions, tuple(options.items()), tuple(_inputs(experiment)))
+    made = Made(tuple(versions().items()), tuple(options.items()), tuple(_inputs(experiment)))
     return with_facts(made, {"date": _recorded_on(experiment), **_given(facts or {})})
 
 
@@ -87,25 +69,12 @@ def _recorded_on(experiment: Experiment) -> str | None:
 def _inputs(experiment: Experiment) -> Iterator[Input]:
     """The experiment file, the robot as it was understood, and every recording once."""
     robot = json.dumps(robot_file(experiment.robot), sort_keys=True).encode()
-    sources = dict.fromkeys(
-        [experiment.source, *(s.source for run in experiment.runs for s in run.streams.values())]
-    )
     folder = Path(experiment.source).parent
-    for i, source in enumerate(sources):
-        path = Path(source)
-        if source and path.is_file():
-            with path.open("rb") as file:
-                digest = hashlib.file_digest(file, "sha256").hexdigest()
-            yield Input(_beside(path, folder), digest, path.stat().st_size)
+    files = inputs_of(experiment)
+    for i, path in enumerate(files or [None]):
+        if path is not None:
+            found = hash_of(path, folder)
+            yield Input(found.file, found.sha256, found.size)
         if not i:
             name = f"robot '{experiment.robot.name}', as it was understood"
             yield Input(name, hashlib.sha256(robot).hexdigest(), len(robot))
-
-
-def _beside(path: Path, folder: Path) -> str:
-    """Path from the folder of the experiment: the same wherever that lies."""
-    try:
-        return Path(os.path.relpath(path, folder)).as_posix()
-    except ValueError:
-        # On another drive.
-        return path.name

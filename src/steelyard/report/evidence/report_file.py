@@ -12,6 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from steelyard.errors import InputError
 from steelyard.json_file import read_json
+from steelyard.output import settle, write_file
 from steelyard.report.evidence.summary import Summary
 from steelyard.report.evidence.values import Trace
 from steelyard.yaml_file import require_file
@@ -35,7 +36,7 @@ def _form() -> TypeAdapter[_ReportFile]:
 
 def write_summary(summary: Summary, path: Path) -> None:
     """Write a summary as JSON, the same bytes for the same values."""
-    path.write_bytes(_form().dump_json(_ReportFile(FORMAT, summary)) + b"\n")
+    write_file(path, _form().dump_json(_ReportFile(FORMAT, summary)) + b"\n")
 
 
 def read_summary(folder: Path) -> Summary:
@@ -48,6 +49,8 @@ def read_summary(folder: Path) -> Summary:
         InputError: It is not there, too large, no JSON, or not of this form.
     """
     path = folder / FILE_NAME if folder.is_dir() else folder
+    # Of a process that was killed while it replaced results.
+    settle(path.parent)
     require_file(path, f"{FILE_NAME} that identify wrote, or its folder")
     try:
         summary = _form().validate_python(read_json(path)).summary

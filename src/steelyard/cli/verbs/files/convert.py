@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,9 +59,11 @@ def convert(
 
 def _copy_truth(source: Path, target: Path) -> None:
     """Copy the true body from one folder to another, where there is one."""
+    from steelyard.output import write_file
+
     truth = source / TRUTH
     if truth.is_file() and truth.stat().st_size <= LARGEST_TRUTH:
-        shutil.copyfile(truth, target / TRUTH)
+        write_file(target / TRUTH, truth.read_bytes())
 
 
 def _say(

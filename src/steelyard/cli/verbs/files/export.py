@@ -69,7 +69,7 @@ def export(
     from steelyard.exports.formats import FORMATS
     from steelyard.exports.formats import export as exported_text
     from steelyard.exports.hanging import hang
-    from steelyard.output import check_file_target, results_file
+    from steelyard.output import check_file_target, results_file, write_file
     from steelyard.robot.file import read_robot
 
     if robot is not None and format_ != "mjcf":
@@ -96,7 +96,7 @@ def export(
         hanging = hang(read_robot(robot), exported.body, radians)
     text = exported_text(exported, format_, anyway=anyway, hanging=hanging)
     with results_file(out, force=force) as path:
-        path.write_text(text, encoding="utf-8", newline="\n")
+        write_file(path, text)
     if as_json:
         values: dict[str, Any] = {
             "written": str(out),

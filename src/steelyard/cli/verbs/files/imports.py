@@ -59,7 +59,7 @@ def import_(
     assumed is said, also at the top of the robot file.
     """
     from steelyard.imports.formats import import_robot
-    from steelyard.output import check_file_target, results_file
+    from steelyard.output import check_file_target, results_file, write_file
     from steelyard.robot.file import read_robot
 
     check_file_target(out, force=force)
@@ -70,7 +70,7 @@ def import_(
             " another with --out"
         )
     with results_file(out, force=force) as path:
-        path.write_text(imported.to_text(), encoding="utf-8", newline="\n")
+        write_file(path, imported.to_text())
         # What is published is what can be read.
         read_robot(str(path))
     if as_json:

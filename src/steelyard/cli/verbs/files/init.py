@@ -34,7 +34,7 @@ def init(
     with progress(quiet=quiet) as tell:
         from steelyard.drafts.draft import draft
         from steelyard.experiment.read import read_experiment
-        from steelyard.output import check_file_target, results_file
+        from steelyard.output import check_file_target, results_file, write_file
         from steelyard.report.documents.draft import draft_document
         from steelyard.robot.file import read_robot
 
@@ -45,17 +45,15 @@ def init(
         # What `identify` would refuse must not be written: it is read once, from a place beside its
         # own.
         trial = fresh.parent / "trial.yaml"
-        trial.write_text(_text(found, model, robot, out, trial.parent), encoding="utf-8")
+        write_file(trial, _text(found, model, robot, out, trial.parent))
         try:
             read_experiment(trial)
         except InputError as error:
             raise InputError(
-                f"{error}".replace(f"{trial.parent}/../", "").replace(f"{trial}", f"{out}")
+                f"{error}".replace(f"{trial.parent}/../../", "").replace(f"{trial}", f"{out}")
             ) from None
         trial.unlink()
-        fresh.write_text(
-            _text(found, model, robot, out, out.resolve().parent), encoding="utf-8", newline="\n"
-        )
+        write_file(fresh, _text(found, model, robot, out, out.resolve().parent))
     values = _values(found, out)
     print_result(values, draft_document(values), as_json=as_json)
 

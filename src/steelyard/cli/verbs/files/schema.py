@@ -19,7 +19,7 @@ def schema(which: Any, out: Path | None, force: bool) -> None:
     it.
     """
     from steelyard.experiment.schema import schema as json_schema
-    from steelyard.output import check_file_target, results_file, to_json
+    from steelyard.output import check_file_target, results_file, to_json, write_file
 
     if out is not None:
         check_file_target(out, force=force)
@@ -28,6 +28,6 @@ def schema(which: Any, out: Path | None, force: bool) -> None:
         print(text, end="")
         return
     with results_file(out, force=force) as fresh:
-        fresh.write_text(text, encoding="utf-8")
+        write_file(fresh, text)
     print(f"{out}: begin a file beside it with")
     print(f"# yaml-language-server: $schema={out.name}")

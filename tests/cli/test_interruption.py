@@ -1,0 +1,123 @@
+"""Signals end the program wherever they come, also where a library swallows the exception."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+
+import casadi as ca
+import numpy as np
+import pytest
+from recordings import write_small
+from time_limits import HANGS, WORK, finished
+
+from steelyard.cli import interruption
+from steelyard.cli.interruption import interruptible
+
+pytestmark = pytest.mark.integration
+
+
+def compute():
+    """Calls of CasADi that are so short that most signals come while one begins or ends."""
+    x = ca.SX.sym("x", 3)
+    function = ca.Function("f", [x], [ca.sin(x) * ca.sumsqr(x) + x])
+    value = np.ones(3)
+    while True:
+        value = np.asarray(function(value)).ravel()
+
+
+def compute_and_clean(cleaned):
+    try:
+        compute()
+    finally:
+        # The timer must leave this alone.
+        for _ in range(3):
+            signal.sigtimedwait([], 0.03)
+        cleaned.append(True)
+
+
+def seconds_from_now(delay, number):
+    timer = threading.Timer(delay, os.kill, (os.getpid(), number))
+    timer.start()
+    return timer
+
+
+@pytest.mark.parametrize(
+    ("number", "kind"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
+)
+def test_no_signal_is_lost_in_short_calls(monkeypatch, number, kind):
+    # However busy the machine is: the exception itself must arrive.
+    monkeypatch.setattr(interruption, "_LONGEST", HANGS)
+    rng = random.Random(1)
+    before = signal.getsignal(signal.SIGINT)
+    cleaned = []
+    for _ in range(25):
+        timer = seconds_from_now(rng.uniform(0.01, 0.03), number)
+        with pytest.raises(kind), interruptible():
+            compute_and_clean(cleaned)
+        timer.join()
+    assert len(cleaned) == 25
+    assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
+SWALLOWING = """
+import os, signal, sys
+from steelyard.cli import interruption
+interruption._LONGEST = float(sys.argv[2])
+try:
+    with interruption.interruptible():
+        signals = [int(sys.argv[1])] * int(sys.argv[3])
+        while True:
+            try:
+                if signals:
+                    os.kill(os.getpid(), signals.pop())
+            except BaseException:
+                pass
+except KeyboardInterrupt:
+    # Between two rounds it gets out, which is as good.
+    sys.exit(130)
+"""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("longest", "signals"), [(0.2, 1), (1e9, 2)])
+def test_what_swallows_every_exception_is_ended_as_it_is(number, status, longest, signals):
+    arguments = [str(int(number)), str(longest), str(signals)]
+    ended = finished([sys.executable, "-c", SWALLOWING, *arguments], capture_output=True)
+    assert (ended.returncode, ended.stderr) == (status, b"")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("verb", ["identify", "design", "simulate"])
+def test_signals_at_random_moments_leave_all_or_nothing(verb, tmp_path):
+    small = write_small(tmp_path / "small")
+    out = tmp_path / "out"
+    arguments = {
+        "identify": ["identify", str(small)],
+        "design": ["design", "cogiro", "--duration", "10", "--processes", "1"],
+        "simulate": ["simulate", "cogiro", "--duration", "20"],
+    }[verb]
+    command = [sys.executable, "-m", "steelyard", *arguments, "--out", str(out)]
+    rng = random.Random(2)
+    for _ in range(10):
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        number = rng.choice([signal.SIGINT, signal.SIGTERM])
+        try:
+            process.wait(rng.uniform(0.5, 4))
+        except subprocess.TimeoutExpired:
+            process.send_signal(number)
+        _, err = process.communicate(timeout=WORK)
+        ended = {signal.SIGINT: 130, signal.SIGTERM: 143}[number]
+        assert process.returncode in (0, 3, ended), err
+        assert b"Traceback" not in err
+        if process.returncode == ended:
+            assert not out.exists()
+        else:
+            assert {path.name for path in out.iterdir()}
+            for path in sorted(out.rglob("*"), reverse=True):
+                path.rmdir() if path.is_dir() else path.unlink()
+            out.rmdir()
+        assert {path.name for path in tmp_path.iterdir()} == {"small"}

@@ -1,0 +1,36 @@
+"""A process that was forked beside the threads of a library says so, and does not wait."""
+
+import sys
+
+import pytest
+from recordings import write_small
+from time_limits import finished
+
+pytestmark = pytest.mark.integration
+
+FORKED = """
+import os, sys
+from steelyard.errors import SteelyardError
+from steelyard.experiment.read import read_experiment
+from steelyard.identification.identify import identify
+experiment = read_experiment(sys.argv[1])
+own = identify(experiment, ["two-step"]).estimate.value.tolist()
+child = os.fork()
+if not child:
+    assert identify(experiment, ["two-step"]).estimate.value.tolist() == own
+    try:
+        read_experiment(sys.argv[1])
+    except SteelyardError as error:
+        print(error, flush=True)
+        os._exit(7)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+def test_reading_again_after_a_fork_is_refused_at_once(tmp_path):
+    experiment = write_small(tmp_path / "small")
+    command = [sys.executable, "-W", "ignore", "-c", FORKED, str(experiment)]
+    ended = finished(command, capture_output=True, text=True)
+    said, status = ended.stdout.splitlines()
+    assert status == "7"
+    assert "get_context('spawn')" in said
