@@ -4,6 +4,7 @@ text and as HTML.
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -68,3 +69,10 @@ def printable(text: str) -> str:
     return "".join(
         c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split())
     )
+
+
+def steers(letter: str) -> bool:
+    """Whether a character controls a terminal or the direction of text, or cannot be seen; ends of
+    lines and tabulators do not count.
+    """
+    return letter not in "\n\t\r" and unicodedata.category(letter) in {"Cc", "Cf", "Zl", "Zp"}

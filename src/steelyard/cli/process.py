@@ -47,6 +47,11 @@ def _run(app: click.Group) -> None:
         _fail(str(error), 2)
     except (click.Abort, KeyboardInterrupt):
         _fail("interrupted; nothing was written", 130)
+    except MemoryError:
+        _fail(
+            "this needs more memory than there is or is allowed (ulimit -v); allow more, or take shorter recordings",
+            2,
+        )
     except BrokenPipeError:
         # The reader of our output has gone; there is nobody left to tell.
         sys.stderr.close()
