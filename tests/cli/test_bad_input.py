@@ -589,6 +589,11 @@ YAML_FILE = [
         r"experiment\.yaml.*: expected (?!.*JSON)",
     ),
     case(
+        "noise whose square is nothing",
+        change(EXPERIMENT, "noise: 5.0", "noise: 5.0e-320"),
+        r"experiment\.yaml:9: 'instruments\.cables\.noise': expected 0 or a number of a possible size",
+    ),
+    case(
         "commands for the terminal in a value",
         change(EXPERIMENT, "noise: 5.0", r'noise: "\e]0;title\a"'),
         r"experiment\.yaml:9: 'instruments\.cables\.noise': expected text that can be printed, found .* U\+001B",

@@ -1783,3 +1783,10 @@ def test_readers_print_nothing(small, tmp_path, capfd):
         damaged.write_bytes(path.read_bytes()[:-100] + b"x" * 100)
         attempt(damaged, topic)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.skipif(not Path("/proc/kmsg").exists(), reason="no such pipe on this system")
+def test_a_link_to_a_pipe_of_the_kernel_is_not_opened(tmp_path):
+    (tmp_path / "a.csv").symlink_to("/proc/kmsg")
+    with bounded(5), pytest.raises(InputError, match="expected a log, found an empty file"):
+        read(tmp_path / "a.csv")
