@@ -14,8 +14,8 @@ from steelyard.yaml_file import require_file
 _LARGEST_FILE = 32 << 20
 """Bytes: a report of an hour has a fifth of it."""
 _MOST_VALUES, _MOST_LISTS = 2_000_000, 100_000
-"""Commas, and lists and objects: each takes many times the memory of its text. A report of an hour
-has 700,000 and 20,000."""
+"""Commas, and lists and objects: each takes many times the memory of its text. A report of 400 kB
+has 44,000 and 1,100."""
 _ESCAPE = re.compile(r"\\(?:u([0-9a-fA-F]{4})|.)", re.DOTALL)
 
 
