@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 
 import pytest
 
@@ -31,7 +32,9 @@ def test_whole_numbers_are_floats_however_long(tmp_path):
         (b"[1,\n2,,]", r"a\.json:2: expected JSON"),
         (b"\xff", "expected UTF-8 text, found a byte that is not at 0"),
         (b"[NaN]", "found NaN, which JSON does not have"),
-        (b"[" * 100_000, "lists too deep"),
+        (b"[" * 90_000, "lists too deep"),
+        (b'{"x":[' + b"[]," * 200_000 + b"1]}", "at most 2000000 values and 100000 lists"),
+        (b'{"accepted": false, "accepted": true}', "expected every key once, found 'accepted'"),
     ],
 )
 def test_mistakes_are_one_sentence(tmp_path, content, message):
@@ -39,3 +42,17 @@ def test_mistakes_are_one_sentence(tmp_path, content, message):
     path.write_bytes(content)
     with pytest.raises(InputError, match=message):
         read_json(path)
+
+
+def test_nothing_steers_a_terminal(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(
+        '["\x7f\u202ea\u200fb\x9b", "\\u001bc\\\\u001b\\b\\n\\u0085\\"\\u00e4"]', encoding="utf-8"
+    )
+    assert read_json(path) == ["\ufffd\ufffda\ufffdb\ufffd", '\ufffdc\\u001b\ufffd\n\ufffd"ä']
+
+
+def test_what_is_no_file_is_not_opened(tmp_path):
+    os.mkfifo(tmp_path / "a.json")
+    with pytest.raises(InputError, match="something that is no regular file"):
+        read_json(tmp_path / "a.json")

@@ -4,6 +4,7 @@ text and as HTML.
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -85,3 +86,10 @@ def in_ascii(text: str) -> str:
     escaped.
     """
     return text.translate(_ASCII).encode("ascii", "backslashreplace").decode("ascii")
+
+
+def steers(letter: str) -> bool:
+    """Whether a character controls a terminal or the direction of text, or cannot be seen; ends of
+    lines and tabulators do not count.
+    """
+    return letter not in "\n\t\r" and unicodedata.category(letter) in {"Cc", "Cf", "Zl", "Zp"}

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from steelyard.display import steers
 from steelyard.errors import InputError
 
 _LARGEST_FILE = 2**19
@@ -26,6 +27,11 @@ _LARGEST_NUMBER = 1e15
 """Squares of larger numbers lose all digits of others."""
 _DEEPEST = 200
 """Brackets in each other: beyond, the parser spends seconds before it gives up."""
+_MOST_SIGNS = 40_000
+"""Signs between values: the loader takes 0.1 ms for each."""
+_SIGN = re.compile(r"[,:?\[{&*\n]|- ")
+_NAMES_IN_LOGS = {"columns", "units", "scale", "topic"}
+"""Keys below which names of others stand, which may be anything and are shown escaped."""
 _MOST_VALUES = 200_000
 """After aliases are expanded: a file of a few lines can name itself a billion times."""
 
@@ -92,6 +98,11 @@ def read_yaml(path: Path, what: str = "YAML") -> YamlDocument:
             f"{path}: expected {what}, found something that cannot be read (brackets more than"
             f" {_DEEPEST} deep); correct it"
         )
+    if len(_SIGN.findall(text)) > _MOST_SIGNS:
+        raise InputError(
+            f"{path}: expected at most {_MOST_SIGNS} lines, commas and colons of {what}, found"
+            " more; numbers in rows belong into a table"
+        )
     try:
         node = _nodes(text)
     except YAMLError as error:
@@ -101,8 +112,9 @@ def read_yaml(path: Path, what: str = "YAML") -> YamlDocument:
         raise InputError(
             f"{path}{line}: expected {what}, found a mistake in it ({problem}); correct this line"
         ) from None
-    # A merge of a mapping into itself is an AttributeError, a list for a key may be a TypeError.
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+    # A merge of a mapping into itself is an AttributeError, a list for a key may be a TypeError, a
+    # letter beyond the last one an OverflowError.
+    except (ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
         raise InputError(
             f"{path}: expected {what}, found something that cannot be read ({error}); correct it"
         ) from None
@@ -141,6 +153,8 @@ def read_text(path: Path) -> str:
             f"{path}: expected at most {_LARGEST_FILE >> 10} KiB of YAML, found"
             f" {path.stat().st_size >> 10} KiB"
         )
+    if not path.stat().st_size:
+        return ""  # never opened: pipes of the kernel say so of themselves, and wait
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -148,6 +162,38 @@ def read_text(path: Path) -> str:
             f"{path}: expected UTF-8 text, found a byte that is not at {error.start}; save it as"
             " UTF-8"
         ) from None
+
+
+def require_printable(document: YamlDocument) -> None:
+    """Refuse texts that steer a terminal or hide what they are, names first of all.
+
+    Names reach terminals, pages and files of other programs, which is why they are looked at where
+    they enter. Those of columns and topics belong to logs, and are shown escaped.
+
+    Raises:
+        InputError: A key or a text holds such a character.
+    """
+    _require_printable(document, document.data, ())
+
+
+def _require_printable(document: YamlDocument, value: Any, key: tuple[str | int, ...]) -> None:
+    """See :func:`require_printable`; for a part of a document."""
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            if name not in _NAMES_IN_LOGS:
+                _require_printable(document, name, key)
+                _require_printable(document, inner, (*key, name))
+    elif isinstance(value, list):
+        for i, inner in enumerate(value):
+            _require_printable(document, inner, (*key, i))
+    elif isinstance(value, str):
+        hidden = next(filter(steers, value), None)
+        if hidden is not None:
+            raise document.error(
+                key,
+                f"expected text that can be printed, found the character U+{ord(hidden):04X};"
+                " remove it",
+            )
 
 
 def to_yaml(values: Mapping[str, Any]) -> str:

@@ -68,7 +68,14 @@ def test_what_is_missing_is_named_with_its_line(written, question, message):
     ("text", "message"),
     [
         ("<a><b></a>", "a.xml:1: expected XML, found a mistake"),
-        ('<!DOCTYPE a [<!ENTITY x "y">]><a>&x;</a>', "without entities of its own, found 'x'"),
+        (
+            '<!DOCTYPE a [<!ENTITY x "y">]><a>&x;</a>',
+            "attribute lists of its own, found '<!DOCTYPE a",
+        ),
+        (
+            "<!DOCTYPE a [" + "".join(f'<!ATTLIST a b{i} CDATA "x">' for i in range(3)) + "]><a/>",
+            "of its own",
+        ),
         ("<a>" * 70, "64 deep, found more"),
         ('<?xml version="1.0" encoding="nonsense"?><a/>', "encoding"),
     ],

@@ -32,6 +32,7 @@ from steelyard.logs.arrays import hdf5
 from steelyard.logs.formats import FORMATS, open_log, topics
 from steelyard.logs.log import RowRange
 from steelyard.logs.messages import blocks, mcap, ros1_bag, ros2_bag
+from steelyard.logs.messages.idl import types_in_idl
 from steelyard.logs.messages.recording import FileSection, Interval, Message, in_time_order
 from steelyard.logs.messages.ros_message import cdr_decoder, ros1_decoder
 from steelyard.logs.messages.ros_types import types_of
@@ -666,6 +667,43 @@ def test_definitions_in_idl(tmp_path):
     assert {name: values[name][0] for name in wanted} == wanted
 
 
+IDL_TYPES = [
+    *("boolean", "octet", "char", "wchar", "string", "wstring", "float", "double", "long double"),
+    *("short", "long", "long long", "unsigned short", "unsigned long", "unsigned  long long"),
+    *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
+]
+
+
+def test_idl_agrees_with_rosbags():
+    from rosbags.typesys import get_types_from_idl
+
+    plain = "".join(f"{kind} f{i};" for i, kind in enumerate(IDL_TYPES))
+    many = "".join(f"sequence<{kind}> g{i}, h{i};" for i, kind in enumerate(IDL_TYPES))
+    text = f"""
+// generated
+module my {{ module msg {{
+  typedef double double__3[3];  typedef sequence<octet, 4> some;  typedef double__3 again;
+  module A_Constants {{ const uint8 N = 0x10; const string T = "a;" "b"; const float X = -1.5; }};
+  const long M = 7;  const long L = M;
+  enum Kind {{ ONE, TWO }};
+  struct B {{ double__3 axis; again twice; some bytes; }};
+  @verbatim (language="comment", text= "Forces (N) of << the cables")
+  struct A {{ {plain} {many} @unit (value="N") std_msgs::msg::Header header; B b; my::msg::B c;
+    B d[4], e; string<12> s; sequence<string<5> > t; sequence<B, 3> u; ::other::msg::C v;
+    double w[M]; /* a [ */ double z[L]; }};
+}}; }};"""
+    theirs = {name: fields for name, (_, fields) in get_types_from_idl(text).items()}
+    ours = types_in_idl(text)
+    assert ours.keys() == theirs.keys()
+    for name, fields in ours.items():
+        # They keep the stroke of a name from the top, which no type has.
+        want = [
+            (field, (2, "other/msg/C") if description == (2, "/other/msg/C") else description)
+            for field, description in theirs[name]
+        ]
+        assert fields == want
+
+
 def test_parts_of_a_bag(tmp_path, found):
     """A bag in several files, as recorders split them."""
     first = {
@@ -1260,6 +1298,10 @@ def nested_types(depth, width):
     return ("\n" + "=" * 80 + "\n").join([*parts, f"MSG: a/T{depth}\nstring x"])
 
 
+def idl(fields):
+    return "module a { module msg { struct A {" + fields + "}; }; };"
+
+
 @pytest.mark.parametrize(
     ("form", "definition", "sentence"),
     [
@@ -1277,11 +1319,13 @@ def nested_types(depth, width):
         ("ros2idl", "const long A = 1 << 100000000000;", "expressions to evaluate"),
         ("ros2idl", "module " * 5000, "one that cannot be read"),
         ("ros2idl", "@a(b=1) " * 3000, "expected a definition"),
-        (
-            "ros2idl",
-            "".join(f"const long A{i} = 1;" for i in range(1000)),
-            "or more than 200 constants",
-        ),
+        ("ros2idl", "".join(f"const long A{i} = 1;" for i in range(1000)), "found none"),
+        ("ros2idl", idl("sequence<" * 20 + "double" + ">" * 20 + " x;"), "a sequence of sequences"),
+        ("ros2idl", idl("double x" + "[2]" * 5000 + ";"), "an array of arrays"),
+        ("ros2idl", idl("double x[2];" * 10_000), "buffer"),
+        ("ros2idl", "typedef B C; typedef C B; " + idl("B x;"), "stands for itself"),
+        ("ros2idl", "struct {" * 10_000, "in place of a name"),
+        ("ros2idl", "@a(" * 80_000, "cut off"),
         ("ros2idl", "module a { struct A { double x; }; }; " * 800, "expected a definition"),
     ],
 )
@@ -1739,3 +1783,10 @@ def test_readers_print_nothing(small, tmp_path, capfd):
         damaged.write_bytes(path.read_bytes()[:-100] + b"x" * 100)
         attempt(damaged, topic)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.skipif(not Path("/proc/kmsg").exists(), reason="no such pipe on this system")
+def test_a_link_to_a_pipe_of_the_kernel_is_not_opened(tmp_path):
+    (tmp_path / "a.csv").symlink_to("/proc/kmsg")
+    with bounded(5), pytest.raises(InputError, match="expected a log, found an empty file"):
+        read(tmp_path / "a.csv")

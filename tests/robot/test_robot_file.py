@@ -247,6 +247,14 @@ NO_ROBOTS = {
     "unknown alias": ("name: *a", "expected YAML, found a mistake in it"),
     "deep": ("name: " + "[" * 1200, "expected YAML, found something that cannot be read"),
     "control character": ("name: \x07", "expected YAML"),
+    "escape": (
+        'name: "\\e[2J"',
+        r":1: 'name': expected text that can be printed, found .* U\+001B",
+    ),
+    "direction": ('name: "\\u202E"', r"found the character U\+202E; remove it"),
+    "escape in a key": ('"\\x9b": 1', r"found the character U\+009B; remove it"),
+    "a letter beyond the last": ('name: "\\UFFFFFFFF"', "found something that cannot be read"),
+    "many values": ("name:\n" + "- 1\n" * 40_000, "expected at most 40000 lines"),
     "not UTF-8": (b"name: \xff\xfe", "expected UTF-8 text, found a byte that is not at 6"),
     "number of 5000 digits": (
         "gravity: " + "9" * 5000,

@@ -10,11 +10,18 @@ import click
 
 from steelyard.cli.interruption import INTERRUPTED, TERMINATED, interruptible
 from steelyard.display import printable
-from steelyard.errors import SteelyardError
+from steelyard.errors import InputError, SteelyardError
 
 _LONGEST_WORD = 200
 """Characters: a path or a name may be as long as a file likes, the sentence around it must stay
 readable."""
+_LEAST_MEMORY = 1900 << 20
+"""Bytes of address space (ulimit -v): with less, what computes ends or waits in its own ways, which
+nothing here can catch."""
+_NO_MEMORY = (
+    "memory: expected enough for these recordings, found that it is used up; allow more (ulimit -v),"
+    " or take shorter recordings"
+)
 _KEPT_END = 20
 """Characters of a longer one that are shown of its end."""
 
@@ -37,6 +44,7 @@ def _run(app: click.Group) -> None:
         # A terminal of few characters shows the others escaped.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
+        _require_memory()
         with interruptible():
             status = _status(app)
             # A disk that is full is said here, not while Python ends.
@@ -48,6 +56,13 @@ def _run(app: click.Group) -> None:
         _fail(str(error), 2)
     except (click.Abort, KeyboardInterrupt):
         _fail("interrupted; nothing was written", INTERRUPTED)
+    except MemoryError:
+        _fail(_NO_MEMORY, 2)
+    except ImportError as error:
+        # A library that finds no place for itself.
+        if "map segment" not in str(error) and "allocate memory" not in str(error):
+            raise
+        _fail(_NO_MEMORY, 2)
     except BrokenPipeError:
         # The reader of our output has gone; there is nobody left to tell.
         sys.stderr.close()
@@ -72,6 +87,22 @@ def _status(app: click.Group) -> int:
             raise
         status = end.code
     return status if isinstance(status, int) else 0
+
+
+def _require_memory() -> None:
+    """Raise SteelyardError where a limit is too low for what a verb loads; help needs nothing."""
+    if {"-h", "--help", "--version"} & set(sys.argv) or len(sys.argv) < 2:
+        return
+    try:
+        import resource
+    except ImportError:  # Windows has no such limits
+        return
+    allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if allowed != resource.RLIM_INFINITY and allowed < _LEAST_MEMORY:
+        raise InputError(
+            f"memory: expected at least {_LEAST_MEMORY >> 20} MiB of address space, found a limit"
+            f" of {allowed >> 20} MiB; raise it with: ulimit -v unlimited"
+        )
 
 
 def _sentence(error: click.ClickException) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.display import printable
 from steelyard.experiment.form import (
     RUN_KEYS,
     AddedBodyForm,
@@ -31,7 +32,7 @@ from steelyard.logs.log import NoRowsError
 from steelyard.processes import check_not_forked
 from steelyard.robot.file import PlatformForm, body_of_form, read_robot
 from steelyard.robot.model import DIRECTIONS, Robot
-from steelyard.yaml_file import YamlDocument, read_yaml, validate
+from steelyard.yaml_file import YamlDocument, read_yaml, require_printable, validate
 
 _FEWEST_SAMPLES = 10
 """Force samples in the common time of a run: fewer determine no body."""
@@ -59,6 +60,7 @@ def read_experiment(path: str | Path, *, weighed: bool = True) -> Experiment:
     check_not_forked()
     path = Path(path)
     document = read_yaml(path)
+    require_printable(document)
     form = validate(ExperimentForm, document)
     robot = _described(form, document)
     _check_loads(form, document)
@@ -98,6 +100,7 @@ def read_plan(path: str | Path, *, weighed: bool = True) -> Experiment:
     """
     path = Path(path)
     document = read_yaml(path)
+    require_printable(document)
     form = validate(PlanForm, document)
     if not weighed:
         planned = _experiment(form, _described(form, document), (), path)
@@ -139,7 +142,8 @@ def _experiment(
         robot = replace(robot, platform=first.nominal)
     return Experiment(
         # The name of a folder may be bytes that are no text.
-        name=form.name or os.fsencode(path.parent.resolve().name).decode(errors="replace"),
+        name=form.name
+        or printable(os.fsencode(path.parent.resolve().name).decode(errors="replace")),
         robot=robot,
         instruments=form.instruments,
         runs=runs,

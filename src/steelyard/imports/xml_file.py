@@ -1,5 +1,5 @@
-"""XML files from anyone: read as data with line numbers; entities, the means of every attack by
-XML, are refused.
+"""XML files from anyone: read as data with line numbers; entities and lists of attributes of
+its own, the means of every attack by XML, are refused.
 """
 
 from __future__ import annotations
@@ -141,8 +141,8 @@ def read_xml(path: Path) -> Element:
     """Read an XML file.
 
     Raises:
-        InputError: It is not there, not a regular file, too large, not XML, or has entities of its
-            own.
+        InputError: It is not there, not a regular file, too large, not XML, or has entities or lists
+            of attributes of its own.
     """
     require_file(path)
     if path.stat().st_size > _LARGEST_FILE:
@@ -169,6 +169,8 @@ class _Builder:
         self.parser.CharacterDataHandler = self.characters
         # Text may name itself a billion times, and name other files, only by entities; no robot
         # needs them.
+        # Defaults of attributes, which a document type may declare, are put into every element.
+        self.parser.StartDoctypeDeclHandler = self.document_type
         self.parser.EntityDeclHandler = self.entity
         self.parser.SkippedEntityHandler = self.entity
 
@@ -201,6 +203,13 @@ class _Builder:
 
     def characters(self, text: str) -> None:
         self.open[-1][3].append(text)
+
+    def document_type(self, name: str, system: object, public: object, own: object) -> None:
+        # The name of another file is never followed, so that it may stand there.
+        if own:
+            self.refuse(
+                "XML without entities and attribute lists of its own", f"'<!DOCTYPE {name[:60]} ['"
+            )
 
     def entity(self, name: str, *_: object) -> None:
         self.refuse("XML without entities of its own", f"'{name[:60]}'")

@@ -9,11 +9,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from steelyard.yaml_file import FileModel
 
-Sigma = Annotated[float, Field(ge=0)]
+_LEAST_SIGMA = 1e-30
+"""In any unit: squares of smaller ones, and of what is divided by them, leave the range of numbers."""
+
+
+def _possible(sigma: float) -> float:
+    if 0 < sigma < _LEAST_SIGMA:
+        raise ValueError(f"expected 0 or a number of a possible size, found {sigma:g}; correct it")
+    return sigma
+
+
+Sigma = Annotated[float, Field(ge=0), AfterValidator(_possible)]
 AttitudeFilter = Annotated[float, Field(gt=0)]
 """Time constant with which an attitude follows the accelerometer [s]."""
 

@@ -149,6 +149,11 @@ def _format(path: Path) -> LogFormat:
     except (OSError, ValueError):
         pass
     require_file(path, "log")
+    # Never opened: pipes of the kernel are files of no size, and wait.
+    if not path.stat().st_size:
+        raise InputError(
+            f"{path}: expected a log, found an empty file, with no columns; record or copy it again"
+        )
     ending = ending_of(path)
     if ending is None:
         raise InputError(

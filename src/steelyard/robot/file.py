@@ -15,7 +15,7 @@ from steelyard.errors import InputError
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six, symmetric
 from steelyard.robot.covariance import read_covariance
 from steelyard.robot.model import CableProperties, Limits, Robot
-from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, validate
+from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, require_printable, validate
 
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
@@ -185,6 +185,7 @@ def robot_of(document: YamlDocument) -> Robot:
     Raises:
         InputError: The document does not fit the contract, or the robot makes no sense.
     """
+    require_printable(document)
     form = validate(RobotForm, document)
     _check(form, document)
     gravity = form.gravity if isinstance(form.gravity, tuple) else (0.0, 0.0, -form.gravity)

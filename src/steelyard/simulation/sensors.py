@@ -15,7 +15,7 @@ from steelyard.experiment.read import check_instruments
 from steelyard.instruments import AnyInstrument, Instrument
 from steelyard.instruments.base import exact, is_absent, sigma
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, validate
+from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, require_printable, validate
 
 
 class SensorsForm(FileModel):
@@ -149,7 +149,9 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
             f"--sensors: expected 'paper', 'ideal' or the path of a YAML file, found '{which}';"
             " correct it"
         )
-    return _sensors(read_yaml(Path(which)), robot)
+    document = read_yaml(Path(which))
+    require_printable(document)
+    return _sensors(document, robot)
 
 
 def _sensors(document: YamlDocument, robot: Robot) -> Sensors:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
+from steelyard.logs.messages.idl import types_in_idl
 from steelyard.logs.packages import require_package, shown
 
 Types = Mapping[str, Sequence[tuple[str, Any]]]
@@ -17,13 +17,9 @@ them."""
 
 TIMES = {"builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"}
 """Types of times and durations, in whole seconds and nanoseconds."""
-_LONGEST = {"msg": 1 << 18, "idl": 1 << 15}
-"""Characters of a definition together with those it needs; its parser takes seconds beyond it."""
+_LONGEST = 1 << 18
+"""Characters of a definition together with those it needs; a parser takes seconds beyond it."""
 _SEPARATOR = "=" * 80 + "\n"
-_IDL_TEXT = re.compile(r'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
-_IDL_ANNOTATION = re.compile(r"@\s*\w+(\s*\([^()]*\))?|^#[^\n]*", re.MULTILINE)
-_MOST_CONSTANTS = 200
-"""Constants of a definition in IDL: each costs its parser milliseconds."""
 
 
 def types_of(path: Path, name: str, form: str, definition: str, *, ros1: bool) -> Types:
@@ -43,7 +39,7 @@ def types_of(path: Path, name: str, form: str, definition: str, *, ros1: bool) -
     require_package(path, "rosbags", "rosbags", "ROS")
     stated: dict[str, Any] = {}
     if form:
-        if len(definition) > _LONGEST[form]:
+        if len(definition) > _LONGEST:
             raise _wrong(path, name, f"{len(definition)} characters")
         # Parsers of text from anyone: they fail in ways of their own, with assertions and errors of
         # keys and types among them.
@@ -106,22 +102,13 @@ def _parsed_msg(definition: str, name: str) -> dict[str, Any]:
 
 
 def _parsed_idl(definition: str) -> dict[str, Any]:
-    """Types of a definition in IDL, unless its parser would take long."""
-    from rosbags.typesys import get_types_from_idl
-
-    # Its time grows sixtyfold with every bracket in an expression; shifts make numbers of any
-    # length.
-    bare = _IDL_ANNOTATION.sub(
-        "", _IDL_TEXT.sub(lambda text: '""' if text[0].startswith('"') else "", definition)
-    )
-    constants = bare.count("=") - bare.count(_SEPARATOR) * 80
-    if "(" in bare or "<<" in bare or constants > _MOST_CONSTANTS:
-        raise ValueError(f"expressions to evaluate, or more than {_MOST_CONSTANTS} constants")
+    """Types of a definition in IDL: files behind each other, with lines between them."""
     types: dict[str, Any] = {}
-    for text in bare.split(_SEPARATOR):
+    for text in definition.split(_SEPARATOR):
         header, _, rest = text.partition("\n")
         if text.strip():
-            types.update(get_types_from_idl(rest if header.startswith("IDL: ") else text))
+            found = types_in_idl(rest if header.startswith("IDL: ") else text)
+            types.update({name: ((), fields) for name, fields in found.items()})
     return types
 
 
