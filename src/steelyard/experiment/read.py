@@ -362,6 +362,13 @@ def check_instruments(
                 "expected a cable that has a sensor, found none; leave the instrument out of the"
                 " file, or correct this",
             )
+        for column in instrument.nodes:
+            if column not in columns - instrument.unread:
+                raise document.error(
+                    ("instruments", name, "nodes", column),
+                    f"expected a column of the kind '{instrument.kind}', found '{column}'; known"
+                    f" here: {', '.join(sorted(columns - instrument.unread))}",
+                )
         delay = instrument.calibration.delay
         priors = [(term.key, term.prior, term.size) for term in instrument.terms(robot.m)]
         for key, prior, size in [*priors, *([("delay", delay, 1)] if delay else [])]:

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
-from pydantic import Field, model_serializer, model_validator
+from pydantic import AfterValidator, Field, model_serializer, model_validator
 from scipy.spatial.transform import Rotation
 
 from steelyard import rotations
@@ -239,6 +239,13 @@ class ForceCalibration(Calibration):
         return Term(TIME_CONSTANT, 1, "s", self.time_constant, suspected=suspected, positive=True)
 
 
+class Nodes(dict[str, str]):
+    """Column -> node of a controller; as instruments are never changed, it can be hashed."""
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(frozenset(self.items()))
+
+
 class Instrument(FileModel, ABC):
     """An instrument as an experiment file describes it."""
 
@@ -256,6 +263,9 @@ class Instrument(FileModel, ABC):
     """Instruments of one clock share its error."""
     rate: Annotated[float, Field(gt=0, le=100_000)] | None = None
     """[Hz]; for simulation and design."""
+    nodes: Annotated[dict[str, str], AfterValidator(Nodes)] = Field(default_factory=Nodes)
+    """Column -> node of a controller that has its value (OPC UA: a node id, Beckhoff: the name of a
+    variable); for `watch`."""
     calibration: Calibration = Calibration()
     """1-sigma of its systematic errors."""
 

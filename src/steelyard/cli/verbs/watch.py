@@ -27,14 +27,14 @@ NOT_ACCEPTED = 3
     required=True,
     metavar="URL",
     help="Where samples come from: replay:RUN[@SPEED|@max], udp://HOST:PORT, zmq+tcp://HOST:PORT,"
-    " mqtt://HOST:PORT/TOPIC.",
+    " mqtt://HOST:PORT/TOPIC, opc.tcp://HOST:PORT.",
 )
 @click.option(
     "--publish",
     multiple=True,
     metavar="URL",
-    help="Where estimates go to: udp://HOST:PORT, zmq+tcp://HOST:PORT, mqtt://HOST:PORT/TOPIC; may"
-    " be repeated.",
+    help="Where estimates go to: udp://HOST:PORT, zmq+tcp://HOST:PORT, mqtt://HOST:PORT/TOPIC,"
+    " opc.tcp://HOST:PORT; may be repeated.",
 )
 @click.option(
     "--rate",
@@ -127,10 +127,9 @@ def watch(
                 if rate is not None and last is not None and record.time - last < 1 / rate:
                     continue
                 last = record.time
-                text = _line(record.to_dict())
                 for sink in sinks:
-                    sink.send(text)
-                write(text)
+                    sink.send(record)
+                write(record.line)
                 records.append(record)
                 show(record)
             if until is not None and session.seconds >= until:
@@ -169,13 +168,6 @@ def _finished(
     _say(in_words(found.session), quiet=quiet)
     _say(str(estimate.verdict), quiet=quiet)
     return 0 if estimate.verdict.accepted else NOT_ACCEPTED
-
-
-def _line(values: dict[str, Any]) -> str:
-    """Plain values as one line of JSON."""
-    import json
-
-    return json.dumps(values, allow_nan=False)
 
 
 def _say(text: str, *, quiet: bool) -> None:
@@ -223,7 +215,7 @@ def _log(out: Path | None) -> Iterator[Callable[[str], None]]:
 def _shown(*, as_json: bool) -> Iterator[Callable[[Record], None]]:
     """A table that follows in a terminal, JSON lines elsewhere."""
     if as_json or not sys.stdout.isatty():
-        yield lambda record: print(_line(record.to_dict()), flush=True)
+        yield lambda record: print(record.line, flush=True)
         return
     from rich.live import Live
 
