@@ -34,6 +34,9 @@ class Record:
     """Why it is not accepted."""
     events: tuple[dict[str, Any], ...] = ()
     """What has happened since the last record."""
+    unmodelled: Array | None = None
+    """Wrench that nothing explains, about the platform origin, in platform axes [N], [N m], shape
+    (6,); None: not known."""
 
     @classmethod
     def of(
@@ -45,6 +48,7 @@ class Record:
         size: float,
         accepted: bool | None,
         reasons: Sequence[str] = (),
+        unmodelled: Array | None = None,
     ) -> Record:
         """Without numbers of what the data do not tell.
 
@@ -56,6 +60,7 @@ class Record:
             size: Plausible radius of the body [m].
             accepted: See :attr:`accepted`.
             reasons: See :attr:`reasons`.
+            unmodelled: See :attr:`unmodelled`.
         """
         told = identifiable_parameters(float(value[0]), covariance, size)
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -66,6 +71,7 @@ class Record:
             np.where(told, deviation, np.nan),
             accepted,
             tuple(reasons),
+            unmodelled=unmodelled,
         )
 
     @cached_property
@@ -94,6 +100,7 @@ class Record:
             "accepted": self.accepted,
             "reasons": list(self.reasons),
             "events": list(self.events),
+            "unmodelled": None if self.unmodelled is None else plain(self.unmodelled),
         }
 
 

@@ -14,6 +14,7 @@ from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.recursive.follow import LOST, Following, begin
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.live.buffer import Buffer, part_of
+from steelyard.live.left_over import left_over
 from steelyard.live.message import Arrival
 from steelyard.live.record import Record
 from steelyard.live.settings import LIVE, LiveSettings
@@ -204,6 +205,7 @@ class Session:
             plausible_radius(found.plan.robot),
             None if verdict is None else verdict.accepted,
             () if verdict is None else verdict.reasons,
+            left_over(following),
         )
         return found, [record]
 
