@@ -34,7 +34,7 @@ NOT_ACCEPTED = 3
     multiple=True,
     metavar="URL",
     help="Where estimates go to: udp://HOST:PORT, zmq+tcp://HOST:PORT, mqtt://HOST:PORT/TOPIC,"
-    " opc.tcp://HOST:PORT; may be repeated.",
+    " opc.tcp://HOST:PORT, foxglove:PORT, mcap:FILE; may be repeated.",
 )
 @click.option(
     "--rate",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from steelyard.errors import InputError
+from steelyard.live.sinks.foxglove import FoxgloveSink, McapSink
 from steelyard.live.sinks.mqtt import MqttSink
 from steelyard.live.sinks.opcua import OpcUaSink
 from steelyard.live.sinks.sink import Sink
@@ -16,6 +17,8 @@ SINKS: dict[str, Callable[[str], Sink]] = {
     "zmq+tcp://": ZeroMqSink,
     "mqtt://": MqttSink,
     "opc.tcp://": OpcUaSink,
+    "foxglove:": FoxgloveSink,
+    "mcap:": McapSink,
 }
 """Beginning of an address -> sink."""
 
