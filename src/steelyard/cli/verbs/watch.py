@@ -27,7 +27,8 @@ NOT_ACCEPTED = 3
     required=True,
     metavar="URL",
     help="Where samples come from: replay:RUN[@SPEED|@max], udp://HOST:PORT, zmq+tcp://HOST:PORT,"
-    " mqtt://HOST:PORT/TOPIC, opc.tcp://HOST:PORT.",
+    " mqtt://HOST:PORT/TOPIC, opc.tcp://HOST:PORT,"
+    " ads://HOST/NETID:PORT.",
 )
 @click.option(
     "--publish",

@@ -197,7 +197,7 @@ def _handler(
     """What answers to a browser: the page at ``/``, estimates at ``/events``, nothing else."""
     clients = threading.BoundedSemaphore(_MOST_CLIENTS)
 
-    class Handler(BaseHTTPRequestHandler):
+    class Answer(BaseHTTPRequestHandler):
         timeout = _PATIENCE
         server_version = "steelyard"
         sys_version = ""
@@ -288,7 +288,7 @@ def _handler(
         def log_message(self, *_: object) -> None:
             """Nothing: addresses hold the token."""
 
-    return Handler
+    return Answer
 
 
 def _host_of(header: str) -> str:

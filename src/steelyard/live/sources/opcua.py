@@ -141,7 +141,7 @@ class OpcUaReader:
         names, inbox = self._names, self._inbox
         first = set(range(len(names)))
 
-        class Handler:
+        class Changes:
             def datachange_notification(self, node: Any, value: Any, data: Any) -> None:
                 """A value, in the order of the server."""
                 number = data.subscription_data.client_handle
@@ -156,7 +156,7 @@ class OpcUaReader:
             def status_change_notification(self, status: Any) -> None:
                 """The end of a subscription shows as a lost connection."""
 
-        return Handler()
+        return Changes()
 
     def _requests(self) -> list[Any]:
         """One for each node: every value with another time stamp, though it may be the same."""

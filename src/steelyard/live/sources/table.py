@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.live.settings import LIVE, LiveSettings
+from steelyard.live.sources.ads import AdsReader
 from steelyard.live.sources.mqtt import MqttTransport
 from steelyard.live.sources.nodes import NodeName, NodeReader, NodeSource, nodes_of
 from steelyard.live.sources.opcua import OpcUaReader
@@ -24,6 +25,7 @@ TRANSPORTS: dict[str, Callable[[str], Transport]] = {
 """Beginning of an address -> connection that messages come over."""
 READERS: dict[str, Callable[[str, Sequence[NodeName]], NodeReader]] = {
     "opc.tcp://": OpcUaReader,
+    "ads://": AdsReader,
 }
 """Beginning of an address -> connection that single numbers come over."""
 
