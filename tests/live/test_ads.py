@@ -53,8 +53,10 @@ def begin(monkeypatch):
             PLCVariable(n, 0.0, ads_type=pyads.constants.ADST_REAL64, symbol_type="LREAL")
             for n in NODES.values()
         ]
-        for each in variables:
+        for i, each in enumerate(variables):
             handler.add_variable(each)
+            # By itself it gives all of them the same handles.
+            each.notification_count = 100 * (i + 1)
         server = AdsTestServer(handler=handler, logging=False)
         server.start()
         running.append(server)
@@ -70,7 +72,7 @@ def begin(monkeypatch):
         each.close()
 
 
-def received(source, done, seconds=60.0):
+def received(source, done, seconds=30.0):
     arrivals, remarks, end = [], [], time.monotonic() + seconds
     while not done(arrivals, remarks) and time.monotonic() < end:
         found = source.receive(0.05)
