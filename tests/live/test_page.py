@@ -179,7 +179,7 @@ def test_a_port_that_is_taken_is_refused(sink):
 @pytest.mark.browser
 def test_it_shows_what_is_known(tmp_path):
     for_page = PageSink(PAGE.html, PAGE.policy, 0)
-    change = {"t": 20.0, "kind": "load", "load": "tool + 1", "mass": 5.0, "sigma": 0.1}
+    change = {"t": 20.0, "kind": "load", "load": "tool + 1", "mass": 5.0, "sigma_mass": 0.1}
     for i in range(60):
         for_page.send(record(i, events=(change,) if i == 40 else ()))
     with browser() as driver:

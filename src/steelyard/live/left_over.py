@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import balance_of
-from steelyard.identification.recursive.follow import Following
+from steelyard.identification.recursive.following import Following
 
 
 def left_over(following: Following) -> Array:

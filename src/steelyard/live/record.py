@@ -48,6 +48,7 @@ class Record:
         size: float,
         accepted: bool | None,
         reasons: Sequence[str] = (),
+        events: Sequence[dict[str, Any]] = (),
         unmodelled: Array | None = None,
     ) -> Record:
         """Without numbers of what the data do not tell.
@@ -60,6 +61,7 @@ class Record:
             size: Plausible radius of the body [m].
             accepted: See :attr:`accepted`.
             reasons: See :attr:`reasons`.
+            events: See :attr:`events`.
             unmodelled: See :attr:`unmodelled`.
         """
         told = identifiable_parameters(float(value[0]), covariance, size)
@@ -71,6 +73,7 @@ class Record:
             np.where(told, deviation, np.nan),
             accepted,
             tuple(reasons),
+            tuple(events),
             unmodelled=unmodelled,
         )
 

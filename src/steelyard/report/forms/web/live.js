@@ -138,7 +138,7 @@ function judge(record) {
 }
 
 function told(event) {
-  const weight = typeof event.mass === "number" ? `${event.mass < 0 ? "−" : "+"}${shown(Math.abs(event.mass), event.sigma)} kg` : "";
+  const weight = typeof event.mass === "number" ? `${event.mass < 0 ? "−" : "+"}${shown(Math.abs(event.mass), event.sigma_mass)} kg` : "";
   return [`${event.t.toFixed(1)} s`, event.kind, event.load, weight].filter((x) => x !== undefined && x !== "").join(", ");
 }
 
