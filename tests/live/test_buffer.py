@@ -1,6 +1,7 @@
 """Samples in the order of their times, whatever the order they arrive in."""
 
 import numpy as np
+import pytest
 
 from steelyard.experiment.model import Stream
 from steelyard.live.buffer import Buffer
@@ -46,6 +47,17 @@ def test_a_time_far_ahead_is_taken_once_several_agree():
     found = found.with_arrivals([samples(100.5, 100.6, 100.7, 100.8, 100.9)], {})
     assert found.streams["tracker"].time[-1] == 100.9
     assert found.counts.ahead == 1
+
+
+def test_much_that_comes_at_once_is_not_ahead():
+    burst = samples(*np.arange(0.1, 600.0, 0.1))
+    found = filled(samples(0.0), burst)
+    assert found.counts.taken == 6000
+    assert found.counts.ahead == 0
+    # After a connection that was lost for a while, too; what stands alone beyond it does not count.
+    found = found.with_arrivals([samples(*np.arange(700.0, 900.0, 0.1), 1e6)], {})
+    assert found.streams["tracker"].time[-1] == pytest.approx(899.9)
+    assert (found.counts.taken, found.counts.ahead) == (8000, 1)
 
 
 def test_what_has_been_used_is_let_go():

@@ -10,11 +10,13 @@ import pytest
 from places import DATA
 
 from steelyard.errors import InputError
+from steelyard.live.record import Record
 from steelyard.live.sinks.table import open_sink
 from steelyard.live.sources.mqtt import mqtt_client
 from steelyard.live.sources.zeromq import ZeroMqTransport
 
 pytestmark = pytest.mark.integration
+RECORD = Record(1.5, "tool", np.arange(10.0), np.full(10, 0.1), True)
 POINTS = DATA / "points-00" / "experiment.yaml"
 
 
@@ -143,7 +145,7 @@ def sent_until_received(sink, transport, count):
     """Send until so many arrive: a subscriber hears nothing before it has connected."""
     messages, remarks, end = [], [], time.monotonic() + 30.0
     while len(messages) < count and time.monotonic() < end:
-        sink.send("{}")
+        sink.send(RECORD)
         new, said = received(transport, 1, 0.1)
         messages += new
         remarks += said

@@ -370,6 +370,13 @@ def check_instruments(
                 " file, or correct this",
             )
         _check_writing(name, instrument, robot, document)
+        for column, _ in instrument.nodes:
+            if column not in columns - instrument.unread:
+                raise document.error(
+                    ("instruments", name, "nodes", column),
+                    f"expected a column of the kind '{instrument.kind}', found '{column}'; known"
+                    f" here: {', '.join(sorted(columns - instrument.unread))}",
+                )
         delay = instrument.calibration.delay
         priors = [(term.key, term.prior, term.size) for term in instrument.terms(robot.m)]
         for key, prior, size in [*priors, *([("delay", delay, 1)] if delay else [])]:

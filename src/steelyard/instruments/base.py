@@ -252,8 +252,8 @@ def _pairs(given: Any) -> Any:
 
 _TEXTS = {"type": "object", "additionalProperties": {"type": "string"}}
 _NUMBERS = {"type": "object", "additionalProperties": {"type": "number"}}
-Exchanged = Annotated[tuple[tuple[str, str], ...], BeforeValidator(_pairs), WithJsonSchema(_TEXTS)]
-"""Column -> another one."""
+Words = Annotated[tuple[tuple[str, str], ...], BeforeValidator(_pairs), WithJsonSchema(_TEXTS)]
+"""Column -> word: another column, a node of a controller."""
 Scale = Annotated[
     float | tuple[tuple[str, float], ...],
     BeforeValidator(_pairs),
@@ -279,9 +279,12 @@ class Instrument(FileModel, ABC):
     """Instruments of one clock share its error."""
     rate: Annotated[float, Field(gt=0, le=100_000)] | None = None
     """[Hz]; for simulation and design."""
+    nodes: Words = ()
+    """Column -> node of a controller that has its value (OPC UA: a node id, Beckhoff: the name of a
+    variable); for `watch`."""
     calibration: Calibration = Calibration()
     """1-sigma of its systematic errors."""
-    columns: Exchanged = ()
+    columns: Words = ()
     """Column of the contract -> column that it is read from in all runs, on top of what its streams
     say: what is exchanged in every log."""
     scale: Scale = 1.0

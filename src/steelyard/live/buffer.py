@@ -83,16 +83,27 @@ class Buffer:
         old = self.streams.get(name)
         suspects = dict(self.suspects)
         if old is not None and len(old):
-            near = int(np.searchsorted(new.time, old.time[-1] + settings.ahead, side="right"))
+            # What goes on from one sample to the next is not ahead, however much comes at once.
+            steps = np.diff(new.time, prepend=old.time[-1])
+            near = (
+                int(np.argmax(steps > settings.ahead))
+                if (steps > settings.ahead).any()
+                else len(new)
+            )
             far, new = part_of(new, slice(near, None)), part_of(new, slice(0, near))
             if len(far):
                 waiting = joined([*suspects.get(name, ()), far])
                 waiting = part_of(waiting, np.argsort(waiting.time, kind="stable"))
-                together = waiting.time[-1] - waiting.time[0] <= settings.ahead
-                if together and len(waiting) >= settings.agreeing:
+                group = np.cumsum(np.diff(waiting.time, prepend=waiting.time[0]) > settings.ahead)
+                agree = np.bincount(group)[group] >= settings.agreeing
+                if agree.any():
                     # The clock has moved on, or the connection was lost for a while.
-                    new, waiting = joined([new, waiting]), part_of(waiting, slice(0, 0))
-                elif not together:
+                    counts = replace(counts, ahead=counts.ahead + int(np.sum(~agree)))
+                    new, waiting = (
+                        joined([new, part_of(waiting, agree)]),
+                        part_of(waiting, slice(0)),
+                    )
+                elif group[-1]:
                     counts = replace(counts, ahead=counts.ahead + len(waiting) - len(far))
                     waiting = far
                 suspects[name] = (waiting,) if len(waiting) else ()

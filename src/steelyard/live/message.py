@@ -67,7 +67,7 @@ def arrivals_of(
     objects = found if isinstance(found, list) else [found]
     if not objects:
         raise MessageError("message: expected samples, found an empty list; send some")
-    return [_arrival(each, instruments, m, settings) for each in objects]
+    return [arrival_of(each, instruments, m, settings) for each in objects]
 
 
 def _refuse(word: str) -> float:
@@ -75,10 +75,20 @@ def _refuse(word: str) -> float:
     raise ValueError(word)
 
 
-def _arrival(
+def arrival_of(
     found: Any, instruments: Mapping[str, Instrument], m: int, settings: LiveSettings
 ) -> Arrival:
-    """One object of a message."""
+    """Samples in one object of a message.
+
+    Args:
+        found: The object.
+        instruments: Those of the experiment.
+        m: Number of cables.
+        settings: Limits of a message.
+
+    Raises:
+        MessageError: It is not as it should be.
+    """
     if not isinstance(found, dict):
         raise MessageError("message: expected an object, found something else; see docs/watch.md")
     name = found.get("instrument")

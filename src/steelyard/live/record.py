@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import identifiable_parameters, named, plain
-from steelyard.inertia import BODY_PARAMETERS, TEN, symmetric
+from steelyard.inertia import BODY_PARAMETERS, symmetric
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,9 @@ class Record:
     """Why it is not accepted."""
     events: tuple[dict[str, Any], ...] = ()
     """What has happened since the last record."""
+    unmodelled: Array | None = None
+    """Wrench that nothing explains, about the platform origin, in platform axes [N], [N m], shape
+    (6,); None: not known."""
 
     @classmethod
     def of(
@@ -44,6 +49,7 @@ class Record:
         accepted: bool | None,
         reasons: Sequence[str] = (),
         events: Sequence[dict[str, Any]] = (),
+        unmodelled: Array | None = None,
     ) -> Record:
         """Without numbers of what the data do not tell.
 
@@ -56,6 +62,7 @@ class Record:
             accepted: See :attr:`accepted`.
             reasons: See :attr:`reasons`.
             events: See :attr:`events`.
+            unmodelled: See :attr:`unmodelled`.
         """
         told = identifiable_parameters(float(value[0]), covariance, size)
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -67,7 +74,22 @@ class Record:
             accepted,
             tuple(reasons),
             tuple(events),
+            unmodelled=unmodelled,
         )
+
+    @cached_property
+    def line(self) -> str:
+        """As one line of JSON."""
+        return json.dumps(self.to_dict(), allow_nan=False)
+
+    def numbers(self) -> dict[str, float]:
+        """Every number by a name of its own: ``t``, the ten of
+        :data:`steelyard.inertia.BODY_PARAMETERS`, ``sigma_...`` of each; NaN where the data do not
+        tell it.
+        """
+        values = dict(zip(BODY_PARAMETERS, self.value.tolist(), strict=True))
+        sigmas = zip(BODY_PARAMETERS, self.deviation.tolist(), strict=True)
+        return {"t": self.time, **values, **{f"sigma_{name}": own for name, own in sigmas}}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, null where the data do not tell a number."""
@@ -81,16 +103,12 @@ class Record:
             "accepted": self.accepted,
             "reasons": list(self.reasons),
             "events": list(self.events),
+            "unmodelled": None if self.unmodelled is None else plain(self.unmodelled),
         }
 
 
 def table_of(records: Sequence[Record]) -> dict[str, Array]:
-    """Columns of a table: ``t``, the ten and their 1-sigma (``sigma_mass`` and so on), shape (n,)
-    each.
-    """
-    values = np.array([each.value for each in records]).reshape(-1, TEN)
-    sigmas = np.array([each.deviation for each in records]).reshape(-1, TEN)
-    found = {"t": np.array([each.time for each in records])}
-    found |= dict(zip(BODY_PARAMETERS, values.T, strict=True))
-    found |= {f"sigma_{name}": own for name, own in zip(BODY_PARAMETERS, sigmas.T, strict=True)}
-    return found
+    """Columns of a table, those of :meth:`Record.numbers`, shape (n,) each."""
+    rows = [each.numbers() for each in records]
+    names = ["t", *BODY_PARAMETERS, *(f"sigma_{name}" for name in BODY_PARAMETERS)]
+    return {name: np.array([row[name] for row in rows], dtype=float) for name in names}

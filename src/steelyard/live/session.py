@@ -18,6 +18,7 @@ from steelyard.identification.recursive.follow import LOST, begin
 from steelyard.identification.recursive.following import Event, Following
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.live.buffer import Buffer, part_of
+from steelyard.live.left_over import left_over
 from steelyard.live.message import Arrival
 from steelyard.live.record import Record
 from steelyard.live.settings import LIVE, LiveSettings
@@ -212,6 +213,7 @@ class Session:
             None if verdict is None else verdict.accepted,
             () if verdict is None else verdict.reasons,
             tuple(_as_event(each, origin) for each in happened),
+            left_over(following),
         )
         return found, [record]
 

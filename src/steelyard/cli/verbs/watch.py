@@ -27,14 +27,15 @@ NOT_ACCEPTED = 3
     required=True,
     metavar="URL",
     help="Where samples come from: replay:RUN[@SPEED|@max], udp://HOST:PORT, zmq+tcp://HOST:PORT,"
-    " mqtt://HOST:PORT/TOPIC.",
+    " mqtt://HOST:PORT/TOPIC, opc.tcp://HOST:PORT,"
+    " ads://HOST/NETID:PORT.",
 )
 @click.option(
     "--publish",
     multiple=True,
     metavar="URL",
-    help="Where estimates go to: udp://HOST:PORT, zmq+tcp://HOST:PORT, mqtt://HOST:PORT/TOPIC; may"
-    " be repeated.",
+    help="Where estimates go to: udp://HOST:PORT, zmq+tcp://HOST:PORT, mqtt://HOST:PORT/TOPIC,"
+    " opc.tcp://HOST:PORT, foxglove:PORT, mcap:FILE; may be repeated.",
 )
 @click.option(
     "--rate",
@@ -56,6 +57,18 @@ NOT_ACCEPTED = 3
     metavar="S",
     help="How long samples may be late.",
 )
+@click.option(
+    "--page",
+    type=click.IntRange(0, 65535),
+    metavar="PORT",
+    help="Serve a page that shows the estimates, on the loopback address; 0: any free port.",
+)
+@click.option(
+    "--listen",
+    metavar="ADDRESS",
+    help="Serve it on this address of this machine instead; browsers then need a token, which is"
+    " printed.",
+)
 @out_option(
     metavar="FILE",
     help="File for all estimates (.parquet, else JSON lines); estimate.json is written beside it.",
@@ -70,6 +83,8 @@ def watch(
     rate: float | None,
     until: float | None,
     patience: float,
+    page: int | None,
+    listen: str | None,
     out: Path | None,
     force: bool,
     as_json: bool,
@@ -92,6 +107,8 @@ def watch(
     from steelyard.live.watch import ended, watch
     from steelyard.output import check_file_target
 
+    if listen is not None and page is None:
+        raise click.UsageError("--listen: expected --page too, found none; give its port")
     check_source(source)
     for url in publish:
         check_sink(url)
@@ -114,6 +131,8 @@ def watch(
         for url in publish:
             sinks.append(open_sink(url))
             stack.callback(sinks[-1].close)
+        if page is not None:
+            sinks.append(stack.enter_context(_page(plan.name, page, listen)))
         samples = open_source(source, plan, settings)
         stack.callback(samples.close)
         write = stack.enter_context(_log(out, beside))
@@ -127,10 +146,9 @@ def watch(
                 if rate is not None and last is not None and record.time - last < 1 / rate:
                     continue
                 last = record.time
-                text = _line(record.to_dict())
                 for sink in sinks:
-                    sink.send(text)
-                write(text)
+                    sink.send(record)
+                write(record.line)
                 records.append(record)
                 show(record)
             if until is not None and session.seconds >= until:
@@ -170,13 +188,6 @@ def _finished(
     return 0 if estimate.verdict.accepted else NOT_ACCEPTED
 
 
-def _line(values: dict[str, Any]) -> str:
-    """Plain values as one line of JSON."""
-    import json
-
-    return json.dumps(values, allow_nan=False)
-
-
 def _say(text: str, *, quiet: bool) -> None:
     """A remark on stderr, in which nothing of a message can steer the terminal."""
     from steelyard.display import printable
@@ -184,6 +195,25 @@ def _say(text: str, *, quiet: bool) -> None:
     if not quiet:
         sys.stderr.write(f"steelyard: {printable(text)}\n")
         sys.stderr.flush()
+
+
+@contextmanager
+def _page(title: str, port: int, listen: str | None) -> Iterator[Any]:
+    """A page that is served, its address said: whoever has to open it needs that, so that it is said
+    even to the quiet.
+    """
+    from steelyard.live.sinks.page import PageSink
+    from steelyard.report.forms.live_page import live_page
+
+    made = live_page(title)
+    sink = PageSink(made.html, made.policy, port, listen)
+    _say(f"page: {sink.url}", quiet=False)
+    if sink.token is not None:
+        _say("the page is sent unencrypted: use it within a network you trust", quiet=False)
+    try:
+        yield sink
+    finally:
+        sink.close()
 
 
 @contextmanager
@@ -228,7 +258,7 @@ def _log(out: Path | None, beside: Path | None) -> Iterator[Callable[[str], None
 def _shown(*, as_json: bool) -> Iterator[Callable[[Record], None]]:
     """A table that follows in a terminal, JSON lines elsewhere."""
     if as_json or not sys.stdout.isatty():
-        yield lambda record: print(_line(record.to_dict()), flush=True)
+        yield lambda record: print(record.line, flush=True)
         return
     from rich.live import Live
 

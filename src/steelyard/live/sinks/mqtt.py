@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from steelyard.live.record import Record
 from steelyard.live.sources.mqtt import mqtt_client
 
 
@@ -13,9 +14,9 @@ class MqttSink:
         self._client.connect_async(host, port)
         self._client.loop_start()
 
-    def send(self, text: str) -> None:
+    def send(self, record: Record) -> None:
         """See :meth:`.Sink.send`."""
-        self._client.publish(self._topic, text)
+        self._client.publish(self._topic, record.line)
 
     def close(self) -> None:
         """End the connection."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from steelyard.errors import InputError
+from steelyard.live.sinks.foxglove import FoxgloveSink, McapSink
 from steelyard.live.sinks.mqtt import MqttSink
+from steelyard.live.sinks.opcua import OpcUaSink
 from steelyard.live.sinks.sink import Sink
 from steelyard.live.sinks.udp import UdpSink
 from steelyard.live.sinks.zeromq import ZeroMqSink
@@ -14,6 +16,9 @@ SINKS: dict[str, Callable[[str], Sink]] = {
     "udp://": UdpSink,
     "zmq+tcp://": ZeroMqSink,
     "mqtt://": MqttSink,
+    "opc.tcp://": OpcUaSink,
+    "foxglove:": FoxgloveSink,
+    "mcap:": McapSink,
 }
 """Beginning of an address -> sink."""
 

@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import Any
 
 from steelyard.errors import InputError
+from steelyard.live.record import Record
 from steelyard.live.sources.source import host_and_port
 
 
@@ -25,10 +26,10 @@ class UdpSink:
         self._address: Any = address
         self._socket = socket.socket(family, kind)
 
-    def send(self, text: str) -> None:
+    def send(self, record: Record) -> None:
         """See :meth:`.Sink.send`."""
         with suppress(OSError):
-            self._socket.sendto(text.encode(), self._address)
+            self._socket.sendto(record.line.encode(), self._address)
 
     def close(self) -> None:
         """End the connection."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from steelyard.errors import InputError
+from steelyard.live.record import Record
 from steelyard.live.sources.source import host_and_port
 from steelyard.live.sources.zeromq import zmq
 
@@ -25,9 +26,9 @@ class ZeroMqSink:
                 " another"
             ) from error
 
-    def send(self, text: str) -> None:
+    def send(self, record: Record) -> None:
         """See :meth:`.Sink.send`."""
-        self._socket.send_string(text)
+        self._socket.send_string(record.line)
 
     def close(self) -> None:
         """End the connection."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import queue
-import time
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from steelyard.errors import InputError
+from steelyard.live.sources.inbox import Inbox
 from steelyard.live.sources.source import library
 
 _PORT = 1883
@@ -53,20 +52,18 @@ class MqttTransport:
 
     def __init__(self, url: str) -> None:
         self._client, host, port, topic = mqtt_client(url)
-        self._messages: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        self._remarks: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._inbox = inbox = Inbox[bytes](_KEPT)
         where = f"mqtt://{host}:{port}/{topic}"
 
         def connected(client: Any, *_: Any) -> None:
             client.subscribe(topic)
-            self._remarks.put(f"{where}: connected")
+            inbox.say(f"{where}: connected")
 
         def lost(*_: Any) -> None:
-            self._remarks.put(f"{where}: connection lost, connecting again")
+            inbox.say(f"{where}: connection lost, connecting again")
 
         def came(_client: Any, _data: Any, message: Any) -> None:
-            if self._messages.qsize() < _KEPT:
-                self._messages.put(bytes(message.payload))
+            inbox.put(bytes(message.payload))
 
         self._client.on_connect = connected
         self._client.on_disconnect = lost
@@ -76,20 +73,7 @@ class MqttTransport:
 
     def messages(self, seconds: float) -> tuple[list[bytes], list[str]]:
         """See :meth:`.Transport.messages`."""
-        until = time.monotonic() + seconds
-        found: list[bytes] = []
-        while True:
-            left = until - time.monotonic()
-            if found and left <= 0:
-                break
-            try:
-                found.append(self._messages.get(timeout=max(left, 1e-4)))
-            except queue.Empty:
-                break
-        remarks = []
-        while not self._remarks.empty():
-            remarks.append(self._remarks.get())
-        return found, remarks
+        return self._inbox.taken(seconds)
 
     def close(self) -> None:
         """End the connection."""

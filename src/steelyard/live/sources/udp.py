@@ -21,16 +21,20 @@ class UdpTransport:
 
     def __init__(self, url: str) -> None:
         host, port = host_and_port(url, "udp://HOST:PORT")
+        own = None
         try:
             family, kind, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-            self._socket = socket.socket(family, kind)
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _ROOM)
-            self._socket.bind(address)
+            own = socket.socket(family, kind)
+            own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _ROOM)
+            own.bind(address)
         except OSError as error:
+            if own is not None:
+                own.close()
             raise InputError(
                 f"--source: expected an address of this machine to listen on, found {url}"
                 f" ({error.strerror or error}); choose another"
             ) from error
+        self._socket = own
 
     def messages(self, seconds: float) -> tuple[list[bytes], list[str]]:
         """See :meth:`.Transport.messages`."""
