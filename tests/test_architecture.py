@@ -34,6 +34,7 @@ LAYERS = [
     {"exports"},
     {"live"},
     {"report"},
+    {"campaigns"},
     {"cli"},
     {"__init__", "__main__"},
 ]

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from steelyard.bodies.nearest_body import nearest_body as nearest_body
     from steelyard.calibration.calibrate import GeometryCalibration as GeometryCalibration
     from steelyard.calibration.calibrate import calibrate as calibrate
+    from steelyard.campaigns.run import Campaign as Campaign
+    from steelyard.campaigns.run import campaign as campaign
     from steelyard.dynamics import platform_regressor as platform_regressor
     from steelyard.dynamics import platform_wrench as platform_wrench
     from steelyard.errors import InfeasibleError as InfeasibleError
@@ -86,6 +88,7 @@ if TYPE_CHECKING:
     from steelyard.simulation.trajectories import trajectories as trajectories
 
 _WHERE = {
+    "Campaign": "campaigns.run",
     "Comparison": "estimates.comparison",
     "Consistent": "identification.methods.consistent",
     "Design": "excitation.design",
@@ -120,6 +123,7 @@ _WHERE = {
     "Verdict": "estimates.estimate",
     "VirtualExperiment": "simulation.simulate",
     "calibrate": "calibration.calibrate",
+    "campaign": "campaigns.run",
     "compare": "estimates.comparison",
     "cramer_rao": "identification.solve.bound",
     "design": "excitation.design",

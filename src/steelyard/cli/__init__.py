@@ -12,6 +12,7 @@ from steelyard.cli.process import run_process
 
 _VERBS = {
     "calibrate": "steelyard.cli.verbs.calibrate:calibrate",
+    "campaign": "steelyard.cli.verbs.campaign:campaign",
     "compare": "steelyard.cli.verbs.compare:compare",
     "convert": "steelyard.cli.verbs.files.convert:convert",
     "demo": "steelyard.cli.verbs.demo:demo",
