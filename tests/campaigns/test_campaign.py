@@ -21,7 +21,7 @@ import steelyard
 from steelyard.campaigns.journal import JOURNAL, Journal, alone_in, joined
 from steelyard.campaigns.rows import LOST, REFUSED, TABLE, columns, failed, frame, merged
 from steelyard.campaigns.run import campaign
-from steelyard.campaigns.tasks import Lost, Outcome, ExperimentTask
+from steelyard.campaigns.tasks import ExperimentTask, Lost, Outcome
 from steelyard.campaigns.work import recorded_at, work_on
 from steelyard.errors import InputError
 from steelyard.estimates.estimate_file import read_estimate_file

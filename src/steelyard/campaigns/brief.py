@@ -26,4 +26,4 @@ def brief(found: Campaign) -> Document:
 
 def _lead(found: Campaign) -> str:
     done = f", {found.unchanged} of them done before" if found.unchanged else ""
-    return f"{found.experiments} experiments{done}; results are in {found.folder}."
+    return f"{found.experiments} experiments{done}; campaign.html and all results are in {found.folder}."

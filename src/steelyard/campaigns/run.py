@@ -15,9 +15,10 @@ from steelyard.campaigns.engines.dask_cluster import DaskCluster, require_dask
 from steelyard.campaigns.engines.processes import Processes
 from steelyard.campaigns.items import Item, find_items
 from steelyard.campaigns.journal import JOURNAL, Journal, alone_in, joined
+from steelyard.campaigns.page import write_page
 from steelyard.campaigns.results import best_rows
 from steelyard.campaigns.rows import DONE, LOST, REFUSED, TABLE, failed, known_hashes
-from steelyard.campaigns.tasks import Engine, Lost, Outcome, ExperimentTask
+from steelyard.campaigns.tasks import Engine, ExperimentTask, Lost, Outcome
 from steelyard.campaigns.work import INSPECT, asked_for, work_on
 from steelyard.errors import InputError
 from steelyard.output import check_target
@@ -35,7 +36,7 @@ class Campaign:
     """What became of many experiments."""
 
     folder: Path
-    """With ``campaign.parquet`` and a folder of results for each experiment."""
+    """With ``campaign.parquet``, ``campaign.html`` and a folder of results for each experiment."""
     experiments: int
     """That were asked for."""
     unchanged: int
@@ -144,6 +145,7 @@ def campaign(
         ]
         counts = work_through(folder, engine, tasks, progress)
         table = joined(folder)
+        write_page(table, folder)
         return _ended(folder, table, asked, items, counts)
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from steelyard.campaigns.inputs import inputs_hash, local_experiment
 from steelyard.campaigns.rows import DONE, LOST, REFUSED, failed
-from steelyard.campaigns.tasks import Outcome, Row, ExperimentTask
+from steelyard.campaigns.tasks import ExperimentTask, Outcome, Row
 from steelyard.errors import SteelyardError
 from steelyard.report.evidence.made import steelyard_version
 

@@ -54,7 +54,7 @@ PROBLEMS = 3
 )
 @out_option(
     required=True,
-    help="Folder for campaign.parquet and all estimates; new, or of a campaign, which"
+    help="Folder for campaign.parquet, campaign.html and all estimates; new, or of a campaign, which"
     " is gone on with.",
 )
 @common
