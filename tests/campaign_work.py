@@ -17,6 +17,8 @@ class Chore:
     kills: int = 0
     """How often it kills its worker."""
     seconds: float = 0.0
+    path: str = ""
+    asked: str = ""
 
 
 def begun(chore):

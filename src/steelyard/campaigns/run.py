@@ -18,7 +18,7 @@ from steelyard.campaigns.journal import JOURNAL, Journal, alone_in, joined
 from steelyard.campaigns.page import write_page
 from steelyard.campaigns.results import best_rows
 from steelyard.campaigns.rows import DONE, LOST, REFUSED, TABLE, failed, known_hashes
-from steelyard.campaigns.tasks import Engine, ExperimentTask, Lost, Outcome
+from steelyard.campaigns.tasks import Engine, ExperimentTask, Lost, Outcome, TaskT, Work
 from steelyard.campaigns.work import INSPECT, asked_for, work_on
 from steelyard.errors import InputError
 from steelyard.output import check_target
@@ -139,11 +139,12 @@ def campaign(
                 verb,
                 methods,
                 reports,
+                asked,
                 known.get(item.name, ""),
             )
             for item in items
         ]
-        counts = work_through(folder, engine, tasks, progress)
+        counts = work_through(folder, engine, work_on, tasks, progress)
         table = joined(folder)
         write_page(table, folder)
         return _ended(folder, table, asked, items, counts)
@@ -186,7 +187,11 @@ def _check_names(items: Sequence[Item], before: pl.DataFrame) -> None:
 
 
 def work_through(
-    folder: Path, engine: Engine, tasks: Sequence[ExperimentTask], progress: Progress = None
+    folder: Path,
+    engine: Engine,
+    work: Work,
+    tasks: Sequence[TaskT],
+    progress: Progress = None,
 ) -> Counter[str]:
     """Work on all tasks and write their rows; however it ends, the table has what was done.
 
@@ -196,13 +201,10 @@ def work_through(
     journal = Journal(folder)
     counts: Counter[str] = Counter()
     try:
-        with closing(_told(engine, tasks, progress)) as results:
+        with closing(_told(engine, work, tasks, progress)) as results:
             for task, found in results:
                 if isinstance(found, Lost):
-                    about = {
-                        "asked": asked_for(task.verb, task.methods),
-                        "version": steelyard_version(),
-                    }
+                    about = {"asked": task.asked, "version": steelyard_version()}
                     journal.add([failed(task, LOST, found.reason, **about)])
                 elif found.unchanged:
                     counts["unchanged"] += 1
@@ -214,11 +216,11 @@ def work_through(
 
 
 def _told(
-    engine: Engine, tasks: Sequence[ExperimentTask], progress: Progress
-) -> Generator[tuple[ExperimentTask, Outcome | Lost], None, None]:
+    engine: Engine, work: Work, tasks: Sequence[TaskT], progress: Progress
+) -> Generator[tuple[TaskT, Outcome | Lost], None, None]:
     """Results of an engine, with progress and an estimate of the time left."""
     start = time.monotonic()
-    with closing(engine(work_on, tasks)) as results:
+    with closing(engine(work, tasks)) as results:
         for done, result in enumerate(results, start=1):
             if progress is not None:
                 left = (time.monotonic() - start) / done * (len(tasks) - done)

@@ -17,6 +17,14 @@ class Named(Protocol):
     def name(self) -> str:
         """Unlike the others'."""
 
+    @property
+    def path(self) -> str:
+        """What it is about."""
+
+    @property
+    def asked(self) -> str:
+        """What is asked for, as one word."""
+
 
 @dataclass(frozen=True)
 class ExperimentTask:
@@ -34,6 +42,8 @@ class ExperimentTask:
     """Names of them; none: the default ones."""
     reports: bool = False
     """Whether to write a report beside the estimate."""
+    asked: str = "default"
+    """What is asked for, as one word."""
     known: str = ""
     """Hash of the inputs that the rows which are there were made from; with the same one nothing is
     to be done. Empty: there are no such rows."""

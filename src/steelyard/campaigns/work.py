@@ -50,7 +50,7 @@ def work_on(task: ExperimentTask) -> Outcome:
 
     start = time.perf_counter()
     about: dict[str, Any] = {
-        "asked": asked_for(task.verb, task.methods),
+        "asked": task.asked,
         "version": steelyard_version(),
     }
     try:
@@ -63,12 +63,12 @@ def work_on(task: ExperimentTask) -> Outcome:
         rows = [failed(task, REFUSED, str(error))]
     except Exception as error:
         # Whatever it is: one experiment must not cost the others.
-        rows = [failed(task, LOST, _said(error))]
+        rows = [failed(task, LOST, said_of(error))]
     seconds = time.perf_counter() - start
     return Outcome(tuple({**row, **about, "seconds": seconds} for row in rows))
 
 
-def _said(error: Exception) -> str:
+def said_of(error: Exception) -> str:
     """One sentence about an error that is none of the user's."""
     if isinstance(error, OSError):
         return f"{error.filename or 'file'}: {error.strerror or error}"
@@ -90,7 +90,7 @@ def _identified(task: ExperimentTask, path: Path) -> list[Row]:
     found = identify(experiment, task.methods)
     with _results(task) as folder:
         if task.reports:
-            options = {"method": asked_for(task.verb, task.methods)}
+            options = {"method": task.asked}
             summary = summarise(found, None, made=made_of(experiment, options))
             write_identification(found, summary, folder)
         else:

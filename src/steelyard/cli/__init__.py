@@ -27,6 +27,7 @@ _VERBS = {
     "robots": "steelyard.cli.verbs.files.robots:robots",
     "schema": "steelyard.cli.verbs.files.schema:schema",
     "simulate": "steelyard.cli.verbs.simulate:simulate",
+    "study": "steelyard.cli.verbs.study:study",
     "watch": "steelyard.cli.verbs.watch:watch",
 }
 

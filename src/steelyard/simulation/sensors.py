@@ -65,7 +65,7 @@ def _suite(robot: Robot, sync: float, values: Mapping[str, Mapping[str, Any]]) -
         },
         {},
     )
-    return _sensors(document, robot)
+    return sensors_of(document, robot)
 
 
 def paper_sensors(robot: Robot) -> Sensors:
@@ -149,11 +149,15 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
             f"--sensors: expected 'paper', 'ideal' or the path of a YAML file, found '{which}';"
             " correct it"
         )
-    return _sensors(read_yaml(Path(which)), robot)
+    return sensors_of(read_yaml(Path(which)), robot)
 
 
-def _sensors(document: YamlDocument, robot: Robot) -> Sensors:
-    """The sensors of a document, with every systematic error stated."""
+def sensors_of(document: YamlDocument, robot: Robot) -> Sensors:
+    """The sensors of a document, with every systematic error stated.
+
+    Raises:
+        InputError: The document is wrong.
+    """
     data, own_sync = _without_own_sync(document)
     form = validate(SensorsForm, document, data)
     if not any(i.is_force for i in form.instruments.values()):
