@@ -406,10 +406,10 @@ def test_the_verb_ends_with_3_where_one_experiment_fails_and_goes_on_then(data, 
     assert len(pl.read_parquet(out / TABLE)) == 3
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "status"),
-    [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)],
+    [(signal.SIGINT, 130), (signal.SIGTERM, 143)],
 )
 def test_an_interrupted_campaign_leaves_a_sound_table(number, status, data, out):
     for i in range(20):

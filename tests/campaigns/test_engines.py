@@ -4,11 +4,13 @@ import multiprocessing
 import os
 
 import pytest
-from campaign_work import Chore, begun, do, fail
+from campaign_work import Chore, begun, do, fail, here
+from recordings import write_small
 
 from steelyard.campaigns.engines.dask_cluster import DaskCluster, connected
 from steelyard.campaigns.engines.processes import Processes
 from steelyard.campaigns.engines.slurm import Slurm, SlurmOptions, require_slurm
+from steelyard.campaigns.run import campaign
 from steelyard.campaigns.tasks import Lost
 from steelyard.errors import InputError
 
@@ -84,6 +86,17 @@ def test_dask_does_every_task_and_survives_a_killed_worker(cluster, tmp_path):
     assert sorted(task.name for task, _ in found) == sorted(task.name for task in tasks)
     assert not [each for _, each in found if isinstance(each, Lost)]
     assert {outcome.rows[0]["threads"] for _, outcome in found} == {"1"}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_campaign_on_dask_gives_the_same_numbers(cluster, tmp_path):
+    write_small(tmp_path / "data" / "a")
+    with connected(cluster.scheduler_address) as client:
+        there = campaign(tmp_path / "data", tmp_path / "dask", "two-step", client=client)
+    alone = campaign(tmp_path / "data", tmp_path / "here", "two-step", engine=here)
+    tables = [each.to_polars().drop("seconds") for each in (there, alone)]
+    assert tables[0].equals(tables[1])
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -85,7 +85,7 @@ def studied(robot, out, draws=3, **keys):
     return study(robot, out, draws, TWO_STEP, **keys)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_draws_are_simulated_once_and_gone_on_with(robot, tmp_path):
     first = studied(robot, tmp_path / "a", 2)
     assert (first.draws, list(first.methods), first.problems) == (2, [TWO_STEP], ())
