@@ -37,6 +37,7 @@ LAYERS = [
     {"exports"},
     {"live"},
     {"report"},
+    {"campaigns"},
     {"cli"},
     {"__init__", "__main__"},
 ]

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from steelyard.bodies.nearest_body import nearest_body as nearest_body
     from steelyard.calibration.calibrate import GeometryCalibration as GeometryCalibration
     from steelyard.calibration.calibrate import calibrate as calibrate
+    from steelyard.campaigns.run import Campaign as Campaign
+    from steelyard.campaigns.run import campaign as campaign
+    from steelyard.campaigns.study.result import Study as Study
+    from steelyard.campaigns.study.run import study as study
     from steelyard.dynamics import platform_regressor as platform_regressor
     from steelyard.dynamics import platform_wrench as platform_wrench
     from steelyard.errors import InfeasibleError as InfeasibleError
@@ -86,6 +90,7 @@ if TYPE_CHECKING:
     from steelyard.simulation.trajectories import trajectories as trajectories
 
 _WHERE = {
+    "Campaign": "campaigns.run",
     "Comparison": "estimates.comparison",
     "Consistent": "identification.methods.consistent",
     "Design": "excitation.design",
@@ -116,10 +121,12 @@ _WHERE = {
     "Run": "experiment.model",
     "SteelyardError": "errors",
     "Stream": "experiment.model",
+    "Study": "campaigns.study.result",
     "TwoStep": "identification.methods.two_step",
     "Verdict": "estimates.estimate",
     "VirtualExperiment": "simulation.simulate",
     "calibrate": "calibration.calibrate",
+    "campaign": "campaigns.run",
     "compare": "estimates.comparison",
     "cramer_rao": "identification.solve.bound",
     "design": "excitation.design",
@@ -142,6 +149,7 @@ _WHERE = {
     "read_robot": "robot.file",
     "read_sensors": "simulation.sensors",
     "simulate": "simulation.simulate",
+    "study": "campaigns.study.run",
     "trajectories": "simulation.trajectories",
     "write_calibration": "report.write_calibration",
     "write_design": "excitation.design_file",

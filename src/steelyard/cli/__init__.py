@@ -12,6 +12,7 @@ from steelyard.cli.process import run_process
 
 _VERBS = {
     "calibrate": "steelyard.cli.verbs.calibrate:calibrate",
+    "campaign": "steelyard.cli.verbs.campaign:campaign",
     "compare": "steelyard.cli.verbs.compare:compare",
     "convert": "steelyard.cli.verbs.files.convert:convert",
     "demo": "steelyard.cli.verbs.demo:demo",
@@ -26,6 +27,7 @@ _VERBS = {
     "robots": "steelyard.cli.verbs.files.robots:robots",
     "schema": "steelyard.cli.verbs.files.schema:schema",
     "simulate": "steelyard.cli.verbs.simulate:simulate",
+    "study": "steelyard.cli.verbs.study:study",
     "verify": "steelyard.cli.verbs.verify:verify",
     "watch": "steelyard.cli.verbs.watch:watch",
 }

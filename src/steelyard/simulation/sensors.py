@@ -65,7 +65,7 @@ def _suite(robot: Robot, sync: float, values: Mapping[str, Mapping[str, Any]]) -
         },
         {},
     )
-    return _sensors(document, robot)
+    return sensors_of(document, robot)
 
 
 def paper_sensors(robot: Robot) -> Sensors:
@@ -151,11 +151,15 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
         )
     document = read_yaml(Path(which))
     require_printable(document)
-    return _sensors(document, robot)
+    return sensors_of(document, robot)
 
 
-def _sensors(document: YamlDocument, robot: Robot) -> Sensors:
-    """The sensors of a document, with every systematic error stated."""
+def sensors_of(document: YamlDocument, robot: Robot) -> Sensors:
+    """The sensors of a document, with every systematic error stated.
+
+    Raises:
+        InputError: The document is wrong.
+    """
     data, own_sync = _without_own_sync(document)
     form = validate(SensorsForm, document, data)
     if not any(i.is_force for i in form.instruments.values()):

@@ -7,7 +7,7 @@ All text is as people read it; the forms escape it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 from steelyard.arrays import Array
@@ -51,6 +51,8 @@ class Grid:
     """Rows that a line is drawn under."""
     marked: frozenset[tuple[int, int]] = frozenset()
     """Row and column of cells that a reader should look at."""
+    links: Mapping[tuple[int, int], str] = field(default_factory=dict, hash=False)
+    """Row and column of a cell -> relative address of the file that it leads to on the page."""
 
 
 @dataclass(frozen=True, eq=False)

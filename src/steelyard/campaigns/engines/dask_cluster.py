@@ -1,0 +1,137 @@
+"""Workers of a Dask cluster."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Generator, Iterable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
+from itertools import islice
+from typing import Any
+
+from steelyard.campaigns.tasks import Lost, Outcome, TaskT, Work
+from steelyard.errors import InputError
+
+_CONNECT = 10.0
+"""How long a scheduler may take to answer [s]."""
+_PER_THREAD = 3
+"""Tasks under way for each thread of the cluster: workers do not wait for the client, and the
+scheduler holds few."""
+_FEWEST = 4
+_ALONE = threading.Lock()
+"""Of a worker process: buffers of the compiled equations are shared by its threads."""
+
+
+@dataclass(frozen=True)
+class DaskCluster:
+    """The workers that a client of Dask reaches."""
+
+    client: Any
+    """:class:`distributed.Client`."""
+
+    def __call__(
+        self, work: Work, tasks: Iterable[TaskT]
+    ) -> Generator[tuple[TaskT, Outcome | Lost], None, None]:
+        """Results as they end. Dask itself does a task again whose worker was killed, three times at
+        most.
+
+        Raises:
+            InputError: The scheduler is lost.
+        """
+        from distributed import as_completed
+
+        rest = iter(tasks)
+        running: dict[str, tuple[TaskT, Any]] = {}
+        ended = as_completed()
+        try:
+            while True:
+                room = max(_FEWEST, _PER_THREAD * sum(self.client.nthreads().values()))
+                for task in islice(rest, room - len(running)):
+                    future = self.client.submit(_alone, work, task, pure=False)
+                    running[future.key] = (task, future)
+                    ended.add(future)
+                if not running:
+                    return
+                future = next(ended)
+                task, _ = running.pop(future.key)
+                yield task, _outcome(future)
+        except (OSError, TimeoutError) as error:
+            raise _lost() from error
+        finally:
+            _cancel(self.client, [future for _, future in running.values()])
+
+
+def _cancel(client: Any, futures: list[Any]) -> None:
+    """Let go of what is under way; of a scheduler that is gone there is nothing to let go."""
+    if futures and client.status == "running":
+        client.cancel(futures, force=True)
+
+
+def _outcome(future: Any) -> Outcome | Lost:
+    """Of a future that has ended; one whose worker is gone with its result is waited for again.
+
+    Raises:
+        InputError: It was cancelled, which Dask does to all of them where the scheduler is lost.
+    """
+    try:
+        found = future.result()
+    except CancelledError as error:
+        raise _lost() from error
+    except Exception as error:
+        if future.cancelled():
+            raise _lost() from error
+        if type(error).__name__ == "KilledWorker":
+            return Lost("its workers were killed again and again (out of memory, perhaps)")
+        return Lost(f"{type(error).__name__}: {error}")
+    return found if isinstance(found, Outcome) else Lost("its worker sent no outcome")
+
+
+def _lost() -> InputError:
+    return InputError(
+        "--scheduler: expected a Dask scheduler that answers until the end, found it gone; what was"
+        " done is in the table: start the scheduler and the same campaign again to go on"
+    )
+
+
+def _alone(work: Work, task: Any) -> Outcome:
+    """One task at a time in a process, whatever the number of its threads."""
+    with _ALONE:
+        return work(task)
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Any]:
+    """A client of the scheduler at an address.
+
+    Args:
+        address: ``tcp://HOST:PORT``.
+
+    Raises:
+        InputError: Nothing answers there, or Dask is not installed.
+    """
+    require_dask()
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout=_CONNECT)
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(
+            f"--scheduler: expected the address of a Dask scheduler (tcp://HOST:PORT), found"
+            f" '{address}', where none answers; check the address, or start one with 'dask"
+            " scheduler'"
+        ) from error
+    try:
+        yield client
+    finally:
+        client.close(timeout=2)
+
+
+def require_dask() -> None:
+    """Raise InputError unless Dask is installed."""
+    if find_spec("distributed") is None:
+        raise InputError(
+            "--scheduler: expected the package distributed, found it missing; install it with: pip"
+            ' install "steelyard[dask]"'
+        )

@@ -1,0 +1,128 @@
+"""A study as a document."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from steelyard.campaigns.study.result import Study
+from steelyard.campaigns.study.summary import LEVEL, MethodSummary
+from steelyard.digits import LABELS, figures
+from steelyard.inertia import BODY_PARAMETERS
+from steelyard.report.blocks.document import Document, Grid, Section, Statement, Statements
+from steelyard.report.blocks.shown import slug
+
+
+def study_document(found: Study) -> Document:
+    """What the draws say, method by method."""
+    sections = [
+        Section(
+            slug(method),
+            method,
+            (_simulated(each) if not found.bootstrap else _resampled(each), _judged(each, found)),
+        )
+        for method, each in found.methods.items()
+    ]
+    failed = [Statement(text, "bad") for text in found.problems]
+    if failed:
+        sections.append(
+            Section("failed", "Draws without an estimate", (Statements(tuple(failed)),))
+        )
+    return Document("Study", _lead(found), tuple(sections))
+
+
+def _lead(found: Study) -> Statement:
+    """The result in one sentence."""
+    kind = "resampled recordings" if found.bootstrap else "simulated experiments"
+    said = f"{found.draws} {kind} of {found.what}"
+    wrong = [
+        f"{LABELS[p][0]} ({method})"
+        for method, each in found.methods.items()
+        for p in range(len(BODY_PARAMETERS))
+        if each.outcome(p) == "too small"
+    ]
+    if not found.methods:
+        return Statement(f"{said}; no estimate was made.", "bad")
+    if found.bootstrap:
+        return Statement(f"{said}: how much estimates differ, against their stated 1-sigma.")
+    if wrong:
+        return Statement(f"{said}; the stated 1-sigma is too small of {'; '.join(wrong)}.", "bad")
+    return Statement(f"{said}; no stated 1-sigma is found too small.", "good")
+
+
+def _simulated(each: MethodSummary) -> Grid:
+    """Errors against the truth."""
+    rows = []
+    for p, (name, unit, factor) in enumerate(LABELS):
+        rows.append(
+            (
+                name,
+                unit,
+                figures(each.bias[p] * factor),
+                figures(each.rmse[p] * factor),
+                figures(each.stated[p] * factor),
+                figures(each.bound[p] * factor),
+                figures(each.rmse[p] / each.bound[p] if each.bound[p] else np.nan),
+                figures(each.coverage[p]),
+                figures(each.chi_square[p]),
+                each.outcome(p),
+            )
+        )
+    head = (
+        *("parameter", "unit", "bias", "rmse", "stated 1-sigma", "bound", "rmse / bound"),
+        *(f"coverage of {LEVEL:.0%}", "chi-square / n", "1-sigma is"),
+    )
+    return Grid(
+        f"{each.method}: errors of {each.count} estimates",
+        head,
+        tuple(rows),
+        frozenset(range(2, 9)),
+    )
+
+
+def _resampled(each: MethodSummary) -> Grid:
+    """Scatter of what was drawn about the estimate of the whole."""
+    rows = tuple(
+        (
+            name,
+            unit,
+            figures(each.bias[p] * factor),
+            figures(each.rmse[p] * factor),
+            figures(each.stated[p] * factor),
+            figures(each.rmse[p] / each.stated[p] if each.stated[p] else np.nan),
+        )
+        for p, (name, unit, factor) in enumerate(LABELS)
+    )
+    head = ("parameter", "unit", "mean shift", "scatter", "stated 1-sigma", "scatter / stated")
+    return Grid(
+        f"{each.method}: {each.count} estimates about that of the whole recording",
+        head,
+        rows,
+        frozenset(range(2, 6)),
+    )
+
+
+def _judged(each: MethodSummary, found: Study) -> Statements:
+    """Verdicts, and all ten together."""
+    return Statements(tuple(_sentences(each, found)))
+
+
+def _sentences(each: MethodSummary, found: Study) -> Iterator[Statement]:
+    """What stands under the table of a method."""
+    yield Statement(
+        f"{each.method}: {each.accepted} of {each.count} accepted, {each.rejected} rejected"
+        + ("" if found.bootstrap else "; rejected ones are false alarms, for nothing is wrong here")
+    )
+    if not found.bootstrap and each.joint_count:
+        limit = 10 + 3 * np.sqrt(20 / each.joint_count)
+        yield Statement(
+            f"{each.method}: squared error of all ten over their covariance {each.joint:.2f} on"
+            f" average of {each.joint_count}; 10 where the covariance is true",
+            "bad" if each.joint > limit else "",
+        )
+    if found.bootstrap:
+        yield Statement(
+            "Errors that all runs share, such as gains and the robot's geometry, do not scatter: a"
+            " scatter below the stated 1-sigma is expected, one above it is not."
+        )
