@@ -175,7 +175,7 @@ def test_an_error_while_results_are_put_in_place_loses_nothing(tmp_path, monkeyp
 
 def test_results_are_not_replaced_without_force(tmp_path):
     fill(tmp_path / "out", a="old")
-    with pytest.raises(InputError, match=r"found files; .*--force"):
+    with pytest.raises(InputError, match=r"found files; .*force=True"):
         publish(tmp_path / "out", a="new")
     assert tree(tmp_path) == {"out": None, "out/a": "old"}
 
@@ -244,7 +244,7 @@ def test_a_folder_that_appears_meanwhile_is_not_replaced(tmp_path):
 @pytest.mark.parametrize("place", ["file", "file/below", "file/far/below"])
 def test_a_file_is_no_place_for_results(tmp_path, place, force):
     fill(tmp_path, file="mine")
-    with pytest.raises(InputError, match="choose another with --out"):
+    with pytest.raises(InputError, match="choose another"):
         publish(tmp_path / place, force=force, a="new")
     assert tree(tmp_path) == {"file": "mine"}
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import difflib
 import io
 import json
+import os
 import re
 import typing
 from collections.abc import Mapping, Sequence
@@ -14,11 +15,17 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from steelyard.errors import InputError
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass as _ModelMeta
+else:
+    _ModelMeta = type(BaseModel)
 
 _LARGEST_FILE = 2**19
 """Bytes: reading line numbers along takes seconds beyond it."""
@@ -39,9 +46,32 @@ _SIGNS = {
 """Problems of pydantic with numbers out of bounds, in words."""
 
 
-class FileModel(BaseModel):
+class _FromPython(_ModelMeta):
+    """What a call of a model in Python means: the same keys, checks and sentences as in a file.
+
+    Reading a file does not pass here: pydantic fills a model without calling its class.
+    """
+
+    def __call__(self, *args: Any, **keys: Any) -> Any:
+        """A value of the class, from keys by name; sequences and arrays of any kind do.
+
+        Raises:
+            InputError: A key is unknown, missing or wrong.
+        """
+        document = YamlDocument(Path(self.__name__), {}, {})
+        if args:
+            raise document.error((), "expected keys by name, found a value without one; name it")
+        model = typing.cast("type[BaseModel]", self)
+        kind = model.model_fields.get("kind")
+        if kind is not None and typing.get_origin(kind.annotation) is Literal:
+            # A class of one kind says it; it is written all the same.
+            keys = {"kind": typing.get_args(kind.annotation)[0], **keys}
+        return validate(model, document, plain_values(keys))
+
+
+class FileModel(BaseModel, metaclass=_FromPython):
     """Base of everything that a file may hold: no unknown keys, no silent conversion, never
-    changed.
+    changed. In Python it is called with the same keys.
     """
 
     model_config = ConfigDict(
@@ -50,6 +80,19 @@ class FileModel(BaseModel):
 
 
 Model = TypeVar("Model", bound=BaseModel)
+
+
+def plain_values(value: Any) -> Any:
+    """What Python hands over as the values that a file has: arrays and tuples as lists, numbers of
+    NumPy as numbers.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plain_values(entry) for key, entry in value.items()}
+    if isinstance(value, np.generic | np.ndarray):
+        return plain_values(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset | range):
+        return [plain_values(entry) for entry in value]
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
 
 
 @dataclass(frozen=True)

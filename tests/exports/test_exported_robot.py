@@ -266,8 +266,8 @@ def test_without_limits_motors_have_no_range(exported):
     [
         (replace(POINTS, anchors=POINTS.anchors[:5], attachments=POINTS.attachments[:5], pulley_radius=np.zeros(5), pulley_axis=np.eye(3)[[2] * 5]), BODY, None, "expected at least 6 cables, found 5"),
         (replace(POINTS, tension_limits=(50.0, 100.0)), BODY, None, "can hold 183.2 kg with 50 to 100 N, found none; check the robot file"),
-        (POINTS, BODY, (0, 0, 2, 2.0, 0, 0), "can hold 183.2 kg with 50 to 5000 N, found that it is not; choose another --pose"),
-        (POINTS, BODY, (0, 0, 2, np.inf, 0, 0), "--pose: expected six finite numbers"),
+        (POINTS, BODY, (0, 0, 2, 2.0, 0, 0), "can hold 183.2 kg with 50 to 5000 N, found that it is not; choose another pose"),
+        (POINTS, BODY, (0, 0, 2, np.inf, 0, 0), "pose: expected six finite numbers"),
         (POINTS, replace(BODY, inertia=np.diag([1.0, 1.0, 3.0])), None, "expected a body that can exist"),
     ],
 )  # fmt: skip
@@ -277,7 +277,7 @@ def test_what_cannot_hang_is_refused(robot, body, pose, message):
 
 
 def test_other_formats_have_no_cables(exported):
-    with pytest.raises(InputError, match="--robot: expected --format mjcf"):
+    with pytest.raises(InputError, match="robot: expected format mjcf"):
         export(exported, "urdf", hanging=hang(POINTS, BODY))
 
 

@@ -449,7 +449,7 @@ def test_what_is_not_accepted_is_refused_unless_anyway(tmp_path, form, reasons):
     with pytest.raises(
         InputError,
         match=(
-            rf"estimate 'maximum-likelihood': expected an accepted .*\({named}\).* with --anyway$"
+            rf"estimate 'maximum-likelihood': expected an accepted .*\({named}\).* with anyway=True$"
         ),
     ):
         export(exported, form)
@@ -467,7 +467,7 @@ def test_a_body_that_cannot_exist_is_refused_unless_anyway_and_told_loudly(
     )
     exported = read_exported(str(file_of(tmp_path, estimate_of(IMPOSSIBLE, verdict=verdict))))
     with pytest.raises(
-        InputError, match=r"found one that is not \(no body has this inertia.*--anyway"
+        InputError, match=r"found one that is not \(no body has this inertia.*anyway=True"
     ) as refused:
         export(exported, form)
     assert str(refused.value).count("no body has this inertia") == 1
@@ -507,7 +507,7 @@ def test_numbers_that_are_not_there_are_never_written(tmp_path, form, anyway):
 @pytest.mark.parametrize("form", ["yaml", "json"])
 def test_plain_forms_write_null_anyway(tmp_path, form):
     exported = read_exported(str(file_of(tmp_path, estimate_of(UNIDENTIFIABLE))))
-    with pytest.raises(InputError, match=r"do not tell Jxx.*null in their place with --anyway"):
+    with pytest.raises(InputError, match=r"do not tell Jxx.*null in their place with anyway=True"):
         export(exported, form)
     found = parsed(export(exported, form, anyway=True), form)
     assert set(found["platform"]["inertia"].values()) == {None}

@@ -57,7 +57,7 @@ class Exported:
         if body is None:
             raise InputError(
                 f"{self.where}: expected all ten parameters of a body, found none for"
-                f" {', '.join(self.unidentifiable)}; choose another --method, or record more motion"
+                f" {', '.join(self.unidentifiable)}; choose another method, or record more motion"
             )
         return body
 
@@ -150,12 +150,12 @@ def check(exported: Exported, *, title: str, whole: bool, anyway: bool) -> None:
         )
         raise InputError(
             f"{exported.where}: expected all ten parameters of a body, found that the data do not"
-            f" tell {', '.join(unidentifiable)}; choose another --method or record more motion"
+            f" tell {', '.join(unidentifiable)}; choose another method or record more motion"
             f" ('steelyard design' finds it); {help_}"
         )
     if exported.doubts and not anyway:
         raise InputError(
             f"{exported.where}: expected an accepted estimate of a body that can exist, found one"
             f" that is not ({'; '.join(exported.doubts)}); correct what is named there, choose"
-            " another --method, or export it all the same with --anyway"
+            " another method, or export it all the same with --anyway"
         )
