@@ -315,7 +315,17 @@ def validate(
         places = {_real_keys(tuple(p["loc"]), values) for p in problems}
         others = sum(1 for place in places if key + place[: len(path) - len(key)] != path)
         more = f" (and {others} more)" if others else ""
-        raise document.error(path, _sentence(first, path, known) + more) from None
+        raise document.error(
+            path, _sentence(_all_missing(first, problems), path, known) + more
+        ) from None
+
+
+def _all_missing(first: Any, problems: Sequence[Any]) -> Any:
+    """The first missing value of a list as the whole of what is missing in it."""
+    if first["type"] != "missing" or not isinstance(first["loc"][-1], int):
+        return first
+    beside = [p for p in problems if p["type"] == "missing" and p["loc"][:-1] == first["loc"][:-1]]
+    return {**first, "loc": beside[-1]["loc"], "ctx": {"there": first["loc"][-1]}}
 
 
 def _check_sizes(document: YamlDocument, value: Any, key: tuple[str | int, ...]) -> None:
@@ -397,8 +407,8 @@ def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> st
     name = str(path[-1]) if path else ""
     if kind == "missing" and location and isinstance(location[-1], int):
         return (
-            f"expected at least {location[-1] + 1} values, found {location[-1]}; add what is"
-            " missing"
+            f"expected at least {location[-1] + 1} values, found"
+            f" {context.get('there', location[-1])}; add what is missing"
         )
     if kind == "missing":
         return f"expected this key, found it missing; add '{name}'"

@@ -9,6 +9,7 @@ import click
 
 from steelyard.cli.options import common, force_option, out_option
 from steelyard.cli.printing import print_result, progress
+from steelyard.errors import InputError
 
 if TYPE_CHECKING:
     from steelyard.drafts.draft import Draft
@@ -16,18 +17,26 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=click.Path(path_type=Path))
-@click.option("--robot", required=True, help="A bundled name or a robot file.")
+@click.option("--robot", help="A bundled name or a robot file; without it, what there is.")
 @out_option(help="Experiment file to write.", required=True)
 @force_option(help="Replace the file.")
 @common
 def init(
-    logs: tuple[Path, ...], robot: str, out: Path, force: bool, as_json: bool, quiet: bool
+    logs: tuple[Path, ...], robot: str | None, out: Path, force: bool, as_json: bool, quiet: bool
 ) -> None:
     """Draft a first experiment file from logs: guess instruments, columns, units and rates, and say
     what to check.
 
     LOG is a file of any format, or a folder with files in it or one level below.
     """
+    if robot is None:
+        from steelyard.robot.file import bundled_names
+
+        raise InputError(
+            f"--robot: expected one of {', '.join(bundled_names())}, or a robot file, found none; name"
+            " it ('steelyard new' writes a robot file to fill in, 'steelyard import' makes one from"
+            " other programs' files)"
+        )
     from steelyard.drafts.first_file import init as written
     from steelyard.report.documents.draft import draft_document
 
