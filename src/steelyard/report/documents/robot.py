@@ -10,7 +10,6 @@ from steelyard.report.blocks.document import (
     Block,
     Document,
     Grid,
-    Replay,
     Section,
     Statement,
     Statements,
@@ -28,20 +27,15 @@ def robot_document(robot: Robot) -> Document:
     said, place = _held(robot)
     blocks: list[Block] = [Statements(tuple(said))] if said else []
     if robot.m:
-        course = Replay("at rest", np.array([0.0, 1.0]), np.tile(place, (2, 1)), _LEVEL)
         shape = Shape(
             name=robot.name,
             anchors=tuple(map(tuple, robot.anchors.tolist())),
             attachments=tuple(map(tuple, robot.attachments.tolist())),
         )
         centre = None if body is None else body.center_of_gravity
-        blocks += [robot_scene(shape, [course], centre), _cables(robot, place)]
+        blocks += [robot_scene(shape, [], centre, place), _cables(robot, place)]
     section = Section("robot", "The robot", tuple(blocks))
     return Document(f"Robot {robot.name}", lead, (section,) if blocks else ())
-
-
-_LEVEL = np.tile([1.0, 0.0, 0.0, 0.0], (2, 1))
-"""Quaternions of a platform that is not turned."""
 
 
 def _held(robot: Robot) -> tuple[list[Statement], np.ndarray]:
