@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,12 +21,25 @@ if TYPE_CHECKING:
 @click.option(
     "--format",
     "format_",
-    type=click.Choice(["urdf", "sdf", "mjcf", "yaml", "json", "c"]),
-    required=True,
-    help="Of the file: ROS, Pinocchio; Gazebo; MuJoCo; as in a robot file; the same; a C header.",
+    type=click.Choice(
+        [
+            *("urdf", "sdf", "mjcf", "yaml", "json", "c", "iec61131", "kuka", "abb", "ur"),
+            *("franka", "ros"),
+        ]
+    ),
+    help="Of the file: ROS, Pinocchio; Gazebo; MuJoCo; as in a robot file; the same; a C header; PLCs;"
+    " load data of KUKA and ABB; payload of Universal Robots, Franka; geometry_msgs/InertiaStamped."
+    " Default: what the ending of --out says.",
 )
 @click.option("--method", metavar="NAME", help="Which estimate of the file. Default: its result.")
-@out_option(help="The file to write.", required=True, metavar="FILE")
+@out_option(help="The file to write; - prints it.", required=True, metavar="FILE")
+@click.option(
+    "--link",
+    default="platform",
+    show_default=True,
+    metavar="NAME",
+    help="urdf, sdf, mjcf, ros: what the body is called.",
+)
 @click.option(
     "--anyway",
     is_flag=True,
@@ -44,9 +58,10 @@ if TYPE_CHECKING:
 @common
 def export(
     estimate: str,
-    format_: str,
+    format_: str | None,
     method: str | None,
     out: Path,
+    link: str,
     anyway: bool,
     robot: str | None,
     pose: tuple[float, ...] | None,
@@ -63,12 +78,22 @@ def export(
     import numpy as np
 
     from steelyard.exports.exported import check, read_exported
-    from steelyard.exports.formats import FORMATS
+    from steelyard.exports.formats import FORMATS, format_of
     from steelyard.exports.formats import export as exported_text
     from steelyard.exports.hanging import hang
     from steelyard.output import check_file_target, results_file
     from steelyard.robot.file import read_robot
 
+    printed = str(out) == "-"
+    if format_ is None and printed:
+        raise InputError("--format: expected one with --out -, found none; name the format")
+    if printed and as_json:
+        raise InputError("--json: expected a file to write beside it, found --out -; name a file")
+    format_ = format_of(out) if format_ is None else format_
+    if link != "platform" and not FORMATS[format_].linked:
+        raise InputError(
+            f"--link: expected a format with names of bodies, found {format_}; leave --link out"
+        )
     if robot is not None and format_ != "mjcf":
         raise InputError(
             f"--robot: expected --format mjcf, the only one with cables, found {format_}; leave"
@@ -78,9 +103,10 @@ def export(
         raise InputError(
             "--pose: expected --robot beside it, found none; leave --pose out or name the robot"
         )
-    check_file_target(out, force=force)
-    exported = read_exported(estimate, method)
-    if exported.path is not None and out.exists() and out.samefile(exported.path):
+    if not printed:
+        check_file_target(out, force=force)
+    exported = replace(read_exported(estimate, method), link=link)
+    if not printed and exported.path is not None and out.exists() and out.samefile(exported.path):
         raise InputError(
             f"{out}: expected another file than the estimate that is read, found it; choose another"
             " with --out"
@@ -92,6 +118,9 @@ def export(
         radians = None if pose is None else [*pose[:3], *np.radians(pose[3:])]
         hanging = hang(read_robot(robot), exported.body, radians)
     text = exported_text(exported, format_, anyway=anyway, hanging=hanging)
+    if printed:
+        print(text, end="")
+        return
     with results_file(out, force=force) as path:
         path.write_text(text, encoding="utf-8", newline="\n")
     if as_json:
