@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -404,6 +405,23 @@ class Experiment:
             self.robot.m,
         )
         return {name: values for name, (values, _) in columns.items()}
+
+    def digests(self) -> dict[str, str]:
+        """Run -> what tells its readings from all others, whatever their clocks: the beginning of
+        the SHA-256 of its forces, or of all that was measured where nobody reads forces.
+        """
+        found = {}
+        for run in self.runs:
+            force = self.force_instrument(run)
+            names = [n for n in run.streams if self.instruments[n].is_measurement]
+            if force is not None and not self.instruments[force].stands_in(self.robot.m):
+                names = [force]
+            digest = sha256()
+            for name in sorted(names):
+                for values in run.streams[name].values.values():
+                    digest.update(np.ascontiguousarray(values).tobytes())
+            found[run.name] = digest.hexdigest()[:16]
+        return found
 
     def to_polars(self, run: str, instrument: str, *, clock: ClockChoice = "own") -> pl.DataFrame:
         """The same as a frame of Polars, null where there is no sample."""

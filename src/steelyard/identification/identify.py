@@ -103,6 +103,7 @@ class Identification(Tabular):
             "nominal": self.nominal.to_dict() if self.nominal else None,
             "result": self.result,
             "estimates": {name: estimate.to_dict() for name, estimate in self.estimates.items()},
+            **({"recordings": self.recorded.digests()} if self.recorded else {}),
             **(
                 {"attainable": {"standard_deviation": named(self.bound.standard_deviation)}}
                 if self.bound
