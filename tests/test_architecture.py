@@ -12,7 +12,7 @@ from places import PACKAGE, ROOT
 
 LAYERS = [
     {"errors"},
-    {"arrays", "units", "digits", "display"},
+    {"arrays", "units", "digits", "display", "plugins"},
     {"batch", "tables"},
     {"rotations", "inertia"},
     {"dynamics", "smoothing"},

@@ -11,6 +11,7 @@ from steelyard.exports import c_header, mjcf, plain, sdf, urdf
 from steelyard.exports.controllers import abb, iec61131, kuka, messages
 from steelyard.exports.exported import Exported, check
 from steelyard.exports.hanging import Hanging
+from steelyard.plugins.provided import names, provided
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,23 @@ FORMATS = {
 }
 
 
+def form_of(name: str) -> ExportFormat:
+    """A format by its name, of this or another package.
+
+    Raises:
+        InputError: There is none.
+    """
+    if name in FORMATS:
+        return FORMATS[name]
+    found = provided("exports", name)
+    if not isinstance(found, ExportFormat):
+        raise InputError(
+            f"format: expected one of {', '.join([*FORMATS, *names('exports')])}, found '{name}';"
+            " choose one of these"
+        )
+    return found
+
+
 def format_of(path: Path) -> str:
     """The format of a file by its ending.
 
@@ -89,11 +107,7 @@ def export(
     Raises:
         InputError: See :func:`steelyard.exports.exported.check`.
     """
-    if format_ not in FORMATS:
-        raise InputError(
-            f"format: expected one of {', '.join(FORMATS)}, found '{format_}'; choose one of these"
-        )
-    form = FORMATS[format_]
+    form = form_of(format_)
     check(exported, title=form.title, whole=form.whole, anyway=anyway)
     if hanging is None:
         return form.write(exported)

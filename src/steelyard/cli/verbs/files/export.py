@@ -16,12 +16,24 @@ if TYPE_CHECKING:
     from steelyard.exports.hanging import Hanging
 
 
+class Format(click.Choice[str]):
+    """A format of this package, or of another that provides one of the name."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The name, once it is known."""
+        from steelyard.plugins.provided import names
+
+        if value not in self.choices and value in names("exports"):
+            return str(value)
+        return super().convert(value, param, ctx)
+
+
 @click.command()
 @click.argument("estimate")
 @click.option(
     "--format",
     "format_",
-    type=click.Choice(
+    type=Format(
         [
             *("urdf", "sdf", "mjcf", "yaml", "json", "c", "iec61131", "kuka", "abb", "ur"),
             *("franka", "ros"),
@@ -78,8 +90,8 @@ def export(
     import numpy as np
 
     from steelyard.exports.exported import check, read_exported
-    from steelyard.exports.formats import FORMATS, format_of
     from steelyard.exports.formats import export as exported_text
+    from steelyard.exports.formats import form_of, format_of
     from steelyard.exports.hanging import hang
     from steelyard.output import check_file_target, results_file
     from steelyard.robot.file import read_robot
@@ -90,7 +102,7 @@ def export(
     if printed and as_json:
         raise InputError("--json: expected a file to write beside it, found --out -; name a file")
     format_ = format_of(out) if format_ is None else format_
-    if link != "platform" and not FORMATS[format_].linked:
+    if link != "platform" and not form_of(format_).linked:
         raise InputError(
             f"--link: expected a format with names of bodies, found {format_}; leave --link out"
         )
@@ -111,7 +123,7 @@ def export(
             f"{out}: expected another file than the estimate that is read, found it; choose another"
             " with --out"
         )
-    form = FORMATS[format_]
+    form = form_of(format_)
     check(exported, title=form.title, whole=form.whole, anyway=anyway)
     hanging = None
     if robot is not None:
