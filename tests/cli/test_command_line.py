@@ -294,7 +294,9 @@ def test_what_identify_writes_has_the_shape_of_the_contract(run, small, tmp_path
     assert (status, err) == (0, "")
     assert "two-step" in out
     answer = parsed((tmp_path / "out" / "estimate.json").read_text())
-    assert list(answer) == ["format", "experiment", "nominal", "result", "estimates", "attainable"]
+    assert list(answer) == [
+        *("format", "experiment", "nominal", "result", "estimates", "recordings", "attainable")
+    ]
     assert answer["format"] == "steelyard-estimate/1"
     assert answer["experiment"] == "small"
     assert answer["nominal"]["mass"] == 161.058
