@@ -7,7 +7,7 @@ from functools import cache, cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from steelyard.dynamics import platform_wrench
+from steelyard.dynamics import platform_regressor, platform_wrench
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.inertia import Inertia
@@ -89,6 +89,43 @@ class Touched:
         )
 
 
+PAYLOAD = np.array([0.3, -0.2, -0.1])
+"""Where the payload is [m]."""
+
+
+def payload(mass):
+    """The ten linear parameters of a mass at a point."""
+    cross = np.array(
+        [[0, -PAYLOAD[2], PAYLOAD[1]], [PAYLOAD[2], 0, -PAYLOAD[0]], [-PAYLOAD[1], PAYLOAD[0], 0]]
+    )
+    moments = -mass * cross @ cross
+    six = moments[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
+    return np.concatenate([[mass], mass * PAYLOAD, six])
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """The same motion with a payload since an instant, put down within some time."""
+
+    response: object
+    parameters: np.ndarray
+    since: float
+    within: float = 0.0
+
+    @property
+    def duration(self):
+        return self.response.duration
+
+    def at(self, times):
+        state = self.response.at(times)
+        Y = platform_regressor(state.specific_force, state.omega, state.alpha)
+        share = np.clip((times - self.since) / max(self.within, 1e-9), 0.0, 1.0)
+        wrench = (Y @ self.parameters) * share[:, None]
+        loaded = with_tension(state, wrench)
+        empty = with_tension(state, 0 * wrench)
+        return replace(state, tension=state.tension + loaded.tension - empty.tension)
+
+
 @dataclass
 class Recorder:
     """One motion; by default that of CoGiRo's own platform on elastic cables without weight."""
@@ -129,6 +166,14 @@ class Recorder:
 
 
 RECORDER = Recorder()
+
+
+def loaded(seed, **keys):
+    """A recording with a payload."""
+    mass = keys.pop("mass", 3.2)
+    recorder = replace(RECORDER)
+    recorder.__dict__["response"] = Loaded(RECORDER.response, payload(mass), **keys)
+    return recorder(seed)
 
 
 @cache

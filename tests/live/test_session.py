@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from places import DATA
+from simulated import loaded
 
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
@@ -191,3 +192,17 @@ def test_memory_does_not_grow_with_what_has_passed(points):
             break
     assert max(parts for parts, _ in sizes) <= 2 * settings.parts
     assert max(own for _, own in sizes[-20:]) < 10 * 238
+
+
+def test_a_payload_that_is_picked_up_is_an_event():
+    session, records = replayed(loaded(3, since=6.8))
+    (record,) = [each for each in records if each.events]
+    (event,) = record.to_dict()["events"]
+    assert event["kind"] == "load"
+    assert event["load"] == record.load == "load 2"
+    origin = session.sync["cables"]
+    assert event["t"] - origin == pytest.approx(6.8, abs=0.3)
+    assert abs(event["mass"] - 3.2) < 4 * event["sigma_mass"]
+    assert records[0].load == "load 1"
+    _, found = session.ended()
+    assert set(found.loads.estimates) == {"load 1", "load 2"}

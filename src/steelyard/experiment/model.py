@@ -109,6 +109,9 @@ class Run:
     """Whether the winches were locked, so that the unstrained lengths of the cables are constant."""
     load: str | None = None
     """What the platform carried, of several loads; None: the first, or there is only one."""
+    continues: str | None = None
+    """Run that went on as this one when the load changed: clocks and all errors that hold for a run
+    are those of that one; None: it is a recording by itself."""
     excluded: tuple[Fault, ...] = ()
     """Readings that were taken out of the streams when they were read, since their sensors had
     stopped."""

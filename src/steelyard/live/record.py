@@ -43,6 +43,7 @@ class Record:
         size: float,
         accepted: bool | None,
         reasons: Sequence[str] = (),
+        events: Sequence[dict[str, Any]] = (),
     ) -> Record:
         """Without numbers of what the data do not tell.
 
@@ -54,6 +55,7 @@ class Record:
             size: Plausible radius of the body [m].
             accepted: See :attr:`accepted`.
             reasons: See :attr:`reasons`.
+            events: See :attr:`events`.
         """
         told = identifiable_parameters(float(value[0]), covariance, size)
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -64,6 +66,7 @@ class Record:
             np.where(told, deviation, np.nan),
             accepted,
             tuple(reasons),
+            tuple(events),
         )
 
     def to_dict(self) -> dict[str, Any]:

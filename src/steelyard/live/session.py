@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, no_estimate, plausible_radius
 from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
-from steelyard.identification.recursive.follow import LOST, Following, begin
+from steelyard.identification.recursive.events import advanced
+from steelyard.identification.recursive.follow import LOST, begin
+from steelyard.identification.recursive.following import Event, Following
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.live.buffer import Buffer, part_of
 from steelyard.live.message import Arrival
@@ -31,7 +35,7 @@ class Session:
     plan: Experiment
     """Robot and instruments; its runs are of no account."""
     name: str
-    """Of the run that arrives."""
+    """Of the run that arrives; with another load it goes on as another one."""
     sync: Mapping[str, float]
     """Instrument -> time of one common event on its clock [s]; empty: the clocks agree."""
     buffer: Buffer = field(default_factory=Buffer)
@@ -78,7 +82,8 @@ class Session:
         """What is at hand."""
         streams = {name: each for name, each in self.buffer.streams.items() if len(each)}
         sync = {name: time for name, time in self.sync.items() if name in streams}
-        return Run(self.name, streams, sync)
+        name = self.name if self.following is None else self.following.like.segment.run
+        return Run(name, streams, sync)
 
     @property
     def last(self) -> Mapping[str, float]:
@@ -104,7 +109,7 @@ class Session:
             return found, _estimate(following)
         newest = max(found.last.values())
         while following.window.grid.span(following.number)[0] < newest and following.has(found.run):
-            following = following.advanced(found.run)
+            following = advanced(following, found.run)
         return replace(found, following=following), _estimate(following.ended())
 
     def _begun(self) -> Session:
@@ -179,7 +184,7 @@ class Session:
         """With the next chunk."""
         _, end = before.window.grid.span(before.number)
         try:
-            following = before.advanced(self.run) if before.has(self.run) else None
+            following = advanced(before, self.run) if before.has(self.run) else None
         except LOST:
             following = None
         if following is None:
@@ -196,14 +201,17 @@ class Session:
             found = replace(found, judged=instant.time, estimate=estimate)
         verdict = None if found.estimate is None else found.estimate.verdict
         force = following.like.forces.name
+        origin = found.sync[force]
+        happened = following.events[len(before.events) :]
         record = Record.of(
-            instant.time + found.sync[force],
-            found.name,
+            instant.time + origin,
+            following.carried,
             instant.value,
             instant.covariance,
             plausible_radius(found.plan.robot),
             None if verdict is None else verdict.accepted,
             () if verdict is None else verdict.reasons,
+            tuple(_as_event(each, origin) for each in happened),
         )
         return found, [record]
 
@@ -225,9 +233,22 @@ class Session:
 def _estimate(following: Following) -> Estimate:
     """From all that was seen."""
     try:
-        return Recursive().of(following.posterior)
+        return drawn(Recursive().of, following.posterior)
     except (NoBalanceError, np.linalg.LinAlgError) as error:
         return no_estimate(Recursive.name, str(error))
+
+
+def _as_event(event: Event, origin: float) -> dict[str, Any]:
+    """As a line of JSON has it.
+
+    Args:
+        event: What has changed.
+        origin: Time of the common event on the clock of the forces [s].
+    """
+    found: dict[str, Any] = {"t": round(event.time + origin, 3), "kind": event.kind}
+    if event.mass is not None and event.sigma is not None:
+        found |= {"load": event.load, "mass": event.mass, "sigma_mass": event.sigma}
+    return found
 
 
 def in_words(session: Session) -> str:

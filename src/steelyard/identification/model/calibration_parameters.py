@@ -153,6 +153,8 @@ class CalibrationParameters:
     weighed: WeighedCells | None = None
     """What dead weights tell of gains, offsets and gravity: values and 1-sigma of these are theirs;
     None: there are none."""
+    continued: Mapping[str, str] = field(default_factory=dict)
+    """Run -> the one that went on as it when the load changed, whose errors it has."""
 
     @cached_property
     def places(self) -> Mapping[Key, slice]:
@@ -172,7 +174,7 @@ class CalibrationParameters:
         Raises:
             KeyError: There is none.
         """
-        places = self.places
+        places, run = self.places, self.continued.get(run, run)
         return places[owner, key, run] if (owner, key, run) in places else places[owner, key, None]
 
     def place_of_load(self, run: str) -> slice | None:
@@ -249,6 +251,23 @@ class CalibrationParameters:
                 replace(u, deviation=deviation[self.places[u.owner, u.key, u.run]])
                 for u in self.entries
             ),
+        )
+
+    def with_last_load(self, experiment: Experiment) -> CalibrationParameters:
+        """The same with what the last load of an experiment is more than the first, at the end, and
+        for the last run, which goes on with that load.
+
+        Args:
+            experiment: With a further load and a run that continues another one.
+        """
+        *_, entry = _further_loads(experiment)
+        last = experiment.runs[-1]
+        assert last.continues is not None
+        return replace(
+            self,
+            entries=(*self.entries, entry),
+            carried={**self.carried, last.name: entry.key},
+            continued={**self.continued, last.name: last.continues},
         )
 
     def components(self) -> Iterator[tuple[int, CalibrationParameter, int]]:

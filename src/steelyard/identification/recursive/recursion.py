@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import plausible_radius
@@ -75,8 +76,6 @@ class Chunk:
 class Window:
     """The motion of one run as far as it is still fitted."""
 
-    run: int
-    """Number of it."""
     grid: KnotGrid
     like: Segment
     """With name, clock, smoothness and processes of every chunk."""
@@ -163,10 +162,10 @@ class Window:
             parts.append(chunk.linear.seen_from(Point(self.motion[own], border)))
             places.append(own.start)
         whole = together(parts, places)
-        return whole.stiffened([self._ends], self.motion) if self.like.processes else whole
+        return whole.stiffened([self.ends], self.motion) if self.like.processes else whole
 
     @property
-    def _ends(self) -> Array:
+    def ends(self) -> Array:
         """What is known of processes at the end of what has arrived, lower banded form: they go on."""
         grid, functions = self.grid, len(self.motion)
         whole = np.zeros((grid.block * (DEGREE + 1), functions * grid.block))
@@ -212,6 +211,59 @@ class Recursion:
         """The ten and all calibration parameters, shape (k,)."""
         assert self.state.parameters is not None
         return np.concatenate([self.state.parameters, self.state.calibration.values])
+
+    def body_of(self, run: str) -> tuple[Array, Array]:
+        """What a run carries: the ten of :data:`steelyard.inertia.LINEAR_PARAMETERS` and their
+        covariance, shapes (10,) and (10, 10).
+
+        Args:
+            run: Its name.
+        """
+        assert self.solution is not None
+        pick = self.picked(run)
+        value = self.state.calibration.body(self.solution.value[:TEN], run)
+        return value, np.asarray(pick @ self.solution.covariance @ pick.T)
+
+    def weighs_more(self, before: str, after: str) -> tuple[float, float]:
+        """By how much what one run carries weighs more than what another does, and 1-sigma [kg].
+
+        Args:
+            before: Name of that other run.
+            after: Name of the one.
+        """
+        assert self.solution is not None
+        first, calibration = self.solution.value[:TEN], self.state.calibration
+        value = calibration.body(first, after)[0] - calibration.body(first, before)[0]
+        row = self.picked(after)[0] - self.picked(before)[0]
+        return float(value), float(np.sqrt(row @ self.solution.covariance @ row))
+
+    def picked(self, run: str) -> Array:
+        """How what a run carries follows the border, shape (10, k)."""
+        pick = np.eye(TEN, len(self.point))
+        place = self.state.calibration.calibration_parameters.place_of_load(run)
+        if place is not None:
+            pick[:, TEN + place.start : TEN + place.stop] = np.eye(TEN)
+        return pick
+
+    def information(self) -> tuple[Array, NDArray[np.intp]]:
+        """Inverse of the covariance of the columns that are estimated, shape (e, e), and which these
+        are.
+
+        Raises:
+            numpy.linalg.LinAlgError: The motion is not determined.
+        """
+        assert self.window is not None
+        assert self.state.parameters is not None
+        robot = self.task.experiment.robot
+        prior = prior_of(
+            self.task.experiment,
+            self.state.calibration,
+            self.state.parameters,
+            plausible_radius(robot),
+        )
+        window, _ = self.window.equations(self.point).reduced()
+        use = np.flatnonzero(np.concatenate([np.ones(TEN, dtype=bool), self.task.active]))
+        return (self.told.normal + window + prior.precision)[np.ix_(use, use)], use
 
     def arrived(
         self, readings: Sequence[Reading], forces: Forces, motion: Array | None = None
@@ -292,6 +344,27 @@ class Recursion:
         chunks = (*self.window.chunks[:number], chunk, *self.window.chunks[number + 1 :])
         return replace(self, window=replace(self.window, chunks=chunks))
 
+    def relinearised(self, number: int, segment: Segment, forces: Forces) -> Recursion:
+        """With a chunk of the window linearised again where it is now.
+
+        Args:
+            number: Of it.
+            segment: As it is to be taken, with any coefficients.
+            forces: Within it.
+        """
+        assert self.window is not None
+        segment = replace(segment, coefficients=self.window.motion[self.window.place(number)])
+        _, rows = whitened_rows(self.task, self.state, segment, forces)
+        return self._with_chunk(segment, forces, _smoothed(segment, self.task, rows), number)
+
+    def settled(self) -> Recursion:
+        """After a step over window and border as they are linearised.
+
+        Raises:
+            numpy.linalg.LinAlgError: The motion is not determined.
+        """
+        return self._stepped()[0]
+
     def passed(self) -> tuple[Recursion, SegmentEquations]:
         """With the first chunk of the window eliminated, and what it says, calibration parameters
         counted from nothing.
@@ -329,7 +402,7 @@ class Recursion:
             tuple(each.at for each in balances),
             np.concatenate([each.root**2 for each in balances]),
             BorderEquations(normal, right, noise, freedom),
-            Blocks(normal[None], right[None], np.array([window.run])),
+            Blocks(normal[None], right[None], np.array([self._number_of(segment.run)])),
             by_stretches(segment, rows, every, one)[2],
             inverse,
             every.followed[:size],
@@ -374,6 +447,10 @@ class Recursion:
         """
         values = np.concatenate([np.zeros(TEN), self.state.calibration.values])
         return replace(equations, right=equations.right - equations.normal @ values)
+
+    def _number_of(self, run: str) -> int:
+        """Of a run in the experiment."""
+        return [each.name for each in self.task.experiment.runs].index(run)
 
     def _with_jitter(self, segment: Segment, forces: Forces) -> tuple[Segment, Forces]:
         """Readings as noisy as their time stamps make them along a motion that is nearly right."""

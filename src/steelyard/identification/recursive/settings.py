@@ -27,6 +27,14 @@ class RecursiveSettings:
     arrived: float = 10.0
     """Decrease of the cost, a chi-square, that the last step promised: what is left then is some
     hundreds of times smaller."""
+    alarm: float = 1e-10
+    """Probability with which a chunk looks by chance as if the load had changed: there are ten
+    thousand in an hour, and some places for a change in each."""
+    lately: float = 1e-3
+    """The same where something has just changed: a hand does not let go, nor is a load put down, at
+    once."""
+    clear: float = 6.0
+    """1-sigma that a load must weigh more or less to be another one."""
 
 
 RECURSIVE = RecursiveSettings()

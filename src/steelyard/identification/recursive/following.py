@@ -1,0 +1,312 @@
+"""A motion that is followed as it arrives: chunks are taken, pass, and make a posterior in the end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import InfeasibleError
+from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.segment import basis, values_at
+from steelyard.identification.recursive.arrivals import Likeness, within
+from steelyard.identification.recursive.grid import KnotGrid
+from steelyard.identification.recursive.new_load import (
+    FIRST,
+)
+from steelyard.identification.recursive.parts import (
+    counted_from,
+    counted_up,
+    motions_of,
+    summed_up,
+)
+from steelyard.identification.recursive.recursion import Recursion, Window
+from steelyard.identification.samples.preparation import Samples
+from steelyard.identification.solve.beginning import (
+    NoBalanceError,
+    Readings,
+    on_force_clock,
+    read,
+)
+from steelyard.identification.solve.conclusion import Fitted, FittedStretch, concluded
+from steelyard.identification.solve.long_recording import span_of
+from steelyard.identification.solve.noise_levels import ratios_of
+from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.solve.segment_equations import SegmentEquations
+from steelyard.inertia import Inertia, body_jacobian
+from steelyard.smoothing import DEGREE
+
+LOST = (InfeasibleError, np.linalg.LinAlgError)
+"""Errors of a motion that cannot be followed."""
+_DENSE = 6
+"""Instants between two knots at which a motion is taken over to other knots."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """What was known at an instant."""
+
+    run: str
+    time: float
+    """In the time of the forces of the run [s]."""
+    value: Array
+    """Of what the platform carries then: the ten of :data:`steelyard.inertia.BODY_PARAMETERS`, shape
+    (10,)."""
+    covariance: Array
+    """Shape (10, 10)."""
+
+    @classmethod
+    def of(cls, run: str, time: float, found: Recursion) -> Instant:
+        """What a recursion knows."""
+        parameters, linear = found.body_of(run)
+        J = body_jacobian(parameters)
+        value = Inertia.from_parameters(parameters).body_parameters
+        return cls(run, time, value, np.asarray(J @ linear @ J.T))
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """Something that has changed, as it was seen first."""
+
+    kind: Literal["load", "contact"]
+    """Whether the platform carries something else since then, or something touches it."""
+    run: str
+    """As which the recording goes on."""
+    load: str
+    """Name of what is carried from then on."""
+    time: float
+    """In the time of the forces of the run [s]."""
+    mass: float | None = None
+    """Of a load: by how much it weighs more than what was carried before [kg]."""
+    sigma: float | None = None
+    """1-sigma [kg]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """A motion that is followed as it arrives."""
+
+    experiment: Experiment
+    begun: Fitted
+    """The fit of the beginning."""
+    like: Likeness
+    samples: tuple[Samples, ...]
+    """Of the runs so far, as they began."""
+    recursion: Recursion
+    first: Array
+    """Coefficients of the beginning of the motion on its grid, shape (f, block)."""
+    number: int = 0
+    """Of the next chunk."""
+    parts: tuple[SegmentEquations, ...] = ()
+    """What has left the window, calibration parameters counted from nothing."""
+    instants: tuple[Instant, ...] = ()
+    events: tuple[Event, ...] = ()
+    """What has changed."""
+    scatter: float = 1.0
+    """How much more the bodies of single chunks differ than noise explains, as a factor of their
+    chi-square."""
+    suspected: bool = False
+    """Whether the last chunk looked as if something had changed."""
+    touched: bool = False
+    """Whether something touches the platform now."""
+
+    @property
+    def window(self) -> Window:
+        """The motion as far as it is still fitted."""
+        assert self.recursion.window is not None
+        return self.recursion.window
+
+    @property
+    def is_beginning(self) -> bool:
+        """Whether the next chunk is of the beginning, which knows more than the chunks so far."""
+        return self._motion(self.number) is not None
+
+    def _motion(self, number: int) -> Array | None:
+        """Coefficients of a chunk as the beginning has them, shape (f, block)."""
+        grid = self.window.grid
+        own = self.first[number * grid.intervals :][: grid.functions]
+        return own if len(own) == grid.functions else None
+
+    @property
+    def carried(self) -> str:
+        """Name of what the platform carries now."""
+        load = self.experiment.load_of(self.like.segment.run)
+        return FIRST if load is None else load.name
+
+    def arrived(self, run: Run) -> Following:
+        """With the next chunk.
+
+        Args:
+            run: With what has arrived.
+
+        Raises:
+            numpy.linalg.LinAlgError: The motion is not determined.
+            InfeasibleError: It is where cables cannot be.
+        """
+        span = self.window.grid.span(self.number)
+        readings, forces = within(
+            self.experiment, run, self.like, self.recursion.state.calibration, span
+        )
+        recursion = self.recursion.arrived(readings, forces, self._motion(self.number))
+        return replace(self, recursion=recursion, number=self.number + 1)
+
+    def noted(self) -> Following:
+        """With what is known after the last chunk, and without the oldest one where the window is
+        longer than the lag.
+        """
+        found, grid = self, self.window.grid
+        if len(self.window.chunks) * grid.length > self.recursion.settings.lag:
+            found = self.passed()
+        _, end = grid.span(self.number - 1)
+        instant = Instant.of(found.window.like.run, end, found.recursion)
+        return replace(found, instants=(*found.instants, instant))
+
+    def has(self, run: Run) -> bool:
+        """Whether forces and motion have been read within the next chunk.
+
+        Args:
+            run: With what has arrived.
+        """
+        span = self.window.grid.span(self.number)
+        calibration = self.recursion.state.calibration
+        readings, forces = within(self.experiment, run, self.like, calibration, span)
+        return bool(readings) and len(forces.time) > 0
+
+    def summed(self, most: int) -> Following:
+        """The same with the oldest parts summed up, and without the oldest instants.
+
+        Args:
+            most: Parts that stay as they are; twice as many may be kept until then.
+        """
+        if len(self.parts) <= 2 * most:
+            return self
+        old, new = self.parts[:-most], self.parts[-most:]
+        by_run: dict[str, list[SegmentEquations]] = {}
+        for part in old:
+            by_run.setdefault(part.segment.run, []).append(part)
+        summed = tuple(summed_up(each) for each in by_run.values())
+        return replace(self, parts=(*summed, *new), instants=self.instants[-most:])
+
+    def passed(self) -> Following:
+        """With the oldest chunk of the window eliminated."""
+        recursion, part = self.recursion.passed()
+        return replace(self, recursion=recursion, parts=(*self.parts, part))
+
+    def ended(self) -> Following:
+        """With the motion ended."""
+        found = self
+        while found.window.chunks:
+            found = found.passed()
+        return replace(found, recursion=found.recursion.ended())
+
+    def resumed(self, run: Run) -> Following:
+        """With the motion of another run, of which enough has arrived to begin with.
+
+        Args:
+            run: With what has arrived.
+
+        Raises:
+            NoBalanceError: It has no motion.
+        """
+        state, begin = self.recursion.state, self.recursion.settings.begin
+        start, end = span_of(self.experiment, run)
+        early = replace(run, window=(start, min(end, start + begin)))
+        readings = read(
+            self.experiment, state.calibration, _silent, [early], self.begun.task.settings
+        )
+        if not readings.segments:
+            raise NoBalanceError("; ".join(readings.notes))
+        told = on_force_clock(self.experiment, replace(state, segments=readings.segments[:1]))
+        segment = told.segments[0].disturbed(self.like.segment.processes)
+        sigmas = {each.source: each.sigma for each in self.like.segment.readings}
+        like = replace(
+            self.like.segment,
+            run=run.name,
+            knots=segment.knots,
+            coefficients=segment.coefficients,
+            readings=tuple(
+                replace(each, sigma=sigmas[each.source])
+                for each in segment.readings
+                if each.source in sigmas
+            ),
+            reference=segment.reference,
+        )
+        known = any(each.run == run.name for each in self.samples)
+        samples = self.samples if known else (*self.samples, *readings.samples)
+        return at_beginning(replace(self, samples=samples), Likeness(like, self.like.forces))
+
+    @property
+    def posterior(self) -> Posterior:
+        """All that follows, after the last motion has ended."""
+        fitted, recursion = self.begun, self.recursion
+        here = recursion.state.calibration.values
+        parts = [counted_from(part, -here) for part in motions_of(self.parts)]
+        tally, spent = counted_up(parts)
+        state = replace(recursion.state, segments=tuple(part.segment for part in parts))
+        fit = replace(
+            fitted.fit,
+            state=state,
+            equations=(),
+            tally=tally,
+            ratios=ratios_of(recursion.task, spent, tally),
+            turns=len(self.parts),
+            converged=fitted.fit.converged and not recursion.unsettled,
+        )
+        forces = tuple(part.force_samples for part in parts)
+        whole = replace(fitted, task=recursion.task, fit=fit, force_samples=forces)
+        readings = Readings(
+            self.experiment,
+            recursion.state.calibration,
+            self.experiment.runs,
+            self.samples,
+            (),
+            recursion.task.settings,
+        )
+        return concluded([FittedStretch(readings, whole, tuple(parts))])
+
+
+def at_beginning(found: Following, like: Likeness) -> Following:
+    """At the beginning of a motion.
+
+    Args:
+        found: With no motion that is followed.
+        like: What its readings are like; with the motion of the beginning.
+    """
+    segment, own = like.segment, found.recursion.settings
+    spacing = min(spacing_of(each) for each in found.begun.fit.state.segments if not each.static)
+    intervals = max(1, round(own.chunk / spacing))
+    first, _ = segment.span
+    read_at = [float(each.time[0]) for each in segment.readings]
+    start = max(first, min(read_at))
+    grid = KnotGrid(start, spacing, intervals, segment.block)
+    window = Window(grid, segment)
+    recursion = replace(found.recursion, window=window)
+    return replace(found, like=like, recursion=recursion, first=_on_grid(segment, grid), number=0)
+
+
+def spacing_of(segment: Segment) -> float:
+    """Of its knots [s]."""
+    return float(segment.knots[DEGREE + 1] - segment.knots[DEGREE])
+
+
+def _on_grid(segment: Segment, grid: KnotGrid) -> Array:
+    """Coefficients of a segment on a grid, of the chunks that it covers, shape (f, block)."""
+    count = int((segment.span[1] - grid.start) // grid.length)
+    if not count:
+        return np.zeros((0, segment.block))
+    knots = grid.knots(0, count)
+    end = grid.start + count * grid.length
+    times = np.linspace(grid.start, end, _DENSE * count * grid.intervals + 1)
+    local = basis(knots, times)
+    matrix = np.zeros((len(times), len(knots) - DEGREE - 1))
+    np.put_along_axis(matrix, local.first[:, None] + np.arange(DEGREE + 1), local.values[0], axis=1)
+    values = values_at(segment.basis(times), segment.coefficients)
+    coefficients, *_ = np.linalg.lstsq(matrix, values, rcond=None)
+    return np.asarray(coefficients)
+
+
+def _silent(what: str, fraction: float) -> None:
+    """Tells nobody."""
