@@ -131,7 +131,7 @@ def robust(count: int = 12) -> None:
             f"{'  over that of clean':40}" + "".join(f"{v:9.3f}" for v in ratio) + f"{pooled:9.3f}"
         )
         print(
-            f"  accepted {sum(e.verdict.accepted for e in each)} of {count}, chi-square of the ten"
+            f"  accepted {sum(bool(e.verdict.accepted) for e in each)} of {count}, chi-square of the ten"
             f" per degree of freedom {np.mean(chi):.2f}; left out {caught} of {spikes} spiked and"
             f" {lost} of {sound_readings} other readings",
             flush=True,

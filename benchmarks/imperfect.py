@@ -49,7 +49,7 @@ def main(names: list[str]) -> None:
         estimate = found.estimate
         k = int(np.isfinite(estimate.value).sum())
         chi = chi_square(estimate, truth.body_parameters) / max(k, 1)
-        verdict = "accepted" if estimate.verdict.accepted else "rejected"
+        verdict = estimate.verdict.short
         error = estimate.value[0] - truth.mass
         print(
             f"{name:26}{verdict:>9}{chi:8.2f}{k:4d}{error:+9.3f} kg"

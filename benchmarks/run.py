@@ -165,7 +165,7 @@ def accuracy(_: Path) -> None:
             print(
                 f"{name:14}{label:24}"
                 + "".join(f"{e:9.3f}" if np.isfinite(e) else f"{'null':>9}" for e in error * UNITS)
-                + f"{chi:8.1f}  {'accepted' if estimate.verdict.accepted else 'rejected'}",
+                + f"{chi:8.1f}  {estimate.verdict.short}",
                 flush=True,
             )
             errors.setdefault((name.split("-")[0], label), []).append(error)

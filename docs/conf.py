@@ -21,7 +21,9 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "sphinx_copybutton",
     "citations",
+    "gallery",
     "generated",
     "mathml",
     "shell",
@@ -33,8 +35,13 @@ suppress_warnings = [
     "toc.empty_glob",
 ]
 
-myst_enable_extensions = ["dollarmath", "tasklist"]
+myst_enable_extensions = ["deflist", "dollarmath", "tasklist"]
 myst_heading_anchors = 3
+
+# What is copied of a session are its commands, without prompts and what they print.
+copybutton_prompt_text = r"\$ |> "
+copybutton_prompt_is_regexp = True
+copybutton_only_copy_prompt_lines = True
 
 html_theme = "furo"
 html_title = "steelyard"

@@ -320,3 +320,70 @@ def possible(mistake, experiment):
         for run in experiment.runs[:1]
         for name, quantity in mistake.needs
     )
+
+
+LB = 4.4482216152605
+MISPLACED = 0.31  # [m]
+
+
+def geometry_in_millimetres(experiment):
+    """A robot file whose points were typed in millimetres."""
+    r = experiment.robot
+    changed = replace(r, anchors=1000 * r.anchors, attachments=1000 * r.attachments)
+    return replace(experiment, robot=changed)
+
+
+def without_sync(experiment):
+    """Clocks that are apart though nobody says so."""
+    return replace(experiment, runs=tuple(replace(run, sync={}) for run in experiment.runs))
+
+
+def misplaced_imu(experiment):
+    """An IMU that is said to sit elsewhere."""
+    old = np.array(experiment.instruments["imu"].position)
+    return instrument("imu", position=tuple(old + np.array([MISPLACED, 0, 0])))(experiment)
+
+
+def scaled(columns, factor):
+    """What an instrument's key must be for columns in another unit."""
+    return "scale: {" + ", ".join(f"{c}: {factor:.10g}" for c in columns) + "}"
+
+
+DESCRIPTIONS: Mapping[str, tuple[Callable[[Experiment], Experiment], str]] = {
+    "forces in kN": (vector("cables", "tension", 1e-3), "  cables:\n    scale: 1000"),
+    "forces in kgf": (vector("cables", "tension", 1 / G), "  cables:\n    scale: 9.80665"),
+    "forces in lb": (vector("cables", "tension", 1 / LB), "  cables:\n    scale: 4.448221615"),
+    "lengths in mm": (
+        vector("tracker", "position", 1000.0),
+        "  tracker:\n    " + scaled("xyz", 1e-3),
+    ),
+    "geometry in mm": (geometry_in_millimetres, "anchors and attachments in metres"),
+    "gyro in deg/s": (
+        vector("imu", "angular_velocity", 180 / np.pi),
+        "  imu:\n    " + scaled(("wx", "wy", "wz"), np.pi / 180),
+    ),
+    "accelerometer in g": (
+        vector("imu", "specific_force", 1 / G),
+        "  imu:\n    " + scaled(("ax", "ay", "az"), G),
+    ),
+    "z down": (
+        rotation("imu", lambda R: _FLIP @ R @ _FLIP),
+        "  imu:\n    scale: {qy: -1, qz: -1}",
+    ),
+    "gravity with z down": (robot(gravity=lambda r: -r.gravity), "gravity: [0.0, 0.0, -9.81]"),
+    "swapped cables": (
+        columns("cables", "tension", swap(1, 2)),
+        "  cables:\n    columns: {f2: f3, f3: f2}",
+    ),
+    "quaternion order": (
+        rotation("imu", quaternions([1, 2, 3, 0])),
+        "  imu:\n    columns: {qw: qz, qx: qw, qy: qx, qz: qy}",
+    ),
+    "conjugate": (
+        rotation("imu", lambda R: R.transpose(0, 2, 1)),
+        "  imu:\n    scale: {qx: -1, qy: -1, qz: -1}",
+    ),
+    "missing sync": (without_sync, "    sync: auto"),
+    "wrong IMU place": (misplaced_imu, "  imu:\n    position: ["),
+}
+"""What is wrong -> how it is made, and what `identify` must say to change."""

@@ -314,3 +314,33 @@ def test_every_verb_and_kind_has_its_place(built):
 @pytest.mark.integration
 def test_search_works_without_a_server(built):
     assert (built / "searchindex.js").read_text(encoding="utf-8").startswith("Search.setIndex(")
+
+
+def test_troubleshooting_quotes_what_the_program_says():
+    """Every message in code marks of the first two tables stands in the source, part by part."""
+    source = " ".join(
+        re.sub(r'"\s*\n\s*f?"', "", path.read_text(encoding="utf-8"))
+        for path in sorted((ROOT / "src").rglob("*.py"))
+    )
+    source = re.sub(r"\s+", " ", source)
+    page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    _, first, second, *_ = page.split("\n## ")
+    lines = [line for line in (first + second).splitlines() if line.startswith("| `")]
+    messages = [line.split("|")[1].strip() for line in lines]
+    assert len(messages) > 15
+    for message in messages:
+        for part in re.findall(r"`([^`]+)`", message):
+            for piece in filter(None, (p.strip(" %:") for p in re.split(r"…%?", part))):
+                if len(piece) > 6:
+                    assert piece in source, piece
+
+
+def test_the_gallery_shows_what_the_build_makes():
+    import gallery
+
+    text = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    shown = re.findall(r'<iframe [^>]*src="gallery/([^"]+)"', text)
+    assert shown == list(gallery.PAGES)
+    for command in gallery.COMMANDS:
+        assert f"steelyard {command[0]}" in text
+        assert command[0] in app.list_commands(click.Context(app))

@@ -36,7 +36,7 @@ def test_the_sensors_of_the_paper(recordings, recorded_truth, name, acceleration
     truth = recorded_truth[name].body_parameters
     assert abs(error[0]) < 0.02 * truth[0]
     assert np.all(np.abs(error[4:7]) < 0.25 * truth[4:7])
-    assert estimate.verdict.accepted
+    assert estimate.verdict.accepted is None
 
 
 @pytest.fixture(scope="module")

@@ -59,7 +59,6 @@ if TYPE_CHECKING:
     from steelyard.exports.formats import export as export
     from steelyard.identification.conversion import convert as convert
     from steelyard.identification.identify import Identification as Identification
-    from steelyard.identification.identify import identify as identify
     from steelyard.identification.methods.consistent import Consistent as Consistent
     from steelyard.identification.methods.force_free import ForceFree as ForceFree
     from steelyard.identification.methods.instrumental_variables import (
@@ -76,6 +75,7 @@ if TYPE_CHECKING:
     from steelyard.identification.verdict.prediction import predict_held_out as predict_held_out
     from steelyard.imports.formats import import_robot as import_robot
     from steelyard.inertia import Inertia as Inertia
+    from steelyard.inspection.identify import identify as identify
     from steelyard.inspection.inspect import Inspection as Inspection
     from steelyard.inspection.inspect import inspect as inspect
     from steelyard.instruments.attitude import Attitude as Attitude
@@ -166,7 +166,7 @@ _WHERE = {
     "figure": "report.figures",
     "figures": "report.figures",
     "frequencies": "natural_frequencies.frequencies",
-    "identify": "identification.identify",
+    "identify": "inspection.identify",
     "import_robot": "imports.formats",
     "init": "drafts.first_file",
     "inspect": "inspection.inspect",

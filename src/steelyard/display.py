@@ -68,3 +68,20 @@ def printable(text: str) -> str:
     return "".join(
         c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split())
     )
+
+
+_ASCII = str.maketrans(
+    {
+        "±": "+/-", "²": "^2", "³": "^3", "°": "deg", "µ": "u", "·": "*", "√": "sqrt ", "…": "...",
+        "\N{MULTIPLICATION SIGN}": "x", "\N{EN DASH}": "-", "\N{EM DASH}": "-",
+        "\N{MINUS SIGN}": "-", "\N{RIGHT SINGLE QUOTATION MARK}": "'", "✓": "+", "✗": "x",
+        **{bar: str(i) for i, bar in enumerate("▁▂▃▄▅▆▇█", start=1)},
+    }
+)  # fmt: skip
+
+
+def in_ascii(text: str) -> str:
+    """The same for a terminal that has no other characters; those that have no likeness are
+    escaped.
+    """
+    return text.translate(_ASCII).encode("ascii", "backslashreplace").decode("ascii")

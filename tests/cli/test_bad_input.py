@@ -1441,4 +1441,4 @@ def test_the_experiment_that_is_corrupted_above_is_a_good_one(folder, monkeypatc
     with pytest.raises(SystemExit) as end:
         main()
     assert end.value.code == 0
-    assert "two-step: accepted" in capsys.readouterr().out
+    assert "two-step: baseline, not assessed" in capsys.readouterr().out

@@ -261,7 +261,8 @@ def test_identify_without_a_folder_writes_nothing(run, small, tmp_path, monkeypa
     before = files(tmp_path)
     status, out, err = run("identify", small)
     assert (status, err) == (0, "")
-    assert "two-step: accepted" in out
+    assert "two-step: baseline, not assessed" in out
+    assert "two-step: accepted" not in out
     assert files(tmp_path) == before
     assert not any((tmp_path / "here").iterdir())
 
@@ -283,7 +284,7 @@ def assert_has_the_shape_of_the_contract(estimate):
     assert np.shape(estimate["covariance"]["matrix"]) == (10, 10)
     assert isinstance(estimate["physical"], bool)
     assert isinstance(estimate["calibration"], dict)
-    assert isinstance(estimate["verdict"]["accepted"], bool)
+    assert estimate["verdict"]["accepted"] in (True, False, None)
     assert isinstance(estimate["verdict"]["reasons"], list)
     assert estimate["verdict"]["parameters"].keys() == set(BODY_PARAMETERS)
     assert set(estimate["verdict"]["parameters"].values()) <= {"data", "prior", "unidentifiable"}
@@ -323,7 +324,21 @@ def test_identify_as_json_is_what_it_writes(run, small, tmp_path):
     status, out, err = run("identify", small, "--json", "--out", tmp_path / "out")
     assert (status, err) == (0, "")
     assert out == (tmp_path / "out" / "estimate.json").read_text()
-    assert parsed(out)["estimates"]["two-step"]["verdict"]["accepted"] is True
+    assert parsed(out)["estimates"]["two-step"]["verdict"]["accepted"] is None
+    assert parsed(out)["estimates"]["maximum-likelihood"]["verdict"]["accepted"] is True
+
+
+def test_a_baseline_alone_is_neither_accepted_nor_rejected(run, small, tmp_path):
+    status, out, err = run("identify", small, "--method", "two-step", "--out", tmp_path / "out")
+    assert (status, err) == (0, "")
+    assert "Baseline, not assessed: " in out
+    assert ": accepted" not in out
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "Baseline, not assessed" in report
+    assert ": accepted" not in report
+    status, _, err = run("export", tmp_path / "out", "--format", "yaml", "--out", tmp_path / "b")
+    assert status == 2
+    assert "found a baseline that was not assessed" in err
 
 
 def test_identify_twice_gives_the_same_bytes(run, small, tmp_path):

@@ -18,7 +18,7 @@ from steelyard.errors import InputError
 from steelyard.estimates.chi_square import agreement
 from steelyard.estimates.comparison import compare
 from steelyard.estimates.comparison_settings import SETTINGS
-from steelyard.estimates.estimate import FORMAT, Estimate, judge
+from steelyard.estimates.estimate import FORMAT, Estimate, judge, unassessed
 from steelyard.estimates.estimate_file import read_estimate_file, read_estimates
 from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.estimates.payload import payload
@@ -381,6 +381,18 @@ def test_covariance_of_the_payload_is_that_of_many_draws(rng):
     )
 
 
+def test_a_payload_between_baselines_is_no_more_than_they_are():
+    C = covariance_of(1) * 1e-4
+    pair = [named(BEFORE.body_parameters, C, "a"), named(AFTER.body_parameters, C, "b")]
+    baseline = unassessed(judge(pair[0].estimate.value))
+    pair[0] = replace(pair[0], estimate=replace(pair[0].estimate, verdict=baseline))
+    found = payload(*pair)
+    assert found.estimate.verdict.accepted is None
+    said = list(payload_statements(found))
+    assert not any(": accepted" in each.text or each.tone == "good" for each in said)
+    assert any(each.text == "a: baseline, not assessed" and each.tone == "note" for each in said)
+
+
 def test_a_payload_below_its_uncertainty_has_no_place():
     C = covariance_of(1, 100 * SIZES)
     found = payload(named(BEFORE.body_parameters, C, "a"), named(AFTER.body_parameters, C, "b"))
@@ -654,7 +666,7 @@ def test_compare_prints_values_differences_and_whether_they_agree(run, files):
         assert word in out
     row = next(line for line in out.splitlines() if "mass" in line)
     assert "+0.20 ± 0.57" in row
-    assert "+0.4 │" in row
+    assert row.endswith("+0.4")
     assert "a remark" in out
 
 

@@ -152,7 +152,7 @@ def test_report_says_what_it_will_tell_and_what_it_takes(written):
     for text in (printed, report):
         for words in (
             "Expected uncertainty after a motion of 8 s",
-            "centre of gravity x",
+            "cog x",
             "angular acceleration",
             "swings on its cables",
         ):

@@ -21,7 +21,7 @@ from written_estimates import covariance, estimate_of, file_of
 
 from steelyard.dynamics import platform_regressor, platform_wrench
 from steelyard.errors import InputError
-from steelyard.estimates.estimate import FORMAT, Verdict, judge
+from steelyard.estimates.estimate import FORMAT, Verdict, judge, unassessed
 from steelyard.estimates.estimate_file import read_estimate_file
 from steelyard.exports.exported import Exported, exported_of, read_exported
 from steelyard.exports.formats import FORMATS, export
@@ -411,6 +411,17 @@ def test_what_is_not_accepted_is_refused_unless_anyway(tmp_path, form, reasons):
     ):
         export(exported, form)
     assert export(exported, form, anyway=True)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_baseline_is_refused_unless_anyway_and_said_to_be_one(tmp_path, form):
+    verdict = unassessed(judge(CLOUD.ten))
+    exported = read_exported(str(file_of(tmp_path, estimate_of(CLOUD.ten, verdict=verdict))))
+    with pytest.raises(InputError, match="found a baseline that was not assessed"):
+        export(exported, form)
+    text = export(exported, form, anyway=True)
+    said = "BASELINE, NOT ASSESSED, exported all the same"
+    assert ('"accepted": null' if form == "json" else said) in text
 
 
 @pytest.mark.mujoco

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from datetime import date
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -55,6 +56,36 @@ def common(function: _Function) -> _Function:
         "--json", "as_json", is_flag=True, help="Print the result as JSON alone."
     )
     return as_json(quiet(function))
+
+
+def facts_options(function: _Function) -> _Function:
+    """What is to stand under the title of a report; names are those of
+    :data:`steelyard.report.evidence.made.FACTS`.
+    """
+    for name, metavar, text in (
+        ("date", "DAY", "day of the recording, as 2026-05-31; default: as its clocks say"),
+        ("operator", "NAME", "who recorded it"),
+        ("project", "NAME", "what it belongs to"),
+    ):
+        given = click.option(f"--{name}", metavar=metavar, help=f"For the report: {text}.")
+        function = given(function)
+    return function
+
+
+def checked_day(day: str | None) -> str | None:
+    """A date as the report has it.
+
+    Raises:
+        InputError: It is none.
+    """
+    if day is None:
+        return None
+    try:
+        return date.fromisoformat(day).isoformat()
+    except ValueError:
+        raise InputError(
+            f"--date: expected a day such as 2026-05-31, found '{day}'; correct it"
+        ) from None
 
 
 out_option = partial(click.option, "--out", type=click.Path(path_type=Path))

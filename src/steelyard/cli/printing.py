@@ -5,7 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from time import monotonic
 from typing import TYPE_CHECKING, Any
+
+Tell = Callable[[str, float], None]
+"""Is told what is being done and the fraction that is done."""
+_TOLD, _LEAST_ELAPSED = 0.05, 1.5
+"""Fraction and time [s] from which on it can be said how long the rest takes."""
+_MINUTES = 3
+"""From how many on the rest is said in minutes."""
 
 if TYPE_CHECKING:
     from steelyard.experiment.model import Experiment
@@ -29,36 +37,82 @@ def print_result(values: Mapping[str, Any], document: Document, *, as_json: bool
     show(document)
 
 
-def say(text: str, *, quiet: bool) -> None:
-    """Narrate on stderr where a person looks at it."""
-    if not quiet and sys.stderr.isatty():
-        sys.stderr.write(text + "\n")
-
-
 @contextmanager
-def progress(*, quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
-    """Progress of long work on stderr: a function of what is being done and the fraction that is
-    done; None where nobody looks.
+def progress(*, quiet: bool) -> Iterator[Tell | None]:
+    """One bar on stderr for the whole of a verb, there at once, with the time that is left where
+    that can be told: a function of what is being done and the fraction that is done; None where
+    nobody looks. A terminal that cannot move its cursor gets a line for each thing that is done.
     """
     if quiet or not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TextColumn
 
+    screen = Console(stderr=True)
+    if screen.is_dumb_terminal:
+        yield _in_lines()
+        return
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
+        TextColumn("{task.fields[left]}"),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=1.0)
+    with Progress(*columns, console=screen, transient=True) as bar:
+        task = bar.add_task("loading", total=1.0, left="")
+        begun, done = monotonic(), 0.0
 
         def tell(what: str, fraction: float) -> None:
-            bar.update(task, description=what, completed=min(1.0, fraction))
+            nonlocal done
+            # Parts that begin again, such as a fit that is tried twice, do not take anything back.
+            done = max(done, min(1.0, fraction))
+            left = time_left(done, monotonic() - begun)
+            bar.update(task, description=what or "loading", completed=done, left=left)
 
         yield tell
+
+
+def _in_lines() -> Tell:
+    """What is being done, once each, a line below the other."""
+    known: set[str] = set()
+
+    def tell(what: str, fraction: float) -> None:
+        if what and what not in known:
+            known.add(what)
+            sys.stderr.write(f"{what}\n")
+            sys.stderr.flush()
+
+    tell("loading", 0.0)
+    return tell
+
+
+def time_left(done: float, elapsed: float) -> str:
+    """In words, from the fraction that is done and how long that took [s]; empty where too little
+    is done to tell.
+    """
+    if done < _TOLD or elapsed < _LEAST_ELAPSED:
+        return ""
+    left = elapsed * (1 - done) / done
+    if left < _MINUTES * 60:
+        return f"about {max(round(left), 1)} s left"
+    return f"about {round(left / 60)} min left"
+
+
+def parts(tell: Tell | None, *weights: float) -> list[Tell | None]:
+    """Functions for works that follow each other, each of which tells its own fraction.
+
+    Args:
+        tell: For the whole.
+        weights: How long each takes, in any unit.
+    """
+    return [_part(tell, sum(weights[:i]), w, sum(weights)) for i, w in enumerate(weights)]
+
+
+def _part(tell: Tell | None, before: float, weight: float, whole: float) -> Tell | None:
+    if tell is None:
+        return None
+    return lambda what, fraction: tell(what, (before + weight * min(1.0, fraction)) / whole)
 
 
 def samples_of(experiment: Experiment) -> dict[str, dict[str, int]]:

@@ -130,9 +130,8 @@ def _tension(rows: Array, names: Sequence[str], robot: Robot) -> Scale:
     checks: list[str] = []
     why: list[str] = []
     if float(np.median(rows)) < 0:
-        # A reading is gain x true.
-        settings["calibration"] = {"gain": {"value": -1.0, "sigma": 0.01}}
-        why.append("readings are negative: a gain of -1 makes tensions that pull positive")
+        settings["scale"] = -1.0
+        why.append("readings are negative: a scale of -1 makes tensions that pull positive")
         checks.append("that the sensors read negative when the cables pull")
     total = float(np.median(np.abs(rows.sum(axis=1))))
     weight = robot.platform.mass * float(np.linalg.norm(robot.gravity)) if robot.platform else None

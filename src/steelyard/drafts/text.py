@@ -78,6 +78,14 @@ _KEYS: dict[str, tuple[tuple[str, str, str], ...]] = {
     ),
 }
 """Kind -> keys that a person fills in: an example or the default, and what it means."""
+_PLACE = {"imu": "position", "position": "target"}
+"""Kind -> key of a place on the platform that no log tells."""
+_LEAST_PLACE = 0.3
+"""1-sigma of a place that is not known, at least [m]."""
+_WIDE = (
+    "1-sigma [m]: '{}' is not known, anywhere on the platform; state it, and 0.005 here, once it is"
+    " measured"
+)
 _GEOMETRY = {
     "wrench": "position and rpy_deg: where the sensor sits",
     "imu": "position and rpy_deg: where the IMU sits",
@@ -121,7 +129,7 @@ def as_text(
         "instruments:",
     ]
     for each, keys in draft.instruments.items():
-        lines += _instrument(each, keys, draft.runs, robot.m)
+        lines += _instrument(each, keys, draft.runs, robot)
     lines.append("runs:")
     for run in draft.runs:
         lines += _run(run, draft.instruments, files)
@@ -130,9 +138,10 @@ def as_text(
 
 
 def _instrument(
-    name: str, keys: Mapping[str, Any], runs: Sequence[DraftRun], m: int
+    name: str, keys: Mapping[str, Any], runs: Sequence[DraftRun], robot: Robot
 ) -> Iterator[str]:
     """Lines of an instrument: what was guessed, what to check, and what may be added."""
+    m = robot.m
     found = [run.streams[name] for run in runs if name in run.streams]
     kind = str(keys["kind"])
     yield f"  {scalar(name)}:"
@@ -147,7 +156,13 @@ def _instrument(
     for key, example, meaning in _KEYS[kind]:
         if key not in keys:
             yield f"    # {key}: {example}    # {meaning}"
-    yield f"    # {_calibration(keys, m)}"
+    place = _PLACE.get(kind)
+    stated = dict(keys)
+    if place is not None and place not in keys and "calibration" not in keys:
+        wide = max(_LEAST_PLACE, round(robot.size, 1)) if m else _LEAST_PLACE
+        stated["calibration"] = {place: wide}
+        yield f"    calibration: {flow(stated['calibration'])}    # {_WIDE.format(place)}"
+    yield f"    # {_calibration(stated, m)}"
     if "clock" not in keys:
         yield "    # clock: recorder    # instruments with the same clock share its error"
 
@@ -164,9 +179,10 @@ def _calibration(keys: Mapping[str, Any], m: int) -> str:
         (nested.setdefault(group, {}) if group else nested)[key] = float(deviation[0])
         units.append(f"[{term.unit}]")
     nested["delay"] = DEFAULT_DELAY
-    extra = "; more of them beside what stands above" if "calibration" in keys else ""
+    more = "calibration" in keys
+    extra = "; they go beside what stands above" if more else ""
     return (
-        f"calibration: {flow(nested)}    # 1-sigma {', '.join([*units, '[s]'])}; the defaults"
+        f"{'more of calibration' if more else 'calibration'}: {flow(nested)}    # 1-sigma {', '.join([*units, '[s]'])}; the defaults"
         f" (delay: 0 for the clock of the forces){extra}"
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -44,15 +44,31 @@ class Verdict:
     """Why not, in words and numbers."""
     parameters: Mapping[str, Label]
     """Body parameter -> what determined it."""
+    disagreement: str = ""
+    """That other methods, whose models were tested too, say the opposite, with both reasons; empty:
+    none does."""
 
     def __str__(self) -> str:
-        if self.accepted:
-            return "accepted"
-        return f"{self._said}: {'; '.join(self.reasons) or 'no reason given'}"
+        if self.accepted is None:
+            return self.short
+        why = "" if self.accepted else f": {'; '.join(self.reasons) or 'no reason given'}"
+        return f"{self.short}{why}{self.disagreement and f'; {self.disagreement}'}"
 
     @property
-    def _said(self) -> str:
-        return "not assessed" if self.accepted is None else "not accepted"
+    def short(self) -> str:
+        """In two or three words, without reasons."""
+        if self.accepted is None:
+            return "baseline, not assessed"
+        return "accepted" if self.accepted else "not accepted"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values in the shape of the contract."""
+        return {
+            "accepted": self.accepted,
+            "reasons": list(self.reasons),
+            "parameters": dict(self.parameters),
+            **({"disagreement": self.disagreement} if self.disagreement else {}),
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,11 +147,7 @@ class Estimate(Tabular):
             "covariance": {"parameters": list(BODY_PARAMETERS), "matrix": plain(self.covariance)},
             "physical": self.physical,
             "calibration": plain(self.calibration),
-            "verdict": {
-                "accepted": self.verdict.accepted,
-                "reasons": list(self.verdict.reasons),
-                "parameters": dict(self.verdict.parameters),
-            },
+            "verdict": self.verdict.to_dict(),
         }
         if self.per_mass is not None:
             entries["inertia_per_mass"] = plain(self.per_mass.inertia)
@@ -188,10 +200,12 @@ class Estimate(Tabular):
         ]
         if self.per_mass is not None:
             cells += [(*each, "") for each in per_mass_rows(self.per_mass)]
-        verdict = str(self.verdict).partition(":")[0]
+        disagreement = (self.verdict.disagreement,) if self.verdict.disagreement else ()
         count = (f"notes: {len(self.notes)}",) if self.notes else ()
         return Display(
-            f"{self.method}: {verdict}", tuple(cells), sentences=(*self.verdict.reasons, *count)
+            f"{self.method}: {self.verdict.short}",
+            tuple(cells),
+            sentences=(*self.verdict.reasons, *disagreement, *count),
         )
 
 
@@ -327,3 +341,14 @@ def judge(
         for name, v, prior in zip(BODY_PARAMETERS, value, by_prior, strict=True)
     }
     return Verdict(accepted=not found, reasons=tuple(found), parameters=labels)
+
+
+def unassessed(verdict: Verdict) -> Verdict:
+    """The verdict on a baseline: a body that cannot exist is refused, but nothing else was tested."""
+    if not verdict.accepted:
+        return verdict
+    why = (
+        "a baseline, whose model is not tested: its 1-sigma comes from the residuals, errors of the"
+        " geometry and noise in the motion are not in it"
+    )
+    return replace(verdict, accepted=None, reasons=(why,))

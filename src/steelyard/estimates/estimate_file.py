@@ -128,6 +128,7 @@ class _GeometryForm(_PointsForm):
 class _VerdictForm(_LenientForm):
     accepted: bool | None
     reasons: tuple[str, ...] = ()
+    disagreement: str = ""
     parameters: dict[Literal[BODY_PARAMETERS], Label] = Field(default_factory=dict)  # type: ignore[valid-type]
 
 
@@ -392,6 +393,7 @@ def _estimate(document: YamlDocument, key: tuple[str, ...], entry: _EntryForm) -
             accepted=entry.verdict.accepted,
             reasons=tuple(printable(reason) for reason in entry.verdict.reasons),
             parameters=entry.verdict.parameters,
+            disagreement=printable(entry.verdict.disagreement),
         ),
         notes=tuple(printable(note) for note in entry.notes),
         per_mass=_per_mass(document, key, entry),

@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.arrays import Array, complex_step_jacobian
 from steelyard.estimates.comparison_notes import BOUND_NOTE, INDEPENDENT_NOTE, JOINT_NOTE, doubts
 from steelyard.estimates.comparison_settings import SETTINGS, ComparisonSettings
-from steelyard.estimates.estimate import Estimate, judge
+from steelyard.estimates.estimate import Estimate, judge, unassessed
 from steelyard.estimates.named_estimate import NamedEstimate, same_source, shared_covariance
 from steelyard.inertia import BODY_PARAMETERS, symmetric
 
@@ -97,6 +97,9 @@ def payload(
     for array in (value, covariance):
         array.setflags(write=False)
     verdict = replace(judge(value), accepted=not reasons, reasons=tuple(reasons))
+    if None in (a.verdict.accepted, b.verdict.accepted):
+        # What was not tested of one was not tested of the difference.
+        verdict = unassessed(verdict)
     estimate = Estimate("difference", value, covariance, verdict, notes=tuple(notes))
     return Payload(before, after, estimate, possible, settings)
 

@@ -66,6 +66,9 @@ class Stream:
     angles: Mapping[str, Array] = field(default_factory=dict)
     """Quantity -> roll, pitch, yaw as they stand in the log, where a rotation was read from angles
     [rad], shape (n, 3)."""
+    forms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Quantity -> columns of the contract that it was read from; what was not read from a log has
+    none."""
     clock: str | None = None
     """What its times were taken from: streams that name one and the same clock share its times, as
     those of one file do; None: a clock of its own, whatever ``source`` says."""

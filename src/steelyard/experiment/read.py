@@ -392,6 +392,7 @@ def check_instruments(
                 "expected a cable that has a sensor, found none; leave the instrument out of the"
                 " file, or correct this",
             )
+        _check_writing(name, instrument, robot, document)
         delay = instrument.calibration.delay
         priors = [(term.key, term.prior, term.size) for term in instrument.terms(robot.m)]
         for key, prior, size in [*priors, *([("delay", delay, 1)] if delay else [])]:
@@ -403,6 +404,33 @@ def check_instruments(
                         f"expected one {part}{f' or {size} of them' if size > 1 else ''}, found"
                         f" {len(given)}; correct it",
                     )
+
+
+def _check_writing(name: str, instrument: Instrument, robot: Robot, document: YamlDocument) -> None:
+    """See that ``columns`` and ``scale`` of an instrument speak of columns that it has."""
+    quantities = instrument.quantities(robot.m)
+    columns = [c for q in quantities for form in q.forms for c in form]
+    scale = instrument.scale
+    one_factor = scale if isinstance(scale, float | int) else 1.0
+    factors = () if isinstance(scale, float | int) else scale
+    for key, named in (
+        ("columns", [c for pair in instrument.columns for c in pair[:1]]),
+        ("scale", [c for c, _ in factors]),
+    ):
+        for column in named:
+            if column not in columns:
+                raise document.error(
+                    ("instruments", name, key),
+                    f"expected columns of the kind '{instrument.kind}', found '{column}'; known"
+                    f" here: {', '.join(dict.fromkeys(columns))}",
+                )
+    units = {q.unit for q in quantities}
+    if one_factor != 1.0 and len(units) > 1:
+        raise document.error(
+            ("instruments", name, "scale"),
+            f"expected a factor for each column, as its columns are in {', '.join(sorted(units))},"
+            f" found {one_factor:g} for all; write 'scale: {{{columns[0]}: …}}'",
+        )
 
 
 def _read_run(
@@ -429,7 +457,7 @@ def _read_run(
             stream.units,
             stream.scale,
             logs.get(stream.file),
-        )
+        ).of_all_runs(whole.instruments[name])
         for name, stream in form.streams.items()
     }
     sync = _sync(form, whole, document, key)

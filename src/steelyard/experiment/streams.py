@@ -58,6 +58,11 @@ class StreamPlace:
         """
         return open_log(self.path, self.topic) if self.log is None else nullcontext(self.log)
 
+    def of_all_runs(self, instrument: Instrument) -> StreamPlace:
+        """With the columns that the instrument says are exchanged in all runs."""
+        exchanged = {c: self.columns.get(name, name) for c, name in instrument.columns}
+        return replace(self, columns={**self.columns, **exchanged})
+
 
 def read_stream(
     place: StreamPlace,
@@ -115,11 +120,15 @@ def read_stream(
         _check_rate(path, timed, time)
     values: dict[str, Array] = {}
     angles: dict[str, Array] = {}
+    forms: dict[str, tuple[str, ...]] = {}
     for quantity, form in quantities:
+        forms[quantity.name] = form
         # Quaternions and matrices have no unit.
         unit = _UNIT_OF_NO_ANGLE if quantity.rotation and len(form) != 3 else quantity.unit
         there = [c for c in form if c not in unread]
-        factors = np.array([names.factor(c, unit) * names.scale(c) for c in there])
+        factors = np.array(
+            [names.factor(c, unit) * names.scale(c) * instrument.factor(c) for c in there]
+        )
         raw = table.beside([wanted[c] for c in there])
         raw = raw if np.all(factors == 1) else raw * factors
         if len(there) < len(form):
@@ -129,7 +138,7 @@ def read_stream(
         values[quantity.name] = _rotations(where, form, raw) if quantity.rotation else raw
         if quantity.rotation and len(form) == 3:
             angles[quantity.name] = raw
-    return Stream(time, values, str(path), angles, str(path))
+    return Stream(time, values, str(path), angles, forms, str(path))
 
 
 def stream_of_columns(

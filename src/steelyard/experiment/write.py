@@ -100,7 +100,9 @@ def write_experiment(
         ),
         **_datum(experiment),
         "instruments": {
-            name: instrument.model_dump(mode="json", exclude_unset=True)
+            name: instrument.model_dump(
+                mode="json", exclude_unset=True, exclude={"columns", "scale"}
+            )
             for name, instrument in experiment.instruments.items()
             if not isinstance(instrument, UnreadCables)
         },

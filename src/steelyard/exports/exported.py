@@ -167,8 +167,10 @@ def check(exported: Exported, *, title: str, whole: bool, anyway: bool) -> None:
             f" ('steelyard design' finds it); {help_}"
         )
     if exported.doubts and not anyway:
+        baseline = exported.estimate.verdict.accepted is None
+        found = "a baseline that was not assessed" if baseline else "one that is not"
         raise InputError(
-            f"{exported.where}: expected an accepted estimate of a body that can exist, found one"
-            f" that is not ({'; '.join(exported.doubts)}); correct what is named there, choose"
+            f"{exported.where}: expected an accepted estimate of a body that can exist, found"
+            f" {found} ({'; '.join(exported.doubts)}); correct what is named there, choose"
             " another method, or export it all the same with --anyway"
         )

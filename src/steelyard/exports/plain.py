@@ -75,12 +75,7 @@ def _values(exported: Exported) -> Mapping[str, Any]:
             "parameters": list(LINEAR_PARAMETERS),
             "values": plain(linear),
         },
-        "verdict": {
-            "accepted": estimate.verdict.accepted,
-            "physical": estimate.physical,
-            "reasons": list(estimate.verdict.reasons),
-            "parameters": dict(estimate.verdict.parameters),
-        },
+        "verdict": {**estimate.verdict.to_dict(), "physical": estimate.physical},
         "method": estimate.method,
         "experiment": exported.experiment,
         "source": {

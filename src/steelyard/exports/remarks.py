@@ -79,8 +79,11 @@ def _paragraphs(exported: Exported) -> Iterator[str]:
         file = printable(exported.source, _LONGEST_NAME)
         origin += f", from {file} (sha256 {exported.digest})"
     yield f"{origin}."
-    accepted = estimate.verdict.accepted
-    yield f"Verdict: {'accepted' if accepted else 'NOT ACCEPTED, exported all the same'}."
+    verdict = estimate.verdict
+    said = verdict.short if verdict.accepted else f"{verdict.short.upper()}, exported all the same"
+    yield f"Verdict: {said}."
+    if verdict.disagreement:
+        yield f"- {printable(verdict.disagreement, _LONGEST_REASON)}"
     for reason in exported.doubts:
         yield f"- {printable(reason, _LONGEST_REASON)}"
     if exported.impossible:

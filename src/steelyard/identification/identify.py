@@ -39,6 +39,7 @@ from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.bound import Bound
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.synchronisation import synchronise
+from steelyard.identification.verdict.disagreement import with_disagreement
 from steelyard.identification.verdict.prediction import Prediction, predict_held_out
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.tables import Tabular
@@ -53,6 +54,8 @@ AVAILABLE: dict[str, Callable[[], Method]] = {
     "maximum-likelihood": MaximumLikelihood,
 }
 """Methods of this version by name, with their default settings."""
+_QUICK = 0.1
+"""How long clocks, a baseline or what is drawn from a fit that is there take, in units of a fit."""
 ALL = "all"
 """Stands for every one of them."""
 
@@ -74,6 +77,9 @@ class Identification(Tabular):
     """What was looked at: without the runs held out, on one clock."""
     posterior: Posterior | None = None
     """What the best of the estimates was drawn from; None: it is a method of its own."""
+    amendment: str = ""
+    """YAML to merge into the experiment file, where that takes back what makes the result wrong;
+    empty: nothing is known that would."""
 
     @property
     def bound(self) -> Bound | None:
@@ -94,6 +100,15 @@ class Identification(Tabular):
     def estimate(self) -> Estimate:
         """Of the best method that ran."""
         return self.estimates[self.result]
+
+    @property
+    def is_rejected(self) -> bool:
+        """Whether the methods that were assessed reject the result; a baseline alone is neither
+        accepted nor rejected.
+        """
+        if self.estimate.verdict.accepted is not None:
+            return not self.estimate.verdict.accepted
+        return any(each.verdict.accepted is False for each in self.estimates.values())
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values in the shape of ``estimate.json``."""
@@ -118,6 +133,7 @@ class Identification(Tabular):
                 if self.clocks
                 else {}
             ),
+            **({"amendment": self.amendment} if self.amendment else {}),
             **(
                 {"holdout": {p.run: p.to_dict() for p in self.predictions}}
                 if self.predictions
@@ -153,8 +169,20 @@ class Identification(Tabular):
             )
             + self._per_mass(),
             head=("", "", *self.estimates),
-            sentences=tuple(f"{name}: {each.verdict}" for name, each in self.estimates.items()),
+            sentences=(
+                *(f"{name}: {each.verdict}" for name, each in self.estimates.items()),
+                *(
+                    [f"to merge into the experiment file: {self._in_one_line}"]
+                    if self.amendment
+                    else []
+                ),
+            ),
         )
+
+    @property
+    def _in_one_line(self) -> str:
+        """What to merge, as a sentence has it."""
+        return " ".join(self.amendment.split())
 
     def _per_mass(self) -> tuple[tuple[str, ...], ...]:
         """Rows of the inertia over mass by all methods; none where every one has the mass."""
@@ -212,18 +240,19 @@ def identify(
                 f"--holdout: expected one of {', '.join(names)}, found '{name}'; choose one of"
                 " these"
             )
-    found = synchronise(experiment, progress)
+    clocks, held_out, *each = _shares(progress, chosen, holdout=bool(holdout))
+    found = synchronise(experiment, clocks)
     experiment = found.experiment
-    predictions = predict_held_out(experiment, frozenset(holdout), progress) if holdout else ()
+    predictions = predict_held_out(experiment, frozenset(holdout), held_out) if holdout else ()
     used = replace(
         experiment, runs=tuple(run for run in experiment.runs if run.name not in holdout)
     )
     estimates: list[Estimate] = []
     posteriors: dict[Fit, Posterior] = {}
     baseline: InputError | None = None
-    for method in chosen:
+    for method, share in zip(chosen, each, strict=True):
         try:
-            estimates.append(_estimate(method, used, posteriors, progress))
+            estimates.append(_estimate(method, used, posteriors, share))
         except NoBalanceError as error:
             estimates.append(no_estimate(method.name, str(error)))
         except InputError as error:
@@ -244,6 +273,7 @@ def identify(
         raise baseline
     by_name = {each.method: each for each in estimates}
     best = _best(by_name)
+    by_name = with_disagreement(by_name, best)
     fits = (method.fit for method in chosen if method.name == best)
     posterior = next((posteriors.get(fit) for fit in fits if fit is not None), None)
     return Identification(
@@ -256,6 +286,29 @@ def identify(
         used,
         posterior,
     )
+
+
+def _shares(progress: Progress, methods: Sequence[Method], *, holdout: bool) -> list[Progress]:
+    """Progress of the clocks, of runs left out and of each method, as fractions of the whole: fits
+    take about as long as each other, all else little.
+    """
+    fitted: list[Fit | None] = []
+    weights = [_QUICK, 1.0 if holdout else 0.0]
+    for method in methods:
+        known = method.fit is not None and method.fit in fitted
+        weights.append(_QUICK if known or method.is_baseline else 1.0)
+        fitted.append(method.fit)
+    whole, shares = sum(weights), []
+    for i, weight in enumerate(weights):
+        shares.append(_share(progress, sum(weights[:i]) / whole, weight / whole))
+    return shares
+
+
+def _share(progress: Progress, before: float, share: float) -> Progress:
+    """Progress of a part of the whole."""
+    if progress is None:
+        return None
+    return lambda what, done: progress(what, before + share * min(1.0, done))
 
 
 def _best(estimates: Mapping[str, Estimate]) -> str:

@@ -19,6 +19,7 @@ from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.synchronisation import synchronise
+from steelyard.identification.verdict.directed_tests import directed_tests
 from steelyard.identification.verdict.winches import turned_winches
 from steelyard.inspection.agreements.agreement import InstrumentAgreement
 from steelyard.inspection.agreements.excerpt import Excerpt, excerpts
@@ -30,8 +31,11 @@ from steelyard.inspection.contact import (
     unexplained,
 )
 from steelyard.inspection.delays import Delay, of_excerpt, of_joint
+from steelyard.inspection.description import merged
 from steelyard.inspection.excitation import Excitation, Identifiability, excitation
+from steelyard.inspection.misplaced import Misplaced, misplaced
 from steelyard.inspection.mistakes.search import Mistake, mistakes
+from steelyard.inspection.mistakes.sizes import size_mistakes
 from steelyard.inspection.part import part_of
 from steelyard.inspection.remarks import constant_channels, of_noise, of_times
 from steelyard.inspection.settings import INSPECTION, InspectionSettings
@@ -66,6 +70,8 @@ class Inspection:
     remarks: tuple[str, ...]
     modes: tuple[ExcitedMode, ...] = ()
     """Natural modes that runs with locked winches show."""
+    misplaced: Misplaced | None = None
+    """An instrument that the fit of everything finds elsewhere on the platform than stated."""
 
     def __repr__(self) -> str:
         """Counts, mistakes with what to change, and remarks."""
@@ -186,10 +192,13 @@ def inspect(
     )
     with np.errstate(all="ignore"):
         described, amended, found = _judge(shown, progress, settings)
-        named, runs_of = _merged(found)
+        check = merged([*size_mistakes(experiment, settings.sizes), *found])
+        named, runs_of = check.mistakes, check.runs_of
         # Once mistakes are corrected, all forces count as sound.
         worst = {} if named else {each.excerpt.run.name: each.worst_of_forces for each in described}
         residuals, contacts = unexplained(amended, worst, settings=settings.contacts)
+        # What a mistake leaves looks like a hand on the platform.
+        contacts = [] if named else contacts
         delays, joint, remarks = _fitted(
             experiment, shown, bool(named), contacts, progress, settings
         )
@@ -199,6 +208,10 @@ def inspect(
         remarks.append(_unexplained(described))
     if joint is not None:
         contacts += contacts_of_fit(joint.contacts, residuals, contacts)
+    place = None
+    if joint is not None and joint.fit.converged:
+        place = misplaced(joint.experiment, [vars(each) for each in directed_tests(joint)])
+        remarks += [] if place is None else [place.remark]
     swung = [run for run in experiment.runs if run.locked]
     modes = tuple(mode for run in swung for mode in excited_modes(experiment, run))
     remarks += _of_swings(swung, modes, joint)
@@ -207,7 +220,11 @@ def inspect(
         experiment=experiment,
         streams=reports,
         delays=tuple(delays),
-        agreements=tuple((j.excerpt.run.name, a) for j in described for a in j.agreements.values()),
+        agreements=tuple(
+            (j.excerpt.run.name, replace(a, time=j.excerpt.time))
+            for j in described
+            for a in j.agreements.values()
+        ),
         mistakes=named,
         runs_of=runs_of,
         contacts=tuple(sorted(contacts, key=lambda c: (c.run, c.start))),
@@ -215,6 +232,7 @@ def inspect(
         excitation=None if joint is None else excitation(joint, settings.identifiability),
         remarks=tuple(dict.fromkeys(remarks)),
         modes=modes,
+        misplaced=place,
     )
 
 
@@ -271,19 +289,6 @@ def _judge(
     return described, amended, found
 
 
-def _merged(
-    found: Sequence[Mistake],
-) -> tuple[tuple[Mistake, ...], tuple[tuple[str, ...], ...]]:
-    """Each mistake once, with all runs that show it; first those that explain most."""
-    groups: dict[tuple[str, str, str], list[Mistake]] = {}
-    for mistake in found:
-        a = mistake.amendment
-        groups.setdefault((a.subject, a.kind, a.proposal), []).append(mistake)
-    best = {max(group, key=lambda m: m.gain): group for group in groups.values()}
-    named = sorted(best, key=lambda m: -m.gain)
-    return tuple(named), tuple(tuple(m.run for m in best[mistake]) for mistake in named)
-
-
 def _fitted(
     experiment: Experiment,
     shown: Sequence[Excerpt],
@@ -302,7 +307,7 @@ def _fitted(
             [f"{count} natural frequencies in {rows} rows, and no recording to look at"],
         )
     if wrong:
-        wait = "delays and identifiability are evaluated once the mistakes are corrected"
+        wait = "contacts, delays and identifiability are evaluated once the mistakes are corrected"
         return [], None, [wait]
     delays: list[Delay] = []
     moving = [run for run in experiment.runs if not run.static]

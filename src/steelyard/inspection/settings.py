@@ -25,6 +25,9 @@ class StreamSettings:
     """Bins in a row that make a rest."""
     fewest: int = 20
     """Third differences that are enough to find the noise."""
+    white: float = 0.04
+    """By how much the correlation of neighbouring third differences may be off that of white noise:
+    half of what it is off for a random walk."""
     segment: int = 512
     """Samples of a noise spectrum: resolves a hundredth of the rate."""
 
@@ -210,6 +213,8 @@ class PlaceSettings:
     least: float = 0.05
     """By which a place on the platform must be wrong to be named [m]: less is an error that its
     prior allows for."""
+    clear: float = 5.0
+    """Standard normal value from which a place that a fit finds is named."""
     closer: float = 0.4
     """Part of the distance to where it should be that a place with other signs may leave."""
     free: float = 1e-3
@@ -238,6 +243,8 @@ class MistakeSettings:
     """Of what is bad altogether, that a mistake must explain."""
     enough: float = 30.0
     """Cost of all that is bad from which that share grows no more."""
+    plain: float = 0.8
+    """Share of what is bad altogether that is explained well enough not to try clocks, too."""
     much_better: float = 0.4
     """Ratio to the present one that is left where it is worst, at most."""
     good: float = 1.25
@@ -255,6 +262,34 @@ class MistakeSettings:
 
 
 MISTAKES = MistakeSettings()
+
+
+@dataclass(frozen=True)
+class SizeSettings:
+    """What size alone tells of units."""
+
+    largest_hall: float = 300.0
+    """Mean distance of anchors from their middle [m]: the largest cable robots span stadiums."""
+    largest_platform: float = 30.0
+    """The same of attachments [m]."""
+    beyond: float = 10.0
+    """Factor between the median tension and the limits of the robot file: a cable that is not even
+    a tenth as tight as asked for is in another unit."""
+    air: float = 1.2
+    """Density of air [kg/m^3]: no platform is lighter."""
+    usual: float = 12.0
+    """What most platforms have at least over the cube of their radius [kg/m^3]; of several units that
+    are possible those are likelier with which they do."""
+    noise_factor: float = 4.0
+    """Ratio of the noise that is stated to that which is seen, from which it may be a unit."""
+    noise_near: float = 0.08
+    """Logarithm within which that ratio is one of a unit: of noise that was stated too large by
+    chance, few are."""
+    noise_runs: int = 3
+    """Runs in which the noise is looked at."""
+
+
+SIZES = SizeSettings()
 
 
 @dataclass(frozen=True)
@@ -349,6 +384,10 @@ class InspectionSettings:
     """What two accounts of one motion may differ by."""
     mistakes: MistakeSettings = MISTAKES
     """When a mistake is named."""
+    sizes: SizeSettings = SIZES
+    """What size alone tells of units."""
+    checked: int = 3
+    """Runs that are looked at before an identification: mistakes of a description show in each."""
     contacts: ContactSettings = CONTACTS
     """What is taken for a contact."""
     delays: DelaySettings = DELAYS

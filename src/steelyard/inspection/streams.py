@@ -150,6 +150,29 @@ def _quantity(
     )
 
 
+def white_noise(stream: Stream, quantity: str, settings: StreamSettings = STREAMS) -> float | None:
+    """1-sigma of samples of a vector about their neighbours, at rest or not; None where there are too
+    few, or where it is no white noise, so that neighbours do not show all of it.
+
+    Args:
+        stream: Of an instrument.
+        quantity: Of its readings.
+        settings: How many samples are looked at, and what is white.
+    """
+    third = np.diff(stream.values[quantity][: settings.most], 3, axis=0)
+    third = third[np.isfinite(third).all(axis=1)]
+    if len(third) < settings.fewest:
+        return None
+    power = np.mean(third**2, axis=0)
+    if not power.all():
+        return None
+    # Third differences of white noise follow each other with -15 / 20.
+    next_one = np.mean(third[1:] * third[:-1], axis=0) / power
+    if abs(float(np.median(next_one)) + 0.75) > settings.white:
+        return None
+    return float(np.sqrt(np.mean(_sigma(third) ** 2)))
+
+
 def _scatter(
     flat: Array, rows: NDArray[np.bool_], scale: float, settings: StreamSettings
 ) -> float | None:

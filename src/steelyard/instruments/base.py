@@ -14,7 +14,13 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
-from pydantic import Field, model_serializer, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    WithJsonSchema,
+    model_serializer,
+    model_validator,
+)
 from scipy.spatial.transform import Rotation
 
 from steelyard import rotations
@@ -239,6 +245,23 @@ class ForceCalibration(Calibration):
         return Term(TIME_CONSTANT, 1, "s", self.time_constant, suspected=suspected, positive=True)
 
 
+def _pairs(given: Any) -> Any:
+    """A mapping as pairs, which are immutable."""
+    return tuple(given.items()) if isinstance(given, Mapping) else given
+
+
+_TEXTS = {"type": "object", "additionalProperties": {"type": "string"}}
+_NUMBERS = {"type": "object", "additionalProperties": {"type": "number"}}
+Exchanged = Annotated[tuple[tuple[str, str], ...], BeforeValidator(_pairs), WithJsonSchema(_TEXTS)]
+"""Column -> another one."""
+Scale = Annotated[
+    float | tuple[tuple[str, float], ...],
+    BeforeValidator(_pairs),
+    WithJsonSchema({"anyOf": [{"type": "number"}, _NUMBERS]}),
+]
+"""One factor, or column -> factor."""
+
+
 class Instrument(FileModel, ABC):
     """An instrument as an experiment file describes it."""
 
@@ -258,6 +281,18 @@ class Instrument(FileModel, ABC):
     """[Hz]; for simulation and design."""
     calibration: Calibration = Calibration()
     """1-sigma of its systematic errors."""
+    columns: Exchanged = ()
+    """Column of the contract -> column that it is read from in all runs, on top of what its streams
+    say: what is exchanged in every log."""
+    scale: Scale = 1.0
+    """What its columns are multiplied by in all runs, on top of what its streams say: one factor, or
+    column of the contract -> factor; -1 where a sign is turned."""
+
+    def factor(self, column: str) -> float:
+        """What a column of the contract is multiplied by, after what its stream says."""
+        if isinstance(self.scale, float | int):
+            return float(self.scale)
+        return dict(self.scale).get(column, 1.0)
 
     @property
     def is_force(self) -> bool:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.errors import InputError
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
-from steelyard.report.blocks.document import Figure, Replay, Scene
+from steelyard.report.blocks.document import Figure, Replay, Scene, flat
 from steelyard.report.documents.identification import document_of
 from steelyard.report.evidence.summary import summarise
 from steelyard.report.forms.page import palette
@@ -62,7 +62,7 @@ def _pictures(found: Identification, truth: Inertia | None) -> dict[str, Figure 
     """Name -> picture of the report."""
     pictures: dict[str, Figure | Scene] = {}
     for section in document_of(summarise(found, truth)).sections:
-        for block in section.blocks:
+        for block in flat(section.blocks):
             if isinstance(block, Scene):
                 pictures[block.figure.name] = block
             elif isinstance(block, Figure):

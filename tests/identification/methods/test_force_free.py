@@ -52,7 +52,7 @@ def test_regression_finds_the_body_where_the_motion_has_hardly_noise(recorded):
     assert found.verdict.parameters["mass"] == "unidentifiable"
     # A baseline is not said to be accepted.
     assert found.verdict.accepted is None
-    assert str(found.verdict).startswith("not assessed: a baseline")
+    assert str(found.verdict).startswith("baseline, not assessed")
     assert found.to_dict()["verdict"]["accepted"] is None
     entry = found.to_dict()
     assert entry["mass"] is None

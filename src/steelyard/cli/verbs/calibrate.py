@@ -27,16 +27,16 @@ def calibrate(experiment: Path, out: Path | None, force: bool, as_json: bool, qu
     motion that EXPERIMENT lists.
     """
     check_there(experiment)
-    from steelyard.calibration.calibrate import calibrate as calibrated
-    from steelyard.experiment.read import read_experiment
-    from steelyard.output import check_target
-    from steelyard.report.documents.calibration import calibration_document
-    from steelyard.report.write_calibration import write_calibration
-
-    if out is not None:
-        check_target(out, force=force)
-    recorded = read_experiment(experiment, weighed=False)
     with progress(quiet=quiet) as tell:
+        from steelyard.calibration.calibrate import calibrate as calibrated
+        from steelyard.experiment.read import read_experiment
+        from steelyard.output import check_target
+        from steelyard.report.documents.calibration import calibration_document
+        from steelyard.report.write_calibration import write_calibration
+
+        if out is not None:
+            check_target(out, force=force)
+        recorded = read_experiment(experiment, weighed=False)
         found = calibrated(recorded, tell)
     if out is not None:
         write_calibration(found, out, force=force)

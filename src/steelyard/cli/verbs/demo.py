@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from steelyard.cli.options import common, force_option, out_option
-from steelyard.cli.printing import print_json, progress, say
+from steelyard.cli.printing import Tell, parts, print_json, progress
 
 _MOTIONS = {"paper": "the paper's eight moves", "multisine": "20 s on all six axes"}
 
@@ -21,27 +21,26 @@ def demo(out: Path, force: bool, as_json: bool, quiet: bool) -> None:
     """The whole story: simulate CoGiRo with the sensors of the paper, identify it, compare with the
     truth.
     """
-    from steelyard.identification.identify import identify
-    from steelyard.identification.methods.two_step import TwoStep
-    from steelyard.output import check_target, results_folder
-    from steelyard.report.documents.identification import brief_of
-    from steelyard.report.evidence.made import made_of
-    from steelyard.report.evidence.summary import summarise
-    from steelyard.report.forms.terminal import show
-    from steelyard.report.write import write_identification
-    from steelyard.simulation.simulate import simulate, write_virtual
-
-    check_target(out, force=force)
-    recorded = {}
     with progress(quiet=quiet) as tell:
-        for motion, words in _MOTIONS.items():
-            say(f"simulating CoGiRo: {motion}", quiet=quiet)
+        from steelyard.identification.identify import identify
+        from steelyard.identification.methods.two_step import TwoStep
+        from steelyard.output import check_target, results_folder
+        from steelyard.report.documents.identification import brief_of
+        from steelyard.report.evidence.made import made_of
+        from steelyard.report.evidence.summary import summarise
+        from steelyard.report.forms.terminal import show
+        from steelyard.report.write import write_identification
+        from steelyard.simulation.simulate import simulate, write_virtual
+
+        check_target(out, force=force)
+        recorded = {}
+        *simulating, first, then = parts(tell, *(1.0 for _ in _MOTIONS), 0.5, 8.0)
+        for (motion, words), told in zip(_MOTIONS.items(), simulating, strict=True):
             recorded[motion] = simulate(
-                "cogiro", motion, seed=0, name=f"CoGiRo, {words}", progress=tell
+                "cogiro", motion, seed=0, name=f"CoGiRo, {words}", progress=_simulating(told)
             )
-        say("identifying", quiet=quiet)
-        moves = identify(recorded["paper"].experiment, [TwoStep()], tell)
-        best = identify(recorded["multisine"].experiment, "all", tell)
+        moves = identify(recorded["paper"].experiment, [TwoStep()], first)
+        best = identify(recorded["multisine"].experiment, "all", then)
     truth = recorded["multisine"].body
     made = {
         name: made_of(virtual.experiment, {"demo": "seed 0"}) for name, virtual in recorded.items()
@@ -77,3 +76,10 @@ def demo(out: Path, force: bool, as_json: bool, quiet: bool) -> None:
     print("  steelyard new my-robot                  a folder to fill in")
     print("  steelyard init LOGS --robot my-robot/robot.yaml --out experiment.yaml")
     print("  steelyard identify experiment.yaml --out result")
+
+
+def _simulating(tell: Tell | None) -> Tell | None:
+    """The same, which says of a run that it is simulated."""
+    if tell is None:
+        return None
+    return lambda run, fraction: tell(f"simulating CoGiRo: {run}", fraction)

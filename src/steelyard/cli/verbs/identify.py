@@ -11,8 +11,10 @@ import click
 
 from steelyard.cli.options import (
     check_there,
+    checked_day,
     common,
     experiment_argument,
+    facts_options,
     force_option,
     out_option,
     runs_option,
@@ -89,11 +91,18 @@ NOT_ACCEPTED = 3
         " left out better."
     ),
 )
+@click.option(
+    "--anyway",
+    is_flag=True,
+    help="Run all methods though the recordings give away that the description is wrong.",
+)
 @out_option(
     help="Folder for estimate.json, the report (report.html, .md, .json) and motion.parquet; without"
     " it nothing is written."
 )
 @force_option()
+@click.option("--details", is_flag=True, help="Print what each run says alone, too.")
+@facts_options
 @common
 def identify(
     experiment: Path,
@@ -106,39 +115,45 @@ def identify(
     box: tuple[float, ...] | None,
     ellipsoid: tuple[float, ...] | None,
     towards_nominal: bool,
+    anyway: bool,
     out: Path | None,
     force: bool,
+    details: bool,
+    project: str | None,
+    operator: str | None,
+    date: str | None,
     as_json: bool,
     quiet: bool,
 ) -> None:
     """Estimate mass, centre of gravity and inertia from the recordings that EXPERIMENT lists."""
     check_there(experiment)
-    from steelyard.experiment.read import read_experiment
-    from steelyard.identification.identify import chosen_methods, default_methods
-    from steelyard.identification.identify import identify as identified
-    from steelyard.identification.methods.consistent import Consistent
-    from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
-    from steelyard.identification.methods.two_step import TwoStep
-    from steelyard.output import check_target, results_folder
-    from steelyard.report.documents.identification import brief_of
-    from steelyard.report.evidence.made import made_of
-    from steelyard.report.evidence.summary import summarise
-    from steelyard.report.write import write_identification
-
-    regions = _regions(box, ellipsoid)
-    with_options: tuple[TwoStep | Consistent | MaximumLikelihood, ...] = (
-        TwoStep(acceleration=acceleration, combine=combine),
-        Consistent(regions=regions, towards_nominal=towards_nominal),
-        MaximumLikelihood(regions=regions, towards_nominal=towards_nominal),
-    )
-    ready: dict[str, Any] = {method.name: method for method in with_options}
-    # A name that is wrong is said before anything is read.
-    chosen_methods(methods, ready)
-    if out is not None:
-        check_target(out, force=force)
-    recorded = selected(read_experiment(experiment), runs).without(*without)
     with progress(quiet=quiet) as tell:
-        found = identified(recorded, methods, tell, holdout=holdout, ready=ready)
+        from steelyard.experiment.read import read_experiment
+        from steelyard.identification.identify import chosen_methods, default_methods
+        from steelyard.identification.methods.consistent import Consistent
+        from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+        from steelyard.identification.methods.two_step import TwoStep
+        from steelyard.inspection.identify import identify as identified
+        from steelyard.output import check_target, results_folder
+        from steelyard.report.documents.identification import brief_of
+        from steelyard.report.evidence.made import made_of
+        from steelyard.report.evidence.summary import summarise
+        from steelyard.report.write import write_identification
+
+        facts = {"project": project, "operator": operator, "date": checked_day(date)}
+        regions = _regions(box, ellipsoid)
+        with_options: tuple[TwoStep | Consistent | MaximumLikelihood, ...] = (
+            TwoStep(acceleration=acceleration, combine=combine),
+            Consistent(regions=regions, towards_nominal=towards_nominal),
+            MaximumLikelihood(regions=regions, towards_nominal=towards_nominal),
+        )
+        ready: dict[str, Any] = {method.name: method for method in with_options}
+        # A name that is wrong is said before anything is read.
+        chosen_methods(methods, ready)
+        if out is not None:
+            check_target(out, force=force)
+        recorded = selected(read_experiment(experiment), runs).without(*without)
+        found = identified(recorded, methods, tell, holdout=holdout, ready=ready, anyway=anyway)
     truth = known_truth(experiment.parent)
     if out is None:
         summary = summarise(found, truth, with_evidence=False)
@@ -154,13 +169,16 @@ def identify(
                 "box": box,
                 "ellipsoid": ellipsoid,
                 "towards-nominal": towards_nominal,
+                "anyway": anyway,
             }
         )
-        summary = summarise(found, truth, made=made_of(recorded, options))
+        summary = summarise(found, truth, made=made_of(recorded, options, facts))
         with results_folder(out, force=force) as folder:
             write_identification(found, summary, folder)
-    print_result(found.to_dict(), brief_of(summary), as_json=as_json)
-    if not found.estimate.verdict.accepted:
+    print_result(found.to_dict(), brief_of(summary, details=details), as_json=as_json)
+    if found.amendment and not as_json:
+        print(f"\nTo merge into {experiment}:\n\n{found.amendment}")
+    if found.is_rejected:
         sys.exit(NOT_ACCEPTED)
 
 

@@ -40,16 +40,16 @@ def inspect(
     Ends with status 0 also where it names mistakes.
     """
     check_there(experiment)
-    from steelyard.experiment.read import read_experiment
-    from steelyard.inspection.inspect import inspect as inspected
-    from steelyard.output import check_target, results_folder, write_json
-    from steelyard.report.documents.inspection_document import inspection_document
-    from steelyard.report.write import write_document
-
-    if out is not None:
-        check_target(out, force=force)
-    recorded = selected(read_experiment(experiment), runs)
     with progress(quiet=quiet) as tell:
+        from steelyard.experiment.read import read_experiment
+        from steelyard.inspection.inspect import inspect as inspected
+        from steelyard.output import check_target, results_folder, write_json
+        from steelyard.report.documents.inspection_document import inspection_document
+        from steelyard.report.write import write_document
+
+        if out is not None:
+            check_target(out, force=force)
+        recorded = selected(read_experiment(experiment), runs)
         found = inspected(recorded, tell)
     values, document = found.to_dict(), inspection_document(found)
     if out is not None:

@@ -37,13 +37,13 @@ def simulate(
     quiet: bool,
 ) -> None:
     """Record a virtual experiment with ROBOT, a bundled name or a robot file."""
-    from steelyard.output import check_target
-    from steelyard.robot.file import read_robot
-    from steelyard.simulation.simulate import simulate as simulated
-
-    check_target(out, force=force)
-    model = read_robot(robot)
     with progress(quiet=quiet) as tell:
+        from steelyard.output import check_target
+        from steelyard.robot.file import read_robot
+        from steelyard.simulation.simulate import simulate as simulated
+
+        check_target(out, force=force)
+        model = read_robot(robot)
         virtual = simulated(model, trajectory, sensors, duration=duration, seed=seed, progress=tell)
     virtual.write(out, force=force)
     experiment, truth = out / "experiment.yaml", out / TRUTH

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, complex_step_jacobian
-from steelyard.estimates.estimate import Estimate, identifiable_parameters, judge
+from steelyard.estimates.estimate import Estimate, identifiable_parameters, judge, unassessed
 from steelyard.inertia import point_inertia, six
 
 
@@ -150,7 +150,7 @@ def finish(fit: BodyFit, size: float, method: str) -> Estimate:
         method=method,
         value=value,
         covariance=np.where(np.outer(known, known), fit.covariance, np.nan),
-        verdict=judge(value),
+        verdict=unassessed(judge(value)),
         residuals={"force": fit.residual[:3], "torque": fit.residual[3:]},
         details={"condition": list(fit.condition)},
     )

@@ -9,7 +9,7 @@ against.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -19,10 +19,10 @@ from steelyard.dynamics import platform_regressor
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import (
     Estimate,
-    Verdict,
     judge,
     plausible_radius,
     plausible_sizes,
+    unassessed,
 )
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.unread import is_unread
@@ -121,20 +121,9 @@ class ForceFree:
             method=self.name,
             value=body,
             covariance=whole,
-            verdict=_unassessed(judge(body)),
+            verdict=unassessed(judge(body)),
         )
         return up_to_mass(experiment, estimate)
-
-
-def _unassessed(verdict: Verdict) -> Verdict:
-    """That of a baseline: a body that cannot exist is refused, but nothing else was tested."""
-    if not verdict.accepted:
-        return verdict
-    why = (
-        "a baseline, whose model is not tested: its 1-sigma comes from the residuals, errors of the"
-        " geometry and noise in the motion are not in it"
-    )
-    return replace(verdict, accepted=None, reasons=(why,))
 
 
 def _across(samples: Samples, size: float) -> Array:

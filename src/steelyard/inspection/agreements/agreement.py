@@ -40,6 +40,8 @@ class InstrumentAgreement:
     """Whether it depends on the robot file."""
     bad: float = AGREEMENT.bad
     """Ratio beyond which they contradict each other."""
+    time: Array | None = None
+    """Common time [s], shape (n,); None: not stated."""
 
     @property
     def ratio(self) -> Array:

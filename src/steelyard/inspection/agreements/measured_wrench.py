@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError
@@ -20,10 +22,13 @@ from steelyard.inspection.agreements.frames import (
     point_of,
     specific_force_of_origin,
 )
-from steelyard.inspection.agreements.motion import specific_force
+from steelyard.inspection.agreements.motion import sigma_of, specific_force
 from steelyard.instruments.equations import solve_for
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
+
+_SMALL = 1e-6
+"""Step of differences [rad], [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +38,16 @@ class MeasuredWrench:
     wrench: Array
     """On the platform about its origin, shape (n, 6)."""
     columns: Array
-    """Its derivative by the constants of the sensors, shape (n, 6, c)."""
+    """Its derivative by the constants of the sensors, then by those of the pose, shape (n, 6,
+    c)."""
     sigma: Array
     """1-sigma of these, shape (c,)."""
     noise: tuple[float, float]
     """1-sigma left in force [N] and torque [N m]."""
     structure: Array | None
     """Structure matrix, shape (n, 6, m)."""
+    of_pose: int = 0
+    """How many of the constants are errors of the pose: the last ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +62,8 @@ class PlatformMotion:
     alpha: Array
     noise: tuple[float, float]
     """1-sigma left in specific force [m/s^2] and angular acceleration [rad/s^2]."""
+    sources: Mapping[str, Source] = field(default_factory=dict)
+    """Quantity -> whose readings say so."""
 
 
 def platform_motion(excerpt: Excerpt, sources: tuple[Source, ...]) -> PlatformMotion | None:
@@ -75,7 +85,7 @@ def platform_motion(excerpt: Excerpt, sources: tuple[Source, ...]) -> PlatformMo
         noise = float(np.hypot(9.81 * turned.noise[0], 0.0 if where is None else where.noise[2]))
     else:
         return None
-    return PlatformMotion(turned, where, force, omega, alpha, (noise, jitter))
+    return PlatformMotion(turned, where, force, omega, alpha, (noise, jitter), first)
 
 
 def _turning(
@@ -144,13 +154,57 @@ def of_cables(excerpt: Excerpt, source: Source, motion: PlatformMotion) -> Measu
         sigma = np.maximum(stated, settings.least_offset * usual)
     spread = np.sqrt(np.sum(W**2, axis=2).reshape(len(W), 2, 3).mean(axis=(0, 2)))
     noise = (read.noise[0] * float(spread[0]), read.noise[0] * float(spread[1]))
-    return MeasuredWrench(np.einsum("nkm,nm->nk", W, tension), W, sigma, noise, W)
+    by_pose = np.einsum("nkmp,nm->nkp", _structure_changes(robot, where, turned), tension)
+    return MeasuredWrench(
+        np.einsum("nkm,nm->nk", W, tension),
+        np.concatenate([W, by_pose], axis=2),
+        np.concatenate([sigma, _pose_sigma(excerpt, motion.sources)]),
+        noise,
+        W,
+        of_pose=by_pose.shape[2],
+    )
 
 
 @lru_cache(maxsize=32)
 def _structures(robot: Robot, where: OriginMotion, turned: AttitudeMotion) -> Array:
     # Of straight cables: what sag does to the directions is less than what is allowed for.
     return cables_at(robot, where.position, turned.rotation, np.full(robot.m, 100.0)).structure
+
+
+@lru_cache(maxsize=32)
+def _structure_changes(robot: Robot, where: OriginMotion, turned: AttitudeMotion) -> Array:
+    """How the structure matrix changes with small constant errors of attitude and place, shape
+    (n, 6, m, 6): those of an instrument that is mounted a little otherwise than stated.
+
+    A body that is turned with its instrument is as good a body: wrenches are in the axes before
+    the turn.
+    """
+    still = _structures(robot, where, turned)
+    even = np.full(robot.m, 100.0)
+    changes = []
+    for theta in _SMALL * np.eye(3):
+        turn = Rotation.from_rotvec(theta).as_matrix()
+        W = cables_at(robot, where.position, turned.rotation @ turn, even).structure
+        back = np.concatenate([turn @ W[:, :3], turn @ W[:, 3:]], axis=1)
+        changes.append((back - still) / _SMALL)
+    for step in _SMALL * np.eye(3):
+        W = cables_at(robot, where.position + step, turned.rotation, even).structure
+        changes.append((W - still) / _SMALL)
+    return np.stack(changes, axis=3)
+
+
+def _pose_sigma(excerpt: Excerpt, sources: Mapping[str, Source]) -> Array:
+    """1-sigma of constant errors of attitude [rad] and place [m], shape (6,)."""
+    settings = excerpt.settings
+    attitude, place = sources["orientation"][0], sources["position"][0]
+    turned = np.hypot(
+        sigma_of(excerpt, attitude, "misalignment", settings.least_sigma["rad"]),
+        sigma_of(excerpt, attitude, "reference", settings.least_reference),
+    )
+    placed = sigma_of(excerpt, place, "target", settings.least_sigma["m"])
+    if excerpt.instruments[place].commanded:
+        placed = np.hypot(placed, settings.command_place)
+    return np.concatenate([turned, placed])
 
 
 def of_sensor(excerpt: Excerpt, of_force: Source, of_torque: Source) -> MeasuredWrench:

@@ -37,8 +37,15 @@ _COMPARED_ALONE = frozenset({"orientation", "position", "angular_velocity", "spe
 """Quantities that have agreements of their own and need no whole motion to be compared with."""
 
 
-def _sigma(excerpt: Excerpt, name: str, key: str, least: float) -> Array:
-    """1-sigma of three components of a calibration error, at least as stated; shape (3,)."""
+def sigma_of(excerpt: Excerpt, name: str, key: str, least: float) -> Array:
+    """1-sigma of three components of a calibration error, at least as stated; shape (3,).
+
+    Args:
+        excerpt: With its instruments.
+        name: Of an instrument.
+        key: Of the error.
+        least: What any description may have.
+    """
     terms = {term.key: term for term in excerpt.instruments[name].terms(excerpt.robot.m)}
     stated = terms[key].deviation if key in terms else None
     return np.full(3, least) if stated is None else np.maximum(stated, least)
@@ -58,7 +65,7 @@ def _gyro(excerpt: Excerpt, of_gyro: Source, of_attitude: Source) -> InstrumentA
     """Angular velocity against the derivative of an attitude."""
     least = excerpt.settings.least_sigma
     read, turned = angular_velocity(excerpt, of_gyro), attitude_motion(excerpt, of_attitude)
-    misalignment = _sigma(excerpt, of_gyro[0], "misalignment", least["rad"])
+    misalignment = sigma_of(excerpt, of_gyro[0], "misalignment", least["rad"])
     return compare(
         excerpt,
         (of_gyro, of_attitude),
@@ -66,7 +73,7 @@ def _gyro(excerpt: Excerpt, of_gyro: Source, of_attitude: Source) -> InstrumentA
         read.value,
         turned.omega,
         [
-            _constant(_sigma(excerpt, of_gyro[0], "gyro_bias", least["rad/s"]), "bias"),
+            _constant(sigma_of(excerpt, of_gyro[0], "gyro_bias", least["rad/s"]), "bias"),
             _tilt(turned.omega, np.hypot(misalignment, least["rad"])),
         ],
         rate=read.rate,
@@ -82,8 +89,8 @@ def _attitudes(excerpt: Excerpt, first: Source, second: Source) -> InstrumentAgr
     # About the first instant, so that a figure of both shows the motion.
     begin = Rotation.from_matrix(back[0] @ other.rotation).as_rotvec()
     small = np.hypot(
-        _sigma(excerpt, first[0], "misalignment", excerpt.settings.least_sigma["rad"]),
-        _sigma(excerpt, first[0], "reference", excerpt.settings.least_reference),
+        sigma_of(excerpt, first[0], "misalignment", excerpt.settings.least_sigma["rad"]),
+        sigma_of(excerpt, first[0], "reference", excerpt.settings.least_reference),
     )
     return compare(
         excerpt,
@@ -103,7 +110,7 @@ def _places(
     """Two places, both turned into that of the platform origin."""
     turned = attitude_motion(excerpt, of_attitude)
     one, other = (origin_motion(excerpt, source, turned) for source in (first, second))
-    target = _sigma(excerpt, first[0], "target", excerpt.settings.least_sigma["m"])
+    target = sigma_of(excerpt, first[0], "target", excerpt.settings.least_sigma["m"])
     frame = np.full(3, np.hypot(excerpt.settings.command_place, 0.01))
     return compare(
         excerpt,
@@ -147,9 +154,9 @@ def _accelerometer(
     if where is None:
         # What accelerates it is not known: whatever moves it back and forth.
         noise = np.hypot(noise, excerpt.settings.unknown_motion * read.value.std(axis=0).mean())
-    bias = _sigma(excerpt, of_force[0], "accelerometer_bias", least["m/s^2"])
-    misalignment = _sigma(excerpt, of_force[0], "misalignment", least["rad"])
-    position = _sigma(excerpt, of_force[0], "position", excerpt.settings.least_lever)
+    bias = sigma_of(excerpt, of_force[0], "accelerometer_bias", least["m/s^2"])
+    misalignment = sigma_of(excerpt, of_force[0], "misalignment", least["rad"])
+    position = sigma_of(excerpt, of_force[0], "position", excerpt.settings.least_lever)
     return compare(
         excerpt,
         (of_force, of_attitude) if of_position is None else (of_force, of_attitude, of_position),

@@ -231,8 +231,10 @@ def _agreement(excerpt: Excerpt, relation: Relation, found: BodyBalance) -> Inst
     rows = list(zip(axes, left.tolist(), found.allowed.tolist(), strict=True))
     rows += _plausibility(excerpt, found)
     if found.measured.structure is not None:
-        offsets = float(np.sqrt(np.mean(found.constants**2)))
-        rows.append(("offsets", offsets, excerpt.settings.balance.offsets))
+        offsets, pose = np.split(found.constants, [-found.measured.of_pose])
+        for name, constants in (("offsets", offsets), ("mounting", pose)):
+            size = float(np.sqrt(np.mean(constants**2)))
+            rows.append((name, size, excerpt.settings.balance.offsets))
     channels, off, allowed = zip(*rows, strict=True)
     return InstrumentAgreement(
         title(*relation[1]),

@@ -17,6 +17,12 @@ SIMPLE, USUAL, RARE = 0.3, 0.6, 1.2
 """What a mistake costs: of two that explain the same the likelier one is named."""
 AXES = "xyz"
 
+_KEYS = frozenset(
+    {"columns", "scale", "without", "rpy_deg", "position", "target", "point", "frame", "gravity"}
+    | {"acts_on", "end", "calibration"}
+)
+"""Of an instrument, that amendments speak of."""
+
 Change = Callable[[Excerpt], Excerpt]
 """How an excerpt looks without a mistake."""
 
@@ -39,6 +45,8 @@ class Amendment:
     cost: float
     touches: frozenset[str]
     """Instruments whose readings look different then, and :data:`ROBOT`."""
+    keys: tuple[str, ...] = ()
+    """What to write under the instrument, key by key, in all runs; empty: no key says it."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,7 @@ class Subject:
         cost: float,
         *,
         beside: Iterable[str] = (),
+        keys: Iterable[str] | None = None,
     ) -> Amendment:
         """One amendment of it.
 
@@ -67,9 +76,14 @@ class Subject:
             change: The same.
             cost: The same.
             beside: Other instruments whose readings the change takes.
+            keys: See :class:`Amendment`; None: the proposal, where it is one.
         """
         touches = frozenset({self.name, *beside})
-        return Amendment(kind, self.name, self.channel, what, proposal, change, cost, touches)
+        if keys is None:
+            keys = [proposal] if proposal.partition(":")[0] in _KEYS else []
+        return Amendment(
+            kind, self.name, self.channel, what, proposal, change, cost, touches, tuple(keys)
+        )
 
 
 def with_keys(name: str, **keys: object) -> Change:
@@ -117,6 +131,13 @@ def single(k: int, i: int, factor: float) -> Array:
 def columns_key(columns: Mapping[str, str]) -> str:
     """Names of columns as the experiment file has them."""
     return "columns: {" + ", ".join(f"{a}: {b}" for a, b in columns.items()) + "}"
+
+
+def scale_key(factors: Mapping[str, float] | float) -> str:
+    """Factors of columns as the experiment file has them, or one for all."""
+    if isinstance(factors, float):
+        return f"scale: {factors:.10g}"
+    return "scale: {" + ", ".join(f"{c}: {factor:.10g}" for c, factor in factors.items()) + "}"
 
 
 def units_key(columns: Iterable[str], unit: str) -> str:

@@ -10,7 +10,7 @@ from itertools import permutations, product
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.inspection.mistakes.amendment import AXES, SIMPLE, columns_key
+from steelyard.inspection.mistakes.amendment import AXES, SIMPLE, columns_key, scale_key
 
 _EACH = 0.1
 """What each axis that is moved or turned round costs beyond a simple mistake."""
@@ -59,8 +59,8 @@ class AxisChange:
         cosine = np.clip((np.trace(self.matrix) - 1) / 2, -1, 1)
         return round(float(np.degrees(np.arccos(cosine))))
 
-    def of_columns(self, names: Sequence[str]) -> tuple[str, str]:
-        """The mistake of columns in words, and what to write into the experiment file.
+    def of_columns(self, names: Sequence[str]) -> tuple[str, tuple[str, ...]]:
+        """The mistake of columns in words, and the keys of the instrument that take it back.
 
         Args:
             names: Of k columns.
@@ -74,8 +74,9 @@ class AxisChange:
         if flipped:
             have = "has" if len(flipped) == 1 else "have"
             words.append(f"{', '.join(flipped)} {have} the wrong sign")
-            keys.append(f"turn the sign of {', '.join(flipped)} in the log")
-        return " and ".join(words), ", and ".join(keys)
+            turned = {names[i]: -1.0 for i, sign in enumerate(self.signs) if sign < 0}
+            keys.append(scale_key(turned))
+        return " and ".join(words), tuple(keys)
 
 
 @cache

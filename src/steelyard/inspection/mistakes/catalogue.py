@@ -97,21 +97,35 @@ def of_readings(places: PlaceSettings) -> tuple[OfReading, ...]:
     )
 
 
-def amendments(
+def clock_amendments(
     now: Judged, suspected: float, settings: MistakeSettings = MISTAKES
 ) -> Iterator[Amendment]:
-    """What could be wrong with instruments that contradict others.
+    """What could be wrong with the clocks of instruments that contradict others: a search of its own
+    for each, which takes longer than all the rest.
 
     Args:
         now: What contradicts what.
         suspected: See :meth:`Judged.suspects`.
-        settings: Which delays and places are tried.
+        settings: Which delays are tried.
+    """
+    if not now.excerpt.static:
+        names = {name for name, _ in now.suspects(suspected)}
+        yield from of_clocks(now, names, settings.clocks)
+
+
+def amendments(
+    now: Judged, suspected: float, settings: MistakeSettings = MISTAKES
+) -> Iterator[Amendment]:
+    """What could be wrong with instruments that contradict others, but for their clocks.
+
+    Args:
+        now: What contradicts what.
+        suspected: See :meth:`Judged.suspects`.
+        settings: Which places are tried.
     """
     excerpt, m = now.excerpt, now.excerpt.robot.m
     suspects = now.suspects(suspected)
     names = list(dict.fromkeys(name for name, _ in suspects))
-    if not excerpt.static:
-        yield from of_clocks(now, set(names), settings.clocks)
     if any(agreement.robot for agreement in now.bad):
         yield from of_gravity(excerpt)
     readings = of_readings(settings.places)

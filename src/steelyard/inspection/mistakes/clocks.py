@@ -13,6 +13,9 @@ from steelyard.inspection.agreements.motion import is_of_motion
 from steelyard.inspection.mistakes.amendment import SIMPLE, USUAL, Amendment, Subject, shifted
 from steelyard.inspection.settings import CLOCKS, ClockSettings
 
+SYNC_AUTO = "sync: auto"
+"""What to write where nobody has said how the clocks of a run are apart."""
+
 
 def of_clocks(
     now: Judged, suspects: set[str], settings: ClockSettings = CLOCKS
@@ -26,9 +29,10 @@ def of_clocks(
     """
     excerpt = now.excerpt
     experiment, run = excerpt.experiment, excerpt.run
+    own = instruments_by_clock(experiment, run)
     # Instruments that are said to share a clock may not.
-    alone = [(name,) for name in run.streams]
-    groups = dict.fromkeys([*instruments_by_clock(experiment, run), *alone])
+    alone = [(name,) for name in run.streams] if run.sync else []
+    groups = dict.fromkeys([*own, *alone])
     force = experiment.force_instrument(run)
     for names in groups:
         if force in names or not suspects & set(names):
@@ -42,10 +46,11 @@ def of_clocks(
 
 def _late(excerpt: Excerpt, names: tuple[str, ...], delay: float) -> Amendment:
     """A clock that is late by a delay [s]."""
-    key = f"calibration: {{delay: {{value: {delay:.3f}, sigma: 0.02}}}}"
+    key = SYNC_AUTO
     if excerpt.run.sync:
-        times = (f"{name}: {excerpt.run.sync[name] + delay:.3f}" for name in names)
-        key = "sync: {" + ", ".join(times) + "}"
+        times = {**excerpt.run.sync}
+        times.update({name: excerpt.run.sync[name] + delay for name in names})
+        key = "sync: {" + ", ".join(f"{name}: {time:.3f}" for name, time in times.items()) + "}"
     late = "late" if delay > 0 else "early"
     what = f"the clock of {' and '.join(names)} is {late} by {abs(delay):.2f} s"
     change = shifted(dict.fromkeys(names, delay))
@@ -75,6 +80,9 @@ def _best_delay(now: Judged, names: tuple[str, ...], settings: ClockSettings) ->
     most, coarse, fine = min(settings.largest, length / 2), settings.coarse, settings.fine
     grid = np.arange(-most, most + coarse / 2, coarse)
     best = float(grid[int(np.argmin([cost(float(d)) for d in grid]))])
+    if not now.excerpt.run.sync and abs(best) > settings.coarse:
+        # That the clocks are apart is enough: they are found from the data then.
+        return best
     around = best + np.arange(-coarse, coarse + fine / 2, fine)
     best = float(around[int(np.argmin([cost(float(d)) for d in around]))])
     return best if abs(best) > settings.least else None

@@ -18,6 +18,7 @@ from steelyard.inspection.mistakes.amendment import (
     columns_key,
     mapped,
     other_units,
+    scale_key,
     single,
     units_key,
     without_cable,
@@ -26,11 +27,11 @@ from steelyard.inspection.mistakes.axes import AxisChange, axis_changes
 from steelyard.inspection.mistakes.mounting import of_choices, of_mounting
 from steelyard.units import FACTORS
 
-_LIKELY = {
+LIKELY_UNITS = {
     "rad/s": ("deg/s", "rpm", "mrad/s"),
     "m/s^2": ("g", "mg", "mm/s^2", "cm/s^2"),
     "m": ("mm", "cm", "in", "ft"),
-    "N": ("kN", "daN", "kgf", "lbf", "mN"),
+    "N": ("kN", "kgf", "daN", "lbf", "mN"),
     "N m": ("N mm", "N cm", "kgf m", "kN m"),
 }
 """Unit of a quantity -> units that logs have instead."""
@@ -40,7 +41,7 @@ _DEAD = 2.5
 
 def _units(unit: str) -> Iterator[tuple[str, str, float]]:
     known = FACTORS[unit]
-    return other_units({each: known[each] for each in (unit, *_LIKELY[unit])})
+    return other_units({each: known[each] for each in (unit, *LIKELY_UNITS[unit])})
 
 
 def of_vector(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
@@ -48,9 +49,14 @@ def of_vector(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
     stated = excerpt.instruments[source[0]].quantity(source[1], excerpt.robot.m)
     names = stated.forms[0]
     for change in axis_changes(len(names)):
-        what, key = change.of_columns(names)
+        what, keys = change.of_columns(names)
         yield Subject(*source).amendment(
-            change.kind, what, key, mapped(source, change.matrix), change.cost
+            change.kind,
+            what,
+            "; ".join(keys),
+            mapped(source, change.matrix),
+            change.cost,
+            keys=keys,
         )
     yield from _of_units(source, names, stated.unit)
 
@@ -59,7 +65,10 @@ def _of_units(source: Source, names: Sequence[str], unit: str) -> Iterator[Amend
     """All columns of a quantity in another unit."""
     for other, what, factor in _units(unit):
         change = mapped(source, factor * np.eye(len(names)))
-        yield Subject(*source).amendment("unit", what, units_key(names, other), change, SIMPLE)
+        keys = [scale_key(dict.fromkeys(names, factor))]
+        yield Subject(*source).amendment(
+            "unit", what, units_key(names, other), change, SIMPLE, keys=keys
+        )
 
 
 def of_cables(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
@@ -74,7 +83,7 @@ def of_cables(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
     yield subject.amendment(
         "sign",
         f"all {quantity}s have the wrong sign",
-        f"turn the sign of {names[0]} to {names[-1]} in the log",
+        scale_key(-1.0),
         mapped(source, -np.eye(m)),
         SIMPLE,
     )
@@ -86,9 +95,10 @@ def of_cables(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
                 "dead sensor",
                 f"{names[i]} does not read what cable {i + 1} pulls: a dead, wrong or badly scaled"
                 " sensor",
-                f"look at the sensor of cable {i + 1}; leave its cells empty until it is right",
+                f"look at the sensor of cable {i + 1}; until it is right: without: [{i + 1}]",
                 without_cable(i),
                 _DEAD,
+                keys=[f"without: [{i + 1}]"] if quantity == "tension" else [],
             )
 
 
@@ -117,12 +127,13 @@ def _of_one_cable(source: Source, names: Sequence[str], i: int, unit: str) -> It
     subject = Subject(*source)
     m, cost = len(names), SIMPLE + 0.1
     flipped = mapped(source, single(m, i, -1.0))
-    what, key = f"{names[i]} has the wrong sign", f"turn the sign of {names[i]} in the log"
+    what, key = f"{names[i]} has the wrong sign", scale_key({names[i]: -1.0})
     yield subject.amendment("sign", what, key, flipped, cost)
     for other, words, factor in _units(unit):
         what, key = f"{names[i]} {words}", units_key([names[i]], other)
         change = mapped(source, single(m, i, factor))
-        yield subject.amendment("unit of one sensor", what, key, change, cost)
+        keys = [scale_key({names[i]: factor})]
+        yield subject.amendment("unit of one sensor", what, key, change, cost, keys=keys)
 
 
 def of_wrench(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
@@ -153,14 +164,28 @@ def of_wrench(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
     yield from of_mounting(excerpt, name)
 
 
+def _joined(first: Sequence[str], second: Sequence[str]) -> list[str]:
+    """Keys of two groups of columns, each key once."""
+    found: dict[str, list[str]] = {}
+    for text in (*first, *second):
+        key, _, mapping = text.partition(": ")
+        found.setdefault(key, []).append(mapping.strip("{}"))
+    return [f"{key}: {{{', '.join(each)}}}" for key, each in found.items()]
+
+
 def _of_wrench_axes(name: str, change: AxisChange) -> Iterator[Amendment]:
     """Axes of the force, of the torque and, where they are mirrored, of both."""
     force, torque = (name, "force"), (name, "torque")
-    of_force, force_key = change.of_columns(("fx", "fy", "fz"))
-    of_torque, torque_key = change.of_columns(("tx", "ty", "tz"))
+    of_force, force_keys = change.of_columns(("fx", "fy", "fz"))
+    of_torque, torque_keys = change.of_columns(("tx", "ty", "tz"))
+    force_key, torque_key = "; ".join(force_keys), "; ".join(torque_keys)
     force_change, torque_change = mapped(force, change.matrix), mapped(torque, change.matrix)
-    yield Subject(*force).amendment(change.kind, of_force, force_key, force_change, change.cost)
-    yield Subject(*torque).amendment(change.kind, of_torque, torque_key, torque_change, change.cost)
+    yield Subject(*force).amendment(
+        change.kind, of_force, force_key, force_change, change.cost, keys=force_keys
+    )
+    yield Subject(*torque).amendment(
+        change.kind, of_torque, torque_key, torque_change, change.cost, keys=torque_keys
+    )
     if not change.proper:
         both: Change = lambda e: torque_change(force_change(e))  # noqa: E731
         yield Subject(name, "force, torque").amendment(
@@ -169,4 +194,5 @@ def _of_wrench_axes(name: str, change: AxisChange) -> Iterator[Amendment]:
             f"{force_key}; {torque_key}",
             both,
             change.cost + 0.2,
+            keys=_joined(force_keys, torque_keys),
         )

@@ -163,7 +163,10 @@ def of_point(
         stated = place.tolist()
         change = with_keys(name, **{key: tuple(stated)})
         kind = "place on the platform"
-        return Subject(name, key).amendment(kind, what, f"{key}: {stated}", change, cost)
+        # By smoothed motions a place is known to some centimetres; the fit finds it better.
+        keys = [f"{key}: {stated}", f"calibration: {{{key}: {settings.least:g}}}"]
+        proposal = ", ".join(keys)
+        return Subject(name, key).amendment(kind, what, proposal, change, cost, keys=keys)
 
     for wanted in _wanted_points(excerpt, source, settings):
         off = float(np.linalg.norm(wanted - point))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import permutations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
+from steelyard.experiment.model import Stream
 from steelyard.identification.model.sources import Source
 from steelyard.inspection.agreements.excerpt import Excerpt
 from steelyard.inspection.agreements.frames import mounting, rpy_deg_of
@@ -23,6 +24,7 @@ from steelyard.inspection.mistakes.amendment import (
     columns_key,
     edited,
     rotated,
+    scale_key,
     single,
     units_key,
 )
@@ -49,6 +51,8 @@ Rotations = Callable[[Array], Array]
 def of_orientation(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
     """All of them: those of the way it is written, then those of its frames."""
     subject = Subject(*source)
+    stream = excerpt.run.streams[source[0]]
+    form = _form(stream)
     yield subject.amendment(
         "orientation the other way round",
         "is that of the world in the instrument: transposed, or the conjugate quaternion",
@@ -56,8 +60,8 @@ def of_orientation(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
         " other sign",
         edited(source, lambda read: read.through(lambda R: R.swapaxes(1, 2))),
         SIMPLE,
+        keys=_transposed(form),
     )
-    stream = excerpt.run.streams[source[0]]
     angles = stream.angles.get("orientation")
     if angles is not None:
         yield from _of_angles(subject, source, angles)
@@ -65,6 +69,33 @@ def of_orientation(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
         yield from _of_quaternion(subject, source, stream.values["orientation"])
     yield from _of_frames(excerpt, subject, source)
     yield from _of_heading(excerpt, subject, source)
+
+
+def _form(stream: Stream) -> tuple[str, ...]:
+    """Columns of an orientation; what was not read from a log stands as quaternions."""
+    otherwise = _ANGLES if "orientation" in stream.angles else tuple(f"q{p}" for p in _PARTS)
+    return stream.forms.get("orientation", otherwise)
+
+
+def _transposed(form: Sequence[str]) -> list[str]:
+    """Keys of an instrument that turn its orientation round; none of angles."""
+    if form[:1] == ("qw",):
+        return [scale_key(dict.fromkeys(("qx", "qy", "qz"), -1.0))]
+    if form[:1] == ("r11",):
+        return [columns_key({c: f"r{c[2]}{c[1]}" for c in form if c[1] != c[2]})]
+    return []
+
+
+def _both_turned(form: Sequence[str], i: int) -> list[str]:
+    """Keys of an instrument that turn both frames of its orientation by 180 degrees about axis i."""
+    others = [axis for k, axis in enumerate(AXES) if k != i]
+    if form[:1] == ("qw",):
+        turned = [f"q{axis}" for axis in others]
+    elif form[:1] == ("r11",):
+        turned = [c for c in form if (c[1] == str(i + 1)) != (c[2] == str(i + 1))]
+    else:
+        turned = [_ANGLES[AXES.index(axis)] for axis in others]
+    return [scale_key(dict.fromkeys(turned, -1.0))]
 
 
 def _rewritten(source: Source, values: Array, rotations: Rotations) -> Change:
@@ -101,7 +132,7 @@ def _of_quaternion(subject: Subject, source: Source, matrices: Array) -> Iterato
         yield subject.amendment(
             "sign of the quaternion",
             f"has q{axis} with the wrong sign",
-            f"turn the sign of q{axis} in the log",
+            scale_key({f"q{axis}": -1.0}),
             _rewritten(source, matrices, _by_quaternion(signs=single(4, i + 1, -1.0).diagonal())),
             USUAL,
         )
@@ -126,13 +157,14 @@ def _of_angles(subject: Subject, source: Source, angles: Array) -> Iterator[Amen
         names = {"deg": "degrees", "rad": "radians"}
         what = f"is in {names[unit]}, not in {names[other]}"
         change = _rewritten(source, angles, _by_angles(factor=factor))
-        yield subject.amendment("unit", what, units_key(_ANGLES, unit), change, SIMPLE)
+        keys = [scale_key(dict.fromkeys(_ANGLES, factor))]
+        yield subject.amendment("unit", what, units_key(_ANGLES, unit), change, SIMPLE, keys=keys)
     for i, column in enumerate(_ANGLES):
         signs = single(3, i, -1.0).diagonal()
         yield subject.amendment(
             "sign of an angle",
             f"has {column} with the wrong sign",
-            f"turn the sign of {column} in the log",
+            scale_key({column: -1.0}),
             _rewritten(source, angles, _by_angles(factor=signs)),
             SIMPLE,
         )
@@ -175,6 +207,7 @@ def _by_angles(
 def _of_frames(excerpt: Excerpt, subject: Subject, source: Source) -> Iterator[Amendment]:
     """World or instrument turned by right angles, or both."""
     name = source[0]
+    form = _form(excerpt.run.streams[name])
     stated = excerpt.instruments[name].quantity(source[1], excerpt.robot.m)
     for turn in rotations_by_right_angles():
         yield subject.amendment(
@@ -205,6 +238,7 @@ def _of_frames(excerpt: Excerpt, subject: Subject, source: Source) -> Iterator[A
             f"turn both frames in the log: D R D with D = rpy {rpy_deg_of(D)}",
             rotated(source, D, D.T),
             SIMPLE + 0.1,
+            keys=_both_turned(form, i),
         )
     for order in permutations(range(3)):
         P = np.eye(3)[list(order)]

@@ -18,7 +18,8 @@ from steelyard.inspection.agreements.excerpt import Excerpt
 from steelyard.inspection.agreements.judgement import Judged, evaluated, judged
 from steelyard.inspection.agreements.motion import Relation, is_of_motion
 from steelyard.inspection.mistakes.amendment import ROBOT, Amendment
-from steelyard.inspection.mistakes.catalogue import amendments
+from steelyard.inspection.mistakes.catalogue import amendments, clock_amendments
+from steelyard.inspection.mistakes.clocks import SYNC_AUTO
 from steelyard.inspection.settings import MISTAKES, MistakeSettings
 
 
@@ -35,10 +36,14 @@ class Mistake:
     gain: float
     others: tuple[str, ...]
     """Other explanations that are about as good."""
+    said: str = ""
+    """Where it shows, of a mistake that no comparison has shown."""
 
     @property
     def evidence(self) -> str:
         """Where it shows most, in words."""
+        if self.said:
+            return self.said
         pairs = list(zip(self.before, self.after, strict=True))
         spoilt = [pair for pair in pairs if not pair[0].agrees] or pairs[:1]
         b, a = max(spoilt, key=lambda pair: pair[0].cost - pair[1].cost)
@@ -113,6 +118,9 @@ def mistakes(
             break
         mistake, now = best
         found.append(mistake)
+        if mistake.amendment.proposal == SYNC_AUTO:
+            # All clocks are found together then; what else contradicts the clocks has to wait.
+            break
     return found, now
 
 
@@ -123,11 +131,22 @@ def _best(
     total = sum(a.cost for a in now.bad)
     wanted = max(settings.least_gain, settings.share * min(total, settings.enough))
     tried: list[_Trial] = []
-    for amendment in amendments(now, suspected, settings):
+    unsaid = not now.excerpt.run.sync
+    # Where nobody has said how the clocks are apart, that is the likeliest mistake.
+    tables = (clock_amendments, amendments) if unsaid else (amendments, clock_amendments)
+    for candidates in tables:
         best = max((trial.gain for trial in tried), default=0.0)
-        trial = _tried(now, amendment, max(wanted, best - 2 * settings.equal), settings)
-        if trial is not None:
+        if best > settings.plain * total:
+            break
+        for amendment in candidates(now, suspected, settings):
+            best = max((trial.gain for trial in tried), default=0.0)
+            trial = _tried(now, amendment, max(wanted, best - 2 * settings.equal), settings)
+            if trial is None:
+                continue
             tried.append(trial)
+            if amendment.proposal == SYNC_AUTO and _helps_much(now, trial, settings):
+                # The other clocks are found with this one.
+                break
     tried.sort(key=lambda trial: -trial.gain)
     for trial in tried[: settings.considered]:
         if _helps_much(now, trial, settings):

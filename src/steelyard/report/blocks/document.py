@@ -6,7 +6,7 @@ All text is as people read it; the forms escape it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -44,13 +44,22 @@ class Grid:
     """Columns of numbers."""
     repeated: int = 0
     """How many of the first columns stand in every part of a table that is too wide for a terminal;
-    0: such a table stays whole, its texts are broken."""
+    0: those before the first numbers."""
     secondary: frozenset[int] = frozenset()
     """Columns that stay beside the one before them and matter less."""
     ruled: frozenset[int] = frozenset()
     """Rows that a line is drawn under."""
     marked: frozenset[tuple[int, int]] = frozenset()
     """Row and column of cells that a reader should look at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Narrow:
+    """What is different about a picture in a narrow window."""
+
+    layout: Mapping[str, Any]
+    height: int
+    """[px]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +78,8 @@ class Figure:
     """Axes and their titles; colours, fonts and margins belong to the page."""
     height: int = 360
     """[px]"""
+    narrow: Narrow | None = None
+    """None: the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +108,48 @@ class Scene:
     """None: all points are drawn as they are given."""
 
 
-Block: TypeAlias = Statements | Grid | Figure | Scene
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """Blocks that a page shows on request."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class OneOf:
+    """Blocks of which a page shows those of one run at a time; all choices of a page that know it
+    follow.
+    """
+
+    label: str
+    """What is chosen."""
+    options: tuple[tuple[str, tuple[Block, ...]], ...]
+    """Name and blocks of each."""
+
+
+Block: TypeAlias = "Statements | Grid | Figure | Scene | Fold | OneOf"
+
+
+def by_choice(label: str, options: Sequence[tuple[str, tuple[Block, ...]]]) -> list[Block]:
+    """Blocks of one run as they are, those of several as a choice."""
+    if len(options) < 2:
+        return [block for _, blocks in options for block in blocks]
+    return [OneOf(label, tuple(options))]
+
+
+def flat(blocks: Iterable[Block]) -> list[Block]:
+    """All blocks with those within others in their places."""
+    found: list[Block] = []
+    for block in blocks:
+        if isinstance(block, Fold):
+            found += flat(block.blocks)
+        elif isinstance(block, OneOf):
+            for _, inner in block.options:
+                found += flat(inner)
+        else:
+            found.append(block)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,3 +172,5 @@ class Document:
     sections: tuple[Section, ...]
     one_page: bool = False
     """Whether it is set closely where it is printed, so that it needs no second sheet."""
+    facts: tuple[tuple[str, str], ...] = ()
+    """What stands under the title: project, operator, date."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from steelyard.digits import LABELS
+from steelyard.digits import LABELS, SHORT_LABELS
 from steelyard.report.blocks.document import Grid
 
-_NAMES = ("parameter", "unit")
+_NAMES = ("", "unit")
 _LAST_OF_GROUP = frozenset({0, 3})
 """Mass, centre of gravity and inertia are three groups of rows."""
 
@@ -35,7 +35,7 @@ def parameter_grid(caption: str, columns: Sequence[ParameterTexts]) -> Grid:
         columns: Beside the names and units of the ten.
     """
     first = len(_NAMES)
-    rows = [[label, unit] for label, unit, _ in LABELS]
+    rows = [[name, unit] for name, (_, unit, _) in zip(SHORT_LABELS, LABELS, strict=True)]
     right, secondary, marked = set(), set(), set()
     for place, column in enumerate(columns, start=first):
         for row, text in enumerate(column.texts):

@@ -27,8 +27,8 @@ def shown_unit(unit: str, quantity: str = "") -> Unit:
     """
     if unit == "rad":
         return Unit("°", _ANGLE)
-    if unit == "rad/s":
-        return Unit("°/s", _ANGLE)
+    if unit in {"rad/s", "rad/s^2"}:
+        return Unit("°/s" if unit == "rad/s" else "°/s²", _ANGLE)
     if unit == "m" and quantity == "error":
         return Unit("mm", 1e3)
     if unit == "s" and quantity == "error":
@@ -39,11 +39,6 @@ def shown_unit(unit: str, quantity: str = "") -> Unit:
 def scaled(value: Number, factor: float) -> Number:
     """A number in another unit."""
     return None if value is None else value * factor
-
-
-def short(value: Number, digits: int = 3) -> str:
-    """A number of so many digits; a dash where there is none."""
-    return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
 
 
 def deviations_of(body: EstimatedBody) -> list[Number]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from steelyard.calibration.first_poses import UPRIGHT
-from steelyard.digits import number
+from steelyard.digits import figures, fixed, number
 from steelyard.report.blocks.document import (
     Block,
     Document,
@@ -42,13 +42,13 @@ def _lead(found: GeometryCalibration) -> Statement:
     sigma = np.concatenate([each[found.told[key]] for key, each in found.deviations.items()])
     moved = [np.linalg.norm(each, axis=1).max() for each in found.moved.values()]
     said = (
-        f"1-sigma of a coordinate {_MM * np.median(sigma):.2g} mm in the median"
+        f"1-sigma of a coordinate {figures(_MM * np.median(sigma), 2)} mm in the median"
         if sigma.size
         else ""
     )
     text = (
-        f"Anchors moved by up to {_MM * moved[0]:.3g} mm, attachments by up to"
-        f" {_MM * moved[1]:.3g} mm; {said}: accepted."
+        f"Anchors moved by up to {figures(_MM * moved[0], 3)} mm, attachments by up to"
+        f" {figures(_MM * moved[1], 3)} mm; {said}: accepted."
     )
     return Statement(text, "good")
 
@@ -97,7 +97,7 @@ def _others(found: GeometryCalibration) -> Grid:
             parameters.names[place],
             entry.unit,
             number(float(values[place]), float(sigma[place])),
-            f"{found.found.parameters.deviation[place]:.3g}",
+            figures(found.found.parameters.deviation[place], 3),
         )
         for place, entry, i in parameters.components()
         if entry.owner not in {"robot", UPRIGHT} and entry.deviation[i] > 0 and entry.key != "delay"
@@ -121,7 +121,7 @@ def _moves(found: GeometryCalibration) -> list[Block]:
                 }
             )
         for name, row in zip(names, moved, strict=True):
-            rows.append((name, *(f"{_MM * v:+.2f}" for v in row)))
+            rows.append((name, *(fixed(_MM * v, 2, sign=True) for v in row)))
     layout = {"barmode": "group", "yaxis": {"title": {"text": "found less drawn [mm]"}}}
     figure = Figure(
         "moves",
@@ -163,7 +163,7 @@ def _residuals(found: GeometryCalibration) -> list[Block]:
         blocks.append(Figure(name, title, caption, (heat,), layout))
     rms = found.leave_one_out
     if rms is not None:
-        rows = tuple((f"cable {i + 1}", f"{_MM * v:.3g}") for i, v in enumerate(rms))
+        rows = tuple((f"cable {i + 1}", figures(_MM * v, 3)) for i, v in enumerate(rms))
         blocks.append(
             Grid(
                 "Leave-one-out residual, root mean square", ("cable", "[mm]"), rows, frozenset({1})
@@ -171,7 +171,7 @@ def _residuals(found: GeometryCalibration) -> list[Block]:
         )
     fit = found.found.fit
     sizes = tuple(
-        (name, quantity.removesuffix(" at rest").replace("_", " "), f"{np.sqrt(ratio):.2f}")
+        (name, quantity.removesuffix(" at rest").replace("_", " "), fixed(np.sqrt(ratio), 2))
         for (name, quantity), ratio in fit.ratios.items()
         if name != UPRIGHT
     )

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from steelyard.digits import LABELS, number
+from steelyard.digits import LABELS, figures, fixed, number
 from steelyard.report.blocks.document import Block, Document, Grid, Section, Statement, Statements
 from steelyard.report.blocks.shown import deviations_of, scaled
 from steelyard.report.documents.sections.budget import budget_grid
@@ -29,7 +29,7 @@ def certificate_of(summary: Summary) -> Document:
         sections.append(Section("reference", "Check against reference", tuple(_checked(summary))))
     sections.append(Section("made", "Provenance", (Statements(tuple(_made(summary))),)))
     title = f"Certificate: {summary.table.title}"
-    return Document(title, lead(summary), tuple(sections), one_page=True)
+    return Document(title, lead(summary), tuple(sections), one_page=True, facts=summary.made.facts)
 
 
 def _result(summary: Summary) -> Iterator[Block]:
@@ -58,7 +58,7 @@ def _body(summary: Summary) -> Iterator[Block]:
                 name,
                 unit,
                 number(scaled(value, factor), sigma) if known else "not identifiable",
-                f"{_COVERAGE * sigma:.2g}" if known and sigma is not None else "-",
+                figures(_COVERAGE * sigma, 2) if known and sigma is not None else "-",
                 label,
             )
         )
@@ -101,7 +101,7 @@ def _measured(summary: Summary) -> Iterator[Block]:
     rows = []
     for each in evidence.instruments:
         levels = [
-            f"{quantity.replace('_', ' ')} {own.used:.2g} {own.unit}"
+            f"{quantity.replace('_', ' ')} {figures(own.used, 2)} {own.unit}"
             for (name, quantity), own in noise.items()
             if name == each.name and own.used is not None
         ]
@@ -119,7 +119,7 @@ def _checked(summary: Summary) -> Iterator[Block]:
             each.unit,
             number(each.stated, each.sigma),
             number(each.found, each.deviation),
-            f"{each.z:+.1f}",
+            fixed(each.z, 1, sign=True),
         )
         for each in summary.evidence.known
     )

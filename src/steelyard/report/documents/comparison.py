@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from steelyard.digits import ten_numbers
+from steelyard.digits import fixed, ten_numbers
 from steelyard.estimates.chi_square import ChiSquareTest
 from steelyard.estimates.comparison import Comparison, Pair
 from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.estimates.payload import Payload
-from steelyard.report.blocks.document import Document, Grid, Section, Statement, Statements, Tone
+from steelyard.report.blocks.document import (
+    Block,
+    Document,
+    Grid,
+    Section,
+    Statement,
+    Statements,
+    Tone,
+)
 from steelyard.report.blocks.parameter_grid import ParameterTexts, parameter_grid
+from steelyard.report.documents.sections.intervals import SideBySide, intervals_of
+from steelyard.report.evidence.gather import body_of
+
+_TONES: dict[bool | None, Tone] = {True: "good", False: "bad", None: "note"}
+"""Verdict -> tone."""
 
 
 def comparison_document(comparison: Comparison, *, fail_above: float | None = None) -> Document:
@@ -28,6 +42,19 @@ def comparison_document(comparison: Comparison, *, fail_above: float | None = No
     statements = Statements(tuple(comparison_statements(comparison, fail_above)))
     section = Section("differences", "Differences", (*grids, statements))
     return Document("Estimates side by side", _lead(comparison), (section,))
+
+
+def comparison_page(comparison: Comparison, *, fail_above: float | None = None) -> Document:
+    """The same with all estimates beside each other, as numbers and as intervals, for a page."""
+    document = comparison_document(comparison, fail_above=fail_above)
+    bodies = tuple(body_of(each.name, each.estimate) for each in comparison.estimates)
+    blocks: list[Block] = []
+    known = [body for body in bodies if any(value is not None for value in body.value)]
+    if known:
+        blocks.append(intervals_of(SideBySide(bodies, known[0], whole=True)))
+    blocks.append(parameter_grid("value ± 1-sigma", [_column(e) for e in comparison.estimates]))
+    section = Section("values", "Side by side", tuple(blocks))
+    return replace(document, sections=(section, *document.sections))
 
 
 def _lead(comparison: Comparison) -> Statement:
@@ -69,11 +96,10 @@ def payload_document(payload: Payload) -> Document:
     columns = [_column(payload.before), _column(payload.after), _column(added)]
     grid = parameter_grid("payload: what was added", columns)
     statements = Statements(tuple(payload_statements(payload)))
-    accepted = payload.estimate.verdict.accepted
+    verdict = payload.estimate.verdict
     lead = Statement(
-        f"The payload between {payload.before.name} and {payload.after.name}:"
-        f" {'accepted' if accepted else 'not accepted'}.",
-        "good" if accepted else "bad",
+        f"The payload between {payload.before.name} and {payload.after.name}: {verdict.short}.",
+        _TONES[verdict.accepted],
     )
     return Document("Payload", lead, (Section("payload", "Payload", (grid, statements)),))
 
@@ -90,7 +116,7 @@ def payload_statements(payload: Payload) -> Iterator[Statement]:
             can = "; whether such a body can exist is not known"
         yield Statement(f"payload: accepted{can}", "good")
     for reason in verdict.reasons:
-        yield Statement(f"payload: not accepted: {reason}", "bad")
+        yield Statement(f"payload: {verdict.short}: {reason}", _TONES[verdict.accepted])
     for note in payload.estimate.notes:
         yield Statement(f"note: {note}")
 
@@ -117,18 +143,21 @@ def _column(named: NamedEstimate) -> ParameterTexts:
 def _sigmas(z: float) -> str:
     if np.isnan(z):
         return "-"
-    return "exact" if np.isinf(z) else f"{z:+.1f}"
+    return "exact" if np.isinf(z) else fixed(z, 1, sign=True)
 
 
 def _doubted(estimates: Sequence[NamedEstimate]) -> Iterator[Statement]:
-    """Those that were not accepted, with the reasons."""
+    """Those that were not accepted, with the reasons, and baselines that nothing was tested of."""
     for each in estimates:
         verdict = each.estimate.verdict
-        if not verdict.accepted:
+        if verdict.accepted is None:
+            yield Statement(f"{each.name}: {verdict.short}", "note")
+        elif not verdict.accepted:
             reasons = "; ".join(verdict.reasons) or "no reason given"
-            said = "accepted" if verdict.accepted is False else "assessed"
-            text = f"{each.name}: was not {said} when it was made: {reasons}"
+            text = f"{each.name}: was not accepted when it was made: {reasons}"
             yield Statement(text, "bad")
+        elif verdict.disagreement:
+            yield Statement(f"{each.name}: {verdict.disagreement}", "note")
 
 
 def _tone(found: ChiSquareTest) -> Tone:

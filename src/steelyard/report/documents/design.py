@@ -10,15 +10,18 @@ from itertools import pairwise
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.digits import LABELS
+from steelyard.digits import LABELS, between, figures, fixed, per_cent
 from steelyard.excitation.evaluation import InformationShares, MotionEvaluation
 from steelyard.excitation.limits.verification import Verified
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.motion.limits import Use
 from steelyard.report.blocks.document import Grid, Statement
 from steelyard.report.blocks.parameter_grid import ParameterTexts, parameter_grid
+from steelyard.report.blocks.shown import shown_unit
 
 _BARS = "▁▂▃▄▅▆▇█"
+_DEGREES = {"deg": "°"}
+"""Units of limits that the robot file has as they are shown."""
 _PARTS = 40
 """Parts of a run whose share is drawn."""
 _RATES = ("speed", "acceleration", "angular_speed", "angular_acceleration")
@@ -48,7 +51,7 @@ def _precision(evaluation: MotionEvaluation) -> Grid:
         ]
     else:
         columns = [ParameterTexts("1-sigma", _sigmas(total))]
-    shares = ["" if np.isnan(share) else f"{share:.2f}" for share in total / wanted]
+    shares = ["" if np.isnan(share) else fixed(share, 2) for share in total / wanted]
     over_time = [
         "  ".join(drawn_over_time(evaluation.information_shares[run], parameter) for run in runs)
         for parameter in range(len(LABELS))
@@ -67,7 +70,7 @@ def _precision(evaluation: MotionEvaluation) -> Grid:
 def _sigmas(deviations: Array) -> list[str]:
     """1-sigma of the ten in the units of :data:`LABELS`, from SI, shape (10,)."""
     factors = [factor for _, _, factor in LABELS]
-    return ["not identifiable" if np.isnan(v) else f"{v:.3g}" for v in deviations * factors]
+    return ["not identifiable" if np.isnan(v) else figures(v, 3) for v in deviations * factors]
 
 
 def drawn_over_time(shares: InformationShares, parameter: int) -> str:
@@ -91,7 +94,7 @@ def _use(name: str, verified: Verified, evaluation: MotionEvaluation) -> Grid:
     for use in verified.commanded:
         rows += _rows_of(use, elastic.get(use.name))
         if use.name == "tension" and verified.bodies is not None:
-            bodies, share = verified.bodies, f"{evaluation.margin.share:.0%}"
+            bodies, share = verified.bodies, per_cent(evaluation.margin.share)
             extremes, limit = _shown(bodies.extremes)[0], _shown(use.limit)[0]
             middle = ("",) if elastic else ()
             label = f"tension, body within {share}"
@@ -104,29 +107,30 @@ def _use(name: str, verified: Verified, evaluation: MotionEvaluation) -> Grid:
 
 def _rows_of(use: Use, real: Use | None) -> Iterator[tuple[str, ...]]:
     """A row for each axis of a limit; ``real``: on elastic cables."""
-    columns = [_shown(use.extremes)]
+    unit = shown_unit(_DEGREES.get(use.unit, use.unit))
+    columns = [_shown(use.extremes, unit.factor)]
     most = use.fraction
     if real is not None:
-        columns.append(_shown(real.extremes))
+        columns.append(_shown(real.extremes, unit.factor))
         most = max(most, real.fraction)
-    columns.append(_shown(use.limit))
-    used = "" if use.limit is None else f"{most:.0%}"
+    columns.append(_shown(use.limit, unit.factor))
+    used = "" if use.limit is None else per_cent(most)
     labels = use.name.split(", ")
     if use.name == "position":
         labels = [f"position {axis}" for axis in "xyz"]
     for i, label in enumerate(labels):
         cells = [column[i] if column else "" for column in columns]
-        yield (label, use.unit, *cells, used if i == 0 else "")
+        yield (label, unit.name, *cells, used if i == 0 else "")
 
 
-def _shown(values: Sequence[object] | None) -> list[str]:
-    """One text for each axis; none where there are no values."""
+def _shown(values: Sequence[object] | None, factor: float = 1.0) -> list[str]:
+    """One text for each axis, in another unit; none where there are no values."""
     if values is None:
         return []
     if len(values) == 1:
-        return [f"{values[0]:.3g}"]
+        return [figures(float(np.asarray(values[0])) * factor, 3)]
     low, high = (np.atleast_1d(np.asarray(each, dtype=np.float64)) for each in values)
-    return [f"{a:.3g} to {b:.3g}" for a, b in zip(low, high, strict=True)]
+    return [between(factor * a, factor * b) for a, b in zip(low, high, strict=True)]
 
 
 def _seconds(evaluation: MotionEvaluation) -> str:
@@ -153,8 +157,8 @@ def statements(evaluation: MotionEvaluation) -> Iterator[Statement]:
         if evaluation.feasible:
             text += (
                 "; they stay within the limits for a body up to"
-                f" {evaluation.margin.share:.0%} lighter or heavier with its centre of gravity up to"
-                f" {evaluation.margin.cog_offset * 1e3:.0f} mm off"
+                f" {per_cent(evaluation.margin.share)} lighter or heavier with its centre of gravity up to"
+                f" {fixed(evaluation.margin.cog_offset * 1e3, 0)} mm off"
             )
         yield Statement(text)
 
@@ -168,7 +172,9 @@ def _reached(evaluation: MotionEvaluation) -> Iterator[Statement]:
         if ratio <= 1:
             verdict = "all targets are reached"
         label = labels[BODY_PARAMETERS.index(parameter)]
-        yield Statement(f"least certain: {label}, {ratio:.2f} of its target 1-sigma: {verdict}")
+        yield Statement(
+            f"least certain: {label}, {fixed(ratio, 2)} of its target 1-sigma: {verdict}"
+        )
     lacking = np.isnan(evaluation.standard_deviation)
     unidentifiable = [label for label, lacks in zip(labels, lacking, strict=True) if lacks]
     if unidentifiable:
@@ -181,16 +187,16 @@ def _ringing(evaluation: MotionEvaluation) -> Iterator[Statement]:
     """How near the motion comes to the natural frequencies of the platform on its cables."""
     highest = evaluation.highest_frequency
     if len(evaluation.natural_frequencies):
-        swings = ", ".join(f"{each:.2g}" for each in evaluation.natural_frequencies[:3])
+        swings = ", ".join(figures(each, 2) for each in evaluation.natural_frequencies[:3])
         yield Statement(
             f"the platform swings on its cables at {swings} Hz and above (where it begins; the"
-            f" stiffness is known to a factor only), the motion is below {highest:.2g} Hz"
+            f" stiffness is known to a factor only), the motion is below {figures(highest, 2)} Hz"
         )
         if highest > _NEAR * evaluation.natural_frequencies[0]:
             yield Statement("that is near: the platform may ring on its cables")
     elif evaluation.experiment.robot.m:
         yield Statement(
             "the stiffness of the cables is not known: how the platform swings on them was not"
-            f" looked at; the motion is below {highest:.2g} Hz (add 'cable:"
+            f" looked at; the motion is below {figures(highest, 2)} Hz (add 'cable:"
             " {axial_stiffness: …}' to the robot file)"
         )

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.digits import LABELS
+from steelyard.digits import LABELS, figures
 from steelyard.excitation.design_file import motion_columns
 from steelyard.excitation.evaluation import MotionEvaluation
 from steelyard.inertia import BODY_PARAMETERS
@@ -79,7 +79,7 @@ def _lead(evaluation: MotionEvaluation) -> Statement:
     if ratio <= 1:
         return Statement("The motion keeps all limits and reaches all targets.", "good")
     return Statement(
-        f"The motion keeps all limits; the 1-sigma of {label} is {ratio:.2g} times its target.",
+        f"The motion keeps all limits; the 1-sigma of {label} is {figures(ratio, 2)} times its target.",
         "note",
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from steelyard.digits import number
+from steelyard.digits import figures, fixed, number
 from steelyard.natural_frequencies.frequencies import Frequencies
 from steelyard.report.blocks.document import Document, Grid, Section, Statement, Statements
 
@@ -12,7 +12,7 @@ def frequencies_document(found: Frequencies) -> Document:
     cables = "cables that stretch" if found.elastic else "cables of constant length"
     lead = Statement(
         f"{len(found.modes)} natural frequencies on {len(found.tension)} {cables}, from"
-        f" {found.modes[0].frequency:.4g} to {found.modes[-1].frequency:.4g} Hz."
+        f" {figures(found.modes[0].frequency, 4)} to {figures(found.modes[-1].frequency, 4)} Hz."
     )
     modes = Grid(
         "natural frequencies [Hz] and mode shapes: velocity of the platform origin [m] and turning"
@@ -22,7 +22,7 @@ def frequencies_document(found: Frequencies) -> Document:
             (
                 str(i + 1),
                 number(each.frequency, each.standard_deviation),
-                *(f"{v:+.3f}" for v in each.shape),
+                *(fixed(v, 3, sign=True) for v in each.shape),
             )
             for i, each in enumerate(found.modes)
         ),
@@ -31,13 +31,13 @@ def frequencies_document(found: Frequencies) -> Document:
     position, rpy = found.pose[:3], found.pose[3:]
     at_rest = Statement(
         "At rest the platform origin is at "
-        + ", ".join(f"{v:.4f}" for v in position)
+        + ", ".join(fixed(v, 4) for v in position)
         + " m, roll, pitch, yaw "
-        + ", ".join(f"{v:.4f}" for v in rpy)
+        + ", ".join(fixed(v, 4) for v in rpy)
         + " rad."
     )
     cable_rows = tuple(
-        (str(i + 1), f"{length:.4f}", "-" if not known else f"{tension:.4g}")
+        (str(i + 1), fixed(length, 4), "-" if not known else figures(tension, 4))
         for i, (length, tension, known) in enumerate(
             zip(found.lengths, found.tension, found.tension == found.tension, strict=True)
         )

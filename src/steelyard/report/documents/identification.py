@@ -4,7 +4,9 @@ from.
 
 from __future__ import annotations
 
-from steelyard.report.blocks.document import Document
+from dataclasses import replace
+
+from steelyard.report.blocks.document import Document, Statement, Statements
 from steelyard.report.documents.sections.budget import budget
 from steelyard.report.documents.sections.calibration import calibration
 from steelyard.report.documents.sections.correlation import correlation
@@ -34,11 +36,19 @@ SECTIONS = (
 def document_of(summary: Summary) -> Document:
     """The report as values."""
     found = (section(summary) for section in SECTIONS)
-    return Document(
-        summary.table.title, lead(summary), tuple(each for each in found if each is not None)
-    )
+    sections = tuple(each for each in found if each is not None)
+    return Document(summary.table.title, lead(summary), sections, facts=summary.made.facts)
 
 
-def brief_of(summary: Summary) -> Document:
-    """What a terminal shows of a report: its first section."""
-    return Document(summary.table.title, lead(summary), (result(summary),))
+def brief_of(summary: Summary, *, details: bool = False) -> Document:
+    """What a terminal shows of a report: its first section.
+
+    Args:
+        summary: What there is to show.
+        details: Whether to show what each run says alone, too; else it is said how to see it.
+    """
+    section = result(summary if details else replace(summary, runs=()))
+    if summary.runs and not details:
+        hint = Statement("What each run says alone: --details shows it.")
+        section = replace(section, blocks=(*section.blocks, Statements((hint,))))
+    return Document(summary.table.title, lead(summary), (section,))

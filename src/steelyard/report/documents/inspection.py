@@ -8,13 +8,13 @@ from itertools import groupby
 
 import numpy as np
 
-from steelyard.digits import LABELS, number
+from steelyard.digits import LABELS, figures, fixed, milliseconds, number
 from steelyard.inspection.contact import Contact
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
 from steelyard.report.blocks.document import Grid, Statement
 from steelyard.report.blocks.parameter_grid import ParameterTexts, parameter_grid
-from steelyard.report.blocks.shown import short, words
+from steelyard.report.blocks.shown import scaled, shown_unit, words
 
 _MOST_FAULTS = 12
 """Faults of one stream that are listed one by one."""
@@ -63,7 +63,7 @@ def _streams(found: Inspection) -> Grid:
         timing: tuple[str, ...] = ("at rest", "", "", "", "", "")
         if (t := each.timing) is not None:
             counts = (t.dropped, t.late, t.repeated, len(t.gaps))
-            timing = (f"{t.rate:.4g}", f"{t.jitter * 1e3:.2g}", *map(_count, counts))
+            timing = (figures(t.rate, 4), milliseconds(t.jitter), *map(_count, counts))
         faults = sum(f.kind in {"stuck", "clipped", "held"} for f in each.faults)
         first = (each.run, each.instrument, str(each.samples))
         rows.append((*first, *timing, _count(faults)))
@@ -81,8 +81,10 @@ def _noise(found: Inspection) -> Grid:
     for each in found.streams:
         for q in each.quantities:
             if q.noise_at_rest is not None or q.noise_in_motion is not None:
-                numbers = (short(q.noise_at_rest), short(q.noise_in_motion), short(q.stated))
-                rows.append((each.run, each.instrument, words(q.name), q.unit, *numbers))
+                unit = shown_unit(q.unit, "error")
+                levels = (q.noise_at_rest, q.noise_in_motion, q.stated)
+                numbers = (figures(scaled(level, unit.factor)) for level in levels)
+                rows.append((each.run, each.instrument, words(q.name), unit.name, *numbers))
     return Grid("Noise of a sample, 1-sigma", head, tuple(rows), frozenset(range(4, 7)))
 
 
@@ -92,8 +94,8 @@ def _modes(found: Inspection) -> Grid:
         (
             each.run,
             number(each.frequency, each.sigma),
-            f"{1e3 * each.amplitude:.0f}",
-            f"{each.damping_ratio:.4f}",
+            fixed(1e3 * each.amplitude, 0),
+            fixed(each.damping_ratio, 4),
         )
         for each in found.modes
     )
@@ -107,11 +109,11 @@ def _delays(found: Inspection) -> Grid:
     rows = []
     for each in found.delays:
         value = (
-            (f"{each.value * 1e3:.2f}", f"{each.sigma * 1e3:.2g}")
+            tuple(number(each.value * 1e3, each.sigma * 1e3).split(" ± "))
             if each.told
             else ("not identifiable", "")
         )
-        prior = f"{each.prior[0] * 1e3:.3g} ± {each.prior[1] * 1e3:.3g}"
+        prior = f"{figures(each.prior[0] * 1e3, 3)} ± {figures(each.prior[1] * 1e3, 3)}"
         rows.append((each.run, ", ".join(each.instruments), *value, prior, each.how))
     return Grid("Clock delays relative to the force clock", head, tuple(rows), frozenset({2, 3, 4}))
 
@@ -123,7 +125,7 @@ def _agreements(found: Inspection) -> Grid:
     for run, each in found.agreements:
         i = int(np.argmax(each.ratio))
         verdict = "agree" if each.agrees else "contradict each other"
-        rows.append((run, each.name, each.channels[i], f"{each.worst:.2g}", verdict))
+        rows.append((run, each.name, each.channels[i], fixed(each.worst, 2), verdict))
     return Grid("Agreement of the instruments, as described", head, tuple(rows), frozenset({3}))
 
 
@@ -132,8 +134,8 @@ def _body(found: Inspection) -> Grid:
     assert found.excitation is not None
     body = found.excitation.body
     factors = [factor for _, _, factor in LABELS]
-    values = [short(each.value * factor) for each, factor in zip(body, factors, strict=True)]
-    sigmas = [short(each.sigma * factor) for each, factor in zip(body, factors, strict=True)]
+    values = [figures(each.value * factor) for each, factor in zip(body, factors, strict=True)]
+    sigmas = [figures(each.sigma * factor) for each, factor in zip(body, factors, strict=True)]
     columns = [
         ParameterTexts("rough estimate", values),
         ParameterTexts("smallest 1-sigma", sigmas),
@@ -150,9 +152,11 @@ def _calibration(found: Inspection) -> Grid:
     for name, each in groupby(found.excitation.calibration, key=lambda finding: finding.group):
         group = list(each)
         count = f" ({len(group)})" if len(group) > 1 else ""
-        sigma, prior = _range(f.sigma for f in group), _range(f.prior for f in group)
+        unit = shown_unit(group[0].unit, "error")
+        sigma = _range(scaled(f.sigma, unit.factor) for f in group)
+        prior = _range(scaled(f.prior, unit.factor) for f in group)
         by = _counted([finding.told for finding in group])
-        rows.append((name + count, group[0].unit, sigma, prior, by))
+        rows.append((name + count, unit.name, sigma, prior, by))
     title = "Identifiability of the calibration parameters"
     return Grid(title, head, tuple(rows), frozenset({2, 3}))
 
@@ -167,7 +171,7 @@ def _counted(texts: Sequence[str]) -> str:
 
 def _range(values: Iterable[float | None]) -> str:
     """One number, or the least and the largest of several."""
-    shown = [short(value) for value in sorted(v for v in values if v is not None)]
+    shown = [figures(value) for value in sorted(v for v in values if v is not None)]
     return "-" if not shown else shown[0] if shown[0] == shown[-1] else f"{shown[0]} to {shown[-1]}"
 
 
@@ -181,7 +185,11 @@ def statements(found: Inspection) -> Iterator[Statement]:
     for each in found.streams:
         for text in fault_words(each):
             yield Statement(text, "note")
-    if not found.mistakes and all(a.agrees for _, a in found.agreements):
+    if (
+        not found.mistakes
+        and found.misplaced is None
+        and all(a.agrees for _, a in found.agreements)
+    ):
         yield Statement(
             "no mistake of sign, unit, axis or order was found: all instruments agree as described",
             "good",
@@ -223,8 +231,8 @@ def contact_words(contact: Contact) -> str:
     """A contact as a sentence."""
     return (
         f"run '{contact.run}': something else than the body pulled or pushed from"
-        f" {contact.start:.2f} to {contact.end:.2f} s, up to {contact.force:.2g} N and"
-        f" {contact.torque:.2g} N m; most in {', '.join(contact.channels)} of {contact.instrument}"
+        f" {fixed(contact.start, 2)} to {fixed(contact.end, 2)} s, up to {figures(contact.force, 2)} N and"
+        f" {figures(contact.torque, 2)} N m; most in {', '.join(contact.channels)} of {contact.instrument}"
     )
 
 
@@ -232,7 +240,7 @@ def fault_words(report: StreamReport) -> Iterator[str]:
     """Faults of a stream as sentences."""
     for fault in report.faults[:_MOST_FAULTS]:
         what = f" {fault.channel}" if fault.channel else ""
-        when = f"{fault.start:.2f} to {fault.end:.2f} s of its clock"
+        when = f"{fixed(fault.start, 2)} to {fixed(fault.end, 2)} s of its clock"
         yield (
             f"run '{report.run}': {report.instrument}{words(what)}:"
             f" {_WORDS[fault.kind]}, {fault.count} samples, {when}"

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.calibration.calibrate import GeometryCalibration
 from steelyard.calibration.first_poses import UPRIGHT
+from steelyard.digits import figures, fixed
 from steelyard.excitation.poses.pose_design import PoseDesign
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.instruments.base import TIME_CONSTANT
@@ -61,7 +62,9 @@ def _lead(design: PoseDesign) -> Statement:
     if not any(each.size for each in known.values()):
         return Statement(f"{len(design.poses)} poses at rest do not tell this geometry.", "bad")
     parts = [
-        f"{key}s to {_MM * np.median(each):.2g} mm" for key, each in known.items() if each.size
+        f"{key}s to {figures(_MM * np.median(each), 2)} mm"
+        for key, each in known.items()
+        if each.size
     ]
     text = (
         f"{len(design.poses)} poses at rest tell {' and '.join(parts)} (1-sigma of a coordinate, in"
@@ -79,10 +82,10 @@ def _points(design: PoseDesign) -> Grid:
         before = parameters.deviation[parameters.places[ROBOT, key, None]].reshape(-1, 3)
         for i, (own, known) in enumerate(zip(each, told[key], strict=True)):
             cells = [
-                f"{_MM * value:.3g}" if there else _NOT_TOLD
+                figures(_MM * value, 3) if there else _NOT_TOLD
                 for value, there in zip(own, known, strict=True)
             ]
-            rows.append((f"{key} {i + 1}", "mm", *cells, f"{_MM * before[i].max():.3g}"))
+            rows.append((f"{key} {i + 1}", "mm", *cells, figures(_MM * before[i].max(), 3)))
     head = ("point", "unit", "x", "y", "z", "before")
     return Grid("1-sigma of anchors and attachments", head, tuple(rows), frozenset({2, 3, 4, 5}))
 
@@ -94,8 +97,8 @@ def _instruments(predicted: GeometryCalibration) -> Grid:
         (
             parameters.names[place],
             entry.unit,
-            f"{sigma[place]:.3g}",
-            f"{entry.deviation[i]:.3g}",
+            figures(sigma[place], 3),
+            figures(entry.deviation[i], 3),
         )
         for place, entry, i in parameters.components()
         if entry.owner not in {ROBOT, UPRIGHT} and entry.deviation[i] > 0 and entry.key != "delay"
@@ -111,11 +114,17 @@ def _comparison(design: PoseDesign) -> Grid:
     for key, each in own.items():
         ratio = design.over_grid.get(key)
         if design.grid is None or ratio is None:
-            rows.append((f"{key}s", "mm", f"{_MM * each.mean():.3g}", "-", "-"))
+            rows.append((f"{key}s", "mm", figures(_MM * each.mean(), 3), "-", "-"))
             continue
         other = design.grid.deviations[key].mean()
         rows.append(
-            (f"{key}s", "mm", f"{_MM * each.mean():.3g}", f"{_MM * other:.3g}", f"{ratio:.2f}")
+            (
+                f"{key}s",
+                "mm",
+                figures(_MM * each.mean(), 3),
+                figures(_MM * other, 3),
+                fixed(ratio, 2),
+            )
         )
     head = ("mean 1-sigma of", "unit", "these poses", "regular grid", "ratio")
     caption = f"Against a regular grid of {len(design.poses)} poses"
@@ -175,8 +184,8 @@ def _poses(design: PoseDesign) -> Grid:
     rows = tuple(
         (
             str(i + 1),
-            *(f"{value:.3f}" for value in pose[:3]),
-            *(f"{value:.1f}" for value in np.degrees(pose[3:])),
+            *(fixed(value, 3) for value in pose[:3]),
+            *(fixed(value, 1) for value in np.degrees(pose[3:])),
         )
         for i, pose in enumerate(design.poses)
     )

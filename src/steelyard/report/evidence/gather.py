@@ -64,6 +64,7 @@ def body_of(name: str, estimate: Estimate) -> EstimatedBody:
         tuple(verdict.parameters.get(each, "data") for each in BODY_PARAMETERS),
         verdict.accepted,
         verdict.reasons,
+        verdict.disagreement,
     )
 
 

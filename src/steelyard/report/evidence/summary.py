@@ -11,13 +11,16 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.clocks.offsets import Offset
-from steelyard.digits import LABELS
+from steelyard.digits import LABELS, figures
 from steelyard.estimates.estimate import Estimate, per_mass_rows
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.report.evidence.gather import body_of, evidence_of
 from steelyard.report.evidence.made import steelyard_version
 from steelyard.report.evidence.values import EstimatedBody, Evidence, Made, Ten, numbers
+
+ATTAINABLE = "attainable 1-sigma"
+"""Heading of the column of the smallest ones."""
 
 
 @dataclass(frozen=True)
@@ -104,15 +107,17 @@ def summarise(
     nominal = None if identification.nominal is None else identification.nominal.body_parameters
     true = None if truth is None else truth.body_parameters
     bound = None if identification.bound is None else identification.bound.standard_deviation
-    shown = dict(beside or {})
+    # The result first, then what it is compared with: where a window or a terminal is narrow, the
+    # first columns are those that are seen.
+    result = f"{identification.result}{suffix}"
+    shown = {result: identification.estimate} | dict(beside or {})
     for name, estimate in identification.estimates.items():
-        shown[f"{name}{suffix}"] = estimate
-    columns = [
-        *_beforehand(nominal, true),
-        *(_estimated(name, estimate, true) for name, estimate in shown.items()),
-    ]
+        shown.setdefault(f"{name}{suffix}", estimate)
+    estimated = [_estimated(name, estimate, true) for name, estimate in shown.items()]
+    columns = [estimated[0], *_beforehand(nominal, true)]
     if bound is not None:
         columns.append(_attainable(bound, shown))
+    columns += estimated[1:]
     return Summary(
         table=ParameterTable(
             f"{title or identification.experiment}{_first_load(identification.estimate)}",
@@ -126,7 +131,7 @@ def summarise(
             *_clocks(identification),
             *(str(prediction) for prediction in identification.predictions),
         ),
-        result=f"{identification.result}{suffix}",
+        result=result,
         bodies=tuple(body_of(name, estimate) for name, estimate in shown.items()),
         nominal=None if nominal is None else numbers(nominal),
         truth=None if true is None else numbers(true),
@@ -183,12 +188,12 @@ def _given(heading: str, values: Array) -> ParameterColumn:
 
 def _attainable(deviations: Array, shown: Mapping[str, Estimate]) -> ParameterColumn:
     """The smallest 1-sigma that any method could have, of what is identifiable; three digits are
-    plenty.
+    plenty in the file.
     """
     identifiable = np.any([np.isfinite(estimate.value) for estimate in shown.values()], axis=0)
     pairs = zip(deviations, identifiable, strict=True)
     rounded = [float(f"{d:.3g}") if known else np.nan for d, known in pairs]
-    return ParameterColumn("attainable 1-sigma", _scaled(rounded), None)
+    return ParameterColumn(ATTAINABLE, _scaled(rounded), None)
 
 
 def _estimated(heading: str, estimate: Estimate, truth: Array | None) -> ParameterColumn:
@@ -245,7 +250,7 @@ def _per_mass(shown: Mapping[str, Estimate], truth: Inertia | None) -> PerMassTa
     texts = [[row[2] for row in rows] for rows in columns.values()]
     headings = tuple(columns)
     if truth is not None:
-        texts.insert(0, [f"{v:.6g}" for v in truth.body_parameters[4:] / truth.mass])
+        texts.insert(0, [figures(v, 6) for v in truth.body_parameters[4:] / truth.mass])
         headings = ("truth", *headings)
     cells = zip(first, zip(*texts, strict=True), strict=True)
     return PerMassTable(headings, tuple((name, unit, *own) for (name, unit, _), own in cells))

@@ -41,8 +41,10 @@ class EstimatedBody:
     labels: Annotated[tuple[str, ...], _TEN]
     """What determined each of the ten: ``data``, ``prior`` or ``unidentifiable``."""
     accepted: bool | None
-    """None: not assessed."""
+    """None: a baseline, not assessed."""
     reasons: tuple[str, ...]
+    disagreement: str = ""
+    """That other methods that were assessed say the opposite; empty: none does."""
 
 
 @dataclass(frozen=True)
@@ -280,6 +282,8 @@ class Made:
     options: tuple[tuple[str, str], ...]
     """What was asked for."""
     inputs: tuple[Input, ...] = ()
+    facts: tuple[tuple[str, str], ...] = ()
+    """What stands under the title: project, operator, day of the recording."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ _WITHIN_SCRIPT = {ord(character): f"\\u{ord(character):04x}" for character in "<
 def figure_json(block: Figure | Scene) -> str:
     """What a figure or a scene is drawn from, for a script element of type ``application/json``.
 
-    Keys: data, layout, arrays, and courses of a scene, each with time, position (3 n) and rotation
+    Keys: data, layout, arrays, narrow (layout and height where the window is), and courses of a scene, each with time, position (3 n) and rotation
     (4 n). Long arrays of numbers are ``{"$": place in arrays}``, once each; there ``{dtype, bdata,
     shape}``, little-endian in base64, as Plotly takes them. In texts characters that Plotly would
     take as markup are entities, and an end of line is one in the picture.
@@ -46,11 +46,13 @@ def figure_json(block: Figure | Scene) -> str:
             _plain(trace, packed=True, drawn="3d" in str(trace.get("type")))
             for trace in figure.data
         ],
-        "layout": {
-            key: _plain(value, key, drawn=key.startswith("scene"))
-            for key, value in figure.layout.items()
-        },
+        "layout": _layout(figure.layout),
     }
+    if figure.narrow is not None:
+        values["narrow"] = {
+            "layout": _layout(figure.narrow.layout),
+            "height": figure.narrow.height,
+        }
     if isinstance(block, Scene):
         values["courses"] = [_course(each) for each in block.courses]
     arrays: dict[str, tuple[int, Any]] = {}
@@ -58,6 +60,11 @@ def figure_json(block: Figure | Scene) -> str:
     values["arrays"] = [packed for _, packed in arrays.values()]
     text = json.dumps(values, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return text.translate(_WITHIN_SCRIPT)
+
+
+def _layout(layout: Mapping[str, Any]) -> dict[str, Any]:
+    """Axes, titles and shapes."""
+    return {key: _plain(value, key, drawn=key.startswith("scene")) for key, value in layout.items()}
 
 
 def _course(replay: Replay) -> dict[str, Any]:

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
-from steelyard.digits import LABELS, ten_numbers
+from steelyard.digits import ten_numbers
 from steelyard.live.record import Record
+from steelyard.report.blocks.parameter_grid import ParameterTexts, parameter_grid
+from steelyard.report.forms.terminal import drawn_grid
+
+_WIDTH = 80
+"""Characters; the table of one estimate is narrower."""
 
 
 def live_table(record: Record) -> Group:
     """A table of the ten with their 1-sigma, and whether they can be relied on."""
-    table = Table(title=f"{record.load}, {record.time:.1f} s", title_justify="left")
-    table.add_column("parameter")
-    table.add_column("value ± 1-sigma", justify="right")
-    table.add_column("unit")
-    for (name, unit, _), cell in zip(
-        LABELS, ten_numbers(record.value, record.deviation), strict=True
-    ):
-        table.add_row(name, cell, unit)
+    column = ParameterTexts("value ± 1-sigma", ten_numbers(record.value, record.deviation))
+    table = drawn_grid(parameter_grid(f"{record.load}, {record.time:.1f} s", [column]), _WIDTH)
     if record.accepted is None:
         verdict = Text("not judged yet")
     elif record.accepted:

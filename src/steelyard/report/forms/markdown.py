@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
-from steelyard.report.blocks.document import Block, Document, Figure, Grid, Scene, Statements
+from steelyard.report.blocks.document import (
+    Block,
+    Document,
+    Figure,
+    Fold,
+    Grid,
+    OneOf,
+    Scene,
+    Statements,
+)
 
 _SPECIAL = {ord(character): f"&#{ord(character)};" for character in "\\|<>&*_`[]#~"}
 _START = re.compile(r"^(?:[-+=]|\d+[.)])")
@@ -20,6 +29,9 @@ def escaped(text: str) -> str:
 def markdown(document: Document) -> str:
     """Markdown of a document; the same bytes for the same input."""
     lines = [f"# {escaped(document.title)}", "", _line(document.lead.text)]
+    if document.facts:
+        facts = (f"{escaped(name)}: {escaped(value)}" for name, value in document.facts)
+        lines += ["", "; ".join(facts)]
     for section in document.sections:
         lines += ["", f"## {escaped(section.title)}"]
         for block in section.blocks:
@@ -38,6 +50,20 @@ def _block(block: Block) -> Iterator[str]:
             yield f"*Picture: {escaped(block.title)}. {escaped(block.alternative)}*"
         case Scene():
             yield from _block(block.figure)
+        case Fold(title, blocks):
+            yield from _titled(title, blocks)
+        case OneOf(label, options):
+            for i, (name, blocks) in enumerate(options):
+                yield from ([""] if i else [])
+                yield from _titled(f"{label} {name}", blocks)
+
+
+def _titled(title: str, blocks: Iterable[Block]) -> Iterator[str]:
+    """Blocks under a heading of their own."""
+    yield f"### {escaped(title)}"
+    for block in blocks:
+        yield ""
+        yield from _block(block)
 
 
 def _grid(grid: Grid) -> Iterator[str]:

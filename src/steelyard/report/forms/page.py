@@ -11,7 +11,7 @@ from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
-from steelyard.report.blocks.document import Document, Figure, Scene
+from steelyard.report.blocks.document import Document, Figure, Scene, flat
 from steelyard.report.forms.figure_json import figure_json
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def page(document: Document) -> str:
     ``var(--line-1)`` to ``var(--line-8)``, the palette. Traces of WebGL other than 3-D ones are not
     drawn: they would need scripts that write scripts, which the page forbids.
     """
-    blocks = [block for section in document.sections for block in section.blocks]
+    blocks = flat(block for section in document.sections for block in section.blocks)
     has_pictures = any(isinstance(block, Figure | Scene) for block in blocks)
     scripts = _scripts() if has_pictures else ()
     text = _template().render(

@@ -1,29 +1,35 @@
-"""A document in a terminal: its result, its tables, its sentences; pictures belong to the page."""
+"""A document in a terminal: its result, its tables, its sentences; pictures belong to the page.
+
+No number is ever cut: texts are broken between words, tables that are too wide are split between
+columns, and where even one column is too wide its rows become blocks.
+"""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator, Sequence
-from itertools import chain
+from dataclasses import replace
+from itertools import chain, zip_longest
 
 from rich.cells import cell_len
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
-from steelyard.display import printable
-from steelyard.report.blocks.document import Document, Grid, Statement, Statements
+from steelyard.display import in_ascii, printable
+from steelyard.report.blocks.document import Document, Grid, Statement, Statements, flat
 
 _PIPED_WIDTH = 160
 """Characters; nothing is cut where a file or a pipe reads along."""
-_FRAME = 3
-"""Characters beside the text of a column."""
-_SHORT_HEADING = 12
-"""Characters; headings up to this length are never broken."""
-_LONGEST_NAME = 40
-"""Characters; names of rows up to this length are never broken."""
+_GAP = 2
+"""Characters between columns."""
+_LONGEST_WORD = 24
+"""Characters; longer words (paths, names) may be broken where a column must be narrow."""
+_SHORT = 12
+"""Characters; texts up to this length are never broken, headings not where there is room."""
 _STYLES = {"good": "green", "bad": "red", "note": "yellow", "": ""}
 """Tone of a statement -> style."""
+_HELD = (" ± ", " +/- ")
+"""What lines do not end at: a number stays beside its uncertainty."""
 
 
 def show(document: Document) -> None:
@@ -33,98 +39,175 @@ def show(document: Document) -> None:
     screen = Console(highlight=False)
     if not screen.is_terminal:
         screen = Console(width=_PIPED_WIDTH, highlight=False)
-    blocks = [block for section in document.sections for block in section.blocks]
-    screen.print(_sentence(document.lead))
+    plain = not screen.encoding.lower().startswith("utf")
+    screen.print(_sentence(document.lead, screen.width, plain=plain))
+    blocks = flat(block for section in document.sections for block in section.blocks)
     for block in blocks:
         if isinstance(block, Grid) and block.rows:
-            for columns in _parts(block, screen.width):
-                screen.print(drawn_grid(block, columns))
-    for block in blocks:
-        if isinstance(block, Statements):
-            for each in block.items:
-                screen.print(_sentence(each))
+            screen.print()
+            screen.print(drawn_grid(block, screen.width, plain=plain))
+    said = [each for block in blocks if isinstance(block, Statements) for each in block.items]
+    if said:
+        screen.print()
+    for each in said:
+        screen.print(_sentence(each, screen.width, plain=plain))
 
 
-def _sentence(statement: Statement) -> Text:
-    return Text(printable(statement.text), style=_STYLES[statement.tone])
+def _sentence(statement: Statement, width: int, *, plain: bool) -> Text:
+    text = _fitted(statement.text, plain=plain)
+    return Text("\n".join(_wrapped(text, width)), style=_STYLES[statement.tone])
 
 
-def _parts(grid: Grid, width: int) -> Iterator[Sequence[int]]:
-    """Columns of the tables that a wide table is split into: as few tables as fit, and about as
-    many columns in each.
-    """
-    if not grid.repeated:
-        yield range(len(grid.head))
-        return
-    groups: list[list[int]] = []
-    for column in range(grid.repeated, len(grid.head)):
-        if column in grid.secondary:
-            groups[-1].append(column)
-        else:
-            groups.append([column])
-    names = list(range(grid.repeated))
-    parts = [names]
-    for count in range(1, len(groups) + 1):
-        size = -(-len(groups) // count)
-        starts = range(0, len(groups), size)
-        chosen = [groups[start : start + size] for start in starts]
-        parts = [[*names, *chain.from_iterable(each)] for each in chosen]
-        if all(_width(grid, part) <= width for part in parts):
-            break
-    yield from parts
+def _fitted(text: str, *, plain: bool) -> str:
+    """In one line, of characters that the terminal has."""
+    return in_ascii(printable(text)) if plain else printable(text)
 
 
-def _width(grid: Grid, columns: Sequence[int]) -> int:
-    """Characters of a table whose headings are broken as :func:`_heading` does."""
-    texts = 0
-    for column in columns:
-        lines = _heading(grid, column).split("\n")
-        texts += max(cell_len(line) for line in lines + _cells(grid, column))
-    return texts + _FRAME * len(columns) + 1
+def _wrapped(text: str, width: int) -> list[str]:
+    """Lines of words."""
+    for each in _HELD:
+        text = text.replace(each, each.replace(" ", "\xa0"))
+    lines = textwrap.wrap(text, width, break_on_hyphens=False)
+    return [line.replace("\xa0", " ") for line in lines] or [""]
 
 
-def _heading(grid: Grid, column: int) -> str:
-    """A heading in lines about as long as what stands below it."""
-    text = printable(grid.head[column])
-    if not grid.repeated:
-        return text
-    longest = max((cell_len(each) for each in _cells(grid, column)), default=0)
-    width = max(longest, _SHORT_HEADING)
-    lines = textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
-    return "\n".join(lines)
-
-
-def _cells(grid: Grid, column: int) -> list[str]:
-    return [printable(row[column]) for row in grid.rows]
-
-
-def drawn_grid(grid: Grid, columns: Sequence[int] | None = None) -> Table:
-    """A table for a terminal.
+def drawn_grid(grid: Grid, width: int, *, plain: bool = False) -> Text:
+    """A table for a terminal, in parts below each other where it is too wide.
 
     Args:
         grid: The whole one.
-        columns: Those that are drawn; None: all.
+        width: Of the terminal [characters].
+        plain: Whether the terminal has ASCII only.
     """
-    if columns is None:
-        columns = range(len(grid.head))
-    drawn = Table(
-        title=Text(printable(grid.caption)),
-        title_justify="left",
-        title_style="bold",
-        header_style="bold",
+    grid = replace(
+        grid,
+        head=tuple(_fitted(cell, plain=plain) for cell in grid.head),
+        rows=tuple(tuple(_fitted(cell, plain=plain) for cell in row) for row in grid.rows),
     )
-    short = all(cell_len(name) <= _LONGEST_NAME for name in _cells(grid, 0))
+    drawn = []
+    if grid.caption:
+        caption = _wrapped(_fitted(grid.caption, plain=plain), width)
+        drawn.append(Text("\n".join(caption), style="bold"))
+    for i, (columns, widths) in enumerate(_parts(grid, width)):
+        if i:
+            drawn.append(Text())
+        if widths is None:
+            drawn.append(_as_blocks(grid, columns, width))
+        else:
+            drawn += _as_table(grid, columns, widths, rule="-" if plain else "─")
+    return Text("\n").join(drawn)
+
+
+def _parts(grid: Grid, width: int) -> Iterator[tuple[Sequence[int], Sequence[int] | None]]:
+    """Columns of the tables that a wide table is split into, the first as full as it can be, with
+    their widths; no widths where even one column does not fit.
+    """
+    # Columns of words before the first numbers say what a row is about.
+    names = list(range(grid.repeated or min(grid.right, default=0) or 1))
+    groups: list[list[int]] = []
+    for column in range(len(names), len(grid.head)):
+        if column in grid.secondary and groups:
+            groups[-1].append(column)
+        else:
+            groups.append([column])
+    if not groups:
+        yield names, _widths(grid, names, width)
+    while groups:
+        count = len(groups)
+        while count > 1 and _widths(grid, [*names, *chain(*groups[:count])], width) is None:
+            count -= 1
+        columns = [*names, *chain(*groups[:count])]
+        yield columns, _widths(grid, columns, width)
+        groups = groups[count:]
+
+
+def _widths(grid: Grid, columns: Sequence[int], width: int) -> list[int] | None:
+    """Widths of columns on a line of the terminal; None where they do not fit."""
+    spare = width - _GAP * (len(columns) - 1)
+    least, wanted = [], []
     for column in columns:
-        drawn.add_column(
-            Text(_heading(grid, column)),
-            justify="right" if column in grid.right else "left",
-            style="dim" if column in grid.secondary else "",
-            no_wrap=column == 0 and short,
-        )
-    for row, texts in enumerate(grid.rows):
-        cells = []
+        cells = [row[column] for row in grid.rows]
+        longest = max(map(cell_len, cells), default=0)
+        heading = max(map(cell_len, _heading(grid.head[column], 1)), default=0)
+        if column not in grid.right:
+            pieces = chain(
+                *([cell] if cell_len(cell) <= _SHORT else cell.split() for cell in cells)
+            )
+            least.append(max(heading, min(max(map(cell_len, pieces), default=0), _LONGEST_WORD)))
+        else:
+            # Numbers are never broken.
+            least.append(max(heading, longest))
+        heading = max(map(cell_len, _heading(grid.head[column], _SHORT)))
+        wanted.append(max(longest, heading, least[-1]))
+    spare -= sum(least)
+    if spare < 0:
+        return None
+    found = list(least)
+    for _ in range(min(spare, sum(wanted) - sum(least))):
+        lacking = [want - has for want, has in zip(wanted, found, strict=True)]
+        found[lacking.index(max(lacking))] += 1
+    return found
+
+
+def _heading(text: str, width: int) -> list[str]:
+    """Lines of a heading; methods may be broken at their hyphens."""
+    held = text.replace("± 1", "±\xa01")
+    lines = textwrap.wrap(held, width, break_long_words=False) or [""]
+    return [line.replace("\xa0", " ") for line in lines]
+
+
+def _as_table(
+    grid: Grid, columns: Sequence[int], widths: Sequence[int], *, rule: str
+) -> Iterator[Text]:
+    """Lines of a table of some columns of given widths."""
+    right = [column in grid.right for column in columns]
+    heads = [_heading(grid.head[c], width) for c, width in zip(columns, widths, strict=True)]
+    above = max(map(len, heads))
+    yield from _row(
+        [[""] * (above - len(h)) + h for h in heads], widths, right, ["bold"] * len(heads)
+    )
+    ruled = Text((" " * _GAP).join(rule * width for width in widths), style="dim")
+    yield ruled
+    for i, row in enumerate(grid.rows):
+        styles = [
+            "red" if (i, c) in grid.marked else "dim" if c in grid.secondary else ""
+            for c in columns
+        ]
+        cells = [_wrapped(row[c], width) for c, width in zip(columns, widths, strict=True)]
+        yield from _row(cells, widths, right, styles)
+        if i in grid.ruled:
+            yield ruled
+
+
+def _row(
+    cells: Sequence[Sequence[str]],
+    widths: Sequence[int],
+    right: Sequence[bool],
+    styles: Sequence[str],
+) -> Iterator[Text]:
+    """Lines of a row, whose cells have one or several lines each; no blanks at the ends."""
+    for texts in zip_longest(*cells, fillvalue=""):
+        line, blanks = Text(), 0
+        for text, width, is_number, style in zip(texts, widths, right, styles, strict=True):
+            free = width - cell_len(text)
+            if text:
+                line.append(" " * (blanks + (free if is_number else 0)))
+                line.append(text, style=style)
+                blanks = _GAP + (0 if is_number else free)
+            else:
+                blanks += _GAP + width
+        yield line
+
+
+def _as_blocks(grid: Grid, columns: Sequence[int], width: int) -> Text:
+    """Some columns as lines "heading: value", a block a row."""
+    lines = []
+    for row in grid.rows:
         for column in columns:
-            style = "red" if (row, column) in grid.marked else ""
-            cells.append(Text(printable(texts[column]), style=style))
-        drawn.add_row(*cells, end_section=row in grid.ruled)
-    return drawn
+            if row[column]:
+                head = f"{grid.head[column]}: " if grid.head[column] else ""
+                first = "" if column == columns[0] else "  "
+                lines += textwrap.wrap(
+                    head + row[column], width, initial_indent=first, subsequent_indent="    "
+                )
+    return Text("\n".join(lines))

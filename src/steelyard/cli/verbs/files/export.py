@@ -55,7 +55,10 @@ class Format(click.Choice[str]):
 @click.option(
     "--anyway",
     is_flag=True,
-    help="Also an estimate that is not accepted or a body that cannot exist, with a comment.",
+    help=(
+        "Also an estimate that is not accepted, a baseline that was not assessed or a body that"
+        " cannot exist, with a comment."
+    ),
 )
 @click.option(
     "--robot",
@@ -151,7 +154,10 @@ def export(
             values["robot"] = _robot(hanging)
         print_json(values)
         return
-    doubts = f"; NOT ACCEPTED: {'; '.join(exported.doubts)}" if exported.doubts else ""
+    # A body that cannot exist is not accepted, whatever the file says.
+    verdict = exported.estimate.verdict
+    said = "not accepted" if verdict.accepted else verdict.short
+    doubts = f"; {said.upper()}: {'; '.join(exported.doubts)}" if exported.doubts else ""
     on = "" if hanging is None else f" on the {hanging.robot.m} cables of {hanging.robot.name}"
     print(f"{out}: '{exported.estimate.method}'{on} as {form.title}, {form.convention}{doubts}")
 

@@ -102,7 +102,14 @@ def finished(
             "directed_tests": {
                 "count": len(tests),
                 "largest": [
-                    {"name": t.name, "z": t.z, "size": t.size, "unit": t.unit} for t in tests[:5]
+                    {
+                        "name": t.name,
+                        "z": t.z,
+                        "size": t.size,
+                        "sigma": t.sigma,
+                        "unit": t.unit,
+                    }
+                    for t in tests[:5]
                 ],
             },
             "disturbances": disturbed,

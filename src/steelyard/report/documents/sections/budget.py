@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from steelyard.digits import LABELS
+from steelyard.digits import LABELS, fixed
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.blocks.document import Figure, Grid, Section, Statement, Statements
 from steelyard.report.blocks.plot import NAMES_DOWNWARDS
@@ -89,4 +89,4 @@ def _shown(summary: Summary) -> list[UncertaintySource]:
 def _per_cent(share: float | None) -> str:
     """A share as people read it."""
     value = 100 * (share or 0.0)
-    return "-" if value < 0.05 else f"{value:.1f}"
+    return "-" if value < 0.05 else fixed(value, 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from steelyard.digits import number
+from steelyard.digits import figures, fixed, number
 from steelyard.report.blocks.document import Block, Figure, Grid, Section, Statement, Statements
 from steelyard.report.blocks.plot import NAMES_DOWNWARDS, points, stretch
 from steelyard.report.blocks.shown import Unit, scaled, shown_unit
@@ -58,7 +58,7 @@ def _clocks(summary: Summary) -> Grid:
         delay, prior = "0", "defines the time"
         if each.prior:
             delay = number(scaled(each.delay, 1e3), scaled(each.deviation, 1e3))
-            prior = f"± {each.prior * 1e3:.3g}"
+            prior = f"± {figures(each.prior * 1e3, 3)}"
         rows.append((each.run, each.instruments, delay, prior, each.found or "-"))
     head = (
         "run",
@@ -89,7 +89,7 @@ def _errors(errors: tuple[CalibrationEstimate, ...]) -> Grid:
         found, unit = _estimate(each)
         prior = "-"
         if each.expected is not None and each.prior is not None:
-            prior = f"{each.expected * unit.factor:.4g} ± {each.prior * unit.factor:.3g}"
+            prior = f"{figures(each.expected * unit.factor, 4)} ± {figures(each.prior * unit.factor, 3)}"
         rows.append((f"{each.instrument}, {each.name}", unit.name, found, prior))
     head = ("parameter", "unit", "estimate ± 1-sigma", "prior ± 1-sigma")
     title = "Calibration parameters of the instruments"
@@ -131,7 +131,12 @@ def _tests(summary: Summary) -> Grid:
     for each in summary.evidence.tests:
         unit = shown_unit(each.unit, "error")
         rows.append(
-            (each.name, f"{each.sigmas:+.1f}", f"{each.size * unit.factor:+.3g}", unit.name)
+            (
+                each.name,
+                fixed(each.sigmas, 1, sign=True),
+                figures(each.size * unit.factor, 3, sign=True),
+                unit.name,
+            )
         )
     caption = (
         "Directed tests of the description: the single errors that would explain most of the"

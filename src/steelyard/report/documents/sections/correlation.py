@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from steelyard.digits import LABELS
+from steelyard.digits import LABELS, fixed
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.blocks.document import Figure, Grid, Section, Statement, Statements
 from steelyard.report.blocks.plot import NAMES_DOWNWARDS
@@ -25,13 +25,14 @@ def correlation(summary: Summary) -> Section | None:
         " combination of two parameters better than each of them."
     )
     strong = [
-        Statement(f"{a} and {b}: {matrix[i][j]:+.2f}", "note")
+        Statement(f"{a} and {b}: {fixed(matrix[i][j], 2, sign=True)}", "note")
         for i, a in enumerate(names)
         for j, b in enumerate(names[:i])
         if abs(matrix[i][j]) > _STRONG
     ]
     rows = tuple(
-        (name, *(f"{v:+.2f}" for v in row)) for name, row in zip(names, matrix, strict=True)
+        (name, *(fixed(v, 2, sign=True) for v in row))
+        for name, row in zip(names, matrix, strict=True)
     )
     data = (
         {

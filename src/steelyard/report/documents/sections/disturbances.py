@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from steelyard.digits import figures, fixed
 from steelyard.report.blocks.document import (
     Block,
     Figure,
@@ -15,9 +16,10 @@ from steelyard.report.blocks.document import (
     Section,
     Statement,
     Statements,
+    by_choice,
 )
 from steelyard.report.blocks.plot import axes, line
-from steelyard.report.blocks.shown import Unit, scaled, short, shown_unit, slug, words
+from steelyard.report.blocks.shown import Unit, scaled, shown_unit, slug, words
 from steelyard.report.evidence.summary import Summary
 from steelyard.report.evidence.values import DisturbanceTrack
 
@@ -46,7 +48,10 @@ def disturbances(summary: Summary) -> Section | None:
         )
         blocks.append(Statements((Statement(text, "note"),)))
     blocks.append(_table(found))
-    blocks += [_figure(each) for each in found]
+    runs = dict.fromkeys(each.run for each in found)
+    blocks += by_choice(
+        "Run", [(run, tuple(_figure(each) for each in found if each.run == run)) for run in runs]
+    )
     return Section("disturbances", "What the model does not know", tuple(blocks))
 
 
@@ -72,9 +77,9 @@ def _table(found: tuple[DisturbanceTrack, ...]) -> Grid:
                 "wrench" if _is_wrench(each) else _CAUSES.get(each.cause, each.cause),
                 "stated" if each.stated else "found",
                 unit.name,
-                ", ".join(short(scaled(rms, unit.factor)) for rms in each.rms),
-                short(scaled(max(each.deviation), unit.factor)),
-                short(each.correlation_time),
+                ", ".join(figures(scaled(rms, unit.factor)) for rms in each.rms),
+                figures(scaled(max(each.deviation), unit.factor)),
+                figures(each.correlation_time),
             )
         )
     head = (
@@ -103,7 +108,7 @@ def _figure(each: DisturbanceTrack) -> Figure:
     axes_of = "the platform" if _is_wrench(each) else "the instrument"
     text = (
         f"{quantity} of {who} in run {each.run} over time,"
-        f" {'by cable' if per_cable else f'in the axes of {axes_of}'}; largest {np.abs(values).max():.3g} {unit.name} at {each.time[instant]:.1f} s."
+        f" {'by cable' if per_cable else f'in the axes of {axes_of}'}; largest {figures(np.abs(values).max(), 3)} {unit.name} at {fixed(each.time[instant], 1)} s."
     )
     return Figure(
         slug("disturbance", each.run, each.owner, each.quantity, each.cause),

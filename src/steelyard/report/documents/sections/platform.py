@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.digits import figures, fixed
 from steelyard.inertia import Inertia
 from steelyard.report.blocks.document import (
     Block,
@@ -196,7 +197,7 @@ def _numbers(best: EstimatedBody) -> Iterator[Block]:
         sigma = deviations_of(best)[0]
         if sigma is not None:
             text = (
-                f"The mass is known to {100 * sigma / body.mass:.2g} %. The box is homogeneous, a"
+                f"The mass is known to {figures(100 * sigma / body.mass, 2)} %. The box is homogeneous, a"
                 " picture of the inertia, not of the platform."
             )
             yield Statements((Statement(text),))
@@ -213,9 +214,9 @@ def _principal_axes(body: Inertia) -> Grid:
         axis = axes[:, k]
         # The largest component is positive.
         axis = axis * (np.sign(axis[np.argmax(np.abs(axis))]) or 1.0)
-        direction = ", ".join(f"{component:.3f}" for component in axis)
+        direction = ", ".join(fixed(component, 3) for component in axis)
         radius = np.sqrt(moment / body.mass)
-        cells = (f"{moment:.4g}", f"({direction})", f"{2 * half[k]:.3f}", f"{radius:.3f}")
+        cells = (figures(moment, 4), f"({direction})", fixed(2 * half[k], 3), fixed(radius, 3))
         rows.append((f"axis {k + 1}", *cells))
     head = (
         "",

@@ -4,15 +4,24 @@ their spectra.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from steelyard.digits import figures, fixed
 from steelyard.identification.residuals import PLATFORM
-from steelyard.report.blocks.document import Block, Figure, Grid, Section, Statement, Statements
+from steelyard.report.blocks.document import (
+    Block,
+    Figure,
+    Grid,
+    Section,
+    Statement,
+    Statements,
+    by_choice,
+)
 from steelyard.report.blocks.plot import axes, line, points
-from steelyard.report.blocks.shown import Unit, line_colour, scaled, short, shown_unit, slug, words
+from steelyard.report.blocks.shown import Unit, line_colour, scaled, shown_unit, slug, words
 from steelyard.report.evidence.summary import Summary
 from steelyard.report.evidence.values import Number, Trace
 
@@ -36,7 +45,7 @@ def wrench(summary: Summary) -> Section | None:
     return Section(
         "wrench",
         "Wrench on the platform",
-        (Statements((Statement(text),)), *map(_figure, traces)),
+        (Statements((Statement(text),)), *_each_run(traces, lambda of: map(_figure, of))),
     )
 
 
@@ -50,12 +59,27 @@ def residuals(summary: Summary) -> Section | None:
     remarks = [*_expected(traces), *_remarks(summary, traces)]
     if remarks:
         blocks.append(Statements(tuple(remarks)))
-    blocks.append(_table(evidence.traces))
     if evidence.noise:
         blocks.append(_noise(summary))
-    blocks += [_figure(each) for each in traces]
-    blocks += list(_spectra(evidence.traces))
+    blocks += _each_run(evidence.traces, _of_run)
     return Section("residuals", "Measurements and residuals", tuple(blocks))
+
+
+def _each_run(
+    traces: Sequence[Trace], drawn: Callable[[Sequence[Trace]], Iterable[Block]]
+) -> list[Block]:
+    """Blocks of every run; of several one is chosen."""
+    runs: dict[str, list[Trace]] = {}
+    for each in traces:
+        runs.setdefault(each.run, []).append(each)
+    return by_choice("Run", [(run, tuple(drawn(of))) for run, of in runs.items()])
+
+
+def _of_run(traces: Sequence[Trace]) -> Iterator[Block]:
+    """What there is to say of one run."""
+    yield _table(traces)
+    yield from (_figure(each) for each in traces if each.instrument != PLATFORM)
+    yield from _spectra(traces)
 
 
 def _expected(traces: Sequence[Trace]) -> Iterator[Statement]:
@@ -65,7 +89,7 @@ def _expected(traces: Sequence[Trace]) -> Iterator[Statement]:
         yield Statement(
             "Predicted tensions are those nearest to the measured ones that balance the platform."
             f" {m} cables enter {_EQUATIONS} equations: where all assumptions hold, the residuals of"
-            f" tensions have {np.sqrt(_EQUATIONS / m):.2f} of the size of their noise, those of the"
+            f" tensions have {fixed(np.sqrt(_EQUATIONS / m), 2)} of the size of their noise, those of the"
             " other instruments its full size."
         )
 
@@ -75,7 +99,7 @@ def _remarks(summary: Summary, traces: Sequence[Trace]) -> Iterator[Statement]:
     evidence = summary.evidence
     for run, start, end in evidence.contacts:
         yield Statement(
-            f"Run '{run}': something touched the platform from {start:.2f} to {end:.2f} s; its"
+            f"Run '{run}': something touched the platform from {fixed(start, 2)} to {fixed(end, 2)} s; its"
             " forces are left out there.",
             "note",
         )
@@ -89,7 +113,7 @@ def _remarks(summary: Summary, traces: Sequence[Trace]) -> Iterator[Statement]:
             )
         ratio = _ratio(each)
         if ratio is not None and ratio > _HIGH:
-            text = f"{what}: the residuals are {ratio:.1f} times the assumed noise."
+            text = f"{what}: the residuals are {fixed(ratio, 1)} times the assumed noise."
             yield Statement(text, "bad")
     if evidence.not_drawn:
         yield Statement(
@@ -109,7 +133,7 @@ def _table(traces: Sequence[Trace]) -> Grid:
     """Sizes of the residuals, a row a quantity."""
     rows = []
     for each in traces:
-        unit = shown_unit(each.unit, each.quantity)
+        unit = shown_unit(each.unit, "error")
         ratio = _ratio(each)
         rows.append(
             (
@@ -118,9 +142,9 @@ def _table(traces: Sequence[Trace]) -> Grid:
                 words(each.quantity),
                 unit.name,
                 str(each.samples),
-                ", ".join(short(scaled(rms, unit.factor)) for rms in each.rms),
-                "-" if ratio is None else f"{ratio:.2f}",
-                "-" if each.worst is None else f"{each.worst:.1f}",
+                ", ".join(figures(scaled(rms, unit.factor)) for rms in each.rms),
+                "-" if ratio is None else fixed(ratio, 2),
+                "-" if each.worst is None else fixed(each.worst, 1),
                 str(each.outliers),
             )
         )
@@ -143,8 +167,8 @@ def _noise(summary: Summary) -> Grid:
     """Noise as stated, as the fit assumes it, and as estimated from the data."""
     rows = []
     for each in summary.evidence.noise:
-        unit = shown_unit(each.unit, each.quantity)
-        values = [short(scaled(v, unit.factor)) for v in (each.stated, each.used, each.found)]
+        unit = shown_unit(each.unit, "error")
+        values = [figures(scaled(v, unit.factor)) for v in (each.stated, each.used, each.found)]
         rows.append((each.instrument, words(each.quantity), unit.name, *values))
     head = ("instrument", "quantity", "unit", "stated", "assumed", "estimated")
     return Grid("Noise of single samples, 1-sigma", head, tuple(rows), frozenset({3, 4, 5}))
@@ -190,7 +214,7 @@ def _summed(each: Trace, unit: Unit) -> str:
     rms = [r for r in each.rms if r is not None]
     if not rms:
         return "nothing was measured."
-    return f"root mean square {max(rms) * unit.factor:.3g} {unit.name} at most."
+    return f"root mean square {figures(max(rms) * unit.factor, 3)} {unit.name} at most."
 
 
 def _lines(each: Trace, measured: Any, predicted: Any) -> Iterator[dict[str, Any]]:

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from steelyard.digits import LABELS, number
-from steelyard.report.blocks.document import Block, Grid, Section, Statement, Statements, Tone
+from steelyard.digits import LABELS, deviation, figures, number
+from steelyard.report.blocks.document import Block, Fold, Grid, Section, Statement, Statements, Tone
 from steelyard.report.blocks.parameter_grid import ParameterTexts, parameter_grid
-from steelyard.report.blocks.shown import deviations_of, scaled, short
+from steelyard.report.blocks.shown import deviations_of, scaled
 from steelyard.report.documents.sections.intervals import intervals
-from steelyard.report.evidence.summary import ParameterTable, Summary
+from steelyard.report.evidence.summary import ATTAINABLE, ParameterTable, Summary
 from steelyard.report.evidence.values import EstimatedBody, Number
 
 _PARTS = (
@@ -33,10 +33,13 @@ def lead(summary: Summary) -> Statement:
     known = ", ".join(parts)
     if not best.accepted:
         tone: Tone = "bad" if best.accepted is False else "note"
-        said = "Not accepted" if best.accepted is False else "Not assessed"
-        why = "; ".join(best.reasons)
+        said = "Not accepted" if best.accepted is False else "Baseline, not assessed"
+        why = "; ".join((*best.reasons, *([best.disagreement] if best.disagreement else [])))
         return Statement(f"{said}: {why}. As estimated by {best.name}: {known}.", tone)
-    return Statement(f"{known[:1].upper()}{known[1:]} (1-sigma), by {best.name}: accepted.", "good")
+    told = f"{known[:1].upper()}{known[1:]} (1-sigma), by {best.name}: accepted"
+    if best.disagreement:
+        return Statement(f"{told}; {best.disagreement}.", "note")
+    return Statement(f"{told}.", "good")
 
 
 def _of_best(summary: Summary) -> list[str]:
@@ -56,15 +59,17 @@ def _said(body: EstimatedBody, name: str, place: slice) -> str:
     if all(value is None for value in values):
         return f"{name} not identifiable"
     texts = []
-    for value, deviation in zip(values, deviations, strict=True):
-        shown = number(scaled(value, factor), scaled(deviation, factor))
+    for value, sigma in zip(values, deviations, strict=True):
+        shown = number(scaled(value, factor), scaled(sigma, factor))
         texts.append("not identifiable" if value is None else shown)
     return f"{name} {texts[0]} {unit}" if len(texts) == 1 else f"{name} ({', '.join(texts)}) {unit}"
 
 
 def result(summary: Summary) -> Section:
     """The section."""
-    blocks: list[Block] = [Statements(tuple(_verdicts(summary))), grid_of(summary.table)]
+    said = list(_verdicts(summary))
+    verdicts = [each for each in said if _is_verdict(each, summary)]
+    blocks: list[Block] = [Statements(tuple(verdicts)), grid_of(summary.table)]
     blocks += [grid_of(table) for table in summary.loads]
     if summary.per_mass is not None:
         head = ("parameter", "unit", *summary.per_mass.headings)
@@ -74,11 +79,24 @@ def result(summary: Summary) -> Section:
         )
     if any(value is not None for body in summary.bodies for value in body.value):
         blocks.append(intervals(summary))
-    remarks = tuple(_remarks(summary.best, weighed=not _of_best(summary)))
-    if remarks:
-        blocks.append(Statements(remarks))
-    blocks += [grid_of(table) for table in summary.runs]
+    own = tuple(_remarks(summary.best, weighed=not _of_best(summary)))
+    if own:
+        blocks.append(Statements(own))
+    others = tuple(each for each in said if each not in verdicts)
+    if others:
+        count = f"{len(others)} remarks" if len(others) > 1 else "One remark"
+        blocks.append(Fold(count, (Statements(others),)))
+    if summary.runs:
+        blocks.append(Fold("Each run alone", tuple(map(grid_of, summary.runs))))
     return Section("result", "Result", tuple(blocks))
+
+
+def _is_verdict(said: Statement, summary: Summary) -> bool:
+    """Whether it stands before the numbers: a verdict, or what was predicted of runs left out."""
+    verdicts = ("accepted", "not accepted", "not assessed", "baseline")
+    names = [body.name for body in summary.bodies]
+    rest = next((said.text[len(name) :] for name in names if said.text.startswith(name)), "")
+    return said.tone in {"good", "bad"} or rest.partition(": ")[2].startswith(verdicts)
 
 
 def _remarks(best: EstimatedBody, *, weighed: bool) -> Iterator[Statement]:
@@ -120,20 +138,22 @@ def grid_of(table: ParameterTable) -> Grid:
     columns = []
     for column in table.columns:
         deviations = column.deviations
-        if deviations is None:
-            columns.append(ParameterTexts(column.heading, [short(v, 6) for v in column.values]))
+        if column.heading == ATTAINABLE:
+            columns.append(ParameterTexts(column.heading, [deviation(v) for v in column.values]))
+        elif deviations is None:
+            columns.append(ParameterTexts(column.heading, [figures(v, 6) for v in column.values]))
         else:
             pairs = zip(column.values, deviations, strict=True)
-            texts = [number(value, deviation) for value, deviation in pairs]
+            texts = [number(*pair) for pair in pairs]
             columns.append(ParameterTexts(f"{column.heading} ± 1-sigma", texts))
         if column.errors is not None:
             errors = zip(column.errors, deviations or (None,) * len(LABELS), strict=True)
-            texts = [_error(error, deviation) for error, deviation in errors]
+            texts = [_error(*pair) for pair in errors]
             columns.append(ParameterTexts("error", texts, secondary=True))
     return parameter_grid(table.title, columns)
 
 
-def _error(value: Number, deviation: Number) -> str:
+def _error(value: Number, sigma: Number) -> str:
     """A difference from the truth with the digits that its 1-sigma leaves."""
-    text, _, _ = number(value, deviation, sign=True).partition(" ± ")
+    text, _, _ = number(value, sigma, sign=True).partition(" ± ")
     return text

@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
-from steelyard.digits import number
-from steelyard.report.blocks.document import Block, Figure, Grid, Section, Statement, Statements
+from steelyard.digits import fixed, number
+from steelyard.report.blocks.document import (
+    Block,
+    Figure,
+    Grid,
+    Section,
+    Statement,
+    Statements,
+    by_choice,
+)
 from steelyard.report.blocks.plot import axes, line
 from steelyard.report.blocks.shown import slug
 from steelyard.report.evidence.summary import Summary
@@ -19,7 +27,8 @@ def swings(summary: Summary) -> Section | None:
         "Natural frequencies that the recordings show, and those of the estimated body about the"
         " middle of each swing. The larger a swing is, the lower its frequencies are than these."
     )
-    blocks: list[Block] = [Statements((Statement(text),)), _table(found), *map(_figure, found)]
+    blocks: list[Block] = [Statements((Statement(text),)), _table(found)]
+    blocks += by_choice("Run", [(each.run, (_figure(each),)) for each in found])
     return Section("swings", "Natural frequencies", tuple(blocks))
 
 
@@ -50,8 +59,8 @@ def _figure(each: SwingTrack) -> Figure:
         )
         for i, (frequency, _) in enumerate(each.predicted)
     ]
-    seen = ", ".join(f"{frequency:.3f}" for frequency, _ in each.seen) or "none"
-    predicted = ", ".join(f"{frequency:.3f}" for frequency, _ in each.predicted) or "none"
+    seen = ", ".join(fixed(frequency, 3) for frequency, _ in each.seen) or "none"
+    predicted = ", ".join(fixed(frequency, 3) for frequency, _ in each.predicted) or "none"
     text = (
         f"Spectrum of the motion in run {each.run}, amplitude over frequency; seen at {seen} Hz,"
         f" predicted at {predicted} Hz (dashed)."

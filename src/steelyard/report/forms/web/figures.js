@@ -1,9 +1,11 @@
 // Draws the pictures of the page when they come into view, in the colours that the style sheet has for the scheme.
 "use strict";
 
+const NARROW = 700; // [px], of a picture that has another layout below
 const PAPER_WIDTH = 660; // [px], of a page of A4 within its margins
 const root = document.documentElement;
 const darkness = matchMedia("(prefers-color-scheme: dark)");
+const PAPER_HEIGHT = 0.72; // of that on a screen
 const drawn = new Map(); // plot -> what it was drawn from
 
 function colour(name) {
@@ -62,13 +64,18 @@ function draw(plot) {
   if (first) {
     const written = JSON.parse(document.getElementById(`${plot.id}-data`).textContent);
     const figure = whole(written, written.arrays);
-    state = { figure, scene: plot.parentElement.classList.contains("scene") ? new Scene(plot, figure) : null };
+    state = { figure, height: plot.clientHeight, scene: plot.parentElement.classList.contains("scene") ? new Scene(plot, figure) : null };
     drawn.set(plot, state);
   }
   const { figure, scene } = state;
   const printing = root.classList.contains("printing");
   let data = dressed(figure.data);
-  let layout = { ...dressed(figure.layout), template: look(), uirevision: "kept", height: plot.clientHeight, autosize: !printing };
+  state.narrow = !printing && plot.clientWidth < NARROW;
+  const narrow = state.narrow && figure.narrow;
+  const height = narrow ? figure.narrow.height : state.height;
+  plot.style.height = `${printing && !scene ? Math.round(PAPER_HEIGHT * height) : height}px`;
+  const own = narrow ? figure.narrow.layout : figure.layout;
+  let layout = { ...dressed(own), template: look(), uirevision: "kept", height: plot.clientHeight, autosize: !printing };
   if (printing) layout.width = PAPER_WIDTH;
   if (scene) {
     layout.margin = { l: 0, r: 0, t: 30, b: 0, ...layout.margin };
@@ -100,8 +107,40 @@ function describe(plot) {
 }
 
 function redraw() {
-  drawn.forEach((_, plot) => draw(plot));
+  drawn.forEach((_, plot) => {
+    if (plot.clientWidth) draw(plot);
+    else {
+      // What is not seen now is drawn when it is, in the colours of then.
+      Plotly.purge(plot);
+      drawn.delete(plot);
+      watch.observe(plot);
+    }
+  });
 }
+
+// One run at a time: what is chosen in one place holds wherever there is something of that run.
+function choose(name) {
+  document.querySelectorAll(".choice").forEach((choice) => {
+    const options = [...choice.querySelectorAll(":scope > .option")];
+    const chosen = options.find((option) => option.dataset.option === name);
+    if (!chosen) return;
+    options.forEach((option) => { option.hidden = option !== chosen; });
+    choice.querySelector(":scope > .chooser select").value = name;
+  });
+}
+
+document.querySelectorAll(".choice").forEach((choice) => {
+  const options = choice.querySelectorAll(":scope > .option");
+  const chooser = choice.querySelector(":scope > .chooser");
+  options.forEach((option, i) => { option.hidden = i > 0; });
+  chooser.hidden = options.length < 2;
+  chooser.querySelector("select").addEventListener("change", (event) => {
+    const before = choice.getBoundingClientRect().top;
+    choose(event.target.value);
+    // Others above may be longer or shorter now: this one stays where it is looked at.
+    scrollBy(0, choice.getBoundingClientRect().top - before);
+  });
+});
 
 const plots = document.querySelectorAll(".plot");
 const watch = new IntersectionObserver(
@@ -110,9 +149,16 @@ const watch = new IntersectionObserver(
 );
 plots.forEach((plot) => watch.observe(plot));
 darkness.addEventListener("change", redraw);
+addEventListener("resize", () => drawn.forEach((state, plot) => {
+  if (state.figure.narrow && plot.clientWidth && state.narrow !== plot.clientWidth < NARROW) draw(plot);
+}));
 addEventListener("beforeprint", () => {
   root.classList.add("printing");
-  plots.forEach((plot) => { watch.unobserve(plot); draw(plot); });
+  plots.forEach((plot) => {
+    if (!plot.clientWidth) return; // of another run, or folded away
+    watch.unobserve(plot);
+    draw(plot);
+  });
 });
 addEventListener("afterprint", () => {
   root.classList.remove("printing");
