@@ -11,7 +11,8 @@ import pytest
 from places import PACKAGE, ROOT
 
 LAYERS = [
-    {"arrays", "errors", "units", "digits", "display"},
+    {"errors"},
+    {"arrays", "units", "digits", "display", "plugins"},
     {"batch", "processes"},
     {"tables"},
     {"rotations", "inertia"},

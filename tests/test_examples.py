@@ -177,8 +177,9 @@ nbformat.write(notebook, out)
 """
 
 
-def test_the_notebook(project, tmp_path):
-    path = project / "examples" / "notebook.ipynb"
+def executed(project, tmp_path, name):
+    """Outputs of the cells of a notebook by their names."""
+    path = project / "examples" / name
     stored = nbformat.read(path, as_version=4)
     nbformat.validate(stored)
     code = [cell for cell in stored.cells if cell.cell_type == "code"]
@@ -193,15 +194,31 @@ def test_the_notebook(project, tmp_path):
         check=False,
     )
     assert ended.returncode == 0, ended.stderr
-    outputs = {
+    return {
         cell.id: cell.outputs
         for cell in nbformat.read(tmp_path / "done.ipynb", as_version=4).cells
         if cell.cell_type == "code"
     }
+
+
+def test_the_notebook(project, tmp_path):
+    outputs = executed(project, tmp_path, "notebook.ipynb")
     shown = outputs["identify"][-1].data
     assert shown["text/plain"].startswith("maximum-likelihood: accepted")
     assert "<caption" in shown["text/html"]
     assert "application/vnd.plotly.v1+json" in outputs["figure"][-1].data
+    in_sigmas = np.array(ast.literal_eval(outputs["last"][-1].text))
+    assert np.abs(in_sigmas).max() < SIGMAS
+
+
+def test_the_notebook_of_arrays(project, tmp_path):
+    cells = {
+        cell.id: cell.source for cell in nbformat.read(ROOT / "examples" / "arrays.ipynb", 4).cells
+    }
+    # Brackets over several lines are one.
+    assert len(ast.parse(cells["verdict"]).body) <= 10
+    outputs = executed(project, tmp_path, "arrays.ipynb")
+    assert outputs["verdict"][-1].data["text/plain"].startswith("maximum-likelihood: accepted")
     in_sigmas = np.array(ast.literal_eval(outputs["last"][-1].text))
     assert np.abs(in_sigmas).max() < SIGMAS
 

@@ -332,7 +332,7 @@ def test_two_writers_leave_the_results_of_one(tmp_path):
 
 def test_results_are_not_replaced_without_force(tmp_path):
     fill(tmp_path / "out", a="old")
-    with pytest.raises(InputError, match=r"found files; .*--force"):
+    with pytest.raises(InputError, match=r"found files; .*force=True"):
         publish(tmp_path / "out", a="new")
     assert tree(tmp_path) == {"out": None, "out/a": "old"}
 
@@ -401,7 +401,7 @@ def test_a_folder_that_appears_meanwhile_is_not_replaced(tmp_path):
 @pytest.mark.parametrize("place", ["file", "file/below", "file/far/below"])
 def test_a_file_is_no_place_for_results(tmp_path, place, force):
     fill(tmp_path, file="mine")
-    with pytest.raises(InputError, match="choose another with --out"):
+    with pytest.raises(InputError, match="choose another"):
         publish(tmp_path / place, force=force, a="new")
     assert tree(tmp_path) == {"file": "mine"}
 

@@ -12,9 +12,12 @@ answers at once.
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from steelyard.bodies.mass_region import Box as Box
+    from steelyard.bodies.mass_region import Ellipsoid as Ellipsoid
     from steelyard.bodies.nearest_body import nearest_body as nearest_body
     from steelyard.calibration.calibrate import GeometryCalibration as GeometryCalibration
     from steelyard.calibration.calibrate import calibrate as calibrate
@@ -22,6 +25,7 @@ if TYPE_CHECKING:
     from steelyard.campaigns.run import campaign as campaign
     from steelyard.campaigns.study.result import Study as Study
     from steelyard.campaigns.study.run import study as study
+    from steelyard.drafts.first_file import init as init
     from steelyard.dynamics import platform_regressor as platform_regressor
     from steelyard.dynamics import platform_wrench as platform_wrench
     from steelyard.errors import InfeasibleError as InfeasibleError
@@ -48,6 +52,7 @@ if TYPE_CHECKING:
     from steelyard.excitation.references.reference_design import (
         design_references as design_references,
     )
+    from steelyard.experiment.memory.from_frames import RecordedFrame as RecordedFrame
     from steelyard.experiment.model import Experiment as Experiment
     from steelyard.experiment.model import Load as Load
     from steelyard.experiment.model import Run as Run
@@ -56,6 +61,7 @@ if TYPE_CHECKING:
     from steelyard.experiment.write import write_experiment as write_experiment
     from steelyard.exports.exported import Exported as Exported
     from steelyard.exports.formats import export as export
+    from steelyard.identification.conversion import convert as convert
     from steelyard.identification.identify import Identification as Identification
     from steelyard.identification.methods.consistent import Consistent as Consistent
     from steelyard.identification.methods.force_free import ForceFree as ForceFree
@@ -76,6 +82,18 @@ if TYPE_CHECKING:
     from steelyard.inspection.identify import identify as identify
     from steelyard.inspection.inspect import Inspection as Inspection
     from steelyard.inspection.inspect import inspect as inspect
+    from steelyard.instruments.attitude import Attitude as Attitude
+    from steelyard.instruments.command import Command as Command
+    from steelyard.instruments.distance import Distance as Distance
+    from steelyard.instruments.imu import Imu as Imu
+    from steelyard.instruments.length import Length as Length
+    from steelyard.instruments.pose import Pose as Pose
+    from steelyard.instruments.position import Position as Position
+    from steelyard.instruments.swing_frequencies import SwingFrequencies as SwingFrequencies
+    from steelyard.instruments.tension import Tension as Tension
+    from steelyard.instruments.weight import Weight as Weight
+    from steelyard.instruments.wrench import Wrench as Wrench
+    from steelyard.live.watching import watch as watch
     from steelyard.natural_frequencies.frequencies import Frequencies as Frequencies
     from steelyard.natural_frequencies.frequencies import frequencies as frequencies
     from steelyard.report.figures import figure as figure
@@ -83,6 +101,8 @@ if TYPE_CHECKING:
     from steelyard.report.write import write_results as write_results
     from steelyard.report.write_calibration import write_calibration as write_calibration
     from steelyard.robot.file import read_robot as read_robot
+    from steelyard.robot.model import CableProperties as CableProperties
+    from steelyard.robot.model import Limits as Limits
     from steelyard.robot.model import Robot as Robot
     from steelyard.simulation.sensors import read_sensors as read_sensors
     from steelyard.simulation.simulate import VirtualExperiment as VirtualExperiment
@@ -90,10 +110,16 @@ if TYPE_CHECKING:
     from steelyard.simulation.trajectories import trajectories as trajectories
 
 _WHERE = {
+    "Attitude": "instruments.attitude",
+    "Box": "bodies.mass_region",
+    "CableProperties": "robot.model",
     "Campaign": "campaigns.run",
+    "Command": "instruments.command",
     "Comparison": "estimates.comparison",
     "Consistent": "identification.methods.consistent",
     "Design": "excitation.design",
+    "Distance": "instruments.distance",
+    "Ellipsoid": "bodies.mass_region",
     "Estimate": "estimates.estimate",
     "Experiment": "experiment.model",
     "Exported": "exports.exported",
@@ -102,6 +128,7 @@ _WHERE = {
     "Frequencies": "natural_frequencies.frequencies",
     "GeometryCalibration": "calibration.calibrate",
     "Identification": "identification.identify",
+    "Imu": "instruments.imu",
     "Inertia": "inertia",
     "InfeasibleError": "errors",
     "InputError": "errors",
@@ -109,12 +136,17 @@ _WHERE = {
     "InstrumentalVariables": "identification.methods.instrumental_variables",
     "JointCovariance": "estimates.joint_covariance",
     "LeastSquares": "identification.methods.least_squares",
+    "Length": "instruments.length",
+    "Limits": "robot.model",
     "Load": "experiment.model",
     "LoadEstimates": "estimates.estimate",
     "MaximumLikelihood": "identification.methods.maximum_likelihood",
     "NamedEstimate": "estimates.estimate_file",
     "Payload": "estimates.payload",
+    "Pose": "instruments.pose",
     "PoseDesign": "excitation.poses.pose_design",
+    "Position": "instruments.position",
+    "RecordedFrame": "experiment.memory.from_frames",
     "Recursive": "identification.methods.recursive",
     "ReferenceDesign": "excitation.references.reference_design",
     "Robot": "robot.model",
@@ -122,12 +154,17 @@ _WHERE = {
     "SteelyardError": "errors",
     "Stream": "experiment.model",
     "Study": "campaigns.study.result",
+    "SwingFrequencies": "instruments.swing_frequencies",
+    "Tension": "instruments.tension",
     "TwoStep": "identification.methods.two_step",
     "Verdict": "estimates.estimate",
     "VirtualExperiment": "simulation.simulate",
+    "Weight": "instruments.weight",
+    "Wrench": "instruments.wrench",
     "calibrate": "calibration.calibrate",
     "campaign": "campaigns.run",
     "compare": "estimates.comparison",
+    "convert": "identification.conversion",
     "cramer_rao": "identification.solve.bound",
     "design": "excitation.design",
     "design_poses": "excitation.poses.pose_design",
@@ -138,6 +175,7 @@ _WHERE = {
     "frequencies": "natural_frequencies.frequencies",
     "identify": "inspection.identify",
     "import_robot": "imports.formats",
+    "init": "drafts.first_file",
     "inspect": "inspection.inspect",
     "nearest_body": "bodies.nearest_body",
     "payload": "estimates.payload",
@@ -151,6 +189,7 @@ _WHERE = {
     "simulate": "simulation.simulate",
     "study": "campaigns.study.run",
     "trajectories": "simulation.trajectories",
+    "watch": "live.watching",
     "write_calibration": "report.write_calibration",
     "write_design": "excitation.design_file",
     "write_experiment": "experiment.write",
@@ -159,8 +198,13 @@ _WHERE = {
 
 __all__ = sorted(_WHERE)
 
+__version__: str
+"""Of this package."""
+
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return version("steelyard")
     if name not in _WHERE:
         raise AttributeError(f"module 'steelyard' has no attribute '{name}'")
     return getattr(import_module(f"steelyard.{_WHERE[name]}"), name)

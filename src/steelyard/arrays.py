@@ -10,11 +10,15 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.errors import WrongValueError
+
 Array: TypeAlias = NDArray[np.float64]
 
 _STEP = 1e-200
 """Imaginary step: its square is zero in double precision, so that derivatives are exact to
 rounding."""
+_LONGEST_SHOWN = 80
+"""Characters of a value in a message."""
 
 
 def readonly(values: ArrayLike, shape: Sequence[int | None], name: str) -> Array:
@@ -29,19 +33,34 @@ def readonly(values: ArrayLike, shape: Sequence[int | None], name: str) -> Array
         A copy, C-contiguous, not writeable.
 
     Raises:
-        ValueError: The shape does not fit, or a value is not finite.
+        WrongValueError: These are no numbers, the shape does not fit, or a value is not finite.
     """
-    array = np.array(values, dtype=np.float64, order="C")
+    try:
+        array = np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise WrongValueError(
+            f"{name}: expected numbers in rows of one length, found {_shown(values)}; correct it"
+        ) from None
     fits = array.ndim == len(shape) and all(
         want is None or want == got for want, got in zip(shape, array.shape, strict=True)
     )
     if not fits:
         wanted = " x ".join("n" if n is None else str(n) for n in shape)
-        raise ValueError(f"{name}: expected shape {wanted or 'scalar'}, found {array.shape}")
+        raise WrongValueError(
+            f"{name}: expected shape {wanted or 'scalar'}, found {array.shape}; correct it"
+        )
     if not np.all(np.isfinite(array)):
-        raise ValueError(f"{name}: expected finite numbers, found {array.tolist()}")
+        raise WrongValueError(
+            f"{name}: expected finite numbers, found {_shown(array.tolist())}; correct it"
+        )
     array.setflags(write=False)
     return array
+
+
+def _shown(values: Any) -> str:
+    """A value for a message, not longer than a line."""
+    text = " ".join(repr(values).split())
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
 
 
 def stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:

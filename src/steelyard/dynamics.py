@@ -12,12 +12,17 @@ This is Eq. (1) of [Tempel2017]_ with gravity on the left and the sign of its lo
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 
 import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
+from steelyard.errors import WrongValueError
+from steelyard.inertia import TEN
 
 
 def newton_euler(
@@ -107,7 +112,9 @@ def _batched() -> tuple[Batched, Batched]:
     )
 
 
-def platform_wrench(parameters: Array, specific_force: Array, omega: Array, alpha: Array) -> Array:
+def platform_wrench(
+    parameters: ArrayLike, specific_force: ArrayLike, omega: ArrayLike, alpha: ArrayLike
+) -> Array:
     """:func:`newton_euler` over samples.
 
     Args:
@@ -120,11 +127,13 @@ def platform_wrench(parameters: Array, specific_force: Array, omega: Array, alph
         Force over torque, in P about its origin [N], [N m], shape (n, 6).
     """
     batched, _ = _batched()
-    result = batched(parameters=parameters, specific_force=specific_force, omega=omega, alpha=alpha)
-    return result["wrench"]
+    values = _samples(
+        {"parameters": parameters, "specific_force": specific_force, "omega": omega, "alpha": alpha}
+    )
+    return batched(**values)["wrench"]
 
 
-def platform_regressor(specific_force: Array, omega: Array, alpha: Array) -> Array:
+def platform_regressor(specific_force: ArrayLike, omega: ArrayLike, alpha: ArrayLike) -> Array:
     r"""Regressor Y of the Newton-Euler equations, :math:`Y \phi` = wrench of the cables about the
     origin of P, in P.
 
@@ -140,4 +149,33 @@ def platform_regressor(specific_force: Array, omega: Array, alpha: Array) -> Arr
         Shape (n, 6, 10); columns in the order of :data:`steelyard.inertia.LINEAR_PARAMETERS`.
     """
     _, batched = _batched()
-    return batched(specific_force=specific_force, omega=omega, alpha=alpha)["regressor"]
+    values = _samples({"specific_force": specific_force, "omega": omega, "alpha": alpha})
+    return batched(**values)["regressor"]
+
+
+def _samples(vectors: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    """Vectors of all samples, shape (n, k), or one for all of them, shape (k,).
+
+    Raises:
+        WrongValueError: They are no numbers, or of other shapes.
+    """
+    found, n = {}, None
+    for name, given in vectors.items():
+        try:
+            array = np.asarray(given, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise WrongValueError(f"{name}: expected numbers, found others; correct it") from None
+        width = TEN if name == "parameters" else 3
+        if array.ndim not in (1, 2) or array.shape[-1] != width:
+            raise WrongValueError(
+                f"{name}: expected shape (n, {width}) or ({width},), found {array.shape}; correct it"
+            )
+        if array.ndim == 2:
+            n = len(array) if n is None else n
+            if len(array) != n:
+                raise WrongValueError(
+                    f"{name}: expected {n} samples as in what comes before it, found {len(array)};"
+                    " hand over equal numbers of them"
+                )
+        found[name] = array
+    return found

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, complex_step_jacobian, readonly
+from steelyard.errors import WrongValueError
 
 LINEAR_PARAMETERS = ("m", "hx", "hy", "hz", "Jxx", "Jyy", "Jzz", "Jyz", "Jxz", "Jxy")
 """The ten parameters in which the dynamics is linear: mass [kg], first moment h = m c [kg m] and
@@ -97,7 +98,10 @@ class Inertia:
         if not np.allclose(
             matrix, matrix.T, rtol=1e-9, atol=1e-12 * float(np.abs(matrix).max(initial=0.0))
         ):
-            raise ValueError(f"inertia: expected a symmetric matrix, found {matrix.tolist()}")
+            raise WrongValueError(
+                f"inertia: expected a symmetric matrix, found {matrix.tolist()}; products are"
+                " elements of the matrix"
+            )
         object.__setattr__(self, "inertia", readonly((matrix + matrix.T) / 2, (3, 3), "inertia"))
 
     # Forms

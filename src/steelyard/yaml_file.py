@@ -7,6 +7,7 @@ from __future__ import annotations
 import difflib
 import io
 import json
+import os
 import re
 import typing
 from collections.abc import Mapping, Sequence
@@ -14,12 +15,18 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from steelyard.display import steers
 from steelyard.errors import InputError
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass as _ModelMeta
+else:
+    _ModelMeta = type(BaseModel)
 
 _LARGEST_FILE = 2**19
 """Bytes: reading line numbers along takes seconds beyond it."""
@@ -45,9 +52,32 @@ _SIGNS = {
 """Problems of pydantic with numbers out of bounds, in words."""
 
 
-class FileModel(BaseModel):
+class _FromPython(_ModelMeta):
+    """What a call of a model in Python means: the same keys, checks and sentences as in a file.
+
+    Reading a file does not pass here: pydantic fills a model without calling its class.
+    """
+
+    def __call__(self, *args: Any, **keys: Any) -> Any:
+        """A value of the class, from keys by name; sequences and arrays of any kind do.
+
+        Raises:
+            InputError: A key is unknown, missing or wrong.
+        """
+        document = YamlDocument(Path(self.__name__), {}, {})
+        if args:
+            raise document.error((), "expected keys by name, found a value without one; name it")
+        model = typing.cast("type[BaseModel]", self)
+        kind = model.model_fields.get("kind")
+        if kind is not None and typing.get_origin(kind.annotation) is Literal:
+            # A class of one kind says it; it is written all the same.
+            keys = {"kind": typing.get_args(kind.annotation)[0], **keys}
+        return validate(model, document, plain_values(keys))
+
+
+class FileModel(BaseModel, metaclass=_FromPython):
     """Base of everything that a file may hold: no unknown keys, no silent conversion, never
-    changed.
+    changed. In Python it is called with the same keys.
     """
 
     model_config = ConfigDict(
@@ -56,6 +86,19 @@ class FileModel(BaseModel):
 
 
 Model = TypeVar("Model", bound=BaseModel)
+
+
+def plain_values(value: Any) -> Any:
+    """What Python hands over as the values that a file has: arrays and tuples as lists, numbers of
+    NumPy as numbers.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plain_values(entry) for key, entry in value.items()}
+    if isinstance(value, np.generic | np.ndarray):
+        return plain_values(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset | range):
+        return [plain_values(entry) for entry in value]
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
 
 
 @dataclass(frozen=True)
@@ -318,7 +361,17 @@ def validate(
         places = {_real_keys(tuple(p["loc"]), values) for p in problems}
         others = sum(1 for place in places if key + place[: len(path) - len(key)] != path)
         more = f" (and {others} more)" if others else ""
-        raise document.error(path, _sentence(first, path, known) + more) from None
+        raise document.error(
+            path, _sentence(_all_missing(first, problems), path, known) + more
+        ) from None
+
+
+def _all_missing(first: Any, problems: Sequence[Any]) -> Any:
+    """The first missing value of a list as the whole of what is missing in it."""
+    if first["type"] != "missing" or not isinstance(first["loc"][-1], int):
+        return first
+    beside = [p for p in problems if p["type"] == "missing" and p["loc"][:-1] == first["loc"][:-1]]
+    return {**first, "loc": beside[-1]["loc"], "ctx": {"there": first["loc"][-1]}}
 
 
 def _check_sizes(document: YamlDocument, value: Any, key: tuple[str | int, ...]) -> None:
@@ -400,8 +453,8 @@ def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> st
     name = str(path[-1]) if path else ""
     if kind == "missing" and location and isinstance(location[-1], int):
         return (
-            f"expected at least {location[-1] + 1} values, found {location[-1]}; add what is"
-            " missing"
+            f"expected at least {location[-1] + 1} values, found"
+            f" {context.get('there', location[-1])}; add what is missing"
         )
     if kind == "missing":
         return f"expected this key, found it missing; add '{name}'"

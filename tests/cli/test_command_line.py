@@ -301,6 +301,7 @@ def test_what_identify_writes_has_the_shape_of_the_contract(run, small, tmp_path
         "nominal",
         "result",
         "estimates",
+        "recordings",
         "attainable",
         "provenance",
     ]

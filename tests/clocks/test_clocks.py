@@ -261,7 +261,7 @@ def test_instruments_of_one_file_keep_their_clock():
     experiment, _ = recorded(0)
     run = experiment.runs[0]
     together = {
-        name: replace(stream, source="recorder.csv" if name != "tracker" else name)
+        name: replace(stream, clock="recorder.csv" if name != "tracker" else None)
         for name, stream in run.streams.items()
     }
     # Cables and IMU were recorded on clocks of different origin; in one file they have the same.

@@ -118,7 +118,7 @@ def test_clocks_that_are_to_be_found_are_found(tmp_path, run, monkeypatch):
             runs=(replace(experiment.runs[0], sync=known.runs[0].sync, unsynchronised=False),),
         )
 
-    monkeypatch.setattr("steelyard.identification.synchronisation.synchronised", found)
+    monkeypatch.setattr("steelyard.identification.conversion.synchronised", found)
     converted(run, small, tmp_path / "tidy")
     tidy = read_experiment(tmp_path / "tidy" / "experiment.yaml")
     for name in ("cables", "imu", "tracker"):

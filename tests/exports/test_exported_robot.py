@@ -264,10 +264,10 @@ def test_without_limits_motors_have_no_range(exported):
 @pytest.mark.parametrize(
     ("robot", "body", "pose", "message"),
     [
-        (replace(POINTS, anchors=POINTS.anchors[:5], attachments=POINTS.attachments[:5], pulley_radius=np.zeros(5), pulley_axis=np.eye(3)[[2] * 5]), BODY, None, "expected at least 6 cables, found 5"),
+        (replace(POINTS, anchors=np.zeros((0, 3)), attachments=np.zeros((0, 3)), pulley_radius=[], pulley_axis=[]), BODY, None, "expected a robot with cables, found none"),
         (replace(POINTS, tension_limits=(50.0, 100.0)), BODY, None, "can hold 183.2 kg with 50 to 100 N, found none; check the robot file"),
-        (POINTS, BODY, (0, 0, 2, 2.0, 0, 0), "can hold 183.2 kg with 50 to 5000 N, found that it is not; choose another --pose"),
-        (POINTS, BODY, (0, 0, 2, np.inf, 0, 0), "--pose: expected six finite numbers"),
+        (POINTS, BODY, (0, 0, 2, 2.0, 0, 0), "can hold 183.2 kg with 50 to 5000 N, found that it is not; choose another pose"),
+        (POINTS, BODY, (0, 0, 2, np.inf, 0, 0), "pose: expected six finite numbers"),
         (POINTS, replace(BODY, inertia=np.diag([1.0, 1.0, 3.0])), None, "expected a body that can exist"),
     ],
 )  # fmt: skip
@@ -277,7 +277,7 @@ def test_what_cannot_hang_is_refused(robot, body, pose, message):
 
 
 def test_other_formats_have_no_cables(exported):
-    with pytest.raises(InputError, match="--robot: expected --format mjcf"):
+    with pytest.raises(InputError, match="robot: expected format mjcf"):
         export(exported, "urdf", hanging=hang(POINTS, BODY))
 
 
@@ -328,3 +328,63 @@ def test_the_verb_takes_bundled_robots(run, tmp_path):
     assert (status, err) == (0, "")
     assert "on the 8 cables of cogiro as MJCF" in out
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml")).ntendon == 8
+
+
+# Fewer than six cables
+
+
+def four_cables():
+    """Four corners above a platform with four."""
+    corners = np.array([[-1.0, -1], [-1, 1], [1, 1], [1, -1]])
+    return replace(
+        POINTS,
+        anchors=np.column_stack([4 * corners, [4.0, 4.1, 3.9, 4.0]]),
+        attachments=np.column_stack([0.5 * corners, [0.3, 0.3, 0.32, 0.3]]),
+        pulley_radius=np.zeros(4),
+        pulley_axis=np.tile([0, 0, 1.0], (4, 1)),
+        limits=replace(POINTS.limits, position=((-1, -1, 0.5), (1, 1, 2.5))),
+    )
+
+
+@pytest.mark.parametrize("pose", [None, (0.3, -0.2, 1.2, 0, 0, 0.1)])
+def test_on_fewer_than_six_cables_it_hangs_where_it_comes_to_rest(exported, pose):
+    robot = four_cables()
+    hanging = hang(robot, BODY, pose)
+    model, data = simulated(exported, hanging)
+    np.testing.assert_allclose(data.qacc, 0, atol=1e-6)
+    np.testing.assert_allclose(tensions(model, data), hanging.tension, rtol=TENSIONS, atol=1e-6)
+    # It stays, for it is the lowest place.
+    mujoco.mj_step(model, data, nstep=round(0.3 / model.opt.timestep))
+    np.testing.assert_allclose(data.body("platform").xpos, hanging.position, atol=1e-5)
+    assert "4 cables do not fix a pose" in remarks_on(exported, hanging)
+
+
+def test_sensors_tell_what_a_force_sensor_would_read(exported):
+    hanging = hang(POINTS, BODY)
+    model, data = simulated(exported, hanging)
+    data.ctrl[:] = np.linspace(0, 300, POINTS.m)
+    data.qvel[:] = [0.05, -0.03, 0.02, 0.02, 0.04, -0.03]
+    mujoco.mj_forward(model, data)
+    read = np.array(
+        [
+            [data.sensor(f"{name}_{i + 1}").data[0] for name in ("length", "rate", "added")]
+            for i in range(POINTS.m)
+        ]
+    )
+    spring, damping = (
+        model.tendon_stiffness.reshape(POINTS.m, -1)[:, 0],
+        model.tendon_damping.reshape(POINTS.m, -1)[:, 0],
+    )
+    told = (
+        spring * np.maximum(read[:, 0] - model.tendon_lengthspring[:, 1], 0)
+        + damping * read[:, 1]
+        + read[:, 2]
+    )
+    # By the wrench that all of it exerts on the platform.
+    pull = POINTS.anchors - hanging.position - POINTS.attachments
+    pull /= np.linalg.norm(pull, axis=1)[:, None]
+    exerted = data.qfrc_spring + data.qfrc_damper + data.qfrc_actuator
+    np.testing.assert_allclose(exerted[:3], told @ pull, rtol=1e-9, atol=1e-7)
+    np.testing.assert_allclose(
+        exerted[3:], told @ np.cross(POINTS.attachments, pull), rtol=1e-9, atol=1e-7
+    )

@@ -15,6 +15,7 @@ import pinocchio as pin
 import pytest
 from lxml import etree
 from places import DATA
+from point_clouds import CLOUD, CLOUDS
 from ruamel.yaml import YAML
 from written_estimates import covariance, estimate_of, file_of
 
@@ -33,54 +34,7 @@ SCHEMAS = DATA / "sdformat"
 WHOLE = [name for name, form in FORMATS.items() if form.whole]
 
 
-# Bodies, by the definitions of their numbers
-
-
-class Cloud:
-    """A cloud of point masses: sums over its points."""
-
-    def __init__(self, masses, points):
-        self.mass = masses.sum()
-        self.cog = masses @ points / self.mass
-        self.first_moment = masses @ points
-        self.about_cog = self.moments(masses, points - self.cog)
-        self.about_origin = self.moments(masses, points)
-
-    @staticmethod
-    def moments(masses, points):
-        x, y, z = points.T
-        xx, yy, zz = masses @ (y * y + z * z), masses @ (x * x + z * z), masses @ (x * x + y * y)
-        yz, xz, xy = -masses @ (y * z), -masses @ (x * z), -masses @ (x * y)
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-    @property
-    def ten(self):
-        J = self.about_cog
-        return np.array(
-            [self.mass, *self.cog, J[0, 0], J[1, 1], J[2, 2], J[1, 2], J[0, 2], J[0, 1]]
-        )
-
-    @property
-    def signs(self):
-        return tuple(np.sign(self.ten[7:]).astype(int).tolist())
-
-
-def clouds():
-    """A body for each combination of signs of the three products, from a gram and a centimetre to a
-    tonne and metres."""
-    rng = np.random.default_rng(7)
-    found = {}
-    while len(found) < 8:
-        size = 10 ** rng.uniform(-2, 0.5)
-        cloud = Cloud(
-            10 ** rng.uniform(-4, 2) * rng.uniform(0.1, 1, 12), size * rng.normal(size=(12, 3))
-        )
-        found.setdefault(cloud.signs, cloud)
-    return [found[signs] for signs in sorted(found)]
-
-
-CLOUDS = clouds()
-CLOUD = CLOUDS[2]
+# The bodies
 
 
 def test_the_bodies_have_products_of_either_sign():
@@ -359,10 +313,12 @@ def comment_of(text, form):
     """What a reader of the file is told beside the numbers, in one line."""
     if form == "json":
         return text
-    if form == "yaml":
-        lines = [line[2:] for line in text.splitlines() if line.startswith("# ")]
+    marks = {"yaml": "# ", "ur": "# ", "franka": "# ", "ros": "# ", "kuka": "; ", "abb": "! "}
+    if form in marks:
+        lines = [line[2:] for line in text.splitlines() if line.startswith(marks[form])]
     else:
-        opening, closing = ("/*", "*/") if form == "c" else ("<!--", "-->")
+        pairs = {"c": ("/*", "*/"), "iec61131": ("(*", "*)")}
+        opening, closing = pairs.get(form, ("<!--", "-->"))
         lines = [
             line.removeprefix(" * ")
             for line in text.split(opening, 1)[1].split(closing, 1)[0].splitlines()
@@ -392,7 +348,8 @@ def test_comments_say_where_from_and_how_well(tmp_path, form):
             told,
         )
     assert "about the centre of gravity" in told
-    assert "x y dm" in told
+    # Principal axes have no products.
+    assert ("x y dm" in told) == (form not in ("kuka", "abb"))
     assert "correlations" not in told.split("Convention")[0]
 
 
@@ -449,7 +406,7 @@ def test_what_is_not_accepted_is_refused_unless_anyway(tmp_path, form, reasons):
     with pytest.raises(
         InputError,
         match=(
-            rf"estimate 'maximum-likelihood': expected an accepted .*\({named}\).* with --anyway$"
+            rf"estimate 'maximum-likelihood': expected an accepted .*\({named}\).* with anyway=True$"
         ),
     ):
         export(exported, form)
@@ -478,7 +435,7 @@ def test_a_body_that_cannot_exist_is_refused_unless_anyway_and_told_loudly(
     )
     exported = read_exported(str(file_of(tmp_path, estimate_of(IMPOSSIBLE, verdict=verdict))))
     with pytest.raises(
-        InputError, match=r"found one that is not \(no body has this inertia.*--anyway"
+        InputError, match=r"found one that is not \(no body has this inertia.*anyway=True"
     ) as refused:
         export(exported, form)
     assert str(refused.value).count("no body has this inertia") == 1
@@ -508,8 +465,8 @@ def test_numbers_that_are_not_there_are_never_written(tmp_path, form, anyway):
     with pytest.raises(
         InputError,
         match=(
-            r"do not tell Jxx, Jyy, Jzz, Jyz, Jxz, Jxy; choose another --method or record more"
-            r" motion.*--anyway does not help"
+            r"do not tell Jxx, Jyy, Jzz, Jyz, Jxz, Jxy; choose another method or record more"
+            r" motion.*anyway=True does not help"
         ),
     ):
         export(exported, form, anyway=anyway)
@@ -518,7 +475,7 @@ def test_numbers_that_are_not_there_are_never_written(tmp_path, form, anyway):
 @pytest.mark.parametrize("form", ["yaml", "json"])
 def test_plain_forms_write_null_anyway(tmp_path, form):
     exported = read_exported(str(file_of(tmp_path, estimate_of(UNIDENTIFIABLE))))
-    with pytest.raises(InputError, match=r"do not tell Jxx.*null in their place with --anyway"):
+    with pytest.raises(InputError, match=r"do not tell Jxx.*null in their place with anyway=True"):
         export(exported, form)
     found = parsed(export(exported, form, anyway=True), form)
     assert set(found["platform"]["inertia"].values()) == {None}
@@ -553,7 +510,7 @@ def test_one_estimate_at_a_time(tmp_path):
             InputError,
             match=(
                 r"expected one estimate to export, found 'all' \(maximum-likelihood, two-step\);"
-                r" name one with --method"
+                r" name one with methods"
             ),
         ):
             read_exported(place, method)
@@ -563,7 +520,8 @@ def test_one_estimate_at_a_time(tmp_path):
 
 def test_formats_are_named(tmp_path):
     with pytest.raises(
-        InputError, match="format: expected one of urdf, sdf, mjcf, yaml, json, c, found 'stl'"
+        InputError,
+        match=r"format: expected one of urdf, sdf, mjcf, yaml, json, c, iec61131, .* found 'stl'",
     ):
         text_of(tmp_path, CLOUD, "stl")
 
@@ -651,8 +609,10 @@ def test_the_verb_writes_one_file_and_says_its_convention(run, tmp_path, form):
     assert told.count("\n") == 1
     assert told.startswith(f"{out}: 'maximum-likelihood' as {FORMATS[form].title}, ")
     assert (
-        "about the centre of gravity in platform axes, products are elements of the matrix" in told
-    )
+        "principal moments about the centre of gravity and their axes"
+        if form in ("kuka", "abb")
+        else "about the centre of gravity in platform axes, products are elements of the matrix"
+    ) in told
     assert out.read_text() == text_of(tmp_path, CLOUD, form)
     assert list(out.parent.iterdir()) == [out]
 

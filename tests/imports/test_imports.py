@@ -1241,6 +1241,11 @@ FUZZED = {
     "irma": {"small_json": irma_json()},
     "cdpyr": {"small_json": cdpyr_json()},
     "ros": {"small_yaml": ros_yaml()},
+    "printer": {"small_g": "M669 K6 A0:-1604.5:-114.1 B1312.5:1270.9:-162.2 C-1440:741:-161 D2345"},
+    "platform": {
+        "small_xml": '<mujoco><worldbody><body name="a"><inertial pos="0.1 -0.2 0.3"'
+        ' quat="0.9 0.1 -0.3 0.2" mass="12" diaginertia="2 3 4"/></body></worldbody></mujoco>'
+    },
 }
 assert len(FUZZED) == len(FORMATS)
 

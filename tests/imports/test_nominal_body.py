@@ -62,12 +62,12 @@ def test_the_format_may_say_it_and_the_user_is_above_the_format():
 
 
 def test_a_sign_that_nobody_says_is_asked_for():
-    with pytest.raises(InputError, match="say with --products matrix"):
+    with pytest.raises(InputError, match="say with products matrix"):
         nominal_body(body("matrix", "cog"), products=None, about=None)
 
 
 def test_a_point_that_the_files_state_is_not_overruled():
-    with pytest.raises(InputError, match="--inertia-about: expected none"):
+    with pytest.raises(InputError, match="about: expected none"):
         nominal_body(body("matrix", "origin", "matrix"), products=None, about="cog")
 
 

@@ -173,7 +173,7 @@ def test_addresses_of_replays():
 
 @pytest.mark.parametrize("url", ["ftp://x:1", "udp://nowhere", "udp://localhost:99999", "run"])
 def test_addresses_of_no_kind_are_refused(points, url):
-    with pytest.raises(InputError, match="--source"):
+    with pytest.raises(InputError, match="source"):
         open_source(url, points)
 
 

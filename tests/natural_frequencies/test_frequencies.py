@@ -122,10 +122,10 @@ def test_inertia_per_mass_is_enough_where_cables_keep_their_length():
     [
         ({}, "either a pose or the lengths"),
         ({"pose": POSE, "lengths": [1.0] * 4}, "found both"),
-        ({"pose": [0, 0, 1]}, "--pose: expected x, y, z"),
-        ({"pose": [0, 0, np.nan, 0, 0, 0]}, "--pose: expected x, y, z"),
-        ({"lengths": [1.0] * 3}, "--lengths: expected 4 lengths"),
-        ({"lengths": [1.0, 1.0, -1.0, 1.0]}, "--lengths: expected 4 lengths above zero"),
+        ({"pose": [0, 0, 1]}, "pose: expected x, y, z"),
+        ({"pose": [0, 0, np.nan, 0, 0, 0]}, "pose: expected x, y, z"),
+        ({"lengths": [1.0] * 3}, "lengths: expected 4 lengths"),
+        ({"lengths": [1.0, 1.0, -1.0, 1.0]}, "lengths: expected 4 lengths above zero"),
         ({"lengths": [0.1] * 4}, "expected lengths on which the platform comes to rest"),
     ],
 )

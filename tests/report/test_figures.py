@@ -82,6 +82,6 @@ def test_results_are_written_as_the_verb_does(found, tmp_path):
     assert {path.name for path in page.parent.iterdir()} == names
     (estimate,) = steelyard.read_estimates([str(page.parent)])
     np.testing.assert_array_equal(estimate.estimate.value, found.estimate.value)
-    with pytest.raises(steelyard.InputError, match="--force"):
+    with pytest.raises(steelyard.InputError, match="force=True"):
         steelyard.write_results(found, tmp_path / "out")
     steelyard.write_results(found, tmp_path / "out", force=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array, readonly
+from steelyard.errors import WrongValueError
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +24,7 @@ class Box:
         object.__setattr__(self, "lower", readonly(self.lower, (3,), "lower"))
         object.__setattr__(self, "upper", readonly(self.upper, (3,), "upper"))
         if not (self.lower < self.upper).all():
-            raise ValueError(
+            raise WrongValueError(
                 f"{self.name}: expected lower < upper, found {self.lower.tolist()},"
                 f" {self.upper.tolist()}"
             )
@@ -61,11 +62,12 @@ class Ellipsoid:
             self, "R_platform_ellipsoid", readonly(R, (3, 3), "R_platform_ellipsoid")
         )
         if not (self.semi_axes > 0).all():
-            raise ValueError(
+            raise WrongValueError(
                 f"{self.name}: expected positive semi-axes, found {self.semi_axes.tolist()}"
             )
-        if not np.allclose(R @ np.transpose(R), np.eye(3), atol=1e-9):
-            raise ValueError(f"{self.name}: expected a rotation, found {np.asarray(R).tolist()}")
+        R = np.asarray(self.R_platform_ellipsoid)
+        if not np.allclose(R @ R.T, np.eye(3), atol=1e-9):
+            raise WrongValueError(f"{self.name}: expected a rotation, found {R.tolist()}")
 
     @property
     def conditions(self) -> dict[str, Array]:

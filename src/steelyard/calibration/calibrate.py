@@ -29,6 +29,7 @@ from steelyard.estimates.estimate import (
     plausible_radius,
 )
 from steelyard.estimates.quantiles import chi2_tail
+from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
@@ -366,14 +367,14 @@ def _points_of(robot: Robot) -> dict[str, Array]:
 
 
 def calibrate(
-    experiment: Experiment,
+    experiment: GivenExperiment,
     progress: Progress = None,
     settings: CalibrationSettings = CALIBRATION,
 ) -> GeometryCalibration:
     """Find the geometry of a robot from poses at rest, recordings in motion, or both.
 
     Args:
-        experiment: With runs in which lengths or tensions were read, and what tells how the platform
+        experiment: An experiment, or the path of its file, with runs in which lengths or tensions were read, and what tells how the platform
             stands or moves; its ``uncertainty`` says how far anchors and attachments may be off,
             its ``datum`` what the world frame is.
         progress: Is called with what is being done and the fraction that is done.
@@ -383,5 +384,6 @@ def calibrate(
         InputError: No run tells the geometry, there are too few readings for the unknowns, or the
             datum cannot define the world.
     """
+    experiment = experiment_of(experiment, weighed=False)
     check_datum(experiment)
     return GeometryCalibration(fit_geometry(experiment, progress, settings), settings)

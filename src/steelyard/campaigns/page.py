@@ -17,7 +17,7 @@ from steelyard.campaigns.rows import DONE
 from steelyard.campaigns.work import INSPECT
 from steelyard.digits import LABELS, figures, number
 from steelyard.inertia import BODY_PARAMETERS
-from steelyard.output import results_file
+from steelyard.output import results_file, write_file
 from steelyard.report.blocks.document import (
     Block,
     Document,
@@ -50,7 +50,7 @@ def write_page(table: pl.DataFrame, folder: Path) -> None:
     document = campaign_document(table, folder)
     for ending, form in (("html", page), ("md", markdown)):
         with results_file(folder / f"{PAGE}.{ending}", force=True) as path:
-            path.write_text(form(document), encoding="utf-8", newline="\n")
+            write_file(path, form(document))
 
 
 def campaign_document(table: pl.DataFrame, folder: Path | None = None) -> Document:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from steelyard.campaigns.tasks import Row
 from steelyard.errors import InputError
 from steelyard.inertia import BODY_PARAMETERS
-from steelyard.output import results_file
+from steelyard.output import results_file, write_file
 
 if TYPE_CHECKING:
     import polars as pl
@@ -124,7 +124,7 @@ def write_rows(table: pl.DataFrame, path: Path) -> None:
     buffer = io.BytesIO()
     table.write_parquet(buffer)
     with results_file(path, force=True) as fresh:
-        fresh.write_bytes(buffer.getvalue())
+        write_file(fresh, buffer.getvalue())
 
 
 def known_hashes(table: pl.DataFrame, asked: str, version: str) -> Mapping[str, str]:

@@ -23,6 +23,7 @@ _VERBS = {
     "import": "steelyard.cli.verbs.files.imports:import_",
     "init": "steelyard.cli.verbs.files.init:init",
     "inspect": "steelyard.cli.verbs.inspect:inspect",
+    "new": "steelyard.cli.verbs.files.new:new",
     "report": "steelyard.cli.verbs.report:report",
     "robots": "steelyard.cli.verbs.files.robots:robots",
     "schema": "steelyard.cli.verbs.files.schema:schema",
@@ -32,10 +33,19 @@ _VERBS = {
     "watch": "steelyard.cli.verbs.watch:watch",
 }
 
+_GROUPS = {
+    "Begin": ("demo", "new", "robots", "import", "init"),
+    "Plan and look": ("design", "simulate", "inspect", "convert"),
+    "Find": ("identify", "calibrate", "watch", "campaign", "study", "frequencies"),
+    "Use": ("report", "compare", "export", "verify"),
+}
+"""Verbs in the order of work; what stands nowhere comes last."""
+
 
 @click.group(
     cls=LazyGroup,
     verbs=_VERBS,
+    groups=_GROUPS,
     no_args_is_help=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
@@ -44,7 +54,8 @@ def app() -> None:
     """Find the mass, centre of gravity and inertia of what a cable robot carries, and how well each
     is known.
 
-    Begin with `steelyard demo`, or with `steelyard identify EXPERIMENT` on recordings of your own.
+    Begin with `steelyard demo`, or with `steelyard new NAME` or `steelyard init LOG...` on a robot and
+    recordings of your own.
     Exit status: 0 done, 2 the input or the command line is wrong, 3 the estimate was made but not
     accepted.
     """

@@ -4,7 +4,7 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -16,10 +16,34 @@ class LazyGroup(click.Group):
     sentence of each.
     """
 
-    def __init__(self, *args: Any, verbs: Mapping[str, str], **settings: Any) -> None:
-        """Beside what :class:`click.Group` takes: verb -> ``module:function``."""
+    def __init__(
+        self,
+        *args: Any,
+        verbs: Mapping[str, str],
+        groups: Mapping[str, Sequence[str]] | None = None,
+        **settings: Any,
+    ) -> None:
+        """Beside what :class:`click.Group` takes: verb -> ``module:function``, and heading -> verbs
+        of it for ``--help``.
+        """
         super().__init__(*args, **settings)
-        self._verbs = verbs
+        self._verbs, self._groups = verbs, groups or {}
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """A list of verbs under each heading, and of those that have none."""
+        grouped = {verb for verbs in self._groups.values() for verb in verbs}
+        rest = tuple(verb for verb in self.list_commands(ctx) if verb not in grouped)
+        width = max(map(len, self._verbs))
+        for heading, verbs in {**self._groups, "More": rest}.items():
+            rows = []
+            for verb in verbs:
+                command = self.get_command(ctx, verb)
+                if command is not None:
+                    limit = formatter.width - 6 - width
+                    rows.append((verb.ljust(width), command.get_short_help_str(limit)))
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(rows)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """All verbs, in the order of the alphabet."""

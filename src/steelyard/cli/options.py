@@ -27,10 +27,26 @@ def check_there(path: Path) -> None:
     """See that a file is there before anything heavy is loaded for it.
 
     Raises:
-        InputError: There is nothing.
+        InputError: There is nothing, or what there is are recordings.
     """
     if not path.exists():
         raise InputError(f"{path}: expected a file, found nothing there; check the path")
+    if path.is_dir():
+        inside = path / "experiment.yaml"
+        if inside.is_file():
+            raise InputError(f"{path}: expected an experiment file, found a folder; name {inside}")
+        raise InputError(
+            f"{path}: expected an experiment file, found a folder; draft one from the logs in it with"
+            f" 'steelyard init {path} --robot ROBOT --out {inside}'"
+        )
+    if path.suffix.lower() not in (".yaml", ".yml", ".json", ""):
+        from steelyard.logs.formats import ending_of
+
+        if ending_of(path) is not None:
+            raise InputError(
+                f"{path}: expected an experiment file, found a log; draft one from all logs of the"
+                f" recording with 'steelyard init {path} … --robot ROBOT --out experiment.yaml'"
+            )
 
 
 def common(function: _Function) -> _Function:

@@ -53,7 +53,7 @@ def _run(app: click.Group) -> None:
     except click.ClickException as error:
         _fail(_sentence(error), 2)
     except SteelyardError as error:
-        _fail(str(error), 2)
+        _fail(error.on_command_line, 2)
     except (click.Abort, KeyboardInterrupt):
         _fail("interrupted; nothing was written", INTERRUPTED)
     except MemoryError:

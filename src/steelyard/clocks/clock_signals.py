@@ -74,11 +74,12 @@ def clocks_of(
     experiment: Experiment, run: Run, settings: SmoothingSettings = SMOOTHING
 ) -> tuple[LogClock, ...]:
     """The clocks of a run, that of the forces first."""
-    groups: dict[str, list[str]] = {}
+    groups: dict[tuple[str, str], list[str]] = {}
     for name, stream in run.streams.items():
         # Streams of one file share its clock. Those of one recorder share an error, but each may
-        # begin at a time of its own.
-        groups.setdefault(stream.source, []).append(name)
+        # begin at a time of its own. Names are kept apart from the clocks that are said.
+        said = ("clock", stream.clock) if stream.clock is not None else ("own", name)
+        groups.setdefault(said, []).append(name)
     reference = experiment.force_instrument(run)
     found = [
         _clock(experiment, run, tuple(names), reference, settings) for names in groups.values()

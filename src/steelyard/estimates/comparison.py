@@ -252,7 +252,8 @@ def _one_of_each_source(estimates: Sequence[NamedEstimate]) -> list[NamedEstimat
     """Of the same recordings the best method: the others would count the same data again."""
     best: dict[str, NamedEstimate] = {}
     for i, each in enumerate(estimates):
-        source = each.source or f"\0{i}"
+        first = next((k for k, other in enumerate(estimates[:i]) if same_source(other, each)), i)
+        source = estimates[first].source or f"\0{first}"
         if source not in best or _rank(each) < _rank(best[source]):
             best[source] = each
     return list(best.values())

@@ -158,6 +158,7 @@ class _FileForm(_LenientForm):
     nominal: _NominalForm | None = None
     result: str
     estimates: dict[str, _LoadsForm]
+    recordings: dict[str, str] | None = None
 
 
 def read_estimate_file(path: Path) -> EstimateFile:
@@ -207,6 +208,7 @@ def read_estimate_file(path: Path) -> EstimateFile:
             experiment,
             source,
             entry.covariance is not None,
+            recordings=frozenset((form.recordings or {}).values()),
         )
         for name, entry in ((printable(name), entry) for name, entry in form.estimates.items())
     }

@@ -37,6 +37,8 @@ class NamedEstimate:
     """Which of the loads of the experiment it is of; empty: there is one."""
     joint: JointCovariance | None = None
     """With the other loads of the same fit."""
+    recordings: frozenset[str] = frozenset()
+    """Digests of the readings that it stands on, one a run; empty: not known."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values: what a comparison says of one of its estimates."""
@@ -53,13 +55,18 @@ class NamedEstimate:
 
 
 def same_source(first: NamedEstimate, second: NamedEstimate) -> bool:
-    """Whether two estimates stand on the same recordings."""
+    """Whether two estimates stand on the same recordings, some of them at least."""
+    return _same_file(first, second) or bool(first.recordings & second.recordings)
+
+
+def _same_file(first: NamedEstimate, second: NamedEstimate) -> bool:
+    """Whether two estimates are of one file."""
     return bool(first.source) and first.source == second.source
 
 
 def shared_covariance(first: NamedEstimate, second: NamedEstimate) -> Array | None:
     """Joint covariance of two loads of one fit, shape (20, 20); None: they are not."""
-    of_one_fit = same_source(first, second) and first.estimate.method == second.estimate.method
+    of_one_fit = _same_file(first, second) and first.estimate.method == second.estimate.method
     if not of_one_fit or first.joint is None or first.load == second.load:
         return None
     if not {first.load, second.load} <= set(first.joint.loads):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from hashlib import sha256
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +69,9 @@ class Stream:
     forms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Quantity -> columns of the contract that it was read from; what was not read from a log has
     none."""
+    clock: str | None = None
+    """What its times were taken from: streams that name one and the same clock share its times, as
+    those of one file do; None: a clock of its own, whatever ``source`` says."""
 
     def __len__(self) -> int:
         return len(self.time)
@@ -229,6 +235,73 @@ class Experiment:
     """Whether the mass under ``known`` is an assumption, since nothing weighs the platform: first
     moment and inertia are told in multiples of it."""
 
+    @classmethod
+    def from_frames(
+        cls,
+        robot: Robot | str | Path,
+        instruments: Mapping[str, Instrument | Mapping[str, Any]],
+        runs: Mapping[str, Mapping[str, Any]],
+        *,
+        sync: Literal["auto"] | Mapping[str, float] | None = None,
+        clocks: Mapping[str, str] | None = None,
+        name: str | None = None,
+        known: Mapping[str, Any] | None = None,
+        loads: Mapping[str, Any] | None = None,
+        uncertainty: Mapping[str, Any] | None = None,
+        attached: Sequence[Mapping[str, Any]] | None = None,
+        drag: Mapping[str, Any] | None = None,
+        datum: Mapping[str, Any] | None = None,
+        weighed: bool = True,
+    ) -> Experiment:
+        """An experiment of what is in memory; it is checked as a file is.
+
+        Every stream is a frame of Polars or pandas, a mapping of names to arrays, or a structured
+        array of NumPy, with the columns of its kind; an array of several columns may stand under the
+        name of its quantity (``tension``, shape (n, m); ``position``, shape (n, 3);
+        ``orientation``, shape (n, 3, 3) or (n, 4)). Where names or units differ,
+        :class:`steelyard.RecordedFrame` says so.
+
+        Args:
+            robot: A robot, the name of a bundled one, or the path of its file.
+            instruments: Name -> instrument, such as ``steelyard.Tension(noise=5)``, or its keys.
+            runs: Name -> instrument -> stream; beside the streams the keys of a run: ``static``,
+                ``window``, ``load``, ``winches``, ``sync``.
+            sync: ``auto``: how far the clocks are apart is found from the data; instrument -> time
+                of one common event on its clock [s]; None: the clocks agree within their ``delay``.
+            clocks: Instrument -> name of its clock. Instruments of one clock share its times and its
+                error; so do those that read one and the same frame. Any other has a clock of its own.
+            name: Of the experiment.
+            known: As in an experiment file.
+            loads: The same.
+            uncertainty: The same.
+            attached: The same.
+            drag: The same.
+            datum: The same.
+            weighed: Whether a body is to be told by forces; else it is for a calibration.
+
+        Raises:
+            InputError: Anything that does not fit the contract.
+        """
+        # What reads an experiment needs this class.
+        assemble = import_module("steelyard.experiment.memory.from_frames").experiment_from_frames
+        experiment = assemble(
+            robot,
+            instruments,
+            runs,
+            sync=sync,
+            clocks=clocks,
+            weighed=weighed,
+            name=name,
+            known=known,
+            loads=loads,
+            uncertainty=uncertainty,
+            attached=attached,
+            drag=drag,
+            datum=datum,
+        )
+        assert isinstance(experiment, cls)
+        return experiment
+
     def __repr__(self) -> str:
         instruments = ", ".join(
             f"{printable(name)} ({each.kind})" for name, each in self.instruments.items()
@@ -338,6 +411,23 @@ class Experiment:
             self.robot.m,
         )
         return {name: values for name, (values, _) in columns.items()}
+
+    def digests(self) -> dict[str, str]:
+        """Run -> what tells its readings from all others, whatever their clocks: the beginning of
+        the SHA-256 of its forces, or of all that was measured where nobody reads forces.
+        """
+        found = {}
+        for run in self.runs:
+            force = self.force_instrument(run)
+            names = [n for n in run.streams if self.instruments[n].is_measurement]
+            if force is not None and not self.instruments[force].stands_in(self.robot.m):
+                names = [force]
+            digest = sha256()
+            for name in sorted(names):
+                for values in run.streams[name].values.values():
+                    digest.update(np.ascontiguousarray(values).tobytes())
+            found[run.name] = digest.hexdigest()[:16]
+        return found
 
     def to_polars(self, run: str, instrument: str, *, clock: ClockChoice = "own") -> pl.DataFrame:
         """The same as a frame of Polars, null where there is no sample."""

@@ -28,7 +28,7 @@ from steelyard.experiment.tables.dead_weights import with_weights_apart
 from steelyard.experiment.tables.seen_frequencies import with_frequencies_apart
 from steelyard.experiment.unread import with_unread_cables
 from steelyard.instruments import Instrument
-from steelyard.logs.log import NoRowsError
+from steelyard.logs.log import Log, NoRowsError
 from steelyard.processes import check_not_forked
 from steelyard.robot.file import PlatformForm, body_of_form, read_robot
 from steelyard.robot.model import DIRECTIONS, Robot
@@ -62,10 +62,38 @@ def read_experiment(path: str | Path, *, weighed: bool = True) -> Experiment:
     document = read_yaml(path)
     require_printable(document)
     form = validate(ExperimentForm, document)
-    robot = _described(form, document)
+    robot = read_robot(form.robot, document.path.parent)
+    experiment = assembled(form, robot, document, {}, weighed=weighed)
+    # The name of a folder may be bytes that are no text.
+    folder = printable(os.fsencode(path.parent.resolve().name).decode(errors="replace"))
+    experiment = replace(experiment, name=form.name or folder, source=str(path))
+    return experiment if weighed else _as_stated(experiment, form)
+
+
+def assembled(
+    form: ExperimentForm,
+    robot: Robot,
+    document: YamlDocument,
+    logs: Mapping[str, Log],
+    *,
+    weighed: bool,
+) -> Experiment:
+    """The experiment that a form describes, once everything about it has been looked at.
+
+    Args:
+        form: What is said of instruments and runs.
+        robot: That they were recorded on.
+        document: Where the form comes from; logs stand beside it.
+        logs: File of a stream -> log, where it is in memory.
+        weighed: See :func:`read_experiment`.
+
+    Raises:
+        InputError: Anything that does not fit the contract.
+    """
+    _check_described(form, robot, document)
     _check_loads(form, document)
-    runs = tuple(_read_run(i, run, form, robot, document) for i, run in enumerate(form.runs))
-    listed = _experiment(form, robot, runs, path)
+    runs = tuple(_read_run(i, run, form, robot, document, logs) for i, run in enumerate(form.runs))
+    listed = _experiment(form, robot, runs)
     experiment = with_unread_cables(with_weights_apart(with_frequencies_apart(listed)))
     if experiment.weights and not (experiment.runs or experiment.frequencies):
         raise document.error(
@@ -75,7 +103,7 @@ def read_experiment(path: str | Path, *, weighed: bool = True) -> Experiment:
     numbers = {run.name: i for i, run in enumerate(runs)}
     for run in experiment.runs:
         _check_run(experiment, run, document, ("runs", numbers[run.name]), weighed=weighed)
-    return experiment if weighed else _as_stated(experiment, form)
+    return experiment
 
 
 def _as_stated(experiment: Experiment, form: ExperimentForm) -> Experiment:
@@ -103,28 +131,32 @@ def read_plan(path: str | Path, *, weighed: bool = True) -> Experiment:
     require_printable(document)
     form = validate(PlanForm, document)
     if not weighed:
-        planned = _experiment(form, _described(form, document), (), path)
-        return _as_stated(planned, form)
+        return _as_stated(_planned(form, document), form)
     if form.runs and any(
         i.rate is None and not (i.commanded or i.tabular) for i in form.instruments.values()
     ):
         return read_experiment(path)
-    listed = _experiment(form, _described(form, document), (), path)
+    listed = _planned(form, document)
     return with_weights_apart(with_frequencies_apart(listed))
 
 
-def _described(form: ExperimentForm, document: YamlDocument) -> Robot:
-    """The robot, once it has been seen that instruments and runs go with it."""
-    robot = read_robot(form.robot, document.path.parent)
+def _check_described(form: ExperimentForm, robot: Robot, document: YamlDocument) -> None:
+    """See that instruments and runs go with the robot."""
     _check_names(form, document)
     _check_datum(form, robot, document)
     check_instruments(form.instruments, robot, document)
-    return robot
 
 
-def _experiment(
-    form: ExperimentForm, robot: Robot, runs: tuple[Run, ...], path: Path
-) -> Experiment:
+def _planned(form: PlanForm, document: YamlDocument) -> Experiment:
+    """Robot and instruments without recordings."""
+    robot = read_robot(form.robot, document.path.parent)
+    _check_described(form, robot, document)
+    folder = os.fsencode(document.path.parent.resolve().name).decode(errors="replace")
+    name, source = form.name or folder, str(document.path)
+    return replace(_experiment(form, robot, ()), name=name, source=source)
+
+
+def _experiment(form: ExperimentForm, robot: Robot, runs: tuple[Run, ...]) -> Experiment:
     """The experiment, once all of its parts are read."""
     loads = tuple(
         Load(
@@ -141,9 +173,7 @@ def _experiment(
         loads = (first, *loads[1:])
         robot = replace(robot, platform=first.nominal)
     return Experiment(
-        # The name of a folder may be bytes that are no text.
-        name=form.name
-        or printable(os.fsencode(path.parent.resolve().name).decode(errors="replace")),
+        name=form.name or "experiment",
         robot=robot,
         instruments=form.instruments,
         runs=runs,
@@ -152,7 +182,6 @@ def _experiment(
         uncertainty=form.uncertainty.of_robot,
         surroundings=form.surroundings,
         datum=None if form.datum is None else Datum(form.datum.anchors or (), form.datum.pose),
-        source=str(path),
     )
 
 
@@ -418,7 +447,12 @@ def _check_writing(name: str, instrument: Instrument, robot: Robot, document: Ya
 
 
 def _read_run(
-    i: int, form: RunForm, whole: ExperimentForm, robot: Robot, document: YamlDocument
+    i: int,
+    form: RunForm,
+    whole: ExperimentForm,
+    robot: Robot,
+    document: YamlDocument,
+    logs: Mapping[str, Log],
 ) -> Run:
     """Read the streams of a run, of a window only what it needs."""
     key = ("runs", i)
@@ -435,6 +469,7 @@ def _read_run(
             stream.columns,
             stream.units,
             stream.scale,
+            logs.get(stream.file),
         ).of_all_runs(whole.instruments[name])
         for name, stream in form.streams.items()
     }

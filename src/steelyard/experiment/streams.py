@@ -5,6 +5,7 @@ contract has them.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -46,6 +47,16 @@ class StreamPlace:
     states."""
     scale: Mapping[str, float] = field(default_factory=dict)
     """The same -> what they are multiplied by, after their unit."""
+    log: Log | None = None
+    """Where it is no file: what has been handed over in memory."""
+
+    def opened(self) -> AbstractContextManager[Log]:
+        """The log, open for reading.
+
+        Raises:
+            InputError: It cannot be opened.
+        """
+        return open_log(self.path, self.topic) if self.log is None else nullcontext(self.log)
 
     def of_all_runs(self, instrument: Instrument) -> StreamPlace:
         """With the columns that the instrument says are exchanged in all runs."""
@@ -78,7 +89,7 @@ def read_stream(
             backwards.
     """
     path = place.path
-    with open_log(path, place.topic) as log:
+    with place.opened() as log:
         place = _as_named(log, place)
         claimed = {log.spellings.get(name, name) for name in claimed}
         needed = needed_columns(instrument, m, place.columns)
@@ -127,7 +138,7 @@ def read_stream(
         values[quantity.name] = _rotations(where, form, raw) if quantity.rotation else raw
         if quantity.rotation and len(form) == 3:
             angles[quantity.name] = raw
-    return Stream(time, values, str(path), angles, forms)
+    return Stream(time, values, str(path), angles, forms, str(path))
 
 
 def stream_of_columns(
@@ -179,7 +190,7 @@ def first_time(place: StreamPlace) -> float:
     Raises:
         InputError: See :func:`read_stream`.
     """
-    with open_log(place.path, place.topic) as log:
+    with place.opened() as log:
         names = _Names(log, _as_named(log, place), list(log.names))
         timed = names.time()
         return float(log.read([timed], rows=1)[timed][0] * names.factor("t", "s"))

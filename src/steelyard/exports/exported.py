@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from hashlib import sha256
 from importlib.metadata import version
@@ -15,6 +16,9 @@ from steelyard.estimates.estimate import Estimate, judge
 from steelyard.estimates.estimate_file import ALL, read_estimates
 from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.inertia import BODY_PARAMETERS, Inertia
+
+_LINK = re.compile(r"[A-Za-z_][\w\-/]{0,99}", re.ASCII)
+"""Names that every format takes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +36,15 @@ class Exported:
     """Whether the covariance is known, and not the 1-sigmas alone."""
     version: str = field(default_factory=lambda: version("steelyard"))
     """Of steelyard."""
+    link: str = "platform"
+    """Name of the body, in formats that have names."""
+
+    def __post_init__(self) -> None:
+        if not _LINK.fullmatch(self.link):
+            raise InputError(
+                f"--link: expected a name of letters, digits, '_', '-' and '/', found '{self.link}';"
+                " choose another"
+            )
 
     @property
     def source(self) -> str:
@@ -57,7 +70,7 @@ class Exported:
         if body is None:
             raise InputError(
                 f"{self.where}: expected all ten parameters of a body, found none for"
-                f" {', '.join(self.unidentifiable)}; choose another --method, or record more motion"
+                f" {', '.join(self.unidentifiable)}; choose another method, or record more motion"
             )
         return body
 
@@ -150,7 +163,7 @@ def check(exported: Exported, *, title: str, whole: bool, anyway: bool) -> None:
         )
         raise InputError(
             f"{exported.where}: expected all ten parameters of a body, found that the data do not"
-            f" tell {', '.join(unidentifiable)}; choose another --method or record more motion"
+            f" tell {', '.join(unidentifiable)}; choose another method or record more motion"
             f" ('steelyard design' finds it); {help_}"
         )
     if exported.doubts and not anyway:
@@ -159,5 +172,5 @@ def check(exported: Exported, *, title: str, whole: bool, anyway: bool) -> None:
         raise InputError(
             f"{exported.where}: expected an accepted estimate of a body that can exist, found"
             f" {found} ({'; '.join(exported.doubts)}); correct what is named there, choose"
-            " another --method, or export it all the same with --anyway"
+            " another method, or export it all the same with --anyway"
         )

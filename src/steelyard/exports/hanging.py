@@ -17,6 +17,7 @@ from steelyard.dynamics import platform_wrench
 from steelyard.errors import InfeasibleError, InputError
 from steelyard.excitation.limits.rest_poses import listed_numbers, workspace_grid
 from steelyard.inertia import Inertia
+from steelyard.natural_frequencies.modes import natural
 from steelyard.robot import cable
 from steelyard.robot.kinematics import attachments_at, cables_at
 from steelyard.robot.model import Robot
@@ -25,7 +26,7 @@ from steelyard.rotations import cross_matrices
 from steelyard.simulation.trajectories import workspace_of
 
 LEAST_CABLES = 6
-"""With fewer a pose cannot be chosen."""
+"""With fewer the body comes to rest beside a pose that is chosen."""
 ASSUMED_STRAIN = 1e-3
 """Of the tightest cable at rest, where the robot file says no stiffness."""
 _TIME_STEPS = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)
@@ -109,16 +110,17 @@ def hang(robot: Robot, body: Inertia, pose: ArrayLike | None = None) -> Hanging:
         robot: Its cables are taken as straight and massless.
         body: That it carries, one that can exist.
         pose: x, y, z [m], roll, pitch, yaw [rad], shape (6,); None: level, as near to the middle of
-            the workspace as the cables can hold it.
+            the workspace as the cables can hold it. With fewer than six cables they get the lengths
+            of this pose, and the body comes to rest beside it.
 
     Raises:
-        InputError: The robot has too few cables, the body cannot exist, or the cables cannot hold
+        InputError: The robot has no cables, the body cannot exist, or the cables cannot hold
             it there.
     """
-    if robot.m < LEAST_CABLES:
+    if not robot.m:
         raise InputError(
-            f"--robot: expected at least {LEAST_CABLES} cables, found {robot.m} on '{robot.name}';"
-            " export the platform alone, without --robot"
+            f"--robot: expected a robot with cables, found none on '{robot.name}'; export the platform"
+            " alone, without a robot"
         )
     if not body.is_physical:
         raise InputError(
@@ -130,6 +132,8 @@ def hang(robot: Robot, body: Inertia, pose: ArrayLike | None = None) -> Hanging:
             f"--pose: expected six finite numbers, found {' '.join(map(str, np.ravel(pose)))};"
             " correct it"
         )
+    if robot.m < LEAST_CABLES:
+        return _swinging(robot, body, pose)
     poses = workspace_grid(robot) if pose is None else readonly(np.atleast_2d(pose), (1, 6), "pose")
     rotations = Rotation.from_euler("ZYX", poses[:, :2:-1]).as_matrix()
     straight = robot.with_straight_cables()
@@ -157,6 +161,16 @@ def hang(robot: Robot, body: Inertia, pose: ArrayLike | None = None) -> Hanging:
         f" kg with {low:g} to {high:g} N, found {found}; {cure}, or export the platform alone,"
         " without --robot"
     )
+
+
+def _swinging(robot: Robot, body: Inertia, pose: ArrayLike | None) -> Hanging:
+    """A body that comes to rest on fewer than six cables."""
+    chosen = workspace_of(robot)[0] * [1, 1, 1, 0, 0, 0] if pose is None else np.asarray(pose)
+    straight = robot.with_straight_cables()
+    rest = natural(straight, body, pose=chosen).rest
+    place, tension = rest.place, np.maximum(rest.tension, 0.0)
+    structure = cables_at(straight, place.position[None], place.rotation[None], tension).structure
+    return _hanging(robot, body, place.position, place.rotation, structure[0], tension)
 
 
 def _hanging(

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from steelyard.exports.exported import Exported
-from steelyard.exports.hanging import ASSUMED_STRAIN, Hanging
+from steelyard.exports.hanging import ASSUMED_STRAIN, LEAST_CABLES, Hanging
 from steelyard.exports.remarks import number, numbers, remarks
 from steelyard.exports.xml_text import xml_text
 from steelyard.imports.sources import printable
@@ -27,7 +27,7 @@ _WIDTH = "0.01"  # [m], of cables in pictures; a real one cannot be seen
 
 def write(exported: Exported) -> str:
     """The text of the file: the platform, free in space."""
-    root = Element("mujoco", model="platform")
+    root = Element("mujoco", model=exported.link)
     _platform(SubElement(root, "worldbody"), exported)
     return xml_text(root, remarks(exported, CONVENTION))
 
@@ -74,6 +74,12 @@ def write_robot(exported: Exported, hanging: Hanging) -> str:
             # Nothing added must be allowed, also where a tension is at its limit but for rounding.
             least, most = min(0.0, low - hanging.tension[i]), max(0.0, high - hanging.tension[i])
             motor.set("ctrlrange", numbers((least, most)))
+    sensors = SubElement(root, "sensor")
+    for i in range(robot.m):
+        cable = f"cable_{i + 1}"
+        SubElement(sensors, "tendonpos", name=f"length_{i + 1}", tendon=cable)
+        SubElement(sensors, "tendonvel", name=f"rate_{i + 1}", tendon=cable)
+        SubElement(sensors, "actuatorfrc", name=f"added_{i + 1}", actuator=f"pull_{i + 1}")
     home = {"name": "home", "qpos": numbers((*hanging.position, *hanging.quaternion))}
     SubElement(SubElement(root, "keyframe"), "key", home)
     return xml_text(root, remarks(exported, (*CONVENTION, *_robot_remarks(hanging))))
@@ -82,8 +88,8 @@ def write_robot(exported: Exported, hanging: Hanging) -> str:
 def _platform(world: Element, exported: Exported) -> Element:
     """The body."""
     inertial = exported.body.to_mujoco()
-    platform = SubElement(world, "body", name="platform")
-    SubElement(platform, "freejoint", name="platform")
+    platform = SubElement(world, "body", name=exported.link)
+    SubElement(platform, "freejoint", name=exported.link)
     pos, fullinertia = numbers(inertial.pos), numbers(inertial.fullinertia)
     SubElement(platform, "inertial", mass=number(inertial.mass), pos=pos, fullinertia=fullinertia)
     return platform
@@ -118,6 +124,16 @@ def _robot_remarks(hanging: Hanging) -> Iterator[str]:
         " command tensions alone set model.tendon_stiffness[:] = 0 and take the ranges off. A"
         " negative ctrl, and damping, pushes where a cable is slack; a real one does not."
     )
+    yield (
+        "Sensors length_i, rate_i and added_i: what a force sensor in cable i reads is stiffness"
+        " max(length - springlength, 0) + damping rate + added; MuJoCo has no sensor of the pull of a"
+        " spring itself."
+    )
+    if robot.m < LEAST_CABLES:
+        yield (
+            f"{robot.m} cables do not fix a pose: the platform swings about the one in which it comes"
+            " to rest."
+        )
     tensions = ", ".join(f"{value:.5g}" for value in hanging.tension)
     lengths = ", ".join(f"{value:.6g}" for value in hanging.length)
     yield (

@@ -55,6 +55,11 @@ def remarks(exported: Exported, convention: Sequence[str]) -> list[str]:
     return lines
 
 
+def one_line(text: str) -> str:
+    """Text for a comment of a language of which every control system takes plain letters only."""
+    return "".join(c if c.isascii() and c.isprintable() else "_" for c in text)
+
+
 def _wrapped(text: str) -> list[str]:
     """A paragraph in lines, a table row as it is; what follows a dash is indented."""
     if text.startswith(" "):

@@ -31,7 +31,7 @@ def write(exported: Exported) -> str:
     """The text of the file: a model of one link."""
     inertial = exported.body.to_urdf()
     root = Element("sdf", version=VERSION)
-    link = SubElement(SubElement(root, "model", name="platform"), "link", name="platform")
+    link = SubElement(SubElement(root, "model", name=exported.link), "link", name=exported.link)
     element = SubElement(link, "inertial")
     SubElement(element, "mass").text = number(inertial.mass)
     SubElement(element, "pose").text = f"{numbers(inertial.origin_xyz)} 0 0 0"

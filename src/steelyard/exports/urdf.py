@@ -22,8 +22,8 @@ CONVENTION = (
 def write(exported: Exported) -> str:
     """The text of the file: a robot of one link."""
     inertial = exported.body.to_urdf()
-    root = Element("robot", name="platform")
-    element = SubElement(SubElement(root, "link", name="platform"), "inertial")
+    root = Element("robot", name=exported.link)
+    element = SubElement(SubElement(root, "link", name=exported.link), "inertial")
     SubElement(element, "origin", xyz=numbers(inertial.origin_xyz), rpy="0 0 0")
     SubElement(element, "mass", value=number(inertial.mass))
     moments = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

@@ -21,6 +21,7 @@ from steelyard.estimates.estimate import (
     no_estimate,
     per_mass_rows,
 )
+from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.unread import is_unread
 from steelyard.identification.by_frequencies import by_frequencies
@@ -117,6 +118,7 @@ class Identification(Tabular):
             "nominal": self.nominal.to_dict() if self.nominal else None,
             "result": self.result,
             "estimates": {name: estimate.to_dict() for name, estimate in self.estimates.items()},
+            **({"recordings": self.recorded.digests()} if self.recorded else {}),
             **(
                 {"attainable": {"standard_deviation": named(self.bound.standard_deviation)}}
                 if self.bound
@@ -196,8 +198,8 @@ class Identification(Tabular):
 
 
 def identify(
-    experiment: Experiment,
-    methods: str | Sequence[Method | str] = (),
+    experiment: GivenExperiment,
+    methods: str | Method | Sequence[Method | str] = (),
     progress: Progress = None,
     *,
     holdout: Sequence[str] = (),
@@ -206,7 +208,7 @@ def identify(
     """Estimate the inertial parameters of the platform.
 
     Args:
-        experiment: With at least one run.
+        experiment: With at least one run, or the path of its file.
         methods: Estimators or names of them (``two-step``, ``force-free``, ``least-squares``,
             ``instrumental-variables``, ``consistent``, ``recursive``, ``maximum-likelihood``,
             ``all``); none: the
@@ -219,7 +221,9 @@ def identify(
     Raises:
         InputError: A run lacks what a method needs, or there is no run or no method of a name.
     """
-    methods = [methods] if isinstance(methods, str) else methods
+    experiment = experiment_of(experiment)
+    methods = [methods] if isinstance(methods, str) or callable(methods) else methods
+    holdout = [holdout] if isinstance(holdout, str) else holdout
     chosen = chosen_methods(methods or default_methods(experiment), ready)
     if ALL in methods:
         chosen = [each for each in chosen if not (each.is_baseline and each.lack(experiment))]
@@ -369,9 +373,14 @@ def chosen_methods(
         InputError: There is none of a name.
     """
     own = ready or {}
+    if not isinstance(methods, Sequence):
+        raise InputError(
+            "--method: expected names of methods or estimators, found"
+            f" {type(methods).__name__}; give a list of them"
+        )
     chosen: dict[str | int, Method] = {}
     for i, method in enumerate(methods or (TwoStep.name, MaximumLikelihood.name)):
-        if not isinstance(method, str):
+        if callable(method):
             chosen[i] = method
             continue
         if method != ALL and method not in AVAILABLE:

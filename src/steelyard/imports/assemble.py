@@ -14,7 +14,7 @@ from steelyard.imports.description import Cable, Convention, Description, Point
 from steelyard.imports.imported import Imported
 from steelyard.imports.nominal_body import nominal_body
 from steelyard.imports.sources import printable
-from steelyard.robot.file import platform_values, robot_of
+from steelyard.robot.file import platform_values, robot_file, robot_of
 from steelyard.robot.model import Robot
 from steelyard.yaml_file import YamlDocument
 
@@ -27,7 +27,11 @@ _LONGEST_NAME = 100
 
 
 def assemble(
-    description: Description, *, products: Convention | None, about: Point | None
+    description: Description,
+    *,
+    products: Convention | None,
+    about: Point | None,
+    robot: Robot | None = None,
 ) -> Imported:
     """Make a robot file.
 
@@ -35,11 +39,14 @@ def assemble(
         description: What the files say.
         products: What the products of inertia are, above what the format says.
         about: About which point the inertia is, where the format does not say.
+        robot: Whose platform it is, where the files say nothing of cables.
 
     Raises:
         InputError: This can be no robot file, or something must be said that the files do not say.
     """
     cables = description.cables
+    if description.alone:
+        return _platform(description, products, about, robot)
     _check_anchors(description)
     tension, tension_notes = _tension(cables)
     properties, property_notes = _properties(cables)
@@ -70,6 +77,41 @@ def assemble(
         robot=robot,
         convention=None if body is None else body.convention,
         notes=(*notes, *tension_notes, *property_notes, *_missing(robot)),
+    )
+
+
+def _platform(
+    description: Description,
+    products: Convention | None,
+    about: Point | None,
+    robot: Robot | None,
+) -> Imported:
+    """A robot file of a body alone, or of a robot whose platform it is."""
+    assert description.body is not None
+    body = nominal_body(description.body, products=products, about=about)
+    notes = [*description.notes, *body.notes]
+    if robot is None:
+        name = printable(description.files[0].stem)
+        values: dict[str, Any] = {"name": name, "gravity": _GRAVITY, "cables": []}
+        notes.append(
+            "no cables: a body on a wrench sensor; name the robot that it belongs to with --robot"
+        )
+        notes.append(f"gravity {_GRAVITY} m/s^2 along -z is assumed: the files do not say")
+    else:
+        values = robot_file(robot)
+        notes.append(
+            f"cables, limits and gravity are those of robot '{printable(robot.name)}'; the frame of"
+            " the body is taken as the one that its attachments stand in"
+        )
+    values["platform"] = platform_values(body.inertia)
+    made = robot_of(YamlDocument(description.files[0], values, {}))
+    return Imported(
+        format=description.format,
+        files=description.files,
+        values=values,
+        robot=made,
+        convention=body.convention,
+        notes=tuple(notes),
     )
 
 

@@ -81,3 +81,5 @@ class Description:
     """As in the robot file."""
     notes: tuple[str, ...] = ()
     """What was left out of the files, assumed or chosen."""
+    alone: bool = False
+    """Whether the format is one of a platform, without cables."""

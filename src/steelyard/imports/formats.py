@@ -7,12 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from steelyard.errors import InputError
-from steelyard.imports import caspr, cdpyr, irma, ros
+from steelyard.imports import body_model, caspr, cdpyr, hangprinter, irma, ros
 from steelyard.imports.assemble import assemble
 from steelyard.imports.description import Convention, Description, Point
 from steelyard.imports.imported import Imported
 from steelyard.imports.sources import Source, printable, read_source
+from steelyard.imports.text_file import TextFile
 from steelyard.imports.xml_file import Element
+from steelyard.robot.file import read_robot
+from steelyard.robot.model import Robot
 
 _MOST_NAMED = 6
 """Files that a message names."""
@@ -41,6 +44,12 @@ FORMATS = {
         cdpyr.recognises, cdpyr.describe, "'frame', 'platforms' and 'kinematic_chains'"
     ),
     ros.NAME: RobotFormat(ros.recognises, ros.describe, "'points' with 'frame' and 'platform'"),
+    hangprinter.NAME: RobotFormat(
+        hangprinter.recognises, hangprinter.describe, "'M669 K6' or 'anchor_x' in .g or .cfg"
+    ),
+    body_model.NAME: RobotFormat(
+        body_model.recognises, body_model.describe, "roots 'robot' and 'mujoco', with --robot"
+    ),
 }
 
 
@@ -50,6 +59,7 @@ def import_robot(
     products: Convention | None = None,
     about: Point | None = None,
     cable_set: str | None = None,
+    robot: Robot | str | Path | None = None,
 ) -> Imported:
     """Make a robot file of the files of another program.
 
@@ -58,6 +68,7 @@ def import_robot(
         products: What the products of inertia are, above what the format says.
         about: About which point the inertia is, where the format does not say.
         cable_set: Which cables, where the files have several sets of them.
+        robot: Whose platform the files describe, where they say nothing of cables.
 
     Raises:
         InputError: A file is wrong or of no known format, this can be no robot file, or something
@@ -77,7 +88,13 @@ def import_robot(
             f"--cables: expected none, as {names[0]} has one set of cables, found"
             f" '{printable(cable_set)}'; leave it out"
         )
-    return assemble(chosen.describe(sources, cable_set), products=products, about=about)
+    description = chosen.describe(sources, cable_set)
+    if robot is not None and description.cables:
+        raise InputError(
+            f"--robot: expected none, as {names[0]} has cables of its own, found one; leave it out"
+        )
+    owner = robot if robot is None or isinstance(robot, Robot) else read_robot(robot)
+    return assemble(description, products=products, about=about, robot=owner)
 
 
 def _format_of(source: Source) -> str:
@@ -93,6 +110,8 @@ def _format_of(source: Source) -> str:
 def _content(source: Source) -> str:
     if isinstance(source, Element):
         return f"XML with the root '{printable(source.tag)}'"
+    if isinstance(source, TextFile):
+        return "lines without anchors"
     if isinstance(source.data, dict):
         keys = [f"'{printable(key)}'" for key in list(source.data)[:_MOST_NAMED]]
         return f"the keys {', '.join(keys)}" if keys else "no keys"

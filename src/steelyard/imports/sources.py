@@ -13,10 +13,11 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict
 from steelyard import display
 from steelyard.errors import InputError
 from steelyard.imports.description import Vector
+from steelyard.imports.text_file import ENDINGS, TextFile, read_lines
 from steelyard.imports.xml_file import Element, read_xml
 from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, require_file
 
-Source = Element | YamlDocument
+Source = Element | YamlDocument | TextFile
 
 _HEAD = 1024
 """Bytes that show whether a file is XML."""
@@ -55,6 +56,8 @@ def read_source(path: Path) -> Source:
             YAML.
     """
     require_file(path)
+    if path.suffix.lower() in ENDINGS:
+        return read_lines(path)
     with path.open("rb") as file:
         head = file.read(_HEAD)
     utf_16 = head.startswith((b"\xff\xfe", b"\xfe\xff"))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, no_estimate
+from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment
 from steelyard.identification.identify import Identification, chosen_methods, default_methods
 from steelyard.identification.identify import identify as estimate_all
@@ -20,8 +21,8 @@ from steelyard.inspection.settings import INSPECTION, InspectionSettings
 
 
 def identify(
-    experiment: Experiment,
-    methods: str | Sequence[Method | str] = (),
+    experiment: GivenExperiment,
+    methods: str | Method | Sequence[Method | str] = (),
     progress: Progress = None,
     *,
     holdout: Sequence[str] = (),
@@ -36,7 +37,7 @@ def identify(
     :attr:`.Identification.amendment`. Methods that fit a model are not begun then; baselines run.
 
     Args:
-        experiment: With at least one run.
+        experiment: With at least one run, or the path of its file.
         methods: Estimators or names of them (``two-step``, ``force-free``, ``least-squares``,
             ``instrumental-variables``, ``consistent``, ``recursive``, ``maximum-likelihood``,
             ``all``); none: the best there is, with the two steps of the paper beside it, or
@@ -51,7 +52,8 @@ def identify(
     Raises:
         InputError: A run lacks what a method needs, or there is no run or no method of a name.
     """
-    names = [methods] if isinstance(methods, str) else methods
+    experiment = experiment_of(experiment)
+    names = [methods] if isinstance(methods, str) or callable(methods) else methods
     chosen = chosen_methods(names or default_methods(experiment), ready)
     clocks, check = _checked(experiment, progress, settings)
     if check.mistakes and not anyway:

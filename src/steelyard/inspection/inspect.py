@@ -10,6 +10,7 @@ import numpy as np
 
 from steelyard.display import printable
 from steelyard.errors import InputError
+from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.calibration_parameters import gather
 from steelyard.identification.samples.preparation import prepare
@@ -153,7 +154,7 @@ def _excitation_dict(found: Excitation) -> dict[str, Any]:
 
 
 def inspect(
-    experiment: Experiment,
+    experiment: GivenExperiment,
     progress: Progress | None = None,
     *,
     settings: InspectionSettings = INSPECTION,
@@ -161,7 +162,7 @@ def inspect(
     """Look at the recordings of an experiment.
 
     Args:
-        experiment: With at least one run.
+        experiment: With at least one run, or the path of its file.
         progress: Called with what is being done and the fraction that is done.
         settings: How much is looked at, and what is named.
 
@@ -169,6 +170,7 @@ def inspect(
         InputError: What an estimator would fail on.
     """
     progress = progress or (lambda what, fraction: None)
+    experiment = experiment_of(experiment)
     progress("finding the clocks", 0.0)
     hints = tuple(
         text for run in experiment.runs for text in of_times(experiment, run, settings.remarks)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, ValidatorFunctionWrapHandler, WrapValidator
 
 from steelyard.instruments.attitude import Attitude as Attitude
 from steelyard.instruments.base import Instrument as Instrument
@@ -20,6 +21,33 @@ from steelyard.instruments.swing_frequencies import SwingFrequencies as SwingFre
 from steelyard.instruments.tension import Tension as Tension
 from steelyard.instruments.weight import Weight as Weight
 from steelyard.instruments.wrench import Wrench as Wrench
+from steelyard.plugins.provided import provided
+
+KINDS = frozenset(
+    [
+        *("tension", "wrench", "imu", "attitude", "position", "pose", "length", "distance"),
+        *("command", "frequencies", "weight"),
+    ]
+)
+"""Those of this package."""
+
+
+def _of_kind(value: Any, by_table: ValidatorFunctionWrapHandler) -> Any:
+    """An instrument of a kind of the table, or of one that another package provides."""
+    if isinstance(value, Instrument):
+        return value
+    kind = value.get("kind") if isinstance(value, Mapping) else None
+    if isinstance(kind, str) and kind not in KINDS:
+        found = provided("instruments", kind)
+        if found is not None:
+            if not (isinstance(found, type) and issubclass(found, Instrument)):
+                raise ValueError(
+                    f"expected that kind '{kind}' of another package is an instrument, found"
+                    f" {found!r}; correct that package"
+                )
+            return found.model_validate(value)
+    return by_table(value)
+
 
 AnyInstrument = Annotated[
     Tension
@@ -34,5 +62,6 @@ AnyInstrument = Annotated[
     | SwingFrequencies
     | Weight,
     Field(discriminator="kind"),
+    WrapValidator(_of_kind),
 ]
-"""Every kind, told apart by its key ``kind``."""
+"""Every kind, told apart by its key ``kind``; kinds of other packages too."""

@@ -18,6 +18,7 @@ from steelyard.logs.messages.recording import Recording
 from steelyard.logs.messages.topic_table import log_of_topic
 from steelyard.logs.text import reader as text
 from steelyard.logs.text.plain import readable
+from steelyard.plugins.provided import provided
 from steelyard.yaml_file import require_file
 
 
@@ -156,6 +157,9 @@ def _format(path: Path) -> LogFormat:
         )
     ending = ending_of(path)
     if ending is None:
+        opened = provided("logs", path.suffix.lower().removeprefix("."))
+        if opened is not None:
+            return _one_table(f"'{path.suffix}'", opened)
         raise InputError(
             f"{path}: expected a log in one of the formats {', '.join(FORMATS)}, found"
             f" '{path.suffix}'; convert it to CSV"

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from steelyard.estimates.geometry import FoundGeometry
 from steelyard.inertia import BODY_PARAMETERS, TEN, Inertia
 from steelyard.natural_frequencies.hanging_body import Place
 from steelyard.natural_frequencies.modes import NaturalModes, by_points, natural, sensitivity
+from steelyard.robot.file import read_robot
 from steelyard.robot.model import DIRECTIONS, Robot
 
 FORMAT = "steelyard-frequencies/1"
@@ -79,7 +81,7 @@ class Frequencies:
 
 
 def frequencies(
-    robot: Robot,
+    robot: Robot | str | Path,
     body: Inertia | Estimate | None = None,
     *,
     pose: ArrayLike | None = None,
@@ -89,7 +91,7 @@ def frequencies(
     """Natural frequencies about the equilibrium on cables of constant length.
 
     Args:
-        robot: With its cables.
+        robot: With its cables; or the name of a bundled one, or the path of its file.
         body: That hangs on them, or an estimate of it; None: the nominal platform.
         pose: x, y, z [m], roll, pitch, yaw [rad]: the cables have the lengths of this pose; with
             fewer than six cables the body then comes to rest beside it, shape (6,).
@@ -101,6 +103,7 @@ def frequencies(
         InputError: Neither pose nor lengths, or both; no equilibrium; a body that is not known well
             enough; no stiffness where it is needed.
     """
+    robot = robot if isinstance(robot, Robot) else read_robot(robot)
     known, covariance, weighed = _body(robot, body)
     if elastic and not weighed:
         raise InputError(

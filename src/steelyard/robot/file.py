@@ -25,7 +25,7 @@ _LIBRARY = resources.files("steelyard.robot") / "library"
 """Folder of the bundled robots."""
 _CLOSEST_ANCHORS = 1e-6
 """Distance of two anchors below which they are one [m]."""
-_MOST_CABLES = 64
+MOST_CABLES = 64
 """Far above any robot: a longer list is a mistake."""
 
 
@@ -117,7 +117,7 @@ class RobotForm(FileModel):
     name: str
     gravity: Positive | Vector = 9.81
     """Downwards, or a vector in the world frame where that is tilted [m/s^2]."""
-    cables: tuple[CableForm, ...] = Field(max_length=_MOST_CABLES)
+    cables: tuple[CableForm, ...] = Field(max_length=MOST_CABLES)
     """In the order of the force sensors; [] is a body on a wrench sensor."""
     cable: CablePropertiesForm = CablePropertiesForm()
     """What all cables are made of."""

@@ -6,9 +6,11 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, readonly
 from steelyard.display import printable
+from steelyard.errors import WrongValueError
 from steelyard.inertia import Inertia
 
 DIRECTIONS = 6
@@ -29,6 +31,13 @@ class CableProperties:
     damping_ratio: float = 0.02
     """Of each cable as a spring with a quarter of the platform's mass; for simulation only."""
 
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if value is not None and not (np.ndim(value) == 0 and np.isreal(value) and value >= 0):
+                raise WrongValueError(
+                    f"cable: '{name}': expected a number at least 0, found {value!r}; correct it"
+                )
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -48,6 +57,25 @@ class Limits:
     """[rad/s^2]"""
     cable_speed: float | None = None
     """At which winches feed a cable [m/s]."""
+
+    def __post_init__(self) -> None:
+        """Boxes as tuples, whatever sequence they came as."""
+        for name, value in vars(self).copy().items():
+            if value is None:
+                continue
+            if name not in ("position", "rpy"):
+                if not float(readonly(value, (), f"limits: '{name}'")) > 0:
+                    raise WrongValueError(
+                        f"limits: '{name}': expected a number above 0, found {value}; correct it"
+                    )
+                continue
+            low, high = readonly(value, (2, 3), f"limits: '{name}'")
+            if not (low < high).all():
+                raise WrongValueError(
+                    f"limits: '{name}': expected the lowest corner first, then the highest, found"
+                    f" {low.tolist()} and {high.tolist()}; correct it"
+                )
+            object.__setattr__(self, name, (tuple(low.tolist()), tuple(high.tolist())))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,15 +106,18 @@ class Robot:
 
     def __post_init__(self) -> None:
         """Bring all arrays into their shapes, axes to unit length."""
-        anchors = readonly(np.reshape(self.anchors, (-1, 3)), (None, 3), "anchors")
+        anchors = _points(self.anchors, "anchors")
         m = len(anchors)
-        no_pulleys = np.size(self.pulley_radius) == 0
-        radius = np.zeros(m) if no_pulleys else self.pulley_radius
-        axis = np.tile([0.0, 0.0, 1.0], (m, 1)) if no_pulleys else np.asarray(self.pulley_axis)
-        axis = axis / np.linalg.norm(axis, axis=1, keepdims=True) if m else np.zeros((0, 3))
+        radius = np.zeros(m) if np.size(self.pulley_radius) == 0 else self.pulley_radius
+        if np.ndim(radius) == 0:
+            # Alike at all cables.
+            radius = np.broadcast_to(np.asarray(radius, dtype=np.float64), (m,))
+        axis = np.tile([0.0, 0.0, 1.0], (m, 1))
+        if np.size(self.pulley_axis):
+            axis = _directions(self.pulley_axis, m)
         for name, value, shape in (
             ("anchors", anchors, (m, 3)),
-            ("attachments", np.reshape(self.attachments, (-1, 3)), (m, 3)),
+            ("attachments", _points(self.attachments, "attachments"), (m, 3)),
             ("gravity", self.gravity, (3,)),
             ("pulley_radius", radius, (m,)),
             ("pulley_axis", axis, (m, 3)),
@@ -95,6 +126,36 @@ class Robot:
         if self.covariance is not None:
             own = readonly(self.covariance, (6 * m, 6 * m), "covariance")
             object.__setattr__(self, "covariance", own)
+
+        self._check()
+
+    def _check(self) -> None:
+        """Refuse what no robot has.
+
+        Raises:
+            WrongValueError: Tension limits, radii or properties of the cables are none.
+        """
+        limits = np.asarray(self.tension_limits, dtype=np.float64)
+        if limits.shape != (2,) or not 0 <= limits[0] < limits[1]:
+            raise WrongValueError(
+                "tension_limits: expected the lowest and the highest tension [N], found"
+                f" {self.tension_limits}; correct them"
+            )
+        if (self.pulley_radius < 0).any():
+            raise WrongValueError(
+                f"pulley_radius: expected radii of 0 or more [m], found"
+                f" {float(self.pulley_radius.min()):g}; correct it"
+            )
+        for name, value, kind in (
+            ("cable", self.cable, CableProperties),
+            ("limits", self.limits, Limits),
+            ("platform", self.platform, Inertia),
+        ):
+            if not isinstance(value, kind) and (value is not None or name != "platform"):
+                raise WrongValueError(
+                    f"{name}: expected steelyard.{kind.__name__}(…), found {type(value).__name__};"
+                    " correct it"
+                )
 
     @property
     def m(self) -> int:
@@ -128,6 +189,26 @@ class Robot:
     def with_straight_cables(self) -> Robot:
         """The same robot with massless cables, hence straight, as the paper assumes them."""
         return _with_straight_cables(self) if self.cable.linear_density else self
+
+
+def _points(values: ArrayLike, name: str) -> Array:
+    """Points, also where there are none, shape (m, 3)."""
+    return np.zeros((0, 3)) if np.size(values) == 0 else readonly(values, (None, 3), name)
+
+
+def _directions(values: ArrayLike, m: int) -> Array:
+    """Unit vectors, one for all cables or one each, shape (m, 3).
+
+    Raises:
+        WrongValueError: One has no length.
+    """
+    given = readonly(np.atleast_2d(np.asarray(values)), (None, 3), "pulley_axis")
+    length = np.linalg.norm(given, axis=1, keepdims=True)
+    if not length.all():
+        raise WrongValueError(
+            "pulley_axis: expected directions, found a vector of length 0; correct it"
+        )
+    return np.tile(given / length, (m, 1)) if len(given) == 1 else given / length
 
 
 @lru_cache(maxsize=32)

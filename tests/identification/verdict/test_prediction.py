@@ -104,7 +104,7 @@ def test_values_are_plain_and_consistent(prediction):
 
 def test_unknown_runs_are_named(experiment):
     with pytest.raises(
-        InputError, match="--holdout: expected one of a, b, found 'c'; choose one of these"
+        InputError, match="holdout: expected one of a, b, found 'c'; choose one of these"
     ):
         identify(experiment, holdout=["c"])
 
@@ -116,7 +116,7 @@ def test_something_must_be_left_to_estimate_from(experiment):
 
 def test_what_cannot_be_balanced_predicts_nothing(experiment):
     dead = with_stream(experiment, "cables", lambda v: {"tension": np.zeros_like(v["tension"])})
-    with pytest.raises(InputError, match="--holdout: "):
+    with pytest.raises(InputError, match="holdout: "):
         predict_held_out(dead, HELD)
 
 

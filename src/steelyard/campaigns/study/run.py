@@ -30,7 +30,7 @@ from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import chosen_methods
 from steelyard.inertia import BODY_PARAMETERS
-from steelyard.output import results_file, write_json
+from steelyard.output import results_file, write_file, write_json
 from steelyard.report.evidence.made import steelyard_version
 from steelyard.report.forms.markdown import markdown
 from steelyard.report.forms.page import page
@@ -201,4 +201,4 @@ def _write(found: Study) -> None:
     document = study_document(found)
     for ending, form in (("html", page), ("md", markdown)):
         with results_file(found.folder / f"{RESULT}.{ending}", force=True) as path:
-            path.write_text(form(document), encoding="utf-8", newline="\n")
+            write_file(path, form(document))

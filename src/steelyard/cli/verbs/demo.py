@@ -70,7 +70,12 @@ def demo(out: Path, force: bool, as_json: bool, quiet: bool) -> None:
         " Look at"
     )
     print(f"  {out / 'report.html'}\nin a browser, and try next:")
-    print(f"  steelyard identify {out / 'experiment.yaml'} --acceleration tracker")
+    print(f"  steelyard inspect {out / 'experiment.yaml'}")
+    print(f"  steelyard export {out} --format urdf --out platform.urdf")
+    print("Then with a robot and recordings of your own:")
+    print("  steelyard new my-robot                  a folder to fill in")
+    print("  steelyard init LOGS --robot my-robot/robot.yaml --out experiment.yaml")
+    print("  steelyard identify experiment.yaml --out result")
 
 
 def _simulating(tell: Tell | None) -> Tell | None:

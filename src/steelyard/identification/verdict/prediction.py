@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 from steelyard.arrays import Array, binned_means
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import plain
+from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.motion_residuals import Segment
@@ -62,7 +64,7 @@ class Prediction:
 
 
 def predict_held_out(
-    experiment: Experiment, names: frozenset[str], progress: Progress = None
+    experiment: GivenExperiment, names: str | Collection[str], progress: Progress = None
 ) -> tuple[Prediction, ...]:
     """Fit all other runs by least squares and predict the wrench of the named ones from their
     motion.
@@ -78,6 +80,10 @@ def predict_held_out(
     Raises:
         InputError: Nothing is left to estimate from, or a run lacks what the method needs.
     """
+    experiment = experiment_of(experiment)
+    names = frozenset([names] if isinstance(names, str) else names)
+    for name in names:
+        experiment.run(name)
     if all(run.name in names for run in experiment.runs):
         raise InputError(
             "--holdout: expected at least one run to estimate from, found all of them held out;"

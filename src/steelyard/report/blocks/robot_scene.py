@@ -13,15 +13,21 @@ from steelyard.report.blocks.document import Figure, Replay, Scene
 from steelyard.report.evidence.values import Shape
 
 
-def robot_scene(shape: Shape, courses: Sequence[Replay], centre: Array | None) -> Scene:
+def robot_scene(
+    shape: Shape, courses: Sequence[Replay], centre: Array | None, place: Array | None = None
+) -> Scene:
     """A robot in 3-D with the motions of its platform.
 
     Args:
         shape: The robot.
         courses: To replay; none: the platform stands at the origin.
         centre: Of gravity, in the platform frame [m], shape (3,); None: not known.
+        place: Of the platform, level, where there are no motions [m], shape (3,).
     """
     anchors, attachments = np.array(shape.anchors), np.array(shape.attachments)
+    if place is not None and not courses:
+        attachments = attachments + place
+        centre = None if centre is None else centre + place
     hull = hull_edges(attachments)
     data = [
         marks("anchors", anchors, size=4),
@@ -39,7 +45,7 @@ def robot_scene(shape: Shape, courses: Sequence[Replay], centre: Array | None) -
         text += ", replayed over the motion."
         title += " and its motion"
     else:
-        text += ", the platform at the origin."
+        text += ", the platform at the origin." if place is None else ", the platform level."
     figure = Figure("robot", title, text, tuple(data), equal_scales(data), height=560)
     return Scene(figure, tuple(courses))
 

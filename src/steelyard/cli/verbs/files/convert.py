@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from steelyard.cli.options import check_there, common, experiment_argument, force_option, out_option
 from steelyard.cli.printing import print_json, print_samples, progress, samples_of
-from steelyard.cli.truth import LARGEST_TRUTH, TRUTH
-from steelyard.errors import InputError
-
-if TYPE_CHECKING:
-    from steelyard.experiment.model import Experiment
 
 
 @click.command()
@@ -37,33 +32,11 @@ def convert(
     and to keep.
     """
     check_there(experiment)
-    from steelyard.experiment.read import read_experiment
-    from steelyard.experiment.tidy import tidied
-    from steelyard.experiment.write import write_experiment
-    from steelyard.output import check_target, results_folder
+    from steelyard.identification.conversion import convert as converted
 
-    check_target(out, force=force)
-    recorded = read_experiment(experiment)
-    _check_apart(recorded, experiment, out)
-    if any(run.unsynchronised for run in recorded.runs):
-        from steelyard.identification.synchronisation import synchronised
-
-        with progress(quiet=quiet) as tell:
-            recorded = synchronised(recorded, tell)
-    with results_folder(out, force=force) as folder:
-        write_experiment(tidied(recorded), folder, tables=tables, with_robot=True)
-        _copy_truth(experiment.parent, folder)
-        sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
-    _say(out / "experiment.yaml", samples_of(recorded), sizes, as_json=as_json)
-
-
-def _copy_truth(source: Path, target: Path) -> None:
-    """Copy the true body from one folder to another, where there is one."""
-    from steelyard.output import write_file
-
-    truth = source / TRUTH
-    if truth.is_file() and truth.stat().st_size <= LARGEST_TRUTH:
-        write_file(target / TRUTH, truth.read_bytes())
+    with progress(quiet=quiet) as tell:
+        found = converted(experiment, out, tell, tables=tables, force=force)
+    _say(found.path, samples_of(found.experiment), found.sizes, as_json=as_json)
 
 
 def _say(
@@ -81,17 +54,3 @@ def _say(
     runs = f"{len(samples)} run{'s' if len(samples) > 1 else ''}"
     print(f"{experiment}: {runs}, {len(sizes)} files, {sum(sizes) / 1e6:.1f} MB")
     print_samples(samples)
-
-
-def _check_apart(experiment: Experiment, place: Path, out: Path) -> None:
-    """See that nothing is written over what is read."""
-    target = out.resolve()
-    read = [place]
-    for run in experiment.runs:
-        read += [Path(stream.source) for stream in run.streams.values()]
-    for path in read:
-        if path.resolve().is_relative_to(target):
-            raise InputError(
-                f"{out}: expected a folder apart from the recordings, found {path} in it; choose"
-                " another with --out"
-            )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,17 +16,42 @@ if TYPE_CHECKING:
     from steelyard.exports.hanging import Hanging
 
 
+class Format(click.Choice[str]):
+    """A format of this package, or of another that provides one of the name."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The name, once it is known."""
+        from steelyard.plugins.provided import names
+
+        if value not in self.choices and value in names("exports"):
+            return str(value)
+        return super().convert(value, param, ctx)
+
+
 @click.command()
 @click.argument("estimate")
 @click.option(
     "--format",
     "format_",
-    type=click.Choice(["urdf", "sdf", "mjcf", "yaml", "json", "c"]),
-    required=True,
-    help="Of the file: ROS, Pinocchio; Gazebo; MuJoCo; as in a robot file; the same; a C header.",
+    type=Format(
+        [
+            *("urdf", "sdf", "mjcf", "yaml", "json", "c", "iec61131", "kuka", "abb", "ur"),
+            *("franka", "ros"),
+        ]
+    ),
+    help="Of the file: ROS, Pinocchio; Gazebo; MuJoCo; as in a robot file; the same; a C header; PLCs;"
+    " load data of KUKA and ABB; payload of Universal Robots, Franka; geometry_msgs/InertiaStamped."
+    " Default: what the ending of --out says.",
 )
 @click.option("--method", metavar="NAME", help="Which estimate of the file. Default: its result.")
-@out_option(help="The file to write.", required=True, metavar="FILE")
+@out_option(help="The file to write; - prints it.", required=True, metavar="FILE")
+@click.option(
+    "--link",
+    default="platform",
+    show_default=True,
+    metavar="NAME",
+    help="urdf, sdf, mjcf, ros: what the body is called.",
+)
 @click.option(
     "--anyway",
     is_flag=True,
@@ -47,9 +73,10 @@ if TYPE_CHECKING:
 @common
 def export(
     estimate: str,
-    format_: str,
+    format_: str | None,
     method: str | None,
     out: Path,
+    link: str,
     anyway: bool,
     robot: str | None,
     pose: tuple[float, ...] | None,
@@ -66,12 +93,22 @@ def export(
     import numpy as np
 
     from steelyard.exports.exported import check, read_exported
-    from steelyard.exports.formats import FORMATS
     from steelyard.exports.formats import export as exported_text
+    from steelyard.exports.formats import form_of, format_of
     from steelyard.exports.hanging import hang
     from steelyard.output import check_file_target, results_file, write_file
     from steelyard.robot.file import read_robot
 
+    printed = str(out) == "-"
+    if format_ is None and printed:
+        raise InputError("--format: expected one with --out -, found none; name the format")
+    if printed and as_json:
+        raise InputError("--json: expected a file to write beside it, found --out -; name a file")
+    format_ = format_of(out) if format_ is None else format_
+    if link != "platform" and not form_of(format_).linked:
+        raise InputError(
+            f"--link: expected a format with names of bodies, found {format_}; leave --link out"
+        )
     if robot is not None and format_ != "mjcf":
         raise InputError(
             f"--robot: expected --format mjcf, the only one with cables, found {format_}; leave"
@@ -81,20 +118,24 @@ def export(
         raise InputError(
             "--pose: expected --robot beside it, found none; leave --pose out or name the robot"
         )
-    check_file_target(out, force=force)
-    exported = read_exported(estimate, method)
-    if exported.path is not None and out.exists() and out.samefile(exported.path):
+    if not printed:
+        check_file_target(out, force=force)
+    exported = replace(read_exported(estimate, method), link=link)
+    if not printed and exported.path is not None and out.exists() and out.samefile(exported.path):
         raise InputError(
             f"{out}: expected another file than the estimate that is read, found it; choose another"
             " with --out"
         )
-    form = FORMATS[format_]
+    form = form_of(format_)
     check(exported, title=form.title, whole=form.whole, anyway=anyway)
     hanging = None
     if robot is not None:
         radians = None if pose is None else [*pose[:3], *np.radians(pose[3:])]
         hanging = hang(read_robot(robot), exported.body, radians)
     text = exported_text(exported, format_, anyway=anyway, hanging=hanging)
+    if printed:
+        print(text, end="")
+        return
     with results_file(out, force=force) as path:
         write_file(path, text)
     if as_json:

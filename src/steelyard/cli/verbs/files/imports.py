@@ -40,6 +40,11 @@ from steelyard.errors import InputError
     metavar="NAME",
     help="CASPR: which set of cables. Default: the one that the file names.",
 )
+@click.option(
+    "--robot",
+    metavar="ROBOT",
+    help="URDF, MJCF: the robot whose platform it is; a bundled name or a robot file.",
+)
 @force_option(help="Replace a file of the same name.")
 @common
 def import_(
@@ -48,12 +53,13 @@ def import_(
     products: Any,
     about: Any,
     cable_set: str | None,
+    robot: str | None,
     force: bool,
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Make a robot file of FILE..., from CASPR XML (bodies and cables), IRMA JSON, cdpyr, or
-    ROS-style YAML.
+    """Make a robot file of FILE..., from CASPR XML (bodies and cables), IRMA JSON, cdpyr, ROS-style
+    YAML, the configuration of a cable printer, or a URDF or MJCF of the platform.
 
     The format is recognised by what stands in the files. What was taken for what, left out and
     assumed is said, also at the top of the robot file.
@@ -63,7 +69,7 @@ def import_(
     from steelyard.robot.file import read_robot
 
     check_file_target(out, force=force)
-    imported = import_robot(files, products=products, about=about, cable_set=cable_set)
+    imported = import_robot(files, products=products, about=about, cable_set=cable_set, robot=robot)
     if any(out.exists() and out.samefile(path) for path in imported.files):
         raise InputError(
             f"{out}: expected another file than those that are read, found one of them; choose"
@@ -76,8 +82,8 @@ def import_(
     if as_json:
         print_json({"robot": str(out), **imported.to_dict()})
         return
-    robot = imported.robot
-    plural = "s" if robot.m > 1 else ""
-    print(f"{out}: {robot.name}, {robot.m} cable{plural}, from {imported.format}")
+    made = imported.robot
+    plural = "" if made.m == 1 else "s"
+    print(f"{out}: {made.name}, {made.m} cable{plural}, from {imported.format}")
     for note in imported.notes:
         print(f"  {note}")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from steelyard.cli.options import common
+from steelyard.cli.options import common, force_option, out_option
 from steelyard.cli.printing import print_json
 
 if TYPE_CHECKING:
@@ -15,28 +16,74 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("name", required=False)
+@out_option(
+    help="Draw it: a page (FILE.html) of NAME; without NAME a folder with a page for each robot."
+)
+@force_option()
 @common
-def robots(name: str | None, as_json: bool, quiet: bool) -> None:
-    """List the bundled robots, or print NAME as a robot file."""
+def robots(name: str | None, out: Path | None, force: bool, as_json: bool, quiet: bool) -> None:
+    """List the bundled robots, print one as a robot file, or check a robot file of your own.
+
+    NAME is a bundled name or a robot file.
+    """
     from steelyard.robot.file import bundled_names, bundled_text, read_robot, robot_file
 
+    bundled = bundled_names()
     if name is not None:
-        text = bundled_text(name)
+        robot = read_robot(name)
+        if out is not None:
+            _draw(robot, out, force=force)
         if as_json:
-            print_json(robot_file(read_robot(name)))
+            print_json(robot_file(robot))
+        elif name in bundled and out is None:
+            print(bundled_text(name).rstrip("\n"))
         else:
-            print(text.rstrip("\n"))
+            _check(robot, name)
         return
-    bundled = {each: read_robot(each) for each in bundled_names()}
+    every = {each: read_robot(each) for each in bundled}
+    if out is not None:
+        _draw_all(every, out, force=force)
     if as_json:
         entries = [
-            {"name": each, "cables": robot.m, "mass": _mass(robot)}
-            for each, robot in bundled.items()
+            {"name": each, "cables": robot.m, "mass": _mass(robot)} for each, robot in every.items()
         ]
         print_json({"robots": entries})
         return
-    for each, robot in bundled.items():
+    for each, robot in every.items():
         print(f"{each:16} {robot.m} cables, nominal platform {_mass(robot) or 0:.3f} kg")
+
+
+def _check(robot: Robot, name: str) -> None:
+    """Say what stands in a robot file."""
+    from steelyard.report.documents.robot import robot_document
+    from steelyard.report.forms.terminal import show
+
+    show(robot_document(robot))
+    print(f"{name}: a robot file that can be used")
+
+
+def _draw(robot: Robot, out: Path, *, force: bool) -> None:
+    """Write a page."""
+    from steelyard.output import check_file_target, results_file, write_file
+    from steelyard.report.documents.robot import robot_document
+    from steelyard.report.forms.page import page
+
+    check_file_target(out, force=force)
+    text = page(robot_document(robot))
+    with results_file(out, force=force) as fresh:
+        write_file(fresh, text)
+
+
+def _draw_all(robots: dict[str, Robot], out: Path, *, force: bool) -> None:
+    """Write a page for each."""
+    from steelyard.output import results_folder, write_file
+    from steelyard.report.documents.robot import robot_document
+    from steelyard.report.forms.page import page
+
+    with results_folder(out, force=force) as folder:
+        for name, robot in robots.items():
+            text = page(robot_document(robot))
+            write_file(folder / f"{name}.html", text)
 
 
 def _mass(robot: Robot) -> float | None:

@@ -1,0 +1,1 @@
+"""Experiments of what is in memory: frames and arrays in place of files."""

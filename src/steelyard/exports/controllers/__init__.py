@@ -1,0 +1,1 @@
+"""The body as controllers of robots and machines take it."""
