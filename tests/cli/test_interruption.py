@@ -19,6 +19,14 @@ from steelyard.cli.interruption import interruptible
 pytestmark = pytest.mark.integration
 
 
+@pytest.fixture(autouse=True)
+def heard():
+    """Where these tests run in the background, a shell has SIGINT ignored, also by what they begin."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def compute():
     """Calls of CasADi that are so short that most signals come while one begins or ends."""
     x = ca.SX.sym("x", 3)
