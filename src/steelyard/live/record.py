@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -37,6 +37,9 @@ class Record:
     unmodelled: Array | None = None
     """Wrench that nothing explains, about the platform origin, in platform axes [N], [N m], shape
     (6,); None: not known."""
+    until: Mapping[str, float | None] = field(default_factory=dict)
+    """Body parameter -> how long this motion must go on until it is known as well as is wanted [s];
+    None: not with this motion."""
 
     @classmethod
     def of(
@@ -50,6 +53,7 @@ class Record:
         reasons: Sequence[str] = (),
         events: Sequence[dict[str, Any]] = (),
         unmodelled: Array | None = None,
+        until: Mapping[str, float | None] | None = None,
     ) -> Record:
         """Without numbers of what the data do not tell.
 
@@ -63,6 +67,7 @@ class Record:
             reasons: See :attr:`reasons`.
             events: See :attr:`events`.
             unmodelled: See :attr:`unmodelled`.
+            until: See :attr:`until`.
         """
         told = identifiable_parameters(float(value[0]), covariance, size)
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -75,6 +80,7 @@ class Record:
             tuple(reasons),
             tuple(events),
             unmodelled=unmodelled,
+            until=until or {},
         )
 
     @cached_property
@@ -104,6 +110,7 @@ class Record:
             "reasons": list(self.reasons),
             "events": list(self.events),
             "unmodelled": None if self.unmodelled is None else plain(self.unmodelled),
+            **({"seconds_until": dict(self.until)} if self.until else {}),
         }
 
 

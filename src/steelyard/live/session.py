@@ -16,6 +16,7 @@ from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.recursive.events import advanced
 from steelyard.identification.recursive.follow import LOST, begin
 from steelyard.identification.recursive.following import Event, Following
+from steelyard.identification.recursive.outlook import seconds_until
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.live.buffer import Buffer, part_of
 from steelyard.live.left_over import left_over
@@ -214,6 +215,7 @@ class Session:
             () if verdict is None else verdict.reasons,
             tuple(_as_event(each, origin) for each in happened),
             left_over(following),
+            seconds_until(following, dict(found.settings.wanted)) if found.settings.wanted else {},
         )
         return found, [record]
 

@@ -41,14 +41,7 @@ def watch(
     Raises:
         InputError: The address is of no kind, or the file is wrong.
     """
-    check_source(source)
-    name = "live"
-    if source.startswith(REPLAY):
-        plan = synchronise(experiment_of(experiment)).experiment
-        name = asked_for(source)[0]
-    else:
-        whole = experiment if isinstance(experiment, Experiment) else read_plan(experiment)
-        plan = replace(whole, runs=())
+    plan, name = planned(experiment, source)
     samples = open_source(source, plan, settings)
     session = None
     try:
@@ -61,3 +54,21 @@ def watch(
         samples.close()
     if session is not None:
         yield ended(session)
+
+
+def planned(experiment: Experiment | str | Path, source: str) -> tuple[Experiment, str]:
+    """What samples are of, and the name of the run that they make.
+
+    Args:
+        experiment: Robot and instruments, as a value or the path of its file; of a replay with the
+            run.
+        source: Address of the samples.
+
+    Raises:
+        InputError: The address is of no kind, or the file is wrong.
+    """
+    check_source(source)
+    if source.startswith(REPLAY):
+        return synchronise(experiment_of(experiment)).experiment, asked_for(source)[0]
+    whole = experiment if isinstance(experiment, Experiment) else read_plan(experiment)
+    return replace(whole, runs=()), "live"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,6 +58,13 @@ NOT_ACCEPTED = 3
     help="How long samples may be late.",
 )
 @click.option(
+    "--wanted",
+    multiple=True,
+    metavar="NAME=SIGMA",
+    help="Say how long this motion must go on until the 1-sigma of mass [kg], cx, cy, cz [m], Jxx and"
+    " so on [kg m^2] is as small as that; may be repeated.",
+)
+@click.option(
     "--page",
     type=click.IntRange(0, 65535),
     metavar="PORT",
@@ -83,6 +90,7 @@ def watch(
     rate: float | None,
     until: float | None,
     patience: float,
+    wanted: tuple[str, ...],
     page: int | None,
     listen: str | None,
     out: Path | None,
@@ -98,17 +106,16 @@ def watch(
     check_there(experiment)
     from dataclasses import replace
 
-    from steelyard.experiment.read import read_experiment, read_plan
-    from steelyard.identification.synchronisation import synchronise
     from steelyard.live.settings import LIVE
     from steelyard.live.sinks.table import check_sink, open_sink
-    from steelyard.live.sources.replay import asked_for
-    from steelyard.live.sources.table import REPLAY, check_source, open_source
+    from steelyard.live.sources.table import check_source, open_source
     from steelyard.live.watch import ended, watch
+    from steelyard.live.watching import planned
     from steelyard.output import check_file_target
 
     if listen is not None and page is None:
         raise click.UsageError("--listen: expected --page too, found none; give its port")
+    aims = _aims(wanted)
     check_source(source)
     for url in publish:
         check_sink(url)
@@ -116,13 +123,8 @@ def watch(
     for target in (out, beside):
         if target is not None:
             check_file_target(target, force=force)
-    name = "live"
-    if source.startswith(REPLAY):
-        plan = synchronise(read_experiment(experiment)).experiment
-        name = asked_for(source)[0]
-    else:
-        plan = replace(read_plan(experiment), runs=())
-    settings = replace(LIVE, patience=patience)
+    plan, name = planned(experiment, source)
+    settings = replace(LIVE, patience=patience, wanted=aims)
     records: list[Record] = []
     session, first, last = None, None, None
     with ExitStack() as stack:
@@ -155,6 +157,26 @@ def watch(
                 break
         found = ended(session) if session is not None else None
     sys.exit(_finished(plan, found, records, out, beside, quiet=quiet))
+
+
+def _aims(wanted: Sequence[str]) -> tuple[tuple[str, float], ...]:
+    """1-sigma that are wanted, by the names of parameters."""
+    from steelyard.inertia import BODY_PARAMETERS
+
+    found = []
+    for each in wanted:
+        name, _, text = each.partition("=")
+        try:
+            sigma = float(text)
+        except ValueError:
+            sigma = 0.0
+        if name not in BODY_PARAMETERS or not 0 < sigma < float("inf"):
+            raise click.UsageError(
+                f"--wanted: expected one of {', '.join(BODY_PARAMETERS)} with a 1-sigma above 0, such"
+                f" as mass=0.2, found '{each}'; correct it"
+            )
+        found.append((name, sigma))
+    return tuple(found)
 
 
 def _finished(

@@ -5,7 +5,8 @@ from __future__ import annotations
 from rich.console import Group
 from rich.text import Text
 
-from steelyard.digits import ten_numbers
+from steelyard.digits import SHORT_LABELS, figures, ten_numbers
+from steelyard.inertia import BODY_PARAMETERS
 from steelyard.live.record import Record
 from steelyard.report.blocks.parameter_grid import ParameterTexts, parameter_grid
 from steelyard.report.forms.terminal import drawn_grid
@@ -24,4 +25,15 @@ def live_table(record: Record) -> Group:
         verdict = Text("accepted", style="green")
     else:
         verdict = Text(f"not accepted: {'; '.join(record.reasons)}", style="red")
-    return Group(table, verdict)
+    known = (Text(_until(name, seconds)) for name, seconds in record.until.items())
+    return Group(table, verdict, *known)
+
+
+def _until(name: str, seconds: float | None) -> str:
+    """When a parameter is known as well as is wanted, in words."""
+    short = SHORT_LABELS[BODY_PARAMETERS.index(name)]
+    if seconds is None:
+        return f"{short}: not known as well as is wanted by this motion"
+    if not seconds:
+        return f"{short}: known as well as is wanted"
+    return f"{short}: known as well as is wanted after {figures(seconds, 2)} s more of this motion"
