@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import os
+import shutil
 import sys
+import textwrap
 
 import click
 
@@ -116,8 +118,12 @@ def _sentence(error: click.ClickException) -> str:
 
 def _fail(message: str, status: int) -> None:
     """Say one line on stderr in which nothing of a file can steer the terminal, and end."""
-    line = printable(" ".join(map(_shortened, message.split())))
-    sys.stderr.write(f"steelyard: {line}\n")
+    line = f"steelyard: {printable(' '.join(map(_shortened, message.split())))}"
+    if sys.stderr.isatty():
+        # Between words; where nobody looks it stays one line.
+        width = shutil.get_terminal_size().columns
+        line = textwrap.fill(line, width, break_long_words=False, break_on_hyphens=False)
+    sys.stderr.write(f"{line}\n")
     sys.exit(status)
 
 

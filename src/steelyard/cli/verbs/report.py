@@ -12,7 +12,7 @@ from steelyard.cli.printing import print_json, progress
 from steelyard.errors import InputError
 
 
-@click.command()
+@click.command(short_help="Draw the report of a result again: page, PDF, certificate.")
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option(
     "--certificate",

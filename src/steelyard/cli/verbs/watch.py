@@ -20,7 +20,7 @@ NOT_ACCEPTED = 3
 """Exit status of an estimate that was made and written, but is not accepted."""
 
 
-@click.command()
+@click.command(short_help="Estimate while the robot moves.")
 @experiment_argument
 @click.option(
     "--source",

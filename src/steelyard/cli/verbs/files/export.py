@@ -28,7 +28,7 @@ class Format(click.Choice[str]):
         return super().convert(value, param, ctx)
 
 
-@click.command()
+@click.command(short_help="Write the platform for a simulator or controller.")
 @click.argument("estimate")
 @click.option(
     "--format",
