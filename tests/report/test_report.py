@@ -180,7 +180,7 @@ def test_the_page_is_small_and_needs_nothing(folder):
 
 def test_files_that_were_read_are_named_without_their_place(summary):
     names = [each.name for each in summary.made.inputs]
-    assert names == ["experiment.yaml", "robot 'straight', as it was understood", *(f"{RUN}/{n}.csv" for n in ("cables", "imu", "tracker"))]  # fmt: skip
+    assert names == ["experiment.yaml", "robot 'straight', as it was understood", "robot.yaml", *(f"{RUN}/{n}.csv" for n in ("cables", "imu", "tracker"))]  # fmt: skip
     assert all(len(each.sha256) == 64 and each.size > 0 for each in summary.made.inputs)
 
 

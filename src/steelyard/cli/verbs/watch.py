@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from steelyard.cli.options import check_there, experiment_argument, force_option, out_option
+from steelyard.cli.printing import in_lines
 
 if TYPE_CHECKING:
     from steelyard.live.record import Record
@@ -193,7 +194,7 @@ def _say(text: str, *, quiet: bool) -> None:
     from steelyard.display import printable
 
     if not quiet:
-        sys.stderr.write(f"steelyard: {printable(text)}\n")
+        sys.stderr.write(f"{in_lines(f'steelyard: {printable(text)}', sys.stderr)}\n")
         sys.stderr.flush()
 
 
