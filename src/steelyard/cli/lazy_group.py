@@ -54,10 +54,11 @@ class LazyGroup(click.Group):
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
             near = get_close_matches(args[0], self._verbs, n=2)
-            if near:
-                likely = " or ".join(map(repr, near))
-                error.message = f"{error.message.rstrip('.')}; did you mean {likely}?"
-            raise
+            if not near:
+                raise
+            likely = " or ".join(map(repr, near))
+            said = f"{error.message.rstrip('.')}; did you mean {likely}?"
+            raise click.UsageError(said, ctx) from None
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """All verbs, in the order of the alphabet."""
