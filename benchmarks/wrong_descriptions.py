@@ -8,7 +8,9 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from recordings import SHARED, recordings
+from sound import SOUND
 
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
@@ -24,11 +26,11 @@ TESTS = Path(__file__).parents[1] / "tests"
 FOUR = TESTS / "data" / "rough-robots" / "four-cables-00" / "experiment.yaml"
 
 
-def experiments() -> dict[str, Experiment]:
+def experiments(seed: int = 0) -> dict[str, Experiment]:
     """CoGiRo with the sensors of the paper, and a platform that swings on four cables; of neither is a
     nominal body known.
     """
-    cogiro = simulate("cogiro", "multisine", duration=12.0, seed=0).experiment
+    cogiro = simulate("cogiro", "multisine", duration=12.0, seed=seed).experiment
     bare = replace(cogiro, robot=replace(cogiro.robot, platform=None))
     return {"cogiro": bare, "four cables": read_experiment(FOUR)}
 
@@ -60,6 +62,14 @@ def main(*, alarms: bool) -> None:
         for path in [*(path for _, path, _ in recordings()), *rough]:
             found = check_description(read_experiment(path))
             print(f"{path.parent.name}: {'; '.join(found.reasons) or 'nothing'}", flush=True)
+        named = 0
+        for seed in (1, 2):
+            sound = experiments(seed)["cogiro"]
+            for what, make in SOUND.items():
+                found = check_description(make(sound, np.random.default_rng(seed)))
+                named += bool(found.mistakes)
+                print(f"{what}, {seed}: {'; '.join(found.reasons) or 'nothing'}", flush=True)
+        print(f"imperfect but sound: {named} of {2 * len(SOUND)} alarmed", flush=True)
 
 
 if __name__ == "__main__":

@@ -198,7 +198,7 @@ EXPERIMENT_FILE = [
     case(
         "experiment file is a folder",
         steps(remove(EXPERIMENT), mkdir(EXPERIMENT)),
-        r"experiment\.yaml: expected a file, found a folder",
+        r"experiment\.yaml: expected an experiment file, found a folder",
     ),
     case(
         "experiment file is a pipe",
@@ -1318,11 +1318,16 @@ COMMAND_LINE = [
         f"{IDENTIFY} --run resting",
     ),
     case("wrong acceleration", nothing, r"--acceleration.*'gps'", f"{IDENTIFY} --acceleration gps"),
-    case("unknown robot to print", nothing, r"'cogito': expected one of cogiro", "robots cogito"),
+    case(
+        "unknown robot to print",
+        nothing,
+        r"'cogito': expected the path of a robot file or one of cogiro",
+        "robots cogito",
+    ),
     case(
         "path for a robot to print",
         nothing,
-        r"'\.\./robot': expected one of cogiro",
+        r"'\.\./robot': expected the path of a robot file or one of cogiro",
         "robots ../robot",
     ),
     case(

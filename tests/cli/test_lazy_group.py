@@ -61,3 +61,15 @@ def test_a_verb_is_imported_when_it_is_asked_for():
         [sys.executable, "-c", ONE], capture_output=True, timeout=600, check=False
     )
     assert (ended.returncode, ended.stderr) == (0, b"")
+
+
+def test_each_verb_has_a_line_in_the_help_that_fits(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    text = app.get_help(click.Context(app, info_name="steelyard", terminal_width=80))
+    assert "..." not in text.partition("Options:")[2]
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_a_wrong_verb_names_the_nearest():
+    with pytest.raises(click.UsageError, match="did you mean 'identify'"):
+        app.main(["identfy"], standalone_mode=False)

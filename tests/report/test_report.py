@@ -18,8 +18,9 @@ from steelyard.identification.identify import identify
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.two_step import TwoStep
+from steelyard.inspection.identify import identify as identify_checked
 from steelyard.report.blocks.document import Figure, Grid, Scene
-from steelyard.report.documents.identification import document_of
+from steelyard.report.documents.identification import brief_of, document_of
 from steelyard.report.evidence.gather import evidence_of
 from steelyard.report.evidence.made import made_of
 from steelyard.report.evidence.report_file import read_summary, write_summary
@@ -180,7 +181,7 @@ def test_the_page_is_small_and_needs_nothing(folder):
 
 def test_files_that_were_read_are_named_without_their_place(summary):
     names = [each.name for each in summary.made.inputs]
-    assert names == ["experiment.yaml", "robot 'straight', as it was understood", *(f"{RUN}/{n}.csv" for n in ("cables", "imu", "tracker"))]  # fmt: skip
+    assert names == ["experiment.yaml", "robot 'straight', as it was understood", "robot.yaml", *(f"{RUN}/{n}.csv" for n in ("cables", "imu", "tracker"))]  # fmt: skip
     assert all(len(each.sha256) == 64 and each.size > 0 for each in summary.made.inputs)
 
 
@@ -369,3 +370,14 @@ def test_identify_with_clocks_found_says_them(experiment):
     )
     evidence = evidence_of(identify(apart, [MaximumLikelihood()]))
     assert any(clock.found for clock in evidence.clocks)
+
+
+def test_a_reason_that_methods_share_is_said_once(experiment):
+    wrong = replace(experiment, robot=replace(experiment.robot, gravity=-experiment.robot.gravity))
+    found = identify_checked(wrong, ["two-step", "maximum-likelihood"])
+    (reason, *_) = found.estimate.verdict.reasons
+    brief = brief_of(summarise(found))
+    blocks = [str(block) for section in brief.sections for block in section.blocks]
+    assert reason in brief.lead.text
+    assert not any(reason in block for block in blocks)
+    assert any("not accepted, as said above" in block for block in blocks)

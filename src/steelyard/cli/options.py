@@ -96,7 +96,9 @@ force_option = partial(
 """Whether results may replace others."""
 pose_option = partial(click.option, nargs=6, type=float, metavar="X Y Z ROLL PITCH YAW")
 """A pose of the platform: three lengths [m], three angles [deg]; the first argument is its name."""
-sensors_option = partial(click.option, "--sensors", default="paper", show_default=True)
+sensors_option = partial(
+    click.option, "--sensors", default="paper", show_default=True, metavar="NAME|FILE"
+)
 """The sensors of a virtual experiment."""
 seed_option = partial(click.option, "--seed", type=click.IntRange(0), default=0, show_default=True)
 """The seed of whatever is drawn at random."""

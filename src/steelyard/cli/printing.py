@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 Tell = Callable[[str, float], None]
 """Is told what is being done and the fraction that is done."""
@@ -25,6 +27,14 @@ def print_json(values: Mapping[str, Any]) -> None:
     from steelyard.output import to_json
 
     print(to_json(values, ascii_only=True))
+
+
+def in_lines(text: str, stream: TextIO) -> str:
+    """A sentence in lines of whole words where it is for a terminal; elsewhere in one line."""
+    if not stream.isatty():
+        return text
+    width = shutil.get_terminal_size().columns
+    return textwrap.fill(text, width, break_long_words=False, break_on_hyphens=False)
 
 
 def print_result(values: Mapping[str, Any], document: Document, *, as_json: bool) -> None:

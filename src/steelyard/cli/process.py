@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import sys
 
 import click
 
 from steelyard.cli.interruption import INTERRUPTED, TERMINATED, interruptible
+from steelyard.cli.printing import in_lines
 from steelyard.display import printable
 from steelyard.errors import InputError, SteelyardError
 
@@ -110,14 +112,15 @@ def _sentence(error: click.ClickException) -> str:
     command = "steelyard"
     if isinstance(error, click.UsageError) and error.ctx:
         command = error.ctx.command_path
-    text = error.format_message().rstrip(".?").replace(". ", "; ")
+    text = error.format_message().rstrip(".?")
+    text = re.sub(r"\. (\w)", lambda begin: f"; {begin[1].lower()}", text)
     return f"{text}; see '{command} --help'"
 
 
 def _fail(message: str, status: int) -> None:
     """Say one line on stderr in which nothing of a file can steer the terminal, and end."""
-    line = printable(" ".join(map(_shortened, message.split())))
-    sys.stderr.write(f"steelyard: {line}\n")
+    line = f"steelyard: {printable(' '.join(map(_shortened, message.split())))}"
+    sys.stderr.write(f"{in_lines(line, sys.stderr)}\n")
     sys.exit(status)
 
 

@@ -34,7 +34,7 @@ class DescriptionCheck:
         """Why no estimate with this description is to be relied on, each with its evidence."""
         return tuple(
             f"{each.amendment.subject}: {each.amendment.what} ({each.evidence}); change"
-            f" {each.amendment.proposal}"
+            f" {', '.join(each.amendment.keys) or each.amendment.proposal}"
             for each in self.mistakes
         )
 

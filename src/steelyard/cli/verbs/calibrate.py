@@ -15,7 +15,7 @@ NOT_ACCEPTED = 3
 """Exit status of a calibration that was made and written, but is not accepted."""
 
 
-@click.command()
+@click.command(short_help="Find anchors, attachments and drums of the robot.")
 @experiment_argument
 @out_option(
     help="Folder for robot.yaml, robot.covariance.csv, calibration.json, calibration.html and"

@@ -21,7 +21,7 @@ PROBLEMS = 3
 """Exit status where all is written, but not every experiment has an accepted result."""
 
 
-@click.command()
+@click.command(short_help="Identify many experiments.")
 @click.argument("experiments", nargs=-1, required=True, metavar="EXPERIMENT|FOLDER|GLOB...")
 @click.option(
     "--method",

@@ -24,7 +24,7 @@ _MOST = 20
 """Estimates at once; every two of them are compared."""
 
 
-@click.command()
+@click.command(short_help="Put estimates side by side.")
 @click.argument("estimates", nargs=-1, required=True, metavar="ESTIMATE ESTIMATE...")
 @click.option(
     "--payload", is_flag=True, help="What was added between two estimates: before, after."

@@ -13,7 +13,7 @@ from steelyard.cli.printing import Tell, parts, print_json, progress
 _MOTIONS = {"paper": "the paper's eight moves", "multisine": "20 s on all six axes"}
 
 
-@click.command()
+@click.command(short_help="The whole story: simulate, identify, compare with the truth.")
 @out_option(help="Folder for data and report.", default=Path("steelyard-demo"), show_default=True)
 @force_option(help="Replace what an earlier demo wrote.")
 @common

@@ -28,9 +28,9 @@ REPORT = "design"
 """Name of the pages, without their endings."""
 
 
-@click.command()
+@click.command(short_help="Find the motion, or the poses, that tell most.")
 @click.argument("place", metavar="ROBOT|EXPERIMENT")
-@click.option("--duration", type=float, help="Of each motion [s].")
+@click.option("--duration", type=float, metavar="S", help="Of each motion [s].")
 @click.option(
     "--calibration",
     is_flag=True,
@@ -121,7 +121,12 @@ REPORT = "design"
     "--rate", type=float, default=100.0, show_default=True, help="Of the rows of the commands [Hz]."
 )
 @click.option(
-    "--processes", type=click.IntRange(1), help="That search at a time. Default: one per processor."
+    "--jobs",
+    "--processes",
+    "processes",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Processes that search at a time. Default: one per processor.",
 )
 @force_option()
 @common

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from steelyard.robot.model import Robot
 
 
-@click.command()
+@click.command(short_help="Where a body hangs at rest, and how it swings about that.")
 @click.argument("body", metavar="ESTIMATE|ROBOT")
 @click.option(
     "--robot",

@@ -32,7 +32,7 @@ NOT_ACCEPTED = 3
 """Exit status of an estimate that was made and written, but is not accepted."""
 
 
-@click.command()
+@click.command(short_help="Estimate mass, centre of gravity and inertia.")
 @experiment_argument
 @click.option(
     "--method",

@@ -18,9 +18,9 @@ from steelyard.cli.options import (
 from steelyard.cli.printing import print_result, progress
 
 
-@click.command()
+@click.command(short_help="Say what is in the recordings, and what is wrong with them.")
 @experiment_argument
-@runs_option(help="Look at this run only; may be repeated.", metavar="NAME")
+@runs_option(help="Look at this run only; may be repeated.", metavar="RUN")
 @out_option(
     help="Folder for inspection.json, inspection.md and inspection.html; must be new or empty."
 )

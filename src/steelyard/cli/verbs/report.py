@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from steelyard.cli.options import checked_day, common, facts_options
-from steelyard.cli.printing import print_json, progress
+from steelyard.cli.printing import in_lines, print_json, progress
 from steelyard.errors import InputError
 
 
-@click.command()
+@click.command(short_help="Draw the report of a result again: page, PDF, certificate.")
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option(
     "--certificate",
@@ -69,4 +70,5 @@ def report(
     if as_json:
         print_json({"written": written})
     else:
-        print(f"{written[0]}: drawn ({', '.join(written[1:])} too); open it in a browser")
+        said = f"{written[0]}: drawn ({', '.join(written[1:])} too); open it in a browser"
+        print(in_lines(said, sys.stdout))

@@ -11,17 +11,20 @@ from steelyard.cli.printing import print_json, print_samples, progress, samples_
 from steelyard.cli.truth import TRUTH
 
 
-@click.command()
+@click.command(short_help="Record a virtual experiment.")
 @click.argument("robot")
 @out_option(help="Folder for the experiment; must be new or empty.", required=True)
 @click.option(
     "--trajectory",
     default="multisine",
     show_default=True,
+    metavar="NAME|FILE",
     help="paper, multisine, or a CSV file of kind 'command'.",
 )
 @sensors_option(help="paper, ideal, or a YAML file with 'instruments'.")
-@click.option("--duration", type=float, help="Of the multisine, or of one move of the paper [s].")
+@click.option(
+    "--duration", type=float, metavar="S", help="Of the multisine, or of one move of the paper [s]."
+)
 @seed_option(help="The same seed gives the same bytes.")
 @force_option()
 @common

@@ -12,7 +12,7 @@ from steelyard.cli.printing import print_result, progress
 from steelyard.cli.verbs.campaign import PROBLEMS, engine_for, keeping
 
 
-@click.command()
+@click.command(short_help="Check by simulation what estimates state of themselves.")
 @click.argument("what", metavar="ROBOT|EXPERIMENT")
 @click.option(
     "--draws", type=click.IntRange(2), default=None, metavar="N", help="Experiments to simulate."

@@ -23,7 +23,7 @@ CHANGED = 3
 _REPEATABLE = ("identify", "calibrate", "design")
 
 
-@click.command()
+@click.command(short_help="Check that results and their inputs are as they were.")
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option("--again", is_flag=True, help="Compute the results again, and compare all numbers.")
 @common

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from steelyard.cli.options import check_there, experiment_argument, force_option, out_option
+from steelyard.cli.printing import in_lines
 
 if TYPE_CHECKING:
     from steelyard.live.record import Record
@@ -20,7 +21,7 @@ NOT_ACCEPTED = 3
 """Exit status of an estimate that was made and written, but is not accepted."""
 
 
-@click.command()
+@click.command(short_help="Estimate while the robot moves.")
 @experiment_argument
 @click.option(
     "--source",
@@ -215,7 +216,7 @@ def _say(text: str, *, quiet: bool) -> None:
     from steelyard.display import printable
 
     if not quiet:
-        sys.stderr.write(f"steelyard: {printable(text)}\n")
+        sys.stderr.write(f"{in_lines(f'steelyard: {printable(text)}', sys.stderr)}\n")
         sys.stderr.flush()
 
 

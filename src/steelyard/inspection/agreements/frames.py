@@ -108,10 +108,16 @@ class _Solver:
         """Its time derivative for rates of the readings and of what is given: the same without
         its constant part.
         """
-        constant = self.value(
-            np.zeros_like(rate[:1]), **{key: np.zeros_like(each[:1]) for key, each in given.items()}
-        )
-        return self.value(rate, **given) - constant
+        shapes = tuple((key, each.shape[1:]) for key, each in given.items())
+        return self.value(rate, **given) - _constant_part(self, rate.shape[1:], shapes)
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def _constant_part(
+    solver: _Solver, shape: tuple[int, ...], given: tuple[tuple[str, tuple[int, ...]], ...]
+) -> Array:
+    """The unknown for readings, and all that is given, of zero; their shapes without samples."""
+    return solver.value(np.zeros((1, *shape)), **{key: np.zeros((1, *own)) for key, own in given})
 
 
 def attitude_motion(excerpt: Excerpt, source: Source) -> AttitudeMotion:

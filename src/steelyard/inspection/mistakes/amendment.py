@@ -48,6 +48,11 @@ class Amendment:
     keys: tuple[str, ...] = ()
     """What to write under the instrument, key by key, in all runs; empty: no key says it."""
 
+    @property
+    def key(self) -> tuple[str, ...]:
+        """In words, which are others of any other amendment."""
+        return (self.kind, self.subject, self.channel, self.what, self.proposal)
+
 
 @dataclass(frozen=True)
 class Subject:

@@ -4,7 +4,7 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 
@@ -98,33 +98,36 @@ def of_readings(places: PlaceSettings) -> tuple[OfReading, ...]:
 
 
 def clock_amendments(
-    now: Judged, suspected: float, settings: MistakeSettings = MISTAKES
+    now: Judged,
+    suspects: Sequence[Source],
+    settings: MistakeSettings = MISTAKES,
+    *,
+    before: Set[str] = frozenset(),
 ) -> Iterator[Amendment]:
     """What could be wrong with the clocks of instruments that contradict others: a search of its own
     for each, which takes longer than all the rest.
 
     Args:
         now: What contradicts what.
-        suspected: See :meth:`Judged.suspects`.
+        suspects: Readings that contradict others.
         settings: Which delays are tried.
+        before: Instruments whose clocks have been looked at.
     """
     if not now.excerpt.static:
-        names = {name for name, _ in now.suspects(suspected)}
-        yield from of_clocks(now, names, settings.clocks)
+        yield from of_clocks(now, {name for name, _ in suspects}, settings.clocks, before)
 
 
 def amendments(
-    now: Judged, suspected: float, settings: MistakeSettings = MISTAKES
+    now: Judged, suspects: Sequence[Source], settings: MistakeSettings = MISTAKES
 ) -> Iterator[Amendment]:
     """What could be wrong with instruments that contradict others, but for their clocks.
 
     Args:
         now: What contradicts what.
-        suspected: See :meth:`Judged.suspects`.
+        suspects: Readings that contradict others, the worst first.
         settings: Which places are tried.
     """
     excerpt, m = now.excerpt, now.excerpt.robot.m
-    suspects = now.suspects(suspected)
     names = list(dict.fromkeys(name for name, _ in suspects))
     if any(agreement.robot for agreement in now.bad):
         yield from of_gravity(excerpt)

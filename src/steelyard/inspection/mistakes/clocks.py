@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from itertools import combinations
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.inspection.agreements.excerpt import Excerpt, instruments_by_clock
 from steelyard.inspection.agreements.judgement import Judged, evaluated
 from steelyard.inspection.agreements.motion import is_of_motion
@@ -18,7 +19,10 @@ SYNC_AUTO = "sync: auto"
 
 
 def of_clocks(
-    now: Judged, suspects: set[str], settings: ClockSettings = CLOCKS
+    now: Judged,
+    suspects: Set[str],
+    settings: ClockSettings = CLOCKS,
+    before: Set[str] = frozenset(),
 ) -> Iterator[Amendment]:
     """Clocks of suspected instruments.
 
@@ -26,6 +30,7 @@ def of_clocks(
         now: What contradicts what.
         suspects: Instruments.
         settings: Which delays are tried.
+        before: Suspects whose clocks have been looked at.
     """
     excerpt = now.excerpt
     experiment, run = excerpt.experiment, excerpt.run
@@ -35,7 +40,7 @@ def of_clocks(
     groups = dict.fromkeys([*own, *alone])
     force = experiment.force_instrument(run)
     for names in groups:
-        if force in names or not suspects & set(names):
+        if force in names or not suspects & set(names) or before & set(names):
             continue
         delay = _best_delay(now, names, settings)
         if delay is not None:
@@ -71,20 +76,26 @@ def _best_delay(now: Judged, names: tuple[str, ...], settings: ClockSettings) ->
     if not relations:
         return None
 
-    def cost(delay: float) -> float:
-        amended = shifted(dict.fromkeys(names, delay))(now.excerpt)
-        found = [evaluated(amended, relation) for relation in relations]
-        return sum(np.inf if each is None else each.cost for each in found)
+    def best_of(delays: Array) -> float:
+        best, least = 0.0, np.inf
+        for delay in delays.tolist():
+            amended, total = shifted(dict.fromkeys(names, delay))(now.excerpt), 0.0
+            for relation in relations:
+                found = evaluated(amended, relation)
+                total += np.inf if found is None else found.cost
+                if total >= least:
+                    break
+            if total < least:
+                best, least = delay, total
+        return best
 
     length = float(now.excerpt.time[-1] - now.excerpt.time[0])
     most, coarse, fine = min(settings.largest, length / 2), settings.coarse, settings.fine
-    grid = np.arange(-most, most + coarse / 2, coarse)
-    best = float(grid[int(np.argmin([cost(float(d)) for d in grid]))])
+    best = best_of(np.arange(-most, most + coarse / 2, coarse))
     if not now.excerpt.run.sync and abs(best) > settings.coarse:
         # That the clocks are apart is enough: they are found from the data then.
         return best
-    around = best + np.arange(-coarse, coarse + fine / 2, fine)
-    best = float(around[int(np.argmin([cost(float(d)) for d in around]))])
+    best = best_of(best + np.arange(-coarse, coarse + fine / 2, fine))
     return best if abs(best) > settings.least else None
 
 

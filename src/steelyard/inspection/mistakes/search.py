@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from steelyard.identification.model.sources import Source
 from steelyard.inspection.agreements.agreement import InstrumentAgreement
 from steelyard.inspection.agreements.excerpt import Excerpt
 from steelyard.inspection.agreements.judgement import Judged, evaluated, judged
@@ -113,7 +115,7 @@ def mistakes(
     now = judged(excerpt)
     while now.bad and len(found) < settings.most:
         # What agrees with nothing first; then all that contradicts anything.
-        best = _best(now, settings.suspect, settings) or _best(now, 0.0, settings)
+        best = _best(now, settings)
         if best is None:
             break
         mistake, now = best
@@ -124,21 +126,58 @@ def mistakes(
     return found, now
 
 
-def _best(
-    now: Judged, suspected: float, settings: MistakeSettings
-) -> tuple[Mistake, Judged] | None:
-    """The amendment that helps most, if it helps enough."""
+def _best(now: Judged, settings: MistakeSettings) -> tuple[Mistake, Judged] | None:
+    """The amendment that helps most, if it helps enough: of what agrees with nothing, or else of all
+    that contradicts anything.
+    """
+    tried: list[_Trial] = []
+    begun: set[tuple[str, ...]] = set()
+    before: frozenset[Source] = frozenset()
+    for suspected in (settings.suspect, 0.0):
+        suspects = now.suspects(suspected)
+        if set(suspects) == before:
+            break
+        _try_all(now, suspects, before, tried, begun, settings)
+        tried.sort(key=lambda trial: -trial.gain)
+        for trial in tried[: settings.considered]:
+            if _helps_much(now, trial, settings):
+                return _named(now, trial, tried, settings)
+        before = frozenset(suspects)
+    return None
+
+
+def _try_all(
+    now: Judged,
+    suspects: Sequence[Source],
+    before: frozenset[Source],
+    tried: list[_Trial],
+    begun: set[tuple[str, ...]],
+    settings: MistakeSettings,
+) -> None:
+    """Try the amendments of suspects.
+
+    Args:
+        now: What contradicts what.
+        suspects: Readings that may be wrong.
+        before: Those of an earlier turn, whose clocks have been looked at.
+        tried: What helps is added.
+        begun: What has been tried; what is tried now is added.
+        settings: When a mistake is named.
+    """
     total = sum(a.cost for a in now.bad)
     wanted = max(settings.least_gain, settings.share * min(total, settings.enough))
-    tried: list[_Trial] = []
-    unsaid = not now.excerpt.run.sync
+    clocks = partial(clock_amendments, before={name for name, _ in before})
     # Where nobody has said how the clocks are apart, that is the likeliest mistake.
-    tables = (clock_amendments, amendments) if unsaid else (amendments, clock_amendments)
+    unsaid = not now.excerpt.run.sync
+    tables = (clocks, amendments) if unsaid else (amendments, clocks)
     for candidates in tables:
         best = max((trial.gain for trial in tried), default=0.0)
         if best > settings.plain * total:
             break
-        for amendment in candidates(now, suspected, settings):
+        for amendment in candidates(now, suspects, settings):
+            if amendment.key in begun:
+                continue
+            begun.add(amendment.key)
             best = max((trial.gain for trial in tried), default=0.0)
             trial = _tried(now, amendment, max(wanted, best - 2 * settings.equal), settings)
             if trial is None:
@@ -147,11 +186,6 @@ def _best(
             if amendment.proposal == SYNC_AUTO and _helps_much(now, trial, settings):
                 # The other clocks are found with this one.
                 break
-    tried.sort(key=lambda trial: -trial.gain)
-    for trial in tried[: settings.considered]:
-        if _helps_much(now, trial, settings):
-            return _named(now, trial, tried, settings)
-    return None
 
 
 def _tried(
@@ -173,7 +207,8 @@ def _tried(
     except (ValueError, np.linalg.LinAlgError):
         return None
     after: dict[Relation, InstrumentAgreement] = {}
-    for relation in sorted(touched, key=lambda r: not is_of_motion(r)):
+    # What takes less time first, of that what is worst: most amendments are given up there.
+    for relation in sorted(touched, key=lambda r: (not is_of_motion(r), -now.agreements[r].cost)):
         agreement_then = evaluated(amended, relation)
         if agreement_then is None:
             return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from steelyard.display import printable
@@ -24,7 +25,7 @@ def draft_document(values: Mapping[str, Any]) -> Document:
     """
     place = _shown(values["experiment"])
     lead = Statement(f"{place}: a draft of an experiment file; check what follows.", "note")
-    grid = Grid(place, _HEAD, tuple(_rows(values)), _NUMBERS)
+    grid = Grid("streams", _HEAD, tuple(_rows(values)), _NUMBERS, repeated=2)
     said = Statements(tuple(_statements(values)))
     return Document(place, lead, (Section("draft", "What was guessed", (grid, said)),))
 
@@ -33,7 +34,7 @@ def _rows(values: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     """A row a stream."""
     for run, entry in values["runs"].items():
         for name, stream in entry["streams"].items():
-            log = stream["log"]
+            log = _beside(stream["log"], values["experiment"])
             if stream["topic"] is not None:
                 log = f"{log} {stream['topic']}"
             rate = "" if stream["rate"] is None else f"{stream['rate']:g} Hz"
@@ -51,8 +52,12 @@ def _rows(values: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 def _statements(values: Mapping[str, Any]) -> Iterator[Statement]:
     """What was not used, what to check, and what to do next; each once."""
+    unused: dict[str, dict[str, None]] = {}
     for each in values["unused"]:
-        yield Statement(_shown(f"not used: {each['log']}: {each['what']}"))
+        log = _beside(each["log"], values["experiment"])
+        unused.setdefault(log, {})[each["what"]] = None
+    for log, whats in unused.items():
+        yield Statement(_shown(f"not used: {log}: {'; '.join(whats)}"))
     for check in dict.fromkeys(_checks(values)):
         yield Statement(_shown(f"check: {check}"))
     yield Statement(
@@ -61,6 +66,13 @@ def _statements(values: Mapping[str, Any]) -> Iterator[Statement]:
             f" inspect {values['experiment']}"
         )
     )
+
+
+def _beside(log: str, experiment: str) -> str:
+    """A log as the experiment file has it, where it lies below that."""
+    folder = Path(experiment).absolute().parent
+    path = Path(log).absolute()
+    return str(path.relative_to(folder)) if path.is_relative_to(folder) else log
 
 
 def _checks(values: Mapping[str, Any]) -> Iterator[str]:

@@ -4,7 +4,7 @@ from.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.clocks.offsets import Offset
 from steelyard.digits import LABELS, figures
-from steelyard.estimates.estimate import Estimate, per_mass_rows
+from steelyard.estimates.estimate import Estimate, Verdict, per_mass_rows
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
 from steelyard.report.evidence.gather import body_of, evidence_of
@@ -126,7 +126,7 @@ def summarise(
         loads=tuple(_each_load(identification.result, identification.estimate)),
         runs=tuple(_each_run(identification)),
         statements=(
-            *_statements(shown),
+            *_statements(shown, result),
             *identification.left_out,
             *_clocks(identification),
             *(str(prediction) for prediction in identification.predictions),
@@ -222,19 +222,32 @@ def _offset(clock: Offset) -> str:
     return text
 
 
-def _statements(estimates: Mapping[str, Estimate]) -> list[str]:
-    """Verdicts, then notes, each once."""
+def _statements(estimates: Mapping[str, Estimate], result: str) -> list[str]:
+    """Verdicts, then notes, each once: the reasons against the result stand in the first sentence of
+    a report, and are not said again of it and of all that share them.
+    """
     verdicts = []
+    first = estimates[result].verdict
+    said = frozenset((*first.reasons, first.disagreement))
     for name, estimate in estimates.items():
         if estimate.loads is None:
-            verdicts.append(f"{name}: {estimate.verdict}")
+            verdicts.append(f"{name}: {_beside_first(estimate.verdict, said)}")
         else:
             of_loads = estimate.loads.estimates.items()
             verdicts += [f"{name}, load '{load}': {each.verdict}" for load, each in of_loads]
-    notes: dict[str, None] = {}
+    notes: dict[str, dict[str, None]] = {}
     for estimate in estimates.values():
-        notes |= dict.fromkeys(f"{estimate.method}: {note}" for note in estimate.notes)
-    return [*verdicts, *notes]
+        for note in estimate.notes:
+            notes.setdefault(note, {})[estimate.method] = None
+    return [*verdicts, *(f"{', '.join(methods)}: {note}" for note, methods in notes.items())]
+
+
+def _beside_first(verdict: Verdict, said: Set[str]) -> str:
+    """A verdict in words, without reasons that have been said."""
+    if verdict.accepted is not False or not said & set(verdict.reasons):
+        return str(verdict)
+    own = "; ".join(r for r in (*verdict.reasons, verdict.disagreement) if r and r not in said)
+    return f"not accepted, as said above; also: {own}" if own else "not accepted, as said above"
 
 
 def _per_mass(shown: Mapping[str, Estimate], truth: Inertia | None) -> PerMassTable | None:

@@ -12,7 +12,7 @@ from steelyard.cli.options import check_there, common, experiment_argument, forc
 from steelyard.cli.printing import print_json, print_samples, progress, samples_of
 
 
-@click.command()
+@click.command(short_help="An experiment in one tidy form, on one clock.")
 @experiment_argument
 @out_option(help="Folder for the experiment; must be new or empty.", required=True)
 @click.option(

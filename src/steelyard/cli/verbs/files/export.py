@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from steelyard.cli.options import common, force_option, out_option, pose_option
-from steelyard.cli.printing import print_json
+from steelyard.cli.printing import in_lines, print_json
 from steelyard.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ class Format(click.Choice[str]):
         return super().convert(value, param, ctx)
 
 
-@click.command()
+@click.command(short_help="Write the platform for a simulator or controller.")
 @click.argument("estimate")
 @click.option(
     "--format",
@@ -159,7 +160,8 @@ def export(
     said = "not accepted" if verdict.accepted else verdict.short
     doubts = f"; {said.upper()}: {'; '.join(exported.doubts)}" if exported.doubts else ""
     on = "" if hanging is None else f" on the {hanging.robot.m} cables of {hanging.robot.name}"
-    print(f"{out}: '{exported.estimate.method}'{on} as {form.title}, {form.convention}{doubts}")
+    said = f"{out}: '{exported.estimate.method}'{on} as {form.title}, {form.convention}{doubts}"
+    print(in_lines(said, sys.stdout))
 
 
 def _robot(hanging: Hanging) -> dict[str, Any]:

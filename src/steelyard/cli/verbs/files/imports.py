@@ -12,7 +12,7 @@ from steelyard.cli.printing import print_json
 from steelyard.errors import InputError
 
 
-@click.command("import")
+@click.command("import", short_help="A robot file from those of other programs.")
 @click.argument(
     "files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE..."
 )

@@ -15,9 +15,11 @@ if TYPE_CHECKING:
     from steelyard.drafts.draft import Draft
 
 
-@click.command()
+@click.command(short_help="Draft a first experiment file from logs.")
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=click.Path(path_type=Path))
-@click.option("--robot", help="A bundled name or a robot file; without it, what there is.")
+@click.option(
+    "--robot", metavar="ROBOT", help="A bundled name or a robot file; without it, what there is."
+)
 @out_option(help="Experiment file to write.", required=True)
 @force_option(help="Replace the file.")
 @common

@@ -10,7 +10,7 @@ from steelyard.cli.options import common, force_option
 from steelyard.cli.printing import print_json
 
 
-@click.command()
+@click.command(short_help="A folder with robot, sensors and experiment to fill in.")
 @click.argument("name", type=click.Path(path_type=Path))
 @click.option("--cables", type=int, default=8, show_default=True, help="Of the robot.")
 @force_option()

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from steelyard.robot.model import Robot
 
 
-@click.command()
+@click.command(short_help="List bundled robots; print one; check and draw your own.")
 @click.argument("name", required=False)
 @out_option(
     help="Draw it: a page (FILE.html) of NAME; without NAME a folder with a page for each robot."
@@ -39,6 +39,8 @@ def robots(name: str | None, out: Path | None, force: bool, as_json: bool, quiet
             print(bundled_text(name).rstrip("\n"))
         else:
             _check(robot, name)
+        if out is not None and not as_json:
+            print(f"{out}: a picture of it, with its table")
         return
     every = {each: read_robot(each) for each in bundled}
     if out is not None:
@@ -51,6 +53,8 @@ def robots(name: str | None, out: Path | None, force: bool, as_json: bool, quiet
         return
     for each, robot in every.items():
         print(f"{each:16} {robot.m} cables, nominal platform {_mass(robot) or 0:.3f} kg")
+    if out is not None:
+        print(f"{out}: a page with a picture of each, such as {out / next(iter(every))}.html")
 
 
 def _check(robot: Robot, name: str) -> None:

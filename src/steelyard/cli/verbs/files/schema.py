@@ -10,7 +10,7 @@ import click
 from steelyard.cli.options import force_option, out_option
 
 
-@click.command()
+@click.command(short_help="The JSON schema of experiment or robot files.")
 @click.argument("which", type=click.Choice(["experiment", "robot"]), default="experiment")
 @out_option(help="File to write. Default: print it.")
 @force_option(help="Replace the file.")

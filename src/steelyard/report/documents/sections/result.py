@@ -136,7 +136,10 @@ def _verdicts(summary: Summary) -> Iterator[Statement]:
 def grid_of(table: ParameterTable) -> Grid:
     """A table of ten parameters, with the difference from the truth where that is known."""
     columns = []
-    for column in table.columns:
+    for i, column in enumerate(table.columns):
+        if i and column.deviations is not None and not any(v is not None for v in column.values):
+            # What has no numbers is said in words.
+            continue
         deviations = column.deviations
         if column.heading == ATTAINABLE:
             columns.append(ParameterTexts(column.heading, [deviation(v) for v in column.values]))
