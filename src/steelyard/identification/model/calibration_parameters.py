@@ -23,6 +23,7 @@ from steelyard.identification.weighed_cells import WeighedCells, weighed_cells
 from steelyard.inertia import TEN
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT, Term
+from steelyard.instruments.length import ROLLER
 from steelyard.instruments.tension import CROSSTALK
 from steelyard.robot.covariance import POINTS
 from steelyard.robot.surroundings import HOSE
@@ -71,7 +72,7 @@ _OF_LOADS = (
     *(f"inertia {axes} about the origin" for axes in ("xx", "yy", "zz", "yz", "xz", "xy")),
 )
 """What a load is more than the first, as people would say it."""
-_PER_CABLE = frozenset({"offset", "gain", "friction"})
+_PER_CABLE = frozenset({"offset", "gain", "friction", ROLLER})
 _NEGLIGIBLE = 0.1
 """Part of the 1-sigma of devices that have an error at all, below which it is another's doing."""
 _OFFSET_SHARE = 0.01
