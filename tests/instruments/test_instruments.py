@@ -183,7 +183,7 @@ def length(i, c, robot, state):
     return {
         "length": [
             [
-                g * np.linalg.norm(a - (p + Rwp @ b)) / (1 + c["stretch"] * f * compliance)
+                g * np.linalg.norm(a - (p + Rwp @ b)) / (1 + c["stretch"][0] * f * compliance)
                 for a, b, f, g in zip(
                     robot.anchors, robot.attachments, tensions, c["gain"], strict=True
                 )
@@ -332,7 +332,7 @@ DEFAULTS = {
         "misalignment": 0.0,
         "time_constant": 0.0,
     },
-    "length": {"offset": 1.0, "gain": 0.0},
+    "length": {"offset": 1.0, "gain": 0.0, "stretch": 0.0, "roller": 0.0},
     "imu": {
         "gyro_bias": 0.02,
         "accelerometer_bias": 0.5,

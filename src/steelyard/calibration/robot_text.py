@@ -24,6 +24,10 @@ def robot_text(found: GeometryCalibration) -> str:
     for cable in values["cables"]:
         for key in POINTS:
             cable[key] = [round(v, _DIGITS) for v in cable[key]]
+        if "pulley" in cable:
+            cable["pulley"]["radius"] = round(cable["pulley"]["radius"], _DIGITS)
+    if found.stiffness is not None:
+        values["cable"]["axial_stiffness"] = float(f"{found.stiffness[0]:.7g}")
     values["covariance"] = COVARIANCE
     lines: list[str] = []
     counts = dict.fromkeys((*POINTS, "radius"), 0)
@@ -55,9 +59,10 @@ def _beside(found: GeometryCalibration, line: str, counts: dict[str, int]) -> st
             if sigma is None or np.isnan(sigma)
             else f"  # 1-sigma {1000 * sigma:.2g} mm"
         )
-    if re.match(r"\s*axial_stiffness:", line):
+    if "axial_stiffness:" in line:
         told = found.stiffness
-        return "  # not told" if told is None else f"  # 1-sigma {told[1]:.2g} N"
+        said = "not told" if told is None else f"1-sigma {told[1]:.2g} N"
+        return f"  # axial stiffness: {said}"
     return ""
 
 

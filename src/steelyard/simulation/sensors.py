@@ -144,7 +144,7 @@ def calibration_sensors() -> Sensors:
     instruments = {
         "tracker": {
             "kind": "position",
-            "target": [0.0, 0.0, 0.0],
+            "target": (0.0, 0.0, 0.0),
             "rate": 25.0,
             "noise": 0.0005,
             "calibration": {"target": 0.1, "frame": none},

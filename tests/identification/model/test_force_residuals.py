@@ -749,7 +749,7 @@ STRETCHING = {
     "platform end": {"force": "platform end"},
     "winch end": {"force": "winch end"},
     "at rest": {"force": "platform end", "static": True},
-    "drifting sensors": {"force": "platform end", "drifting": True, "disturbed": True},
+    "drifting sensors": {"force": "platform end", "drifting": True},
 }
 
 
