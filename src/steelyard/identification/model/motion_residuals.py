@@ -562,9 +562,9 @@ def _of_reading(
     sigma: float | Array = reading.sigma * factors.get(label, 1.0)
     if reading.late is not None:
         sigma = np.hypot(sigma, reading.late[part])
-    followed: _Followed | None = None
+    followed: _CorrectedTensions | None = None
     if carried is not None and reading.follows:
-        followed = _Followed(carried, sigma)
+        followed = _CorrectedTensions(carried, sigma)
     times, local, motion, linear = looked_at(
         experiment, segment, reading, part, calibration, references, followed
     )
@@ -651,7 +651,7 @@ def _of_reading(
     )
 
 
-class _Followed:
+class _CorrectedTensions:
     """Tensions that lengths follow: as the forces carry the body, then less the noise that the lengths
     themselves show, so that it does not meet itself in the derivatives [Helmert1872]_.
     """
