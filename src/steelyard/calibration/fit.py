@@ -31,7 +31,7 @@ from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.inertia import TEN
 from steelyard.instruments.base import Prior
-from steelyard.instruments.length import ROLLER, STRETCH
+from steelyard.instruments.length import ROLLER
 
 Progress = Callable[[str, float], None] | None
 _RADIUS = 1.0
@@ -200,12 +200,10 @@ def _begun_at_rest(
 
 
 def _widened(experiment: Experiment, settings: CalibrationSettings) -> Experiment:
-    """With drums of any scale where something metric is read, and with offsets of lengths, stretch
-    and rollers that nobody has stated.
+    """With drums of any scale where something metric is read, and with offsets of lengths and rollers
+    that nobody has stated.
     """
     robot = experiment.robot
-    # Without tensions nobody knows how far cables stretch: that is no error of their stiffness.
-    weighed = any(experiment.force_instrument(run) is not None for run in experiment.runs)
     metric = any(
         experiment.instruments[name].is_motion
         and "position" in run.streams[name].values
@@ -223,8 +221,6 @@ def _widened(experiment: Experiment, settings: CalibrationSettings) -> Experimen
                 update["offset"] = Prior(sigma=settings.offset)
             if "gain" not in stated and metric:
                 update["gain"] = Prior(sigma=settings.scale)
-            if STRETCH not in stated and robot.cable.axial_stiffness and weighed:
-                update[STRETCH] = Prior(sigma=settings.stretch)
             if ROLLER not in stated and robot.pulley_radius.any():
                 update[ROLLER] = Prior(sigma=settings.roller)
             calibration = calibration.model_copy(update=update)

@@ -19,9 +19,6 @@ class CalibrationSettings:
     read."""
     offset: float = 3.0
     """1-sigma of the offset of a length that nobody has stated [m]."""
-    stretch: float = 0.1
-    """1-sigma of the stretch of the cables over that by the axial stiffness of the robot file: ropes
-    of one make differ by so much, and grow stiffer in use."""
     roller: float = 0.001
     """1-sigma of the radius of a roller [m]: the groove and half the cable."""
     force: float = 0.02

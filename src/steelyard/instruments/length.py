@@ -28,7 +28,8 @@ class LengthCalibration(Calibration):
     gain: Prior = exact()
     """Factor on each cable: the circumference of its drum; default: exact."""
     stretch: Prior = exact()
-    """Factor on the stretch of all cables: 1 / EA over that of the robot file; default: exact."""
+    """Factor on the stretch of all cables: 1 / EA over that of the robot file; not stated: 0.1 where
+    tensions are read and the robot file has an axial stiffness, else exact."""
     roller: Prior = exact()
     """By how much the radius of each roller is larger than in the robot file [m]; default: exact."""
 
