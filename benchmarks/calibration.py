@@ -7,6 +7,9 @@ lengths and tracker of .5 mm, anchors off by 30 cm and attachments by 3 cm.
 paper and lengths of .5 mm; anchors of the robot are 5 cm off their drawing, where the fit begins
 30 cm, attachments 1 cm. Eight cables are CoGiRo's (own simulator: catenaries over rollers); four are
 a platform that hangs and swings in MuJoCo.
+
+`python benchmarks/calibration.py [DRAWS] soft`: 30 s of these four on ropes that stretch by 2.6 per
+cent, whose axial stiffness is off by ten per cent in the robot file.
 """
 
 from __future__ import annotations
@@ -40,6 +43,10 @@ FIRST_SEED = 800_000
 """Apart from the seeds of every test and of the other benchmarks."""
 DURATION = 60.0
 """Of a recording in motion [s]."""
+SOFT_DURATION = 30.0
+"""The same on soft ropes."""
+STRETCH = 0.1
+"""1-sigma of the axial stiffness in the robot file of soft ropes."""
 BUILT, DRAWN, ATTACHED = 0.05, 0.3, 0.01
 """1-sigma of the anchors about their drawing, of the anchors that the fit begins with, and of the
 attachments [m]."""
@@ -83,14 +90,29 @@ def eight(seed: int) -> tuple[Experiment, Robot]:
     return _begun(simulate(true, motion, sensors(true), seed=seed).experiment, true, rng)
 
 
-def four(seed: int) -> tuple[Experiment, Robot]:
+def soft(seed: int) -> tuple[Experiment, Robot]:
+    """The same on ropes that stretch by 2.6 per cent, whose stiffness the robot file has wrong."""
+    experiment, true = four(seed, stiffer=0.1, duration=SOFT_DURATION)
+    factor = 1 + STRETCH * np.random.default_rng([seed, 1]).standard_normal()
+    cable = replace(
+        experiment.robot.cable, axial_stiffness=true.cable.axial_stiffness * max(0.5, factor)
+    )
+    return replace(experiment, robot=replace(experiment.robot, cable=cable)), true
+
+
+def four(seed: int, stiffer: float = 1.0, duration: float = DURATION) -> tuple[Experiment, Robot]:
     """A minute of a platform on four cables, whose winches feed what it needs to hang in a path."""
     rng = np.random.default_rng(seed)
     none = {"pulley_radius": np.zeros(4), "pulley_axis": np.tile([0.0, 0.0, 1.0], (4, 1))}
-    robot = replace(point_robot(damping_ratio=0.1), anchors=FOUR, attachments=CORNERS, **none)
+    robot = replace(
+        point_robot(damping_ratio=0.1, stiffer=stiffer),
+        anchors=FOUR,
+        attachments=CORNERS,
+        **none,
+    )
     true = off_by(robot, BUILT, rng)
     assert true.platform is not None
-    time = np.linspace(0, DURATION, int(DURATION * 100) + 1)
+    time = np.linspace(0, duration, int(duration * 100) + 1)
     ramp = np.clip(time / 4, 0, 1)
     ramp = ramp**3 * (10 - 15 * ramp + 6 * ramp**2)
 
@@ -108,10 +130,10 @@ def four(seed: int) -> tuple[Experiment, Robot]:
     along = (pull / length[:, :, None]).transpose(0, 2, 1)
     tension = np.linalg.pinv(along) @ (-true.platform.mass * true.gravity)
     feed = make_interp_spline(time, length / (1 + tension / true.cable.axial_stiffness), k=5)
-    hanging = moved(true, feed, np.concatenate([place[0], [1, 0, 0, 0]]), DURATION)
+    hanging = moved(true, feed, np.concatenate([place[0], [1, 0, 0, 0]]), duration)
     instruments = sensors(true).instruments
     drawn = draw_errors(instruments, 4, ["move"], rng)["move"]
-    unused = ExactMotion(true, true.platform, multisine([0] * 6, [0.1] * 6, DURATION, 3))
+    unused = ExactMotion(true, true.platform, multisine([0] * 6, [0.1] * 6, duration, 3))
     streams, sync = record(hanging, instruments, drawn, true, unused, rng)
     return _begun(Experiment("four", true, instruments, (Run("move", streams, sync),)), true, rng)
 
@@ -164,6 +186,8 @@ def main(count: int, *rest: str) -> None:
         kinds = {8: eight, 4: four}
         chosen = [int(m) for m in rest[1:]] or list(kinds)
         table({m: kinds[m] for m in chosen}, count)
+    elif rest[:1] == ("soft",):
+        table({4: soft}, count)
     else:
         table({m: lambda seed, m=m: recorded(seed, m=m) for m in (3, 4, 8, 12)}, count)
 

@@ -9,6 +9,7 @@ from halls import EXACT_PLACE, NOISE, TARGET, errors, hall, recorded
 from scipy.spatial.transform import Rotation
 
 from steelyard.calibration.calibrate import calibrate
+from steelyard.calibration.robot_text import robot_text
 from steelyard.cli.verbs.calibrate import calibrate as calibrate_verb
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run, Stream
@@ -42,7 +43,7 @@ def turning(time):
     return rate(time), (rate(time + h) - rate(time - h)) / (2 * h)
 
 
-def moved(seed, *, off=0.3, m=8, forces=True, at_rest=0):
+def moved(seed, *, off=0.3, m=8, forces=True, at_rest=0, stiffness=None):
     """A hall whose robot file is off, with lengths and a tracker, an IMU, and forces where asked; some
     poses at rest of the same robot beside it."""
     rng = np.random.default_rng(seed)
@@ -82,6 +83,8 @@ def moved(seed, *, off=0.3, m=8, forces=True, at_rest=0):
             W = np.concatenate([own, np.cross(true.attachments, own)], axis=2).transpose(0, 2, 1)
             even = np.full(m, 400.0)
             tension = even + np.einsum("nmk,nk->nm", np.linalg.pinv(W), wrench - W @ even)
+            if stiffness is not None:
+                streams["lengths"]["length"] -= length * tension / (stiffness + tension)
             streams["cables"] = {"tension": tension + 1.0 * noise(tension.shape)}
         runs.append(
             Run(name, {n: Stream(time, each, n) for n, each in streams.items()}, static=static)
@@ -231,6 +234,25 @@ def test_lengths_that_stretch_need_tensions():
     streams = {**run.streams, "lengths": replace(lengths, values={"length": stretched})}
     found = calibrate(replace(experiment, robot=elastic, runs=(replace(run, streams=streams),)))
     assert "how far cables stretch is not known without" in " ".join(found.reasons)
+
+
+@pytest.mark.slow
+def test_the_stiffness_of_soft_ropes_is_found():
+    # Ropes that stretch by two per cent, by eight per cent more than the robot file says.
+    true_stiffness = 2e4
+    experiment, true = moved(3, stiffness=true_stiffness)
+    cable = replace(experiment.robot.cable, axial_stiffness=1.08 * true_stiffness)
+    robot = replace(experiment.robot, cable=cable)
+    found = calibrate(replace(experiment, robot=robot))
+    assert not found.reasons
+    value, sigma = found.stiffness
+    assert sigma < 0.01 * true_stiffness
+    assert abs(value - true_stiffness) < 4 * sigma
+    off = errors(found, true)
+    assert off @ np.linalg.solve(found.covariance, off) < 1.7 * len(off)
+    (line,) = (each for each in robot_text(found).splitlines() if "axial_stiffness" in each)
+    assert line.endswith(f"  # axial stiffness: 1-sigma {sigma:.2g} N")
+    assert found.to_dict()["axial_stiffness"] == {"value": value, "standard_deviation": sigma}
 
 
 def test_the_verb_takes_a_motion_without_forces(tmp_path, capsys):

@@ -183,7 +183,7 @@ def length(i, c, robot, state):
     return {
         "length": [
             [
-                g * np.linalg.norm(a - (p + Rwp @ b)) / (1 + f * compliance)
+                g * np.linalg.norm(a - (p + Rwp @ b)) / (1 + c["stretch"][0] * f * compliance)
                 for a, b, f, g in zip(
                     robot.anchors, robot.attachments, tensions, c["gain"], strict=True
                 )
@@ -260,7 +260,7 @@ def test_a_cable_with_weight_is_longer_than_its_chord_by_its_sag(state):
     # the run d; T is that at mid-span, here nearly that at the end.
     robot = replace(HEAVY, gravity=np.array([0.0, 0.0, -9.81]))
     tight = replace(state, tension=20 * state.tension)
-    instrument, exact = Length(kind="length"), {"offset": np.zeros(M), "gain": np.ones(M)}
+    instrument, exact = Length(kind="length"), means(Length(kind="length"), M)
     longer = (
         predict(instrument, robot, tight, exact)["length"]
         - predict(instrument, STRAIGHT, tight, exact)["length"]
@@ -270,6 +270,26 @@ def test_a_cable_with_weight_is_longer_than_its_chord_by_its_sag(state):
     run = np.linalg.norm(chord[:, :, :2], axis=2)
     sag = (0.3 * 9.81 * run) ** 2 * np.linalg.norm(chord, axis=2) / (24 * tight.tension**2)
     np.testing.assert_allclose(longer, sag, rtol=0.02)
+
+
+def test_stretch_and_rollers_are_those_of_another_robot(state):
+    # Factor on the compliance of a catenary over rollers, and radii that are larger by millimetres.
+    instrument = Length(kind="length")
+    cable = CableProperties(axial_stiffness=4e4, linear_density=0.1)
+    axes = np.tile([0.0, 0.0, 1.0], (M, 1))
+    rollers = replace(STRAIGHT, cable=cable, pulley_radius=np.full(M, 0.05), pulley_axis=axes)
+    larger = np.array([0.002, -0.001, 0.0, 0.003])
+    other = replace(
+        rollers,
+        cable=replace(cable, axial_stiffness=4e4 / 1.3),
+        pulley_radius=rollers.pulley_radius + larger,
+    )
+    errors = {**means(instrument, M), "stretch": np.array([1.3]), "roller": larger}
+    found = predict(instrument, rollers, state, errors)["length"]
+    expected = predict(instrument, other, state, means(instrument, M))["length"]
+    np.testing.assert_allclose(found, expected, rtol=TOLERANCE)
+    plain = predict(instrument, rollers, state, means(instrument, M))["length"]
+    assert np.abs(found - plain).min() > 1e-4
 
 
 # A perfect instrument
@@ -282,7 +302,8 @@ def test_a_perfect_instrument_has_gains_of_one_and_no_other_error(kind):
         assert term.mean.shape == (term.size,)
         if term.key == "presliding":
             continue  # A roller that takes nothing may take it over any travel.
-        assert (term.mean == (1.0 if term.key.endswith("gain") else 0.0)).all()
+        factor = term.key.endswith("gain") or term.key == "stretch"
+        assert (term.mean == (1.0 if factor else 0.0)).all()
 
 
 # Default 1-sigma by the table of the contract; None: taken from the data.
@@ -311,7 +332,7 @@ DEFAULTS = {
         "misalignment": 0.0,
         "time_constant": 0.0,
     },
-    "length": {"offset": 1.0, "gain": 0.0},
+    "length": {"offset": 1.0, "gain": 0.0, "stretch": 0.0, "roller": 0.0},
     "imu": {
         "gyro_bias": 0.02,
         "accelerometer_bias": 0.5,

@@ -38,6 +38,7 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.weighed_cells import WrongWeight
 from steelyard.inertia import Inertia, body_jacobian
+from steelyard.instruments.length import ROLLER, STRETCH
 from steelyard.robot.covariance import POINTS, names_of
 from steelyard.robot.model import Robot
 
@@ -80,13 +81,63 @@ class GeometryCalibration:
     def robot(self) -> Robot:
         """The robot with these, and with directions of the world in its frame."""
         points, robot, world = self.points, self.experiment.robot, self.placed.rotation
+        cable, rollers = self.stiffness, self.rollers
         robot = replace(robot, anchors=points["anchor"], attachments=points["attachment"])
+        if cable is not None:
+            robot = replace(robot, cable=replace(robot.cable, axial_stiffness=cable[0]))
+        if rollers is not None:
+            told = np.isfinite(rollers[0])
+            radius = np.where(told, rollers[0], robot.pulley_radius)
+            robot = replace(robot, pulley_radius=np.maximum(radius, 0.0))
         if world is None:
             return robot
         place = self.found.parameters.places[ROBOT, "gravity", None]
         return replace(
             robot, pulley_axis=robot.pulley_axis @ world.T, gravity=self.placed.values[place]
         )
+
+    @property
+    def stiffness(self) -> tuple[float, float] | None:
+        """Axial stiffness of the cables and its 1-sigma [N]; None: the readings do not tell it."""
+        found = self._of_lengths(STRETCH)
+        stated = self.experiment.robot.cable.axial_stiffness
+        if found is None or not stated or not found[0][0] > 0:
+            return None
+        stretch, sigma = float(found[0][0]), float(found[1][0])
+        return stated / stretch, stated * sigma / stretch**2
+
+    @property
+    def rollers(self) -> tuple[Array, Array] | None:
+        """Radii of the rollers and their 1-sigma [m], NaN where the readings do not tell them, shape
+        (m,) each; None: they tell none.
+        """
+        found = self._of_lengths(ROLLER)
+        if found is None:
+            return None
+        drawn = self.experiment.robot.pulley_radius
+        there = drawn > 0
+        return np.where(there, drawn + found[0], np.nan), np.where(there, found[1], np.nan)
+
+    def _of_lengths(self, key: str) -> tuple[Array, Array] | None:
+        """Values and 1-sigma of an error of the lengths, NaN where they are not told, by the instrument
+        that knows them best; None: none does.
+        """
+        parameters, best = self.found.parameters, None
+        for owner, own, run in parameters.places:
+            if own != key or run is not None:
+                continue
+            place = parameters.places[owner, own, run]
+            told = self._told_errors[place]
+            sigma = np.where(told, self.found.deviations[place], np.nan)
+            if told.any() and (best is None or np.nanmean(sigma) < np.nanmean(best[1])):
+                best = np.where(told, self.found.calibration.values[place], np.nan), sigma
+        return best
+
+    @property
+    def _told_errors(self) -> NDArray[np.bool_]:
+        """Which errors the readings tell rather than what was known beforehand, shape (u,)."""
+        before = self.found.parameters.deviation
+        return np.asarray((before > 0) & (self.found.deviations < self.settings.told * before))
 
     @cached_property
     def gauges(self) -> dict[str, Gauge]:
@@ -166,7 +217,7 @@ class GeometryCalibration:
         parameters = self.found.parameters
         sigma, weighed = self.found.deviations, set(parameters.of_weighed.tolist())
         for place, entry, i in parameters.components():
-            searched = entry.key in {"gain", "offset"} and entry.owner != ROBOT
+            searched = entry.key in {"gain", "offset", STRETCH, ROLLER} and entry.owner != ROBOT
             searched = searched and place not in weighed
             before = entry.deviation[i]
             if searched and before > 0 and sigma[place] > self.settings.told * before:
@@ -297,11 +348,9 @@ class GeometryCalibration:
                 if body is None
                 else {"body": {**named(body[0]), "standard_deviation": named(body[1])}}
             ),
-            "calibration": plain(
-                as_tree(
-                    self.experiment, self.reported, self.placed.values, self.parameter_deviations
-                )
-            ),
+            "axial_stiffness": _pair(self.stiffness),
+            "pulley_radius": _pair(self.rollers),
+            "calibration": plain(self._errors()),
             "residuals": {
                 "leave_one_out": None if one_out is None else plain(one_out),
                 "in_units_of_noise": {
@@ -317,6 +366,16 @@ class GeometryCalibration:
             "notes": list(self.found.notes),
             "verdict": {"accepted": not self.reasons, "reasons": self.reasons},
         }
+
+    def _errors(self) -> dict[str, Any]:
+        """All calibration parameters in the shape of the contract; null where nothing is told of
+        stretch and rollers, which the file of the robot has.
+        """
+        values, sigma = self.placed.values.copy(), self.parameter_deviations.copy()
+        for place, entry, _ in self.found.parameters.components():
+            if entry.key in {STRETCH, ROLLER} and not self._told_errors[place]:
+                values[place] = sigma[place] = np.nan
+        return as_tree(self.experiment, self.reported, values, sigma)
 
     def _datum(self) -> dict[str, Any]:
         """How the world of the datum lies in that of the description."""
@@ -359,6 +418,13 @@ class GeometryCalibration:
                 *self.found.notes,
             ),
         )
+
+
+def _pair(found: tuple[Any, Any] | None) -> dict[str, Any] | None:
+    """A value and its 1-sigma in the shape of the contract."""
+    if found is None:
+        return None
+    return {"value": plain(found[0]), "standard_deviation": plain(found[1])}
 
 
 def _points_of(robot: Robot) -> dict[str, Array]:

@@ -25,11 +25,13 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
     gather,
 )
+from steelyard.identification.model.motion_residuals import Segment
 from steelyard.identification.solve.beginning import first_body, read_by, stated_noise
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.inertia import TEN
 from steelyard.instruments.base import Prior
+from steelyard.instruments.length import ROLLER
 
 Progress = Callable[[str, float], None] | None
 _RADIUS = 1.0
@@ -198,9 +200,10 @@ def _begun_at_rest(
 
 
 def _widened(experiment: Experiment, settings: CalibrationSettings) -> Experiment:
-    """With drums of any scale where something metric is read, and offsets of lengths that nobody has
-    stated.
+    """With drums of any scale where something metric is read, and with offsets of lengths and rollers
+    that nobody has stated.
     """
+    robot = experiment.robot
     metric = any(
         experiment.instruments[name].is_motion
         and "position" in run.streams[name].values
@@ -218,6 +221,8 @@ def _widened(experiment: Experiment, settings: CalibrationSettings) -> Experimen
                 update["offset"] = Prior(sigma=settings.offset)
             if "gain" not in stated and metric:
                 update["gain"] = Prior(sigma=settings.scale)
+            if ROLLER not in stated and robot.pulley_radius.any():
+                update[ROLLER] = Prior(sigma=settings.roller)
             calibration = calibration.model_copy(update=update)
             instrument = instrument.model_copy(update={"calibration": calibration})
         instruments[name] = instrument
@@ -254,9 +259,26 @@ def _with_forces(
     )
     state = replace(state, parameters=body)
     fitted = fit(task, state)
+    if experiment.robot.cable.axial_stiffness:
+        # How cables stretch follows the forces once these are roughly right.
+        fitted = fit(task, replace(fitted.state, segments=_following(fitted.state.segments)))
     ten = len(fitted.covariance) - int(task.active.sum())
     own = _body_of(fitted.state), fitted.covariance[:ten, :ten]
     return fitted, task, own
+
+
+def _following(segments: Sequence[Segment]) -> tuple[Segment, ...]:
+    """With lengths that follow the tensions as all that is fitted has them."""
+    return tuple(
+        replace(
+            segment,
+            readings=tuple(
+                replace(reading, follows=reading.tension is not None)
+                for reading in segment.readings
+            ),
+        )
+        for segment in segments
+    )
 
 
 def _body_of(state: FitState) -> Array:

@@ -31,7 +31,7 @@ from steelyard.identification.solve.beginning import (
     motion_task,
     read,
 )
-from steelyard.identification.solve.conclusion import Fitted, concluded, sound, stretch_of
+from steelyard.identification.solve.conclusion import concluded, sound, stretch_of
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.joint_motion import fit_readings
@@ -44,9 +44,6 @@ from steelyard.robot.covariance import POINTS
 Tell = Callable[[str, float], None]
 _LARGEST = 1000.0
 """Span of the anchors of any robot [m]: beyond, motion is not looked for."""
-_SOFT = 0.01
-"""Stretch of a cable over its length beyond which errors of the tensions matter in lengths: at .3 per
-cent 1-sigma are right, at 2.6 per cent they are too small by a third."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +264,7 @@ def _with_forces(readings: Readings, begun: Beginning, tell: Tell) -> MotionFit:
     active = fitted.task.active
     covariance = np.where(np.outer(active, active), whole[TEN:, TEN:], 0.0)
     body = posterior.parameters, whole[:TEN, :TEN]
-    notes = (*posterior.notes, *_contacts(posterior), *_stretching(fitted))
+    notes = (*posterior.notes, *_contacts(posterior))
     return MotionFit(fitted.task, fitted.fit, covariance, body, tuple(dict.fromkeys(notes)))
 
 
@@ -277,23 +274,6 @@ def _contacts(posterior: Posterior) -> list[str]:
         f"run '{run}': something touched the platform"
         f" {', '.join(f'from {a:.1f} to {b:.1f} s' for a, b in each)}: left out"
         for run, each in posterior.contacts.items()
-    ]
-
-
-def _stretching(fitted: Fitted) -> list[str]:
-    """That cables stretch by much: that their tensions are not known exactly is not in the lengths."""
-    stiffness = fitted.task.experiment.robot.cable.axial_stiffness
-    tensions = [
-        float(np.median(reading.tension))
-        for segment in fitted.fit.state.segments
-        for reading in segment.readings
-        if reading.tension is not None
-    ]
-    if not stiffness or not tensions or max(tensions) < _SOFT * stiffness:
-        return []
-    return [
-        f"cables stretch by {max(tensions) / stiffness:.1%}: 1-sigma of the geometry may be too small"
-        " by half, since errors of the tensions change these lengths"
     ]
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import Forces
-from steelyard.identification.model.force_residuals import force_residuals
+from steelyard.identification.model.force_residuals import carried_tensions, force_residuals
 from steelyard.identification.model.motion_residuals import (
     AT_ONCE,
     Reading,
@@ -157,7 +157,12 @@ def _followed(
             )
         return _Followed(rows, of_instant[rows.first], by_border, reading, samples)
 
-    motion = motion_residuals(*shared, state.calibration, column_of, state.factors, Tally())
+    carried = carried_tensions(
+        *shared, forces, state.calibration, column_of, state.parameters, state.factors
+    )
+    motion = motion_residuals(
+        *shared, state.calibration, column_of, state.factors, Tally(), carried
+    )
     for reading in segment.readings:
         for start in range(0, len(reading.time), AT_ONCE):
             yield seen(next(motion), reading, slice(start, start + AT_ONCE))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
+
 from steelyard.arrays import Array
 from steelyard.calibration.calibrate import GeometryCalibration
 from steelyard.robot.covariance import POINTS
@@ -22,13 +24,17 @@ def robot_text(found: GeometryCalibration) -> str:
     for cable in values["cables"]:
         for key in POINTS:
             cable[key] = [round(v, _DIGITS) for v in cable[key]]
+        if "pulley" in cable:
+            cable["pulley"]["radius"] = round(cable["pulley"]["radius"], _DIGITS)
+    if found.stiffness is not None:
+        values["cable"]["axial_stiffness"] = float(f"{found.stiffness[0]:.7g}")
     values["covariance"] = COVARIANCE
     lines: list[str] = []
-    counts = dict.fromkeys(POINTS, 0)
+    counts = dict.fromkeys((*POINTS, "radius"), 0)
     for line in to_yaml(values).splitlines():
         point = next((each for each in POINTS if re.match(rf"\s*(- )?{each}:", line)), None)
         if point is None:
-            lines.append(line)
+            lines.append(line + _beside(found, line, counts))
             continue
         i = counts[point]
         counts[point] += 1
@@ -40,6 +46,24 @@ def robot_text(found: GeometryCalibration) -> str:
         *(f"# Gauge: {gauge}." for gauge in found.gauges.values()),
     ]
     return "\n".join([*head, *lines]) + "\n"
+
+
+def _beside(found: GeometryCalibration, line: str, counts: dict[str, int]) -> str:
+    """1-sigma of the radius of a roller and of the stiffness of the cables, as a comment."""
+    if re.match(r"\s*radius:", line):
+        i = np.flatnonzero(found.robot.pulley_radius)[counts["radius"]]
+        counts["radius"] += 1
+        sigma = None if found.rollers is None else found.rollers[1][i]
+        return (
+            "  # not told"
+            if sigma is None or np.isnan(sigma)
+            else f"  # 1-sigma {1000 * sigma:.2g} mm"
+        )
+    if "axial_stiffness:" in line:
+        told = found.stiffness
+        said = "not told" if told is None else f"1-sigma {told[1]:.2g} N"
+        return f"  # axial stiffness: {said}"
+    return ""
 
 
 def _said(sigma: Array, told: Array) -> str:

@@ -19,6 +19,8 @@ class CalibrationSettings:
     read."""
     offset: float = 3.0
     """1-sigma of the offset of a length that nobody has stated [m]."""
+    roller: float = 0.001
+    """1-sigma of the radius of a roller [m]: the groove and half the cable."""
     force: float = 0.02
     """1-sigma of a tension whose noise is not stated, over the usual one, to begin with."""
     upright: float = 0.7

@@ -334,6 +334,7 @@ def difference_of(
             ("by_acceleration", acceleration),
             ("by_errors", errors),
             ("by_gravity", gravity),
+            ("by_tension", tension),
             *((f"by_{key}", each) for key, each in fixed.items()),
         )
     }
@@ -383,14 +384,15 @@ def linearised(
         errors: Systematic errors in the order of :meth:`Instrument.terms`, shape (e,).
         gravity: World frame [m/s^2], shape (3,).
         tension: Of the cables at the platform [N], shape (n, m), for instruments that look at them
-            too; taken as known.
+            too.
         geometry: ``anchors`` in the world and ``attachments`` in the platform frame [m], three
             numbers a cable; None: those of the robot file.
 
     Returns:
         ``residual``, shape (n, k), and its derivatives ``by_pose``, ``by_rate``,
         ``by_acceleration``, shape (n, k, 7), ``by_errors``, shape (n, k, e), ``by_gravity``, shape
-        (n, k, 3), ``by_anchors`` and ``by_attachments``, shape (n, k, 3 m).
+        (n, k, 3), ``by_tension``, shape (n, k, m), ``by_anchors`` and ``by_attachments``, shape (n,
+        k, 3 m).
     """
     pose, rate, acceleration = motion
     batched, zero = difference_of(instrument, quantity, robot)

@@ -14,6 +14,11 @@ from steelyard.motion.state import State
 from steelyard.robot.kinematics import shapes
 from steelyard.robot.model import Robot
 
+STRETCH = "stretch"
+"""Key of the factor on the stretch of the cables."""
+ROLLER = "roller"
+"""Key of what is added to the radii of the rollers."""
+
 
 class LengthCalibration(Calibration):
     """Systematic errors, 1-sigma."""
@@ -22,6 +27,11 @@ class LengthCalibration(Calibration):
     """Added to each cable [m]."""
     gain: Prior = exact()
     """Factor on each cable: the circumference of its drum; default: exact."""
+    stretch: Prior = exact()
+    """Factor on the stretch of all cables: 1 / EA over that of the robot file; not stated: 0.1 where
+    tensions are read and the robot file has an axial stiffness, else exact."""
+    roller: Prior = exact()
+    """By how much the radius of each roller is larger than in the robot file [m]; default: exact."""
 
 
 class Length(Instrument):
@@ -56,6 +66,8 @@ class Length(Instrument):
         return (
             Term("offset", m, "m", c.offset),
             Term("gain", m, "1", c.gain, nominal=1.0),
+            Term(STRETCH, 1, "1", c.stretch, nominal=1.0, positive=True),
+            Term(ROLLER, m, "m", c.roller),
         )
 
     def predict(
@@ -69,6 +81,8 @@ class Length(Instrument):
             state.tension,
             anchors=state.anchors,
             attachments=state.attachments,
+            stretch=calibration[STRETCH],
+            rollers=calibration[ROLLER],
         )
         unstrained = ca.vertcat(*[c.length for c in cables])
         return {"length": calibration["gain"] * unstrained + calibration["offset"]}

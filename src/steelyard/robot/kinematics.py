@@ -59,23 +59,27 @@ def shapes(
     *,
     anchors: Symbol | None = None,
     attachments: Symbol | None = None,
+    stretch: Symbol | None = None,
+    rollers: Symbol | None = None,
     steps: int = cable.STEPS,
 ) -> list[cable.CableShape]:
     """Shapes of all cables at a pose for tensions at the platform end, symbolically; steps as of
     :func:`cable.by_tension`. Where the cables are fixed, shapes (3, m), None: as the robot file has
-    it.
+    it. So are by which factor they stretch more, a number, and by how much the radii of rollers are
+    larger [m], shape (m,); cables that do not stretch and points without a roller stay as they are.
     """
     anchors = ca.DM(robot.anchors.T) if anchors is None else anchors
     attachments = ca.DM(robot.attachments.T) if attachments is None else attachments
-    return [
-        cable.by_tension(
-            cable.spec(robot, i)._replace(anchor=anchors[:, i]),
-            position + rotation @ attachments[:, i],
-            tension[i],
-            steps=steps,
-        )
-        for i in range(robot.m)
-    ]
+    found = []
+    for i in range(robot.m):
+        spec = cable.spec(robot, i)._replace(anchor=anchors[:, i])
+        if stretch is not None and robot.cable.axial_stiffness:
+            spec = spec._replace(compliance=stretch * spec.compliance)
+        if rollers is not None and spec.rolls:
+            spec = spec._replace(radius=ca.SX(spec.radius + rollers[i]))
+        point = position + rotation @ attachments[:, i]
+        found.append(cable.by_tension(spec, point, tension[i], steps=steps))
+    return found
 
 
 def cable_wrench(

@@ -26,6 +26,10 @@ class SensorsForm(FileModel):
     """1-sigma of every clock against the one of the forces [s]."""
 
 
+CALIBRATION_SENSORS = "calibration"
+"""Name of the sensors that a calibration needs."""
+
+
 @dataclass(frozen=True)
 class Sensors:
     """Instruments to simulate."""
@@ -134,8 +138,25 @@ def ideal_sensors(robot: Robot) -> Sensors:
     )
 
 
+def calibration_sensors() -> Sensors:
+    """A tracker and the winches' encoders, as a calibration needs them."""
+    none = {"position": 0.0, "rotation": 0.0}
+    instruments = {
+        "tracker": {
+            "kind": "position",
+            "target": (0.0, 0.0, 0.0),
+            "rate": 25.0,
+            "noise": 0.0005,
+            "calibration": {"target": 0.1, "frame": none},
+        },
+        "lengths": {"kind": "length", "rate": 25.0, "noise": 0.0005},
+    }
+    form = SensorsForm.model_validate({"instruments": instruments})
+    return Sensors(form.instruments)
+
+
 def read_sensors(which: str, robot: Robot) -> Sensors:
-    """Sensors by name (``paper``, ``ideal``) or from a file.
+    """Sensors by name (``paper``, ``ideal``, ``calibration``) or from a file.
 
     Raises:
         InputError: No such name, or the file is wrong.
@@ -144,9 +165,11 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
         return paper_sensors(robot)
     if which == "ideal":
         return ideal_sensors(robot)
+    if which == CALIBRATION_SENSORS:
+        return calibration_sensors()
     if not which.endswith((".yaml", ".yml")):
         raise InputError(
-            f"--sensors: expected 'paper', 'ideal' or the path of a YAML file, found '{which}';"
+            f"--sensors: expected 'paper', 'ideal', 'calibration' or the path of a YAML file, found '{which}';"
             " correct it"
         )
     document = read_yaml(Path(which))

@@ -22,10 +22,15 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
     gather,
 )
-from steelyard.identification.model.force_residuals import BALANCE, sample_weight, whitened_balance
+from steelyard.identification.model.force_residuals import (
+    BALANCE,
+    carried_tensions,
+    sample_weight,
+    whitened_balance,
+)
 from steelyard.identification.model.motion_residuals import Reading, Segment, Tally, limit
 from steelyard.identification.model.processes import Process, integrals_of, named
-from steelyard.identification.model.segment import POSE
+from steelyard.identification.model.segment import POSE, spread
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.tension import PRESLIDING
@@ -738,3 +743,86 @@ def test_a_reading_that_is_left_out_takes_an_equation_with_it():
     low, high = chi2.ppf([RARE, 1 - RARE], 5 * 400)
     assert low < tally.square["forces", "tension"] < high
     assert tally.far["forces", "tension"] == 400
+
+
+STRETCHING = {
+    "platform end": {"force": "platform end"},
+    "winch end": {"force": "winch end"},
+    "at rest": {"force": "platform end", "static": True},
+    "drifting sensors": {"force": "platform end", "drifting": True},
+}
+
+
+def followed(found, **change):
+    """Tensions that lengths would follow, at the times of the forces."""
+    lengths = replace(found.segment.readings[0], follows=True)
+    segment = replace(found.segment, readings=(lengths,), **change)
+    columns = 10 + np.arange(len(found.calibration_parameters))
+    at = carried_tensions(
+        found.experiment, segment, found.forces, found.calibration, columns, found.parameters, {}
+    )
+    return at(found.balance().time)
+
+
+@pytest.fixture(scope="module", params=STRETCHING)
+def stretching(request):
+    found = Case(**STRETCHING[request.param])
+    return found, followed(found)
+
+
+def test_tensions_that_lengths_follow_are_those_that_carry_the_body(stretching):
+    found, at = stretching
+    np.testing.assert_allclose(at.values, found.balance().carried)
+
+
+def test_they_follow_the_motion_as_differences_do(stretching):
+    found, at = stretching
+    x = found.segment.coefficients
+    ways = np.random.default_rng(1).normal(size=(8, *x.shape))
+    with rollers_held(found):
+        expected = central_differences(lambda c: found.balance(coefficients=c).carried, x, ways)
+    local = found.segment.basis(found.balance().time)
+    block = found.segment.block
+    by = spread(local, at.by_state, at.by_rate, at.by_acceleration, block=block)
+    own = local.first[:, None] + np.arange(by.shape[2] // block)
+    along = np.einsum("nki,dni->nkd", by, ways[:, own].reshape(len(ways), len(own), -1))
+    assert_derivatives(along, expected)
+
+
+def test_they_follow_body_and_systematic_errors_as_differences_do(stretching):
+    found, at = stretching
+    by_border = np.zeros((*at.values.shape, 10 + len(found.calibration_parameters)))
+    by_border[:, :, at.columns] = at.by_border
+    expected = central_differences(
+        lambda p: found.balance(parameters=p).carried, found.parameters, 100 * np.eye(10)
+    )
+    assert_derivatives(100 * by_border[:, :, :10], expected)
+    # By when something was read they do not change: it is the motion that tells where they belong.
+    places = [
+        place
+        for (owner, key, _), place in found.calibration_parameters.places.items()
+        if key not in {"delay", TIME_CONSTANT, PRESLIDING} and not key.startswith(SURROUNDINGS)
+    ]
+    places = np.concatenate([np.arange(p.start, p.stop) for p in places])
+    ways = np.eye(len(found.calibration_parameters))[places]
+    expected = central_differences(
+        lambda v: found.balance(values=v).carried, found.calibration.values, ways
+    )
+    assert_derivatives(by_border[:, :, 10 + places], expected)
+
+
+def test_their_variance_is_what_the_balance_leaves_of_the_noise(stretching):
+    found, at = stretching
+    variance = np.zeros_like(at.values)
+    for r, sigma in enumerate(found.forces.sigma):
+        way = 1e-3 * sigma * np.eye(len(found.forces.sigma))[r]
+        ends = [
+            found.balance(
+                forces=replace(
+                    found.forces, readings=found.changed(np.tile(s * way, (len(at.values), 1)))
+                )
+            ).carried
+            for s in (1, -1)
+        ]
+        variance += ((ends[0] - ends[1]) / 2e-3) ** 2
+    np.testing.assert_allclose(at.variance, variance, rtol=1e-4, atol=1e-4 * variance.max())

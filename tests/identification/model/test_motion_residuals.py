@@ -372,6 +372,7 @@ def test_every_error_of_a_motion_instrument_acts_on_its_readings(compared):
         silent |= static and key == "accelerometer_scale" and owner == "still imu"
         silent |= static and key == "position" and "imu" in owner
         silent |= static and key == "misalignment" and owner == "still imu"
+        silent |= key == "roller"  # cables leave from points
         assert found != silent, (owner, key)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import click
+from click.core import ParameterSource
 
 from steelyard.cli.inputs import named_files
 from steelyard.cli.options import (
@@ -108,7 +109,10 @@ REPORT = "design"
     metavar="ESTIMATE",
     help="Design for this body. Default: 'platform' of the robot file.",
 )
-@sensors_option(help="Of a robot alone: paper, ideal, or a YAML file with 'instruments'.")
+@sensors_option(
+    help="Of a robot alone: paper, ideal, calibration (a tracker and lengths; taken with --calibration"
+    " where nothing is said), or a YAML file with 'instruments'."
+)
 @click.option(
     "--budget",
     type=float,
@@ -174,6 +178,7 @@ def design(
     from steelyard.provenance.record import write_provenance
     from steelyard.report.documents.design_document import design_document
     from steelyard.report.write import write_document
+    from steelyard.simulation.sensors import CALIBRATION_SENSORS
 
     check_numbers(margin, runs, budget, rate)
     if out is not None:
@@ -184,6 +189,10 @@ def design(
     if calibration:
         of_reference = {"--reference": reference or None, "--reference-sigma": reference_sigma}
         check_unused({**moves, **of_motion, **of_reference}, "--calibration")
+        source = click.get_current_context().get_parameter_source("sensors")
+        if source is ParameterSource.DEFAULT:
+            # Those of the paper do not tell where cables are fixed.
+            sensors = CALIBRATION_SENSORS
         _propose_poses(place, poses, sensors, margin, seed, shown)
         return
     if reference:

@@ -28,11 +28,13 @@ from steelyard.experiment.read import read_plan
 from steelyard.identification.solve.posterior import Progress
 from steelyard.robot.covariance import POINTS
 from steelyard.robot.model import Robot
-from steelyard.simulation.sensors import Sensors
+from steelyard.simulation.sensors import CALIBRATION_SENSORS, Sensors
 from steelyard.simulation.trajectories import workspace_of
 
 USUAL_POSES = 20
 """Of a calibration where nobody says how many."""
+_ASSUMED = {"tracker", "lengths"}
+"""Names of the sensors of a calibration."""
 _RUN = "poses"
 """Name of the run that a design is for."""
 
@@ -56,6 +58,8 @@ class PoseDesign:
     level: float
     """Tension near which the cables are held [N]."""
     seed: int
+    assumed: bool = False
+    """Whether nobody has named sensors: those of a calibration are assumed."""
 
     @property
     def over_grid(self) -> dict[str, float]:
@@ -76,7 +80,7 @@ def design_poses(
     subject: Experiment | Robot | str | Path,
     poses: int = USUAL_POSES,
     *,
-    sensors: Sensors | str = "paper",
+    sensors: Sensors | str = CALIBRATION_SENSORS,
     margin: float = 0.2,
     seed: int = 0,
     progress: Progress = None,
@@ -91,7 +95,8 @@ def design_poses(
         subject: An experiment, of which robot, instruments and ``uncertainty`` count; a robot; or the
             path or bundled name of one of them.
         poses: How many.
-        sensors: Instruments of a robot that comes alone.
+        sensors: Instruments of a robot that comes alone; ``calibration``: a tracker and lengths of .5
+            mm.
         margin: By which share mass and inertia may differ from the nominal ones, so that the cables
             hold the platform all the same.
         seed: Of the poses that there are to choose from.
@@ -131,7 +136,8 @@ def design_poses(
     tell("calibration: what they tell together", 0.8)
     predicted = GeometryCalibration(predicted_fit(experiment, chosen, level, settings))
     grid = _grid(constraints, experiment, poses, settings)
-    return PoseDesign(experiment, chosen, predicted, grid, len(every), level, seed)
+    assumed = sensors == CALIBRATION_SENSORS and set(experiment.instruments) == _ASSUMED
+    return PoseDesign(experiment, chosen, predicted, grid, len(every), level, seed, assumed)
 
 
 def predicted_fit(

@@ -96,15 +96,21 @@ class Forces:
     def parts(self) -> Iterator[Forces]:
         """The same, some samples at a time: rows take much memory."""
         for start in range(0, len(self.time), AT_ONCE):
-            own = slice(start, start + AT_ONCE)
-            readings = {quantity: values[own] for quantity, values in self.readings.items()}
-            yield replace(
-                self,
-                time=self.time[own],
-                readings=readings,
-                left_out=self.left_out[own],
-                late=None if self.late is None else self.late[own],
-            )
+            yield self.part(slice(start, start + AT_ONCE))
+
+    def part(self, own: slice) -> Forces:
+        """Some of its samples.
+
+        Args:
+            own: Which.
+        """
+        return replace(
+            self,
+            time=self.time[own],
+            readings={quantity: values[own] for quantity, values in self.readings.items()},
+            left_out=self.left_out[own],
+            late=None if self.late is None else self.late[own],
+        )
 
     def sigmas(self, segment: Segment, factors: Mapping[Source, float]) -> Array:
         """1-sigma of every reading, shape (n, r)."""
@@ -296,7 +302,7 @@ def balance_of(
             there are several, shape (10,).
         factors: Quantity -> by how much its noise exceeds what the readings say.
     """
-    times = _times(experiment, segment, force_samples, calibration)
+    times = balance_times(experiment, segment, force_samples, calibration)
     local = segment.basis(times)
     inputs = moving_body(segment, local, calibration, parameters)
     hoses = len(experiment.surroundings.attached)
@@ -326,7 +332,7 @@ def balance_of(
     )
 
 
-def _times(
+def balance_times(
     experiment: Experiment, segment: Segment, force_samples: Forces, calibration: CalibrationValues
 ) -> Array:
     """Times of force readings within a segment [s], of poses at rest their numbers, shape (n,)."""

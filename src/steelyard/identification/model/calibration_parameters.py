@@ -23,7 +23,9 @@ from steelyard.identification.weighed_cells import WeighedCells, weighed_cells
 from steelyard.inertia import TEN
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT, Term
+from steelyard.instruments.length import ROLLER, STRETCH
 from steelyard.instruments.tension import CROSSTALK
+from steelyard.instruments.unread_cables import UnreadCables
 from steelyard.robot.covariance import POINTS
 from steelyard.robot.surroundings import HOSE
 
@@ -71,9 +73,12 @@ _OF_LOADS = (
     *(f"inertia {axes} about the origin" for axes in ("xx", "yy", "zz", "yz", "xz", "xy")),
 )
 """What a load is more than the first, as people would say it."""
-_PER_CABLE = frozenset({"offset", "gain", "friction"})
+_PER_CABLE = frozenset({"offset", "gain", "friction", ROLLER})
 _NEGLIGIBLE = 0.1
 """Part of the 1-sigma of devices that have an error at all, below which it is another's doing."""
+_STRETCHED = 0.1
+"""1-sigma of the stretch of cables over that by the axial stiffness of the robot file: ropes of one
+make differ by so much, and grow stiffer in use. Taken as exact it would weigh the platform."""
 _OFFSET_SHARE = 0.01
 """Default 1-sigma of the offset of a force sensor, as a part of the median tension."""
 
@@ -371,6 +376,8 @@ def gather(experiment: Experiment) -> CalibrationParameters:
             deviation = (
                 term.deviation if term.deviation is not None else _from_data(experiment, name, term)
             )
+            if term.key == STRETCH and _may_stretch(experiment, instrument):
+                deviation = np.full(term.size, _STRETCHED)
             if name in weighed:
                 own = [w.run for w in experiment.weights if w.of == name]
                 for place in own if term.prior.per == "run" else [None]:
@@ -603,6 +610,20 @@ def _is_of_clock(experiment: Experiment, name: str, term: Term) -> bool:
         for other in run.streams
         if other != name and not experiment.instruments[other].commanded
     )
+
+
+def _may_stretch(experiment: Experiment, instrument: Instrument) -> bool:
+    """Whether nobody has stated how well the stiffness of the cables is known, and tensions tell how
+    far they stretch; without these nobody knows.
+    """
+    if STRETCH in instrument.calibration.model_fields_set:
+        return False
+    forces = [experiment.force_instrument(run) for run in experiment.runs]
+    read = any(
+        name is not None and not isinstance(experiment.instruments[name], UnreadCables)
+        for name in forces
+    )
+    return bool(experiment.robot.cable.axial_stiffness) and read
 
 
 def _from_data(experiment: Experiment, name: str, term: Term) -> Array:

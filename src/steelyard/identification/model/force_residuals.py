@@ -23,6 +23,7 @@ from steelyard.identification.model.balance import (
     Balance,
     Forces,
     balance_of,
+    balance_times,
     moving_body,
     unmodelled_processes,
 )
@@ -37,6 +38,8 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.model.motion_residuals import (
     Border,
+    Carried,
+    CarriedTensions,
     Segment,
     Tally,
     limit,
@@ -164,22 +167,8 @@ def whitened_balance(
         held: Covariance of the motion's coefficients where it is held while forces are looked at,
             lower banded form, shape (42, N); None: it follows them.
     """
-    at = balance_of(experiment, segment, force_samples, calibration, parameters, factors)
-    local = segment.basis(at.time)
-    inputs = moving_body(segment, local, calibration, parameters)
-    cables = {} if at.structure is None else {"tension": at.carried, **calibration.geometry}
-    point = _BalancePoint(
-        experiment,
-        segment,
-        force_samples,
-        calibration,
-        at,
-        local,
-        motion_at(local, segment.coefficients),
-        derivatives_of_balance(experiment.robot, len(experiment.surroundings.attached))(
-            **inputs, **cables
-        ),
-    )
+    point = _point_of(experiment, segment, force_samples, calibration, parameters, factors)
+    at, local = point.at, point.local
     by = _by_motion(point)
     border = Border(column_of, len(at.time), DIRECTIONS)
     border.extend(np.arange(TEN), _by_body(point, parameters))
@@ -210,6 +199,155 @@ def whitened_balance(
     return WhitenedBalance(at, root, tuple(_by_origin(rows, at, segment)))
 
 
+def _point_of(
+    experiment: Experiment,
+    segment: Segment,
+    force_samples: Forces,
+    calibration: CalibrationValues,
+    parameters: Array,
+    factors: Mapping[Source, float],
+) -> _BalancePoint:
+    """The balance linearised about where everything stands."""
+    at = balance_of(experiment, segment, force_samples, calibration, parameters, factors)
+    local = segment.basis(at.time)
+    inputs = moving_body(segment, local, calibration, parameters)
+    cables = {} if at.structure is None else {"tension": at.carried, **calibration.geometry}
+    return _BalancePoint(
+        experiment,
+        segment,
+        force_samples,
+        calibration,
+        at,
+        local,
+        motion_at(local, segment.coefficients),
+        derivatives_of_balance(experiment.robot, len(experiment.surroundings.attached))(
+            **inputs, **cables
+        ),
+    )
+
+
+def carried_tensions(
+    experiment: Experiment,
+    segment: Segment,
+    force_samples: Forces | None,
+    calibration: CalibrationValues,
+    column_of: NDArray[np.intp],
+    parameters: Array | None,
+    factors: Mapping[Source, float],
+) -> Carried | None:
+    """Tensions by which cables stretch: those of the readings, corrected so that they carry the moving
+    body, and how they follow all that is fitted; None: no reading follows them.
+
+    Readings r give tensions t and leave the wrench w of the balance over; the least correction of the
+    readings takes K w from the tensions, so that t - K w changes with t and with w. What is left of
+    the noise of r in t - K w is independent of w, which tells the body.
+
+    Args:
+        experiment: With robot and instruments.
+        segment: With its motion.
+        force_samples: Force readings within it; None: not looked at.
+        calibration: Present values of the systematic errors.
+        column_of: Column of each systematic error in the border; -1: not there; shape (u,).
+        parameters: Of the body, whose ten columns are the first of the border, shape (10,); None:
+            forces are not looked at.
+        factors: Quantity -> by how much its noise exceeds what the readings say.
+    """
+    if not any(each.follows for each in segment.readings):
+        return None
+    if force_samples is None or parameters is None:
+        return None
+    forces, body = force_samples, parameters
+
+    def at_times(times: Array) -> CarriedTensions:
+        whole = balance_times(experiment, segment, forces, calibration)
+        first, last = np.searchsorted(whole, [times.min(), times.max()])
+        part = forces.part(slice(max(0, int(first) - 1), int(last) + 2))
+        point = _point_of(experiment, segment, part, calibration, body, factors)
+        return _interpolated(_carried_of(point, column_of, body), point.at.time, times)
+
+    return at_times
+
+
+def _carried_of(
+    point: _BalancePoint, column_of: NDArray[np.intp], parameters: Array
+) -> CarriedTensions:
+    """Tensions at the times of the force readings."""
+    at, forces = point.at, point.force_samples
+    n, m = at.measured.values.shape
+    touched, unread = forces.touched, forces.guessed
+    # Where something touches the platform, the readings know and the balance does not.
+    sigmas = np.where(touched[:, None], forces.sigma, at.sigmas)
+    by_reading = np.broadcast_to(at.measured.by_reading, (n, *at.measured.by_reading.shape[1:]))
+    shares = at.noise.shares[:, :, : at.noise.readings].transpose(0, 2, 1)
+    corrections = sigmas[:, :, None] * (shares @ at.whitener)
+    if unread.any():
+        corrections[:, unread] = at.noise.pulled
+    K = by_reading @ corrections
+    K[touched] = 0.0
+
+    def following_balance(change: Array) -> Array:
+        return -K @ change
+
+    by = _by_motion(point)
+    by_state = following_balance(_by_state(point, by[0]))
+    by_rate, by_acceleration = (following_balance(each) for each in by[1:])
+    moved = _followed_by_readings(point)
+    if moved is not None:
+        by_state[:, :, :POSE] += moved[0]
+        by_rate = by_rate + moved[1]
+    for each, place, own in _of_readings(point):
+        by_state[:, :, place] -= by_reading[:, :, own] * each.sizes
+    border = Border(column_of, n, m)
+    border.extend(np.arange(TEN), following_balance(_by_body(point, parameters)))
+    for place, change in _terms_of_readings(point):
+        by_wrench = at.measured.changes_of_wrench(change)
+        border.put(place, change + following_balance(by_wrench))
+    for place, derivative in _by_robot(point):
+        border.put(place, following_balance(derivative))
+    if not point.segment.static:
+        drag = point.calibration.calibration_parameters.places[ROBOT, DRAG, None]
+        border.put(drag, following_balance(point.derivatives["by_drag"][:, :, None]))
+    by_border, columns = border.collected()
+    noise = np.zeros((n, m, at.noise.parts.shape[2]))
+    noise[:, :, : at.noise.readings] = by_reading * np.where(unread, 0.0, sigmas)[:, None, :]
+    noise += following_balance(at.noise.parts)
+    return CarriedTensions(
+        np.asarray(at.measured.values - np.einsum("nkj,nj->nk", K, at.left_over)),
+        by_state,
+        by_rate,
+        by_acceleration,
+        by_border,
+        columns,
+        np.asarray(np.sum(noise**2, axis=2)),
+    )
+
+
+def _interpolated(found: CarriedTensions, own: Array, times: Array) -> CarriedTensions:
+    """At other times, linearly; the ends go on.
+
+    Readings that are more than the tensions have their noise in common: its variance counts as often
+    as that.
+    """
+    left = np.clip(np.searchsorted(own, times, side="right") - 1, 0, max(0, len(own) - 2))
+    right = np.minimum(left + 1, len(own) - 1)
+    step = np.where(right > left, own[right] - own[left], 1.0)
+    share = np.clip((times - own[left]) / step, 0.0, 1.0)
+
+    def between(values: Array) -> Array:
+        weight = share.reshape(-1, *([1] * (values.ndim - 1)))
+        return np.asarray(values[left] * (1 - weight) + values[right] * weight)
+
+    return CarriedTensions(
+        between(found.values),
+        between(found.by_state),
+        between(found.by_rate),
+        between(found.by_acceleration),
+        between(found.by_border),
+        found.columns,
+        between(found.variance) * max(1.0, len(times) / len(own)),
+    )
+
+
 def _by_body(point: _BalancePoint, parameters: Array) -> Array:
     """Derivative of the balance by the ten parameters, shape (n, 6, 10).
 
@@ -231,8 +369,19 @@ def _by_motion(point: _BalancePoint) -> tuple[Array, Array, Array]:
     """
     names = ("by_pose", "by_rate", "by_acceleration")
     by_pose, by_rate, by_acceleration = (point.derivatives[name] for name in names)
+    moved, structure = _followed_by_readings(point), point.at.structure
+    if moved is not None and structure is not None:
+        by_pose = by_pose + structure @ moved[0]
+        by_rate = by_rate + structure @ moved[1]
+    return by_pose, by_rate, by_acceleration
+
+
+def _followed_by_readings(point: _BalancePoint) -> tuple[Array, Array] | None:
+    """How tensions or wrench follow pose and rate for the same readings, shape (n, k, 7) each; None:
+    they do not.
+    """
     at, pose, rate = point.at, *point.motion[:2]
-    moved = following(
+    return following(
         at.measured.quantity,
         point.instrument,
         point.experiment.robot,
@@ -242,10 +391,6 @@ def _by_motion(point: _BalancePoint) -> tuple[Array, Array, Array]:
         point.errors,
         at.motion.get("rolling"),
     )
-    if moved is not None and at.structure is not None:
-        by_pose = by_pose + at.structure @ moved[0]
-        by_rate = by_rate + at.structure @ moved[1]
-    return by_pose, by_rate, by_acceleration
 
 
 def _by_state(point: _BalancePoint, by_pose: Array) -> Array:
@@ -274,6 +419,12 @@ def _of_readings(point: _BalancePoint) -> Iterator[tuple[Process, slice, slice]]
 
 def _by_terms(point: _BalancePoint) -> _ByParameters:
     """Derivatives of the balance by the systematic errors of the readings."""
+    for place, change in _terms_of_readings(point):
+        yield place, point.at.measured.changes_of_wrench(change)
+
+
+def _terms_of_readings(point: _BalancePoint) -> _ByParameters:
+    """Derivatives of tensions or wrench by the systematic errors of the readings, shape (n, k, c)."""
     at, instrument, run = point.at, point.instrument, point.segment.run
     name, robot = point.force_samples.name, point.experiment.robot
     parameters = point.calibration.calibration_parameters
@@ -286,7 +437,7 @@ def _by_terms(point: _BalancePoint) -> _ByParameters:
         {**at.motion, unknown: at.asked},
         point.errors,
     )
-    by_terms = at.measured.changes_of_wrench(by_terms)
+    by_terms = np.broadcast_to(by_terms, (len(at.time), *by_terms.shape[1:]))
     column = 0
     for term in instrument.terms(robot.m):
         own = by_terms[:, :, column : column + term.size]
@@ -299,7 +450,7 @@ def _by_terms(point: _BalancePoint) -> _ByParameters:
     longer = rolled_along(robot, position, rotation, travel + _TRAVEL_STEP)
     shorter = rolled_along(robot, position, rotation, travel - _TRAVEL_STEP)
     by_travel = (longer - shorter) / (2 * _TRAVEL_STEP)
-    further = at.measured.as_wrench(np.einsum("nkm,nm->nk", by_rolling, by_travel))
+    further = np.einsum("nkm,nm->nk", by_rolling, by_travel)
     yield parameters.place(name, PRESLIDING, run), further[:, :, None]
 
 

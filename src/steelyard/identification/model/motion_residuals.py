@@ -8,7 +8,7 @@ that the data tell [Wahba1978]_, so that a spline of many knots is no freer than
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
@@ -77,6 +77,35 @@ class Reading:
     """Of the cables [N], for instruments that look at these too, shape (n, m)."""
     late: Array | None = None
     """1-sigma that time stamps which scatter add to each number, shape (n, k); None: none."""
+    follows: bool = False
+    """Whether these tensions are those of :class:`CarriedTensions` wherever forces are fitted, so
+    that all which is uncertain about them is in the lengths too."""
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedTensions:
+    """Tensions of the cables at n times, as corrected force readings and the moving body have them,
+    and how they follow all that is fitted.
+    """
+
+    values: Array
+    """[N], shape (n, m)."""
+    by_state: Array
+    """Derivative by pose and processes, shape (n, m, block)."""
+    by_rate: Array
+    """Shape (n, m, 7)."""
+    by_acceleration: Array
+    """Shape (n, m, 7)."""
+    by_border: Array
+    """Derivative by some border parameters, shape (n, m, c)."""
+    columns: NDArray[np.intp]
+    """Which these are, shape (c,)."""
+    variance: Array
+    """What noise of the force readings leaves of them [N^2], shape (n, m)."""
+
+
+Carried = Callable[[Array], CarriedTensions]
+"""From times within a segment [s], shape (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,6 +376,7 @@ def motion_residuals(
     column_of: NDArray[np.intp],
     factors: Mapping[Source, float],
     tally: Tally,
+    carried: Carried | None = None,
 ) -> Iterator[Rows]:
     """Whitened readings of a segment, then what holds the motion where no instrument does.
 
@@ -357,6 +387,8 @@ def motion_residuals(
         column_of: Column of each systematic error in the border; -1: not there; shape (u,).
         factors: Quantity -> by how much its noise exceeds what the reading says.
         tally: Is added to.
+        carried: Tensions of the cables as all that is fitted has them, for readings that follow
+            these; None: they are those of the readings, taken as known.
     """
     calibration_parameters = calibration.calibration_parameters
     references = reference_clocks(experiment, calibration_parameters, segment)
@@ -372,6 +404,7 @@ def motion_residuals(
                 references,
                 factors,
                 tally,
+                carried,
             )
     held = holding_rows(segment)
     tally.cost += float(np.sum(held.residual**2))
@@ -457,11 +490,21 @@ def looked_at(
     part: slice,
     calibration: CalibrationValues,
     references: Mapping[str, str],
+    carried: Carried | None = None,
 ) -> tuple[Array, Basis, tuple[Array, Array, Array, Array], Mapping[str, Array]]:
     """Readings against the motion: their times within the segment [s], the spline there, the motion,
     and the linearised difference.
 
     See :func:`steelyard.instruments.equations.linearised` for the last.
+
+    Args:
+        experiment: With its instruments.
+        segment: With its present motion.
+        reading: Within it.
+        part: Of its samples.
+        calibration: Present values of the systematic errors.
+        references: See :func:`reference_clocks`.
+        carried: See :func:`motion_residuals`.
     """
     name, quantity = reading.source
     instrument = experiment.instruments[name]
@@ -471,6 +514,9 @@ def looked_at(
     local = segment.basis(times)
     motion = motion_at(local, segment.coefficients)
     errors = list(calibration.of(name, instrument, segment.run).values())
+    tension = None if reading.tension is None else reading.tension[part]
+    if carried is not None and reading.follows:
+        tension = carried(times).values
     linear = linearised(
         instrument,
         quantity,
@@ -479,7 +525,7 @@ def looked_at(
         motion[:3],
         np.concatenate(errors) if errors else np.zeros(1),
         calibration.gravity,
-        None if reading.tension is None else reading.tension[part],
+        tension,
         calibration.geometry,
     )
     return times, local, motion, linear
@@ -506,19 +552,29 @@ def _of_reading(
     references: Mapping[str, str],
     factors: Mapping[Source, float],
     tally: Tally,
+    carried: Carried | None,
 ) -> Rows:
     """Whitened rows of some samples of one quantity."""
     calibration_parameters = calibration.calibration_parameters
     name, _ = reading.source
     instrument = experiment.instruments[name]
-    times, local, motion, linear = looked_at(
-        experiment, segment, reading, part, calibration, references
-    )
-    by = (linear["by_pose"], linear["by_rate"], linear["by_acceleration"])
     label = segment.label(*reading.source)
     sigma: float | Array = reading.sigma * factors.get(label, 1.0)
     if reading.late is not None:
         sigma = np.hypot(sigma, reading.late[part])
+    followed: _CorrectedTensions | None = None
+    if carried is not None and reading.follows:
+        followed = _CorrectedTensions(carried, sigma)
+    times, local, motion, linear = looked_at(
+        experiment, segment, reading, part, calibration, references, followed
+    )
+    if followed is not None and followed.correct(linear):
+        # Linearised about tensions that go with the lengths, as the forces are about theirs.
+        *_, linear = looked_at(
+            experiment, segment, reading, part, calibration, references, followed
+        )
+        linear = followed.as_carried(linear)
+    by = (linear["by_pose"], linear["by_rate"], linear["by_acceleration"])
     # A channel without a number is no sample of it.
     there = np.isfinite(linear["residual"])
     found = linear["residual"]
@@ -527,6 +583,19 @@ def _of_reading(
     found = found + segment.disturbance_of(reading.source, local)
     residual = np.where(there, found, 0.0) / sigma
     border = Border(column_of, n, k)
+    by_processes: Array | None = None
+    if followed is not None:
+        slope, tensions = linear["by_tension"], followed.carried
+        changes = slope @ tensions.by_state
+        by_processes = changes[:, :, POSE:]
+        by = (
+            by[0] + changes[:, :, :POSE],
+            by[1] + slope @ tensions.by_rate,
+            by[2] + slope @ tensions.by_acceleration,
+        )
+        border.extend(tensions.columns, slope @ tensions.by_border)
+        sigma = followed.deviation(slope)
+        residual = np.where(there, found, 0.0) / sigma
     column = 0
     for term in instrument.terms(calibration_parameters.m):
         border.put(
@@ -565,6 +634,11 @@ def _of_reading(
     by_state = by
     if processes:
         by_state = _with_processes(by[0], processes, segment.block), *by[1:]
+    if by_processes is not None and by_processes.shape[2]:
+        whole = np.zeros((n, k, segment.block))
+        whole[:, :, : by_state[0].shape[2]] = by_state[0]
+        whole[:, :, POSE:] += by_processes
+        by_state = whole, *by[1:]
     root = np.sqrt(weight)
     scale = (np.broadcast_to(root, residual.shape) / sigma)[:, :, None]
     return Rows(
@@ -575,6 +649,54 @@ def _of_reading(
         columns,
         label,
     )
+
+
+class _CorrectedTensions:
+    """Tensions that lengths follow: as the forces carry the body, then less the noise that the lengths
+    themselves show, so that it does not meet itself in the derivatives [Helmert1872]_.
+    """
+
+    carried: CarriedTensions
+
+    def __init__(self, at: Carried, sigma: float | Array) -> None:
+        self._at, self._sigma = at, sigma
+        self._off: Array | None = None
+
+    def __call__(self, times: Array) -> CarriedTensions:
+        """Tensions about which is linearised."""
+        if self._off is None:
+            self.carried = self._at(times)
+            return self.carried
+        return replace(self.carried, values=self.carried.values - self._off)
+
+    def deviation(self, slope: Array) -> Array:
+        """1-sigma of the residuals by noise of the lengths and of the tensions, shape (n, k).
+
+        Args:
+            slope: Derivative of the residuals by the tensions, shape (n, k, m).
+        """
+        own = np.einsum("nkm,nm->nk", slope**2, self.carried.variance)
+        return np.asarray(np.sqrt(np.square(self._sigma) + own))
+
+    def correct(self, linear: Mapping[str, Array]) -> bool:
+        """Take off the noise that the residuals show, no more than noise may do; whether there is
+        any.
+        """
+        slope, variance = linear["by_tension"], self.carried.variance
+        sigma = self.deviation(slope)
+        far = limit(1) * sigma
+        residual = np.clip(np.nan_to_num(linear["residual"]), -far, far)
+        # No cable is pulled slack by noise.
+        most = 0.5 * np.abs(self.carried.values)
+        off = variance * np.einsum("nkm,nk->nm", slope, residual / sigma**2)
+        self._off = np.clip(off, -most, most)
+        return bool(self._off.any())
+
+    def as_carried(self, linear: Mapping[str, Array]) -> Mapping[str, Array]:
+        """The linearised difference at the carried tensions, by derivatives about the others."""
+        assert self._off is not None
+        further = np.einsum("nkm,nm->nk", linear["by_tension"], self._off)
+        return {**linear, "residual": linear["residual"] + further}
 
 
 def _with_processes(

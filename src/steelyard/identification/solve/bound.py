@@ -19,7 +19,7 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues, columns_of
-from steelyard.identification.model.force_residuals import force_residuals
+from steelyard.identification.model.force_residuals import carried_tensions, force_residuals
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
 from steelyard.identification.model.segment import Rows
 from steelyard.inertia import BODY_PARAMETERS, TEN, body_jacobian
@@ -133,7 +133,10 @@ def _all_rows(
 ) -> Iterator[Rows]:
     """Rows of all instruments of one segment, motion first."""
     column_of = columns_of(active, TEN)
-    yield from motion_residuals(experiment, segment, calibration, column_of, {}, Tally())
+    carried = carried_tensions(
+        experiment, segment, force_samples, calibration, column_of, parameters, {}
+    )
+    yield from motion_residuals(experiment, segment, calibration, column_of, {}, Tally(), carried)
     yield from force_residuals(
         experiment, segment, force_samples, calibration, column_of, parameters, {}, Tally()
     )

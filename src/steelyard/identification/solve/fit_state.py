@@ -18,7 +18,7 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
     columns_of,
 )
-from steelyard.identification.model.force_residuals import force_residuals
+from steelyard.identification.model.force_residuals import carried_tensions, force_residuals
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.sources import Source
@@ -136,8 +136,19 @@ def linearise(
     tally = Tally()
     found = []
     for segment, force_samples in zip(state.segments, task.force_samples, strict=True):
+        carried = None
+        if not held:
+            carried = carried_tensions(
+                task.experiment,
+                segment,
+                force_samples,
+                state.calibration,
+                column_of,
+                state.parameters,
+                state.factors,
+            )
         rows = motion_residuals(
-            task.experiment, segment, state.calibration, column_of, state.factors, tally
+            task.experiment, segment, state.calibration, column_of, state.factors, tally, carried
         )
         by_motion = segment.equations(border, rows)
         alone = segment.smooth(by_motion) if held else None

@@ -194,7 +194,7 @@ def _fitted(
 def _with_tensions(fitted: Fitted) -> Fitted:
     """With the stretch and the sag of cables, where lengths are read, by tensions as they are by
     now: at first they are those of the readings, with all their gains and offsets; the very same
-    where no instrument looks at them.
+    where no instrument looks at them. Where cables stretch, lengths follow the tensions from here on.
     """
     task, state = fitted.task, fitted.fit.state
     if not any(r.tension is not None for segment in state.segments for r in segment.readings):
@@ -206,8 +206,12 @@ def _with_tensions(fitted: Fitted) -> Fitted:
         # Where something touches the platform, the readings know and the balance does not.
         carried = np.where(forces.touched[:, None], at.measured.values, at.carried)
         references = reference_clocks(task.experiment, task.calibration_parameters, segment)
+        stretching = bool(task.experiment.robot.cable.axial_stiffness)
+        follows = stretching and not bool(forces.touched.all())
         readings = []
         for each in segment.readings:
+            if each.tension is not None:
+                each = replace(each, follows=follows)
             if each.tension is not None and not segment.static:
                 name, clock = each.source[0], each.time
                 times, *_ = time_of(

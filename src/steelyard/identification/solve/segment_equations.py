@@ -14,7 +14,11 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.identification.model.balance import Balance, Forces, regressor_at
 from steelyard.identification.model.fitted_motion import fitted_motion
-from steelyard.identification.model.force_residuals import WhitenedBalance, whitened_balance
+from steelyard.identification.model.force_residuals import (
+    WhitenedBalance,
+    carried_tensions,
+    whitened_balance,
+)
 from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
 from steelyard.identification.model.segment import Label, NormalEquations, Rows
 from steelyard.identification.model.sources import Source
@@ -96,7 +100,13 @@ def whitened_rows(
         )
         for part in forces.parts()
     )
-    rows = list(motion_residuals(*shared, state.calibration, column_of, state.factors, tally))
+    carried = None
+    if motion is None:
+        carried = carried_tensions(
+            *shared, forces, state.calibration, column_of, state.parameters, state.factors
+        )
+    own = motion_residuals(*shared, state.calibration, column_of, state.factors, tally, carried)
+    rows = list(own)
     if looked_at:
         rows += [part for each in balances for part in each.rows]
     return balances, rows

@@ -149,6 +149,12 @@ def _statements(design: PoseDesign) -> Iterator[Statement]:
         )
     if exact := _exact(predicted):
         yield Statement(f"Taken as exact, since it is stated so or not at all: {', '.join(exact)}.")
+    if design.assumed:
+        yield Statement(
+            "Sensors were not named: a tracker of .5 mm whose target is known to a decimetre and cable"
+            " lengths of .5 mm with unknown zeros are assumed; give --sensors FILE for your own.",
+            "note",
+        )
     if design.grid is None:
         yield Statement(
             "There is no regular grid to compare with: the cables cannot hold so many of its poses, or"
