@@ -11,8 +11,10 @@ from steelyard.identification.identify import identify
 from steelyard.identification.model.motion_residuals import Segment
 from steelyard.identification.model.processes import integrals_of
 from steelyard.identification.model.segment import NormalEquations
+from steelyard.identification.recursive.events import advanced
 from steelyard.identification.recursive.follow import begin, follow
 from steelyard.identification.recursive.grid import KnotGrid
+from steelyard.identification.recursive.parts import with_further
 from steelyard.identification.recursive.past import Linear, Point, eliminated, together
 from steelyard.identification.recursive.settings import RECURSIVE
 from steelyard.identification.solve.segment_equations import segment_equations
@@ -197,6 +199,25 @@ def test_parts_that_are_summed_up_tell_the_same(points):
     one, other = found.posterior.solution, few.posterior.solution
     assert other.value == pytest.approx(one.value, rel=1e-6, abs=1e-9)
     assert np.diag(other.covariance) == pytest.approx(np.diag(one.covariance), rel=1e-6)
+
+
+@pytest.mark.integration
+def test_what_readings_bring_is_kept_once_for_all_parts(points):
+    found = begin(points)
+    (run,) = points.runs
+    while len(found.parts) < 3:
+        found = advanced(found, run)
+    *before, last = found.parts
+    assert not any(each.by_source for each in before)
+    further = with_further(found.parts, last)
+    assert len(further) == len(found.parts) + 1
+    assert not further[-2].by_source
+    for source, matrix in last.by_source.items():
+        assert further[-1].by_source[source] == pytest.approx(2 * matrix)
+    # The readings bring all of what the motion leaves of the border, but what holds it smooth.
+    brought = sum(last.by_source.values())
+    known = sum(each.equations.normal for each in found.parts)
+    assert np.trace(brought[:3, :3]) == pytest.approx(np.trace(known[:3, :3]), rel=0.2)
 
 
 @pytest.mark.integration
