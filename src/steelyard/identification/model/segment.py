@@ -417,9 +417,9 @@ def _scatter(band: Array, products: Array, origin: int, block: int) -> None:
     """Add products of consecutive instants to a banded matrix."""
     count, width = len(products), len(band)
     if count < _FEW:
-        row, column = _lower(width)
+        rows, columns = _lower(width)
         for i, product in enumerate(products):
-            band[row - column, (origin + i) * block + column] += product[row, column]
+            band[rows - columns, (origin + i) * block + columns] += product[rows, columns]
         return
     for column in range(width):
         function, place = divmod(column, block)
