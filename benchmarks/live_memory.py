@@ -1,4 +1,4 @@
-"""Resident memory of `watch` over a long replay: a recording again and again with shifted times, as
+"""Resident memory and CPU time of `watch` over a long replay: a recording again and again with shifted times, as
 fast as the machine can; a line after every five minutes of it.
 
     python benchmarks/live_memory.py EXPERIMENT RUN --duration 3600
@@ -71,7 +71,7 @@ def main() -> None:
     given = arguments.parse_args()
     experiment = synchronise(read_experiment(given.experiment)).experiment
     source = Repeated(experiment, experiment.run(given.run), given.duration)
-    began, shown, updates = time.monotonic(), 0.0, list[float]()
+    began, shown, updates = time.process_time(), 0.0, list[float]()
     cpu = time.process_time()
     last = None
     for each in watch(replace(experiment, runs=()), source):
@@ -81,16 +81,17 @@ def main() -> None:
             last = each.records[-1]
         if source.now - shown >= given.every:
             shown = source.now
-            speed = source.now / (time.monotonic() - began)
+            speed = source.now / (time.process_time() - began)
             told = (
                 "nothing told yet"
                 if last is None
                 else f"mass {last.value[0]:.3f} kg at {last.time:.0f} s"
             )
             worst = f"{1e3 * np.quantile(updates, 0.99):.0f} ms" if updates else "-"
+            typical = f"{1e3 * np.median(updates):.0f} ms" if updates else "-"
             print(
-                f"{source.now:7.0f} s: {resident():7.1f} MiB, {speed:5.1f} x real time, 99 % of"
-                f" chunks within {worst}, {told}",
+                f"{source.now:7.0f} s: {resident():7.1f} MiB, {speed:5.1f} s a second of CPU,"
+                f" chunks {typical}, 99 % of them within {worst}, {told}",
                 flush=True,
             )
             updates = updates[-10_000:]

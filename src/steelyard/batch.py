@@ -119,7 +119,9 @@ class Batched:
         inputs = [_stack(values[key], shape, n, padded) for key, shape in self._in_shapes.items()]
         outputs = {key: np.empty((padded, *shape)) for key, shape in self._out_shapes.items()}
         blocks = padded // size
-        threads = max(1, min(os.cpu_count() or 1, _MOST_THREADS, padded // _SAMPLES_A_THREAD))
+        threads = min(_MOST_THREADS, padded // _SAMPLES_A_THREAD)
+        # Asking for the cores takes longer than a small call.
+        threads = min(threads, os.cpu_count() or 1) if threads > 1 else 1
         if threads == 1:
             _evaluate(function, size, inputs, list(outputs.values()), range(blocks))
         else:

@@ -10,10 +10,12 @@ from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
 from steelyard.identification.model.motion_residuals import Segment
 from steelyard.identification.model.processes import integrals_of
-from steelyard.identification.model.segment import NormalEquations
+from steelyard.identification.model.segment import NormalEquations, Rows
+from steelyard.identification.recursive.events import advanced
 from steelyard.identification.recursive.follow import begin, follow
 from steelyard.identification.recursive.grid import KnotGrid
-from steelyard.identification.recursive.past import Linear, Point, eliminated, together
+from steelyard.identification.recursive.parts import with_further
+from steelyard.identification.recursive.past import Linear, Point, eliminated, of_columns, together
 from steelyard.identification.recursive.settings import RECURSIVE
 from steelyard.identification.solve.segment_equations import segment_equations
 from steelyard.smoothing import DEGREE
@@ -77,6 +79,42 @@ def test_equations_seen_from_elsewhere_have_the_gradient_there():
     expected = gradient - normal @ moved
     got = np.concatenate([found.motion_gradient, found.border_gradient])
     assert got == pytest.approx(expected, rel=1e-10, abs=1e-8)
+
+
+def test_equations_over_some_columns_are_those_where_the_others_stay():
+    rng = np.random.default_rng(4)
+    functions, block, border = 8, 2, 5
+    equations, normal, gradient = drawn(rng, functions, block, border)
+    at = Point(rng.normal(size=(functions, block)), rng.normal(size=border))
+    use, size = np.array([0, 3]), functions * block
+    there = Point(rng.normal(size=(functions, block)), at.border.copy())
+    there.border[use] += rng.normal(size=2)
+    found = Linear(equations, at).of_columns(use).seen_from(Point(there.motion, there.border[use]))
+    moved = np.concatenate([(there.motion - at.motion).ravel(), there.border - at.border])
+    kept = np.concatenate([np.arange(size), size + use])
+    got = np.concatenate([found.motion_gradient, found.border_gradient])
+    assert got == pytest.approx((gradient - normal @ moved)[kept], rel=1e-10, abs=1e-8)
+    assert found.corner == pytest.approx(normal[np.ix_(size + use, size + use)])
+    assert found.side == pytest.approx(normal[:size, size + use])
+
+
+@pytest.mark.parametrize("columns", [None, np.array([4, 1, 0])])
+def test_rows_over_some_columns_have_the_derivatives_by_these(columns):
+    rng = np.random.default_rng(5)
+    count = 5 if columns is None else len(columns)
+    rows = Rows(
+        np.zeros(3, dtype=int),
+        rng.normal(size=(3, 2)),
+        rng.normal(size=(3, 2, 6)),
+        rng.normal(size=(3, 2, count)),
+        columns,
+    )
+    use = np.array([1, 3, 4])
+    found = of_columns(rows, use, 5)
+    whole, narrow = np.zeros((3, 2, 5)), np.zeros((3, 2, 3))
+    whole[:, :, np.arange(5) if columns is None else columns] = rows.by_errors
+    narrow[:, :, found.columns] = found.by_errors
+    assert narrow == pytest.approx(whole[:, :, use])
 
 
 def test_chunks_placed_one_after_the_other_are_the_whole():
@@ -197,6 +235,25 @@ def test_parts_that_are_summed_up_tell_the_same(points):
     one, other = found.posterior.solution, few.posterior.solution
     assert other.value == pytest.approx(one.value, rel=1e-6, abs=1e-9)
     assert np.diag(other.covariance) == pytest.approx(np.diag(one.covariance), rel=1e-6)
+
+
+@pytest.mark.integration
+def test_what_readings_bring_is_kept_once_for_all_parts(points):
+    found = begin(points)
+    (run,) = points.runs
+    while len(found.parts) < 3:
+        found = advanced(found, run)
+    *before, last = found.parts
+    assert not any(each.by_source for each in before)
+    further = with_further(found.parts, last)
+    assert len(further) == len(found.parts) + 1
+    assert not further[-2].by_source
+    for source, matrix in last.by_source.items():
+        assert further[-1].by_source[source] == pytest.approx(2 * matrix)
+    # The readings bring all of what the motion leaves of the border, but what holds it smooth.
+    brought = sum(last.by_source.values())
+    known = sum(each.equations.normal for each in found.parts)
+    assert np.trace(brought[:3, :3]) == pytest.approx(np.trace(known[:3, :3]), rel=0.2)
 
 
 @pytest.mark.integration

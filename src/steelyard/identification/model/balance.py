@@ -408,8 +408,17 @@ def _measured(
     if unknown == "tension":
         structure = structure_matrices(robot, calibration, position, rotation, values)
     state = {**motion, unknown: values}
-    by_reading, *_ = sensitivity(unknown, instrument, robot, tuple(readings), state, errors)
-    return MeasuredForce(values, by_reading, structure)
+    count = len(values)
+    by_reading = []
+    # All derivatives by systematic errors, of which none is looked at, take much memory.
+    for start in range(0, max(count, 1), AT_ONCE):
+        own = {
+            name: each[start : start + AT_ONCE] if len(each) == count else each
+            for name, each in state.items()
+        }
+        found, *_ = sensitivity(unknown, instrument, robot, tuple(readings), own, errors)
+        by_reading.append(found)
+    return MeasuredForce(values, np.concatenate(by_reading), structure)
 
 
 def undisturbed(segment: Segment, force_samples: Forces, local: Basis) -> Forces:

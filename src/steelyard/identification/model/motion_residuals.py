@@ -458,11 +458,14 @@ class Border:
         """
         columns = self._column_of[place]
         use = columns >= 0
-        if use.any():
-            self._columns.append(columns[use])
-            self._values.append(
-                np.broadcast_to(derivative, (self._n, self._k, len(columns)))[:, :, use]
-            )
+        if not use.any():
+            return
+        whole = (self._n, self._k, len(columns))
+        if derivative.shape != whole:
+            derivative = np.broadcast_to(derivative, whole)
+        every = bool(use.all())
+        self._columns.append(columns if every else columns[use])
+        self._values.append(derivative if every else derivative[:, :, use])
 
     def extend(self, columns: NDArray[np.intp], derivative: Array) -> None:
         """Derivative by border parameters that are no systematic errors."""
@@ -477,10 +480,10 @@ class Border:
         unique, place = np.unique(columns, return_inverse=True)
         if len(unique) == len(columns):
             return values, columns
-        total = np.zeros((self._n, self._k, len(unique)))
-        for i, target in enumerate(place):
-            total[:, :, target] += values[:, :, i]
-        return total, unique
+        # Few stand there twice: delays of two clocks that are one.
+        order = np.argsort(place, kind="stable")
+        begins = np.searchsorted(place[order], np.arange(len(unique)))
+        return np.add.reduceat(values[:, :, order], begins, axis=2), unique
 
 
 def looked_at(

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, reduce
+from functools import cache, cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg.blas import dsbmv
 from scipy.linalg.lapack import dtbtrs, dtrtri
 
 from steelyard.arrays import Array
@@ -58,24 +59,27 @@ def basis(knots: Array, times: Array) -> Basis:
     # What lies around each time: knot j of the interval's neighbours is own[j + DEGREE].
     own = knots[interval[:, None] + np.arange(-DEGREE, DEGREE + 2)].T
     powers = [np.ones((1, n))]
+    since, until = times - own[: DEGREE + 1], own[DEGREE + 1 :] - times
     for degree in range(1, DEGREE + 1):
-        lower = powers[-1]
-        left = own[DEGREE - degree + 1 : DEGREE + 1]
-        share = lower / (own[DEGREE + 1 : DEGREE + degree + 1] - left)
-        raised = np.zeros((degree + 1, n))
-        raised[1:] = (times - left) * share
-        raised[:-1] += (own[DEGREE + 1 : DEGREE + degree + 1] - times) * share
+        left, right = since[DEGREE - degree + 1 :], until[:degree]
+        share = powers[-1] / (left + right)
+        raised = np.empty((degree + 1, n))
+        raised[0] = 0.0
+        np.multiply(left, share, out=raised[1:])
+        raised[:-1] += right * share
         powers.append(raised)
+    # A rate of a function is the difference of two of one degree less, over their lengths.
+    steps = {
+        degree: degree / (since[DEGREE - degree + 1 :] + until[:degree])
+        for degree in range(DEGREE - 2, DEGREE + 1)
+    }
     values = np.empty((4, n, DEGREE + 1))
     for order in range(4):
         found = powers[DEGREE - order]
         for degree in range(DEGREE - order + 1, DEGREE + 1):
-            slope = (
-                degree
-                * found
-                / (own[DEGREE + 1 : DEGREE + degree + 1] - own[DEGREE - degree + 1 : DEGREE + 1])
-            )
-            found = np.zeros((degree + 1, n))
+            slope = found * steps[degree]
+            found = np.empty((degree + 1, n))
+            found[0] = 0.0
             found[1:] = slope
             found[:-1] -= slope
         values[order] = found.T
@@ -271,13 +275,12 @@ def banded_product(band: Array, vector: Array) -> Array:
     """Product of a symmetric matrix in lower banded form with a vector, shape (n,), or with columns,
     shape (n, c).
     """
-    if vector.ndim == 2:
-        band = band[:, :, None]
-    product = band[0] * vector
-    for d in range(1, len(band)):
-        product[d:] += band[d, :-d] * vector[:-d]
-        product[:-d] += band[d, :-d] * vector[d:]
-    return np.asarray(product)
+    # The routine takes no matrix that is narrower than its band.
+    inside = min(band.shape)
+    own = np.asarray(band[:inside], order="F", dtype=float)
+    columns = np.atleast_2d(vector.T)
+    product = [dsbmv(inside - 1, 1.0, own, each, lower=1) for each in columns]
+    return np.asarray(np.column_stack(product) if vector.ndim == 2 else product[0])
 
 
 def banded_trace(one: Array, other: Array) -> float:
@@ -334,6 +337,8 @@ def _blocks(width: int, block: int, count: int) -> tuple[Array, Array]:
 
 _AT_ONCE = 512
 """Instants whose products are held at once."""
+_FEW = 16
+"""Instants that are fewer than the columns of what one of them depends on."""
 
 
 def accumulate(
@@ -379,11 +384,14 @@ def accumulate(
             origin, last = int(first[span.start]), int(first[span.stop - 1])
             products = _products(together[span], first[span] - origin, last - origin + 1)
             _scatter(band, products, origin, block)
-            for function in range(width // block):
+            count, reach = last - origin + 1, width // block
+            across = np.zeros((count + reach - 1, block, len(columns) + 1))
+            for function in range(reach):
                 own = slice(function * block, (function + 1) * block)
-                target = slice(origin + function, last + function + 1)
-                side[target, :, columns] += products[:, own, width:-1]
-                by_motion[target] -= products[:, own, -1]
+                across[function : function + count] += products[:, own, width:]
+            target = slice(origin, last + reach)
+            side[target, :, columns] += across[:, :, :-1]
+            by_motion[target] -= across[:, :, -1]
             total = products[:, width:, width:].sum(axis=0)
             corner[np.ix_(columns, columns)] += total[:-1, :-1]
             by_border[columns] -= total[:-1, -1]
@@ -408,11 +416,22 @@ def _products(rows: Array, instant: NDArray[np.intp], count: int) -> Array:
 def _scatter(band: Array, products: Array, origin: int, block: int) -> None:
     """Add products of consecutive instants to a banded matrix."""
     count, width = len(products), len(band)
+    if count < _FEW:
+        rows, columns = _lower(width)
+        for i, product in enumerate(products):
+            band[rows - columns, (origin + i) * block + columns] += product[rows, columns]
+        return
     for column in range(width):
         function, place = divmod(column, block)
         start = (origin + function) * block + place
         own = band[:, start : start + (count - 1) * block + 1 : block]
         own[: width - column] += products[:, column:width, column].T
+
+
+@cache
+def _lower(width: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of the lower half of a square."""
+    return np.tril_indices(width)
 
 
 def spread(basis: Basis, *by_order: Array, block: int = POSE) -> Array:

@@ -17,11 +17,8 @@ from steelyard.estimates.estimate import plausible_radius
 from steelyard.identification.known_body import plausible
 from steelyard.identification.model.calibration_parameters import ATTACHED, ROBOT
 from steelyard.identification.model.segment import NormalEquations
-from steelyard.identification.recursive.past import Point, together
 from steelyard.identification.recursive.recursion import Recursion
-from steelyard.identification.solve.posterior import prior_of
 from steelyard.inertia import TEN
-from steelyard.smoothing import DEGREE
 
 Cause = Literal["load", "contact", "sensor"]
 """Another body, a hand or an obstacle, a force sensor that has jumped."""
@@ -82,7 +79,7 @@ def changes(recursion: Recursion, cause: Cause = "load") -> list[Change]:
     columns, count = _columns(recursion, cause), len(recursion.window.chunks)
     if count < 2 or not len(columns.which):
         return []
-    own, left = _of_each_chunk(recursion, *_each_by_itself(recursion, columns))
+    own, left = _of_each_chunk(recursion, columns)
     sizes = np.tile(columns.scale, count)
     own, left = own * np.outer(sizes, sizes), left * sizes
     return [_after(number, count, own, left, columns.scale) for number in range(count - 1)]
@@ -142,74 +139,80 @@ def _after(number: int, count: int, own: Array, left: Array, scale: Array) -> Ch
     )
 
 
-def _of_each_chunk(recursion: Recursion, normal: Array, gradient: Array) -> tuple[Array, Array]:
+def _of_each_chunk(recursion: Recursion, columns: _Changeable) -> tuple[Array, Array]:
     """What the window and all before it say of a change in each chunk, with body and calibration
     eliminated: matrix and right-hand side, shapes (c n, c n) and (c n,).
 
     Args:
         recursion: With a window.
-        normal: Of border and changes as the window has it.
-        gradient: The same, as the right-hand side.
+        columns: What may change.
     """
-    task, state, point = recursion.task, recursion.state, recursion.point
+    state, use = recursion.state, recursion.use
     assert state.parameters is not None
-    radius = plausible_radius(task.experiment.robot)
-    prior = prior_of(task.experiment, state.calibration, state.parameters, radius)
-    told, size = recursion.relative(recursion.told), len(point)
-    known = told.normal + prior.precision
+    # Columns that nobody estimates are asked for only where these may change.
+    narrow = bool(np.isin(columns.which, use).all())
+    which = np.searchsorted(use, columns.which) if narrow else columns.which
+    normal, gradient = _each_by_itself(recursion, which, use if narrow else None)
+    own = use if narrow else np.arange(len(recursion.point))
+    size, inside = len(own), np.arange(len(use)) if narrow else use
+    prior, told = recursion.prior, recursion.relative(recursion.told)
+    known = (told.normal + prior.precision)[np.ix_(use, own)]
     here = np.concatenate([state.parameters, np.zeros(size - TEN)])
-    shared = normal[:size, :size] + known
-    right = gradient[:size] + told.right + prior.pull - known @ here
-    use = np.flatnonzero(np.concatenate([np.ones(TEN, dtype=bool), task.active]))
-    sizes = 1 / np.sqrt(np.maximum(np.diag(shared)[use], 1e-300))
-    factor = cho_factor(shared[np.ix_(use, use)] * np.outer(sizes, sizes), lower=True)
-    across = normal[size:, use] * sizes
-    solved = cho_solve(factor, np.column_stack([across.T, sizes * right[use]]))
+    shared = normal[np.ix_(inside, inside)] + known[:, inside]
+    right = gradient[inside] + told.right[use] + prior.pull[use] - known @ here
+    sizes = 1 / np.sqrt(np.maximum(np.diag(shared), 1e-300))
+    factor = cho_factor(shared * np.outer(sizes, sizes), lower=True)
+    across = normal[size:, inside] * sizes
+    solved = cho_solve(factor, np.column_stack([across.T, sizes * right]))
     return normal[size:, size:] - across @ solved[:, :-1], gradient[size:] - across @ solved[:, -1]
 
 
-def _each_by_itself(recursion: Recursion, columns: _Changeable) -> tuple[Array, Array]:
+def _each_by_itself(
+    recursion: Recursion, which: NDArray[np.intp], use: NDArray[np.intp] | None
+) -> tuple[Array, Array]:
     """What the window says of the border and of a change in each chunk alone, matrix and right-hand
     side about where they are, shapes (k + c n,) * 2 and (k + c n,).
+
+    Args:
+        recursion: With a window.
+        which: Columns of the border that may change, of those that are told, shape (c,).
+        use: Columns that are told; None: all.
     """
-    window, point = recursion.window, recursion.point
+    window = recursion.window
     assert window is not None
+    parts, places = window.told(recursion.point, use)
     count = len(window.chunks)
-    parts, places = list[NormalEquations](), list[int]()
-    if window.past is not None:
-        past = window.past.seen_from(Point(window.motion[:DEGREE], point))
-        parts.append(_with_change(past, columns, None, count))
-        places.append(0)
-    for i, chunk in enumerate(window.chunks):
-        own = window.place(i)
-        told = chunk.linear.seen_from(Point(window.motion[own], point))
-        parts.append(_with_change(told, columns, i, count))
-        places.append(own.start)
-    whole = together(parts, places)
-    if window.like.processes:
-        whole = whole.stiffened([window.ends], window.motion)
-    return whole.reduced()
+    before = len(parts) - count
+    changed = [
+        _with_change(each, which, i - before if i >= before else None, count)
+        for i, each in enumerate(parts)
+    ]
+    return window.joined(changed, places).reduced()
 
 
 def _with_change(
-    equations: NormalEquations, columns: _Changeable, number: int | None, count: int
+    equations: NormalEquations, which: NDArray[np.intp], number: int | None, count: int
 ) -> NormalEquations:
     """Equations with a change in each chunk in the border.
 
     Args:
         equations: Of one chunk.
-        columns: What may change.
+        which: Columns of the border that may change, shape (c,).
         number: Of the chunk; None: of what was before all of them.
         count: Of chunks.
     """
-    size, own = len(equations.corner), len(columns.which)
-    pick = np.zeros((size, size + own * count))
-    pick[:, :size] = np.eye(size)
+    size, own = len(equations.corner), len(which)
+    total = size + own * count
+    place, source = np.arange(size), np.arange(size)
     if number is not None:
-        pick[columns.which, size + own * number + np.arange(own)] = 1.0
-    return replace(
-        equations,
-        side=equations.side @ pick,
-        corner=pick.T @ equations.corner @ pick,
-        border_gradient=pick.T @ equations.border_gradient,
+        place = np.concatenate([place, size + own * number + np.arange(own)])
+        source = np.concatenate([source, which])
+    side, corner, gradient = (
+        np.zeros((len(equations.side), total)),
+        np.zeros((total,) * 2),
+        np.zeros(total),
     )
+    side[:, place] = equations.side[:, source]
+    corner[np.ix_(place, place)] = equations.corner[np.ix_(source, source)]
+    gradient[place] = equations.border_gradient[source]
+    return replace(equations, side=side, corner=corner, border_gradient=gradient)

@@ -22,6 +22,7 @@ from steelyard.identification.recursive.parts import (
     counted_up,
     motions_of,
     summed_up,
+    with_further,
 )
 from steelyard.identification.recursive.recursion import Recursion, Window
 from steelyard.identification.samples.preparation import Samples
@@ -101,7 +102,8 @@ class Following:
     number: int = 0
     """Of the next chunk."""
     parts: tuple[SegmentEquations, ...] = ()
-    """What has left the window, calibration parameters counted from nothing."""
+    """What has left the window, calibration parameters counted from nothing; the last one says what
+    the readings of every quantity bring in all of them."""
     instants: tuple[Instant, ...] = ()
     events: tuple[Event, ...] = ()
     """What has changed."""
@@ -193,7 +195,7 @@ class Following:
     def passed(self) -> Following:
         """With the oldest chunk of the window eliminated."""
         recursion, part = self.recursion.passed()
-        return replace(self, recursion=recursion, parts=(*self.parts, part))
+        return replace(self, recursion=recursion, parts=with_further(self.parts, part))
 
     def ended(self) -> Following:
         """With the motion ended."""

@@ -12,9 +12,9 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Load
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues
-from steelyard.identification.model.segment import NormalEquations
+from steelyard.identification.model.segment import NormalEquations, Rows
 from steelyard.identification.recursive.past import Linear
-from steelyard.identification.recursive.recursion import Recursion
+from steelyard.identification.recursive.recursion import Chunk, Recursion
 from steelyard.identification.solve.normal_equations import Blocks, BorderEquations
 from steelyard.identification.solve.segment_equations import SegmentEquations
 from steelyard.inertia import TEN
@@ -71,7 +71,7 @@ def opened(recursion: Recursion, experiment: Experiment, number: int, change: Ar
     window = replace(
         window,
         like=replace(window.like, run=experiment.runs[-1].name),
-        chunks=tuple(replace(each, linear=_wider(each.linear, own)) for each in window.chunks),
+        chunks=tuple(_wider_chunk(each, own) for each in window.chunks),
         past=None if window.past is None else _wider(window.past, own),
     )
     found = replace(
@@ -187,3 +187,20 @@ def _wider(linear: Linear, values: Array) -> Linear:
     )
     at = replace(linear.at, border=np.concatenate([linear.at.border, values]))
     return Linear(wider, at)
+
+
+def _wider_chunk(chunk: Chunk, values: Array) -> Chunk:
+    """A chunk with columns of a further load, of which its readings tell nothing.
+
+    Args:
+        chunk: Without them.
+        values: Of these columns, shape (10,).
+    """
+    rows = [each if each.columns is not None else _named(each) for each in chunk.rows]
+    use = np.concatenate([chunk.use, len(chunk.border) + np.arange(TEN, dtype=np.intp)])
+    return replace(chunk, rows=rows, border=np.concatenate([chunk.border, values]), use=use)
+
+
+def _named(rows: Rows) -> Rows:
+    """Rows that say which columns they have."""
+    return replace(rows, columns=np.arange(rows.by_errors.shape[2], dtype=np.intp))

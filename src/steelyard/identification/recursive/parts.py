@@ -51,18 +51,35 @@ def counted_up(parts: Sequence[SegmentEquations]) -> tuple[Tally, dict[Label, fl
     return tally, spent
 
 
+def with_further(
+    parts: Sequence[SegmentEquations], part: SegmentEquations
+) -> tuple[SegmentEquations, ...]:
+    """Parts with one more, which says what the readings of every quantity bring in all of them: the
+    matrices of that are most of a part, and only their sum is asked for.
+    """
+    if not parts:
+        return (part,)
+    *others, last = parts
+    return (*others, replace(last, by_source={}), replace(part, by_source=_brought([last, part])))
+
+
+def _brought(parts: Sequence[SegmentEquations]) -> dict[Source, Array]:
+    """Quantity -> part of the normal matrix that its readings bring, of all parts."""
+    found: dict[Source, Array] = {}
+    for part in parts:
+        for source, matrix in part.by_source.items():
+            found[source] = found.get(source, 0.0) + matrix
+    return found
+
+
 def summed_up(parts: Sequence[SegmentEquations]) -> SegmentEquations:
     """What parts of one run say, with the motion of the last of them alone."""
     tally, spent = counted_up(parts)
-    by_source: dict[Source, Array] = {}
-    for part in parts:
-        for source, matrix in part.by_source.items():
-            by_source[source] = by_source.get(source, 0.0) + matrix
     return replace(
         parts[-1],
         equations=summed([part.equations for part in parts]),
         blocks=_fewer(together([part.blocks for part in parts])),
-        by_source=by_source,
+        by_source=_brought(parts),
         tally=tally,
         spent=spent,
     )

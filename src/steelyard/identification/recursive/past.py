@@ -6,13 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from steelyard.arrays import Array
-from steelyard.identification.model.segment import NormalEquations
+from steelyard.identification.model.segment import NormalEquations, Rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +54,37 @@ class Linear:
             parts={},
         )
 
+    def of_columns(self, use: NDArray[np.intp]) -> Linear:
+        """The same with some columns of the border alone; all others stay where they were linearised.
+
+        Args:
+            use: Which, shape (e,).
+        """
+        own = self.equations
+        narrow = replace(
+            own,
+            side=own.side[:, use],
+            corner=own.corner[np.ix_(use, use)],
+            border_gradient=own.border_gradient[use],
+            parts={},
+        )
+        return Linear(narrow, Point(self.at.motion, self.at.border[use]))
+
+
+def of_columns(rows: Rows, use: NDArray[np.intp], border: int) -> Rows:
+    """Rows with derivatives by some columns of the border alone.
+
+    Args:
+        rows: As they are.
+        use: Which columns, shape (e,).
+        border: Columns k.
+    """
+    place = np.full(border, -1, dtype=np.intp)
+    place[use] = np.arange(len(use))
+    columns = place if rows.columns is None else place[rows.columns]
+    kept = columns >= 0
+    return replace(rows, by_errors=rows.by_errors[:, :, kept], columns=columns[kept])
+
 
 def together(parts: Sequence[NormalEquations], places: Sequence[int]) -> NormalEquations:
     """Equations of parts of a motion as those of the whole.
@@ -82,15 +114,13 @@ def together(parts: Sequence[NormalEquations], places: Sequence[int]) -> NormalE
     return whole
 
 
-def scaled(equations: NormalEquations, factor: float) -> NormalEquations:
-    """Equations of readings that count so many times as much."""
-    return NormalEquations(
-        factor * equations.band,
-        factor * equations.side,
-        factor * equations.corner,
-        factor * equations.motion_gradient,
-        factor * equations.border_gradient,
-        block=equations.block,
+def scaled(rows: Rows, factor: float) -> Rows:
+    """Rows of readings that are less noisy by a factor."""
+    return replace(
+        rows,
+        residual=factor * rows.residual,
+        by_motion=factor * rows.by_motion,
+        by_errors=factor * rows.by_errors,
     )
 
 
@@ -116,8 +146,8 @@ def eliminated(equations: NormalEquations, kept: int) -> NormalEquations:
     last = slice(rest, -1)
     whole = matrix[gone:, gone:] - left[:rest, :rest]
     band = np.zeros((width, rest))
-    for d in range(rest):
-        band[d, : rest - d] = np.diagonal(whole, -d)
+    row, column = _lower(rest, rest)
+    band[row - column, column] = whole[row, column]
     return NormalEquations(
         band,
         equations.side[gone:] - left[:rest, last],
@@ -131,8 +161,15 @@ def eliminated(equations: NormalEquations, kept: int) -> NormalEquations:
 def _dense(band: Array) -> Array:
     """A symmetric matrix in lower banded form as a whole, shape (N, N)."""
     width, size = band.shape
+    row, column = _lower(min(width, size), size)
     matrix = np.zeros((size, size))
-    for d in range(min(width, size)):
-        own = np.arange(size - d)
-        matrix[own + d, own] = matrix[own, own + d] = band[d, : size - d]
+    matrix[row, column] = matrix[column, row] = band[row - column, column]
     return matrix
+
+
+@lru_cache(maxsize=16)
+def _lower(width: int, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of the lower half of a banded matrix, as far as its band reaches."""
+    row, column = np.tril_indices(size)
+    inside = row - column < width
+    return row[inside], column[inside]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,13 +36,21 @@ from steelyard.identification.model.segment import (
 )
 from steelyard.identification.recursive.grid import KnotGrid
 from steelyard.identification.recursive.levels import Liveliness
-from steelyard.identification.recursive.past import Linear, Point, eliminated, scaled, together
+from steelyard.identification.recursive.past import (
+    Linear,
+    Point,
+    eliminated,
+    of_columns,
+    scaled,
+    together,
+)
 from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
 from steelyard.identification.solve.fit_state import FitState, Task
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.normal_equations import (
     Blocks,
     BorderEquations,
+    BorderPrior,
     Solution,
     solve,
 )
@@ -68,8 +77,30 @@ class Chunk:
 
     segment: Segment
     forces: Forces
-    linear: Linear
-    """Their equations with the smoothness of the motion."""
+    rows: Sequence[Rows]
+    """Their residuals with derivatives by all columns of the border."""
+    border: Array
+    """The ten and all calibration parameters where they were linearised, shape (k,)."""
+    use: NDArray[np.intp]
+    """Columns of the border that are estimated, shape (e,)."""
+
+    @cached_property
+    def linear(self) -> Linear:
+        """Equations with the smoothness of the motion, over the columns that are estimated: most are
+        not, and steps ask for none of these.
+        """
+        own = [of_columns(each, self.use, len(self.border)) for each in self.rows]
+        return self._of(own, self.border[self.use])
+
+    @cached_property
+    def whole(self) -> Linear:
+        """The same over all columns."""
+        return self._of(self.rows, self.border)
+
+    def _of(self, rows: Sequence[Rows], border: Array) -> Linear:
+        """Equations of rows with what is known of motion and processes."""
+        equations = self.segment.smooth(self.segment.equations(len(border), rows))
+        return Linear(equations, Point(self.segment.coefficients, border))
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,20 +178,43 @@ class Window:
             processes=processes,
         )
 
-    def equations(self, border: Array) -> NormalEquations:
-        """Normal equations of its motion with what remains of all before.
+    def told(
+        self, border: Array, use: NDArray[np.intp] | None
+    ) -> tuple[list[NormalEquations], list[int]]:
+        """What remains of all before, where there is something, and what every chunk says, and the
+        first function of each.
 
         Args:
             border: Present values of the ten and all calibration parameters, shape (k,).
+            use: Columns of the border that are estimated, over which to tell it, shape (e,); None:
+                all.
         """
         parts, places = [], []
+        point = border if use is None else border[use]
         if self.past is not None:
-            parts.append(self.past.seen_from(Point(self.motion[:DEGREE], border)))
+            past = self.past if use is None else self.past.of_columns(use)
+            parts.append(past.seen_from(Point(self.motion[:DEGREE], point)))
             places.append(0)
         for i, chunk in enumerate(self.chunks):
             own = self.place(i)
-            parts.append(chunk.linear.seen_from(Point(self.motion[own], border)))
+            linear = chunk.whole if use is None else chunk.linear
+            parts.append(linear.seen_from(Point(self.motion[own], point)))
             places.append(own.start)
+        return parts, places
+
+    def equations(self, border: Array, use: NDArray[np.intp] | None) -> NormalEquations:
+        """Normal equations of its motion with what remains of all before; arguments as of
+        :meth:`told`.
+        """
+        return self.joined(*self.told(border, use))
+
+    def joined(self, parts: Sequence[NormalEquations], places: Sequence[int]) -> NormalEquations:
+        """Equations of past and chunks as those of all, with what is known at the end.
+
+        Args:
+            parts: Over functions in a row each.
+            places: First function of each.
+        """
         whole = together(parts, places)
         return whole.stiffened([self.ends], self.motion) if self.like.processes else whole
 
@@ -212,6 +266,11 @@ class Recursion:
         assert self.state.parameters is not None
         return np.concatenate([self.state.parameters, self.state.calibration.values])
 
+    @cached_property
+    def use(self) -> NDArray[np.intp]:
+        """Columns of the border that are estimated, shape (e,)."""
+        return np.flatnonzero(np.concatenate([np.ones(TEN, dtype=bool), self.task.active]))
+
     def body_of(self, run: str) -> tuple[Array, Array]:
         """What a run carries: the ten of :data:`steelyard.inertia.LINEAR_PARAMETERS` and their
         covariance, shapes (10,) and (10, 10).
@@ -220,7 +279,7 @@ class Recursion:
             run: Its name.
         """
         assert self.solution is not None
-        pick = self.picked(run)
+        pick = self.picked(run)[:, self.use]
         value = self.state.calibration.body(self.solution.value[:TEN], run)
         return value, np.asarray(pick @ self.solution.covariance @ pick.T)
 
@@ -234,7 +293,7 @@ class Recursion:
         assert self.solution is not None
         first, calibration = self.solution.value[:TEN], self.state.calibration
         value = calibration.body(first, after)[0] - calibration.body(first, before)[0]
-        row = self.picked(after)[0] - self.picked(before)[0]
+        row = (self.picked(after)[0] - self.picked(before)[0])[self.use]
         return float(value), float(np.sqrt(row @ self.solution.covariance @ row))
 
     def picked(self, run: str) -> Array:
@@ -253,17 +312,17 @@ class Recursion:
             numpy.linalg.LinAlgError: The motion is not determined.
         """
         assert self.window is not None
-        assert self.state.parameters is not None
-        robot = self.task.experiment.robot
-        prior = prior_of(
-            self.task.experiment,
-            self.state.calibration,
-            self.state.parameters,
-            plausible_radius(robot),
-        )
-        window, _ = self.window.equations(self.point).reduced()
-        use = np.flatnonzero(np.concatenate([np.ones(TEN, dtype=bool), self.task.active]))
-        return (self.told.normal + window + prior.precision)[np.ix_(use, use)], use
+        window, _ = self.window.equations(self.point, self.use).reduced()
+        known = self.told.normal + self.prior.precision
+        return known[np.ix_(self.use, self.use)] + window, self.use
+
+    @property
+    def prior(self) -> BorderPrior:
+        """What is known beforehand, about where all is."""
+        task, state = self.task, self.state
+        assert state.parameters is not None
+        radius = plausible_radius(task.experiment.robot)
+        return prior_of(task.experiment, state.calibration, state.parameters, radius)
 
     def arrived(
         self, readings: Sequence[Reading], forces: Forces, motion: Array | None = None
@@ -295,14 +354,14 @@ class Recursion:
             if turn and not held and here.window.lively is not None:
                 segment = here.window.lively.at_least(segment, longer.grid.intervals)
             _, rows = whitened_rows(here.task, here.state, segment, forces)
-            here = here._with_chunk(segment, forces, _smoothed(segment, here.task, rows), number)
+            here = here._with_chunk(segment, forces, rows, number)
             here, promised = here._followed() if held else here._stepped()
             settled = promised < self.settings.arrived
             if settled:
                 break
         if held:
             assert here.window is not None
-            here = replace(here, solution=here._known(here.window.equations(here.point)))
+            here = replace(here, solution=here._known(here.equations))
         return here if settled else replace(here, unsettled=here.unsettled + 1)
 
     def _foreseen(self, segment: Segment, forces: Forces) -> Recursion:
@@ -327,8 +386,8 @@ class Recursion:
             rows = motion_residuals(
                 task.experiment, segment, here.state.calibration, column_of, wide, Tally()
             )
-            told = scaled(segment.equations(border_of(task), rows), _WIDE**2)
-            here = here._with_chunk(segment, forces, segment.smooth(told), number)
+            told = [scaled(each, _WIDE) for each in rows]
+            here = here._with_chunk(segment, forces, told, number)
             here, promised = here._followed()
             if promised < self.settings.arrived:
                 break
@@ -336,11 +395,11 @@ class Recursion:
         return replace(here, window=replace(here.window, chunks=self.window.chunks))
 
     def _with_chunk(
-        self, segment: Segment, forces: Forces, equations: NormalEquations, number: int
+        self, segment: Segment, forces: Forces, rows: Sequence[Rows], number: int
     ) -> Recursion:
         """With a chunk of the window as it is linearised."""
         assert self.window is not None
-        chunk = Chunk(segment, forces, Linear(equations, Point(segment.coefficients, self.point)))
+        chunk = Chunk(segment, forces, rows, self.point, self.use)
         chunks = (*self.window.chunks[:number], chunk, *self.window.chunks[number + 1 :])
         return replace(self, window=replace(self.window, chunks=chunks))
 
@@ -355,7 +414,7 @@ class Recursion:
         assert self.window is not None
         segment = replace(segment, coefficients=self.window.motion[self.window.place(number)])
         _, rows = whitened_rows(self.task, self.state, segment, forces)
-        return self._with_chunk(segment, forces, _smoothed(segment, self.task, rows), number)
+        return self._with_chunk(segment, forces, rows, number)
 
     def settled(self) -> Recursion:
         """After a step over window and border as they are linearised.
@@ -377,10 +436,11 @@ class Recursion:
         grid, tally = window.grid, Tally()
         segment = replace(first.segment, coefficients=window.motion[window.place(0)])
         balances, rows = whitened_rows(self.task, self.state, segment, first.forces, tally=tally)
-        own = _smoothed(segment, self.task, rows)
-        here = self._with_chunk(segment, first.forces, own, 0)
+        here = self._with_chunk(segment, first.forces, rows, 0)
         assert here.window is not None
-        every = here.window.equations(point)
+        own = here.window.chunks[0].whole.equations
+        # The verdict asks all columns, also those that nobody estimates.
+        every = here.window.equations(point, None)
         parts, before = [replace(own, parts={})], _nothing(len(point))
         if window.past is not None:
             past = window.past.seen_from(Point(window.motion[:DEGREE], point))
@@ -437,7 +497,7 @@ class Recursion:
             equations: Of them, with calibration parameters counted from nothing.
         """
         found = replace(self, told=self.told + equations)
-        return found._at(found._solved(found.relative(found.told)))
+        return found._at(found._solved(found._told))
 
     def relative(self, equations: BorderEquations) -> BorderEquations:
         """Equations with calibration parameters counted from where they are.
@@ -462,9 +522,9 @@ class Recursion:
     def _stepped(self) -> tuple[Recursion, float]:
         """After a step over window and border, and the decrease of the cost that it promised."""
         assert self.window is not None
-        every = self.window.equations(self.point)
+        every = self.equations
         solution = self._known(every)
-        step = solution.value - absolute(self.state)
+        step = solution.value - absolute(self.state)[self.use]
         motion = every.motion_step(step)
         promised = float(motion @ every.motion_gradient + step @ every.border_gradient)
         found = replace(self, window=self.window.moved(motion))
@@ -473,22 +533,41 @@ class Recursion:
     def _followed(self) -> tuple[Recursion, float]:
         """The same with the border as it is."""
         assert self.window is not None
-        every = self.window.equations(self.point)
+        every = self.equations
         promised = float(every.settled @ every.motion_gradient)
         return replace(self, window=self.window.moved(every.settled)), abs(promised)
+
+    @property
+    def equations(self) -> NormalEquations:
+        """Of the window, over the columns that are estimated."""
+        assert self.window is not None
+        return self.window.equations(self.point, self.use)
 
     def _known(self, every: NormalEquations) -> Solution:
         """Body and calibration from all that has arrived.
 
         Args:
-            every: Equations of the window.
+            every: Equations of the window, over the columns that are estimated.
         """
-        return self._solved(self.relative(self.told + _of_border(every, self.point)))
+        normal, gradient = every.reduced()
+        told, here = self._told, absolute(self.state)[self.use]
+        right = told.right + gradient + normal @ here
+        return self._solved(replace(told, normal=told.normal + normal, right=right))
+
+    @property
+    def _told(self) -> BorderEquations:
+        """What belongs to no motion, over the columns that are estimated, calibration parameters
+        counted from where they are.
+        """
+        told = self.relative(self.told)
+        normal = told.normal[np.ix_(self.use, self.use)]
+        return replace(told, normal=normal, right=told.right[self.use])
 
     def _at(self, solution: Solution) -> Recursion:
         """With body and calibration as a solution has them."""
         calibration = self.state.calibration
-        values = calibration.values + solution.value[TEN:]
+        values = calibration.values.copy()
+        values[self.task.active] += solution.value[TEN:]
         state = replace(
             self.state,
             parameters=solution.value[:TEN],
@@ -497,19 +576,19 @@ class Recursion:
         return replace(self, state=state, solution=solution)
 
     def _solved(self, equations: BorderEquations) -> Solution:
-        """Body and calibration."""
-        task, state = self.task, self.state
+        """Body and calibration.
+
+        Args:
+            equations: Over the columns that are estimated.
+        """
+        task, state, use = self.task, self.state, self.use
         assert state.parameters is not None
-        radius = plausible_radius(task.experiment.robot)
-        prior = prior_of(task.experiment, state.calibration, state.parameters, radius)
-        estimated = np.concatenate([np.ones(TEN, dtype=bool), task.active])
-        sizes = plausible(state.parameters, radius)
-        return solve(equations, prior, estimated, sizes, settings=task.settings)
-
-
-def _smoothed(segment: Segment, task: Task, rows: Sequence[Rows]) -> NormalEquations:
-    """Normal equations of rows with what is known of motion and processes."""
-    return segment.smooth(segment.equations(border_of(task), rows))
+        prior = self.prior
+        narrow = BorderPrior(prior.precision[np.ix_(use, use)], prior.pull[use])
+        sizes = plausible(state.parameters, plausible_radius(task.experiment.robot))
+        return solve(
+            equations, narrow, np.ones(len(use), dtype=bool), sizes, settings=task.settings
+        )
 
 
 def _nothing(border: int) -> BorderEquations:

@@ -402,9 +402,13 @@ def first_body(
     parameters = np.zeros(TEN)
     for _ in range(settings.first_body_iterations):
         normal, right = np.zeros((TEN, TEN)), np.zeros(TEN)
-        for segment, forces in zip(state.segments, force_samples, strict=True):
-            if forces is None:
-                continue
+        parts = (
+            (segment, part)
+            for segment, forces in zip(state.segments, force_samples, strict=True)
+            if forces is not None
+            for part in forces.parts()
+        )
+        for segment, forces in parts:
             at = balance_of(
                 experiment, segment, forces, state.calibration, parameters, state.factors
             )

@@ -4,8 +4,11 @@ eliminated.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import chain
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +22,12 @@ from steelyard.identification.model.force_residuals import (
     carried_tensions,
     whitened_balance,
 )
-from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
+from steelyard.identification.model.motion_residuals import (
+    AT_ONCE,
+    Segment,
+    Tally,
+    motion_residuals,
+)
 from steelyard.identification.model.segment import Label, NormalEquations, Rows
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import FitState, Task
@@ -65,9 +73,6 @@ def whitened_rows(
     state: FitState,
     segment: Segment,
     forces: Forces,
-    motion: Array | None = None,
-    *,
-    looked_at: bool = True,
     tally: Tally | None = None,
 ) -> tuple[tuple[WhitenedBalance, ...], list[Rows]]:
     """The balance of a segment, some samples at a time, and all of its rows, with derivatives by
@@ -76,40 +81,14 @@ def whitened_rows(
     Args:
         task: What is fitted.
         state: Where to linearise, with a body.
-        segment: One of its segments.
+        segment: One of its segments, which is not long.
         forces: Of it.
-        motion: Covariance of its coefficients where it is held, lower banded form, shape (42, N);
-            None: it follows the forces.
-        looked_at: Whether its forces count.
         tally: Is added to.
     """
-    assert state.parameters is not None
-    column_of = TEN + np.arange(len(task.calibration_parameters), dtype=np.intp)
-    shared = task.experiment, segment
     tally = Tally() if tally is None else tally
-    balances = tuple(
-        whitened_balance(
-            *shared,
-            part,
-            state.calibration,
-            column_of,
-            state.parameters,
-            state.factors,
-            tally,
-            motion,
-        )
-        for part in forces.parts()
-    )
-    carried = None
-    if motion is None:
-        carried = carried_tensions(
-            *shared, forces, state.calibration, column_of, state.parameters, state.factors
-        )
-    own = motion_residuals(*shared, state.calibration, column_of, state.factors, tally, carried)
-    rows = list(own)
-    if looked_at:
-        rows += [part for each in balances for part in each.rows]
-    return balances, rows
+    linearised = _Linearised(task, state, segment, forces, None, looked_at=True)
+    balances = tuple(linearised.of_forces(tally))
+    return balances, [*linearised.of_motion(tally), *chain(*(each.rows for each in balances))]
 
 
 def segment_equations(
@@ -137,40 +116,149 @@ def segment_equations(
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
-    assert state.parameters is not None
-    tally = Tally()
-    balances, rows = whitened_rows(
-        task, state, segment, forces, motion, looked_at=looked_at, tally=tally
-    )
-    every = segment.smooth(segment.equations(border_of(task), rows))
+    of_forces, of_motion = Tally(), Tally()
+    linearised = _Linearised(task, state, segment, forces, motion, looked_at)
+    balances = list[Balance]()
+    weight = list[Array]()
+
+    def first_pass() -> Iterator[Rows]:
+        yield from linearised.of_motion(of_motion)
+        for each in linearised.of_forces(of_forces):
+            balances.append(each.at)
+            weight.append(each.root**2)
+            yield from linearised.counted(each)
+
+    every = segment.smooth(segment.equations(border_of(task), first_pass()))
     normal, gradient = every.reduced()
     at = absolute(state)
     covariance = every.inverse if motion is None else motion
-    noise = np.zeros((TEN, TEN))
+    noise = _LeftNoise.of(task, state, segment, every) if motion is None else None
+
+    def second_pass() -> Iterator[Rows]:
+        yield from linearised.of_motion(Tally())
+        for each in linearised.of_forces(Tally()):
+            if noise is not None and looked_at and not segment.static:
+                noise.include(each)
+            yield from linearised.counted(each)
+
+    number = _number(segment, task.settings)
+    square, right, by_source = by_stretches(segment, second_pass(), every, number)
+    left = np.zeros((TEN, TEN))
     if looked_at and not segment.static:
-        noise = (
-            left_noise(task, state, segment, balances, every)
-            if motion is None
+        left = (
+            noise.left
+            if noise is not None
             else _regressor_noise(segment, balances, covariance, len(at), state.calibration.gravity)
         )
     freedom = float(np.sum(~forces.touched)) * looked_at
-    equations = BorderEquations(normal, gradient + normal @ at, noise, freedom)
-    number = _number(segment, task.settings)
-    square, right, by_source = by_stretches(segment, rows, every, number)
+    equations = BorderEquations(normal, gradient + normal @ at, left, freedom)
     blocks = Blocks(square, right + square @ at, np.full(len(square), run, dtype=np.intp))
+    of_forces.include(of_motion)
     return SegmentEquations(
         segment,
         forces,
-        tuple(each.at for each in balances),
-        np.concatenate([each.root**2 for each in balances]),
+        tuple(balances),
+        np.concatenate(weight),
         equations,
         blocks,
         by_source,
         covariance,
         every.followed,
-        tally,
+        of_forces,
         every.spent(),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Linearised:
+    """All rows of a segment, as often as they are asked for: those of a long recording are made anew
+    each time, for all of them together take more memory than anything else.
+    """
+
+    task: Task
+    state: FitState
+    segment: Segment
+    forces: Forces
+    motion: Array | None
+    """See :func:`segment_equations`."""
+    looked_at: bool
+    kept: dict[str, Sequence[Any]] = field(default_factory=dict)
+    """What a segment of few samples has been asked for already."""
+
+    def of_motion(self, tally: Tally) -> Iterable[Rows]:
+        """Of the motion instruments, and what holds the motion.
+
+        Args:
+            tally: Is added to, the first time.
+        """
+        column_of = _every_column(self.task)
+        state, task = self.state, self.task
+        carried = None
+        if self.motion is None:
+            carried = carried_tensions(
+                task.experiment,
+                self.segment,
+                self.forces,
+                state.calibration,
+                column_of,
+                state.parameters,
+                state.factors,
+            )
+        rows = partial(
+            motion_residuals,
+            task.experiment,
+            self.segment,
+            state.calibration,
+            column_of,
+            state.factors,
+            tally,
+            carried,
+        )
+        return self._once("motion", rows)
+
+    def of_forces(self, tally: Tally) -> Iterable[WhitenedBalance]:
+        """The balance, some samples at a time.
+
+        Args:
+            tally: Is added to, the first time.
+        """
+        task, state = self.task, self.state
+        assert state.parameters is not None
+        column_of, parameters = _every_column(task), state.parameters
+
+        def rows() -> Iterator[WhitenedBalance]:
+            for part in self.forces.parts():
+                yield whitened_balance(
+                    task.experiment,
+                    self.segment,
+                    part,
+                    state.calibration,
+                    column_of,
+                    parameters,
+                    state.factors,
+                    tally,
+                    self.motion,
+                )
+
+        return self._once("forces", rows)
+
+    def counted(self, balance: WhitenedBalance) -> tuple[Rows, ...]:
+        """Rows of the balance that count."""
+        return balance.rows if self.looked_at else ()
+
+    def _once(self, name: str, make: Callable[[], Iterator[Any]]) -> Iterable[Any]:
+        """What is made, kept where it is little."""
+        lengths = [len(self.forces.time), *(len(each.time) for each in self.segment.readings)]
+        if max(lengths) > AT_ONCE:
+            return make()
+        if name not in self.kept:
+            self.kept[name] = list(make())
+        return self.kept[name]
+
+
+def _every_column(task: Task) -> NDArray[np.intp]:
+    """Column of every calibration parameter, estimated or not, shape (u,)."""
+    return TEN + np.arange(len(task.calibration_parameters), dtype=np.intp)
 
 
 def absolute(state: FitState) -> Array:
@@ -183,7 +271,7 @@ def absolute(state: FitState) -> Array:
 
 def _regressor_noise(
     segment: Segment,
-    balances: Sequence[WhitenedBalance],
+    balances: Sequence[Balance],
     covariance: Array,
     border: int,
     gravity: Array,
@@ -195,12 +283,12 @@ def _regressor_noise(
     has a third of that, for what the motion takes of it; in a single move from rest to rest, which
     tells the moments to a quarter, twice as much.)
     """
-    count = sum(len(each.at.time) for each in balances)
+    count = sum(len(each.time) for each in balances)
     few = slice(None, None, -(-count // _LOOKED_AT))
-    time = np.concatenate([each.at.time for each in balances])[few]
-    whitener = np.concatenate([each.at.whitener for each in balances])[few]
+    time = np.concatenate([each.time for each in balances])[few]
+    whitener = np.concatenate([each.whitener for each in balances])[few]
     motion = {
-        key: np.concatenate([each.at.motion[key] for each in balances])[few]
+        key: np.concatenate([each.motion[key] for each in balances])[few]
         for key in ("specific_force", "omega", "alpha")
     }
     followed = np.zeros((covariance.shape[1], border))
@@ -227,29 +315,67 @@ def left_noise(
     task: Task,
     state: FitState,
     segment: Segment,
-    balances: Sequence[WhitenedBalance],
+    balances: Iterable[WhitenedBalance],
     equations: NormalEquations,
 ) -> Array:
     """What a motion of nothing but noise would tell where the motion follows the forces, as far as
     motion and processes leave it, shape (10, 10): what they take of the readings tells nothing of
     the body, whether it is signal or noise.
     """
-    noise = equations.drawn(np.random.default_rng(0)).reshape(-1, segment.block)
-    moved = replace(segment, coefficients=segment.coefficients + noise)
-    rows = []
+    found = _LeftNoise.of(task, state, segment, equations)
     for each in balances:
+        found.include(each)
+    return found.left
+
+
+@dataclass(eq=False)
+class _LeftNoise:
+    """See :func:`left_noise`, summed up over the balances."""
+
+    task: Task
+    state: FitState
+    segment: Segment
+    equations: NormalEquations
+    moved: Segment
+    """The segment with a motion that is off by its noise."""
+    by_noise: NormalEquations | None = None
+    """Of regressors that are off by as much."""
+
+    @classmethod
+    def of(
+        cls, task: Task, state: FitState, segment: Segment, equations: NormalEquations
+    ) -> _LeftNoise:
+        """Of no balance yet; arguments as of :func:`left_noise`."""
+        noise = equations.drawn(np.random.default_rng(0)).reshape(-1, segment.block)
+        moved = replace(segment, coefficients=segment.coefficients + noise)
+        return cls(task, state, segment, equations, moved)
+
+    def include(self, balance: WhitenedBalance) -> None:
+        """Add the balance at some samples."""
         there, here = (
-            regressor_at(task.experiment, one, each.at.time, state.calibration)
-            for one in (moved, segment)
+            regressor_at(self.task.experiment, one, balance.at.time, self.state.calibration)
+            for one in (self.moved, self.segment)
         )
-        root = each.root[:, None, None]
-        for row, own in zip(
-            each.rows, each.by_origin(root * (each.at.whitener @ (there - here))), strict=True
-        ):
-            rows.append(replace(row, by_errors=own, columns=np.arange(TEN)))
-    by_noise = segment.equations(TEN, rows)
-    left = by_noise.corner - by_noise.side.T @ equations.solve(by_noise.side)
-    return task.settings.beyond_noise * left
+        white = balance.root[:, None, None] * (balance.at.whitener @ (there - here))
+        rows = [
+            replace(row, by_errors=own, columns=np.arange(TEN), label=None)
+            for row, own in zip(balance.rows, balance.by_origin(white), strict=True)
+        ]
+        own = self.segment.equations(TEN, rows)
+        if self.by_noise is not None:
+            own = replace(
+                own, side=own.side + self.by_noise.side, corner=own.corner + self.by_noise.corner
+            )
+        self.by_noise = own
+
+    @property
+    def left(self) -> Array:
+        """Shape (10, 10)."""
+        if self.by_noise is None:
+            return np.zeros((TEN, TEN))
+        side = self.by_noise.side
+        found = self.by_noise.corner - side.T @ self.equations.solve(side)
+        return self.task.settings.beyond_noise * found
 
 
 def _number(segment: Segment, settings: FitSettings) -> NDArray[np.intp]:
@@ -272,7 +398,7 @@ def _number(segment: Segment, settings: FitSettings) -> NDArray[np.intp]:
 
 
 def by_stretches(
-    segment: Segment, rows: Sequence[Rows], equations: NormalEquations, number: NDArray[np.intp]
+    segment: Segment, rows: Iterable[Rows], equations: NormalEquations, number: NDArray[np.intp]
 ) -> tuple[Array, Array, dict[Source, Array]]:
     """What stretches of a segment say about the border once the motion has followed, matrices of
     shape (s, k, k) and right-hand sides of shape (s, k), and the matrices' sum by the quantities
