@@ -301,9 +301,9 @@ def test_a_place_without_permission_is_refused(data, tmp_path):
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        ({"methods": "guess"}, "--method: expected one of"),
-        ({"verb": "weigh"}, "--verb: expected one of"),
-        ({"engine": None, "jobs": 0}, "--jobs: expected at least 1"),
+        ({"methods": "guess"}, "methods: expected one of"),
+        ({"verb": "weigh"}, "verb: expected one of"),
+        ({"engine": None, "jobs": 0}, "jobs: expected at least 1"),
     ],
 )
 def test_wrong_requests_are_refused_before_anything_is_written(keys, said, data, out):

@@ -111,7 +111,7 @@ def test_an_error_in_dask_is_that_of_its_task(cluster, tmp_path):
 def test_a_scheduler_that_does_not_answer_is_one_sentence(address, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("steelyard.campaigns.engines.dask_cluster._CONNECT", 0.5)
-    with pytest.raises(InputError, match="--scheduler: expected the address") as error:
+    with pytest.raises(InputError, match="scheduler: expected the address") as error:
         connected(address).__enter__()
     assert "\n" not in str(error.value)
 
@@ -145,7 +145,7 @@ def test_options_of_slurm():
 
 @pytest.mark.parametrize("text", ["partition", "=1", "time=long", "array=0", "a b=1"])
 def test_wrong_options_of_slurm_are_named(text):
-    with pytest.raises(InputError, match="--slurm: expected"):
+    with pytest.raises(InputError, match="slurm: expected"):
         SlurmOptions.of(text)
 
 

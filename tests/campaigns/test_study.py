@@ -170,9 +170,9 @@ def test_a_bootstrap_is_about_the_estimate_of_the_whole(tmp_path):
         ({"draws": 0}, "expected at least two draws"),
         ({"draws": 2, "bootstrap": 2}, "give one of both"),
         ({"draws": 0, "bootstrap": 5}, "expected an experiment file to draw recordings from"),
-        ({"sensors": "guess"}, "--sensors: expected"),
-        ({"trajectory": "guess", "duration": None}, "--trajectory: expected"),
-        ({"duration": 1e6}, "--duration: expected"),
+        ({"sensors": "guess"}, "sensors: expected"),
+        ({"trajectory": "guess", "duration": None}, "trajectory: expected"),
+        ({"duration": 1e6}, "duration: expected"),
     ],
 )
 def test_wrong_studies_of_a_robot_are_refused_before_anything_is_written(
@@ -186,8 +186,8 @@ def test_wrong_studies_of_a_robot_are_refused_before_anything_is_written(
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        ({"draws": 2, "sensors": "paper"}, "--sensors: expected none with an experiment"),
-        ({"draws": 2, "duration": 3.0}, "--duration: expected none with an experiment"),
+        ({"draws": 2, "sensors": "paper"}, "sensors: expected none with an experiment"),
+        ({"draws": 2, "duration": 3.0}, "duration: expected none with an experiment"),
         ({"bootstrap": 3}, "expected at least 5 runs or blocks to draw from, found 1 runs"),
     ],
 )

@@ -21,7 +21,7 @@ NODES = {"x": "MAIN.x", "y": "MAIN.y", "z": "MAIN.z"}
 PLAN = Experiment(
     "plan",
     read_robot("cogiro"),
-    {"tracker": PAPER["tracker"].model_copy(update={"nodes": NODES})},
+    {"tracker": PAPER["tracker"].model_copy(update={"nodes": tuple(NODES.items())})},
     (),
 )
 URL = "ads://127.0.0.1/127.0.0.1.1.1:851"

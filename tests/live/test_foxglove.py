@@ -104,7 +104,7 @@ def test_a_file_of_the_same_messages(tmp_path):
     "url", ["foxglove:", "foxglove:no", "foxglove:99999", "mcap:a.txt", "mcap:no/x.mcap"]
 )
 def test_addresses_that_are_none(url):
-    with pytest.raises(InputError, match="--publish: expected"):
+    with pytest.raises(InputError, match="publish: expected"):
         open_sink(url)
 
 

@@ -40,7 +40,7 @@ def free_port():
 
 def with_nodes(**nodes):
     instruments = {
-        name: PAPER[name].model_copy(update={"nodes": {c: f"ns=2;s={c}" for c in columns}})
+        name: PAPER[name].model_copy(update={"nodes": tuple((c, f"ns=2;s={c}") for c in columns)})
         for name, columns in nodes.items()
     }
     return Experiment("plan", read_robot("cogiro"), {**PAPER, **instruments}, ())
@@ -160,7 +160,7 @@ def test_nodes_that_a_server_has_not_are_named():
         (PLAN, "opc.tcp://localhost", "give host and port"),
         (
             replace(
-                PLAN, instruments={"c": PAPER["cables"].model_copy(update={"nodes": dict.fromkeys(FORCES, "ns=x")})}
+                PLAN, instruments={"c": PAPER["cables"].model_copy(update={"nodes": tuple((c, "ns=x") for c in FORCES)})}
             ),
             "opc.tcp://localhost:4840",
             "instruments.c.nodes.f1: expected a node id",

@@ -337,6 +337,8 @@ def _blocks(width: int, block: int, count: int) -> tuple[Array, Array]:
 
 _AT_ONCE = 512
 """Instants whose products are held at once."""
+_NUMBERS = 1 << 22
+"""In these products, at most."""
 _FEW = 16
 """Instants that are fewer than the columns of what one of them depends on."""
 
@@ -377,8 +379,10 @@ def accumulate(
             together, first = together[order], part.first[order]
         else:
             first = part.first
-        for start in range(0, functions, _AT_ONCE):
-            span = slice(*np.searchsorted(first, [start, start + _AT_ONCE]))
+        # Products over many columns are large: so many instants at once as fit into a bound.
+        at_once = int(np.clip(_NUMBERS // together.shape[2] ** 2, _FEW, _AT_ONCE))
+        for start in range(0, functions, at_once):
+            span = slice(*np.searchsorted(first, [start, start + at_once]))
             if span.start == span.stop:
                 continue
             origin, last = int(first[span.start]), int(first[span.stop - 1])

@@ -86,7 +86,7 @@ def whitened_rows(
         tally: Is added to.
     """
     tally = Tally() if tally is None else tally
-    linearised = _Linearised(task, state, segment, forces, None, looked_at=True)
+    linearised = _RowsOfSegment(task, state, segment, forces, None, looked_at=True)
     balances = tuple(linearised.of_forces(tally))
     return balances, [*linearised.of_motion(tally), *chain(*(each.rows for each in balances))]
 
@@ -117,7 +117,7 @@ def segment_equations(
         numpy.linalg.LinAlgError: The motion is not determined.
     """
     of_forces, of_motion = Tally(), Tally()
-    linearised = _Linearised(task, state, segment, forces, motion, looked_at)
+    linearised = _RowsOfSegment(task, state, segment, forces, motion, looked_at)
     balances = list[Balance]()
     weight = list[Array]()
 
@@ -170,7 +170,7 @@ def segment_equations(
 
 
 @dataclass(frozen=True, eq=False)
-class _Linearised:
+class _RowsOfSegment:
     """All rows of a segment, as often as they are asked for: those of a long recording are made anew
     each time, for all of them together take more memory than anything else.
     """
