@@ -76,7 +76,7 @@ def test_memory_that_is_not_allowed_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv(fence.VARIABLE, "6,100")
     path = tmp_path / "a.h5"
     with files.h5py.File(path, "w") as file:
-        file.create_dataset("x", shape=(8_000_000, 2), chunks=(9999, 2))
+        file.create_dataset("x", shape=(8_000_000, 2), dtype="f8", chunks=(9999, 2))
     with pytest.raises(InputError, match="more than 100 MiB of memory"), open_log(path) as log:
         log.read(["x[0]", "x[1]"])
 
