@@ -9,6 +9,7 @@ import sqlite3
 import struct
 import zipfile
 import zlib
+from collections import deque
 from functools import cache
 from pathlib import Path
 
@@ -1772,9 +1773,9 @@ def test_nothing_beside_a_log_is_executed(small, tmp_path, monkeypatch):
 
 def test_reader_that_fails_altogether(small, tmp_path, monkeypatch):
     """What a library does to its process stays there."""
-    monkeypatch.setattr(
-        "steelyard.logs.arrays.hdf5.__name__", "steelyard.logs.size"
-    )  # a module that serves nothing
+    # A module that serves nothing, for a pool that has no reader yet.
+    monkeypatch.setattr("steelyard.logs.fence._OTHER_END", "steelyard.logs.size")
+    monkeypatch.setattr("steelyard.logs.fence._idle", deque())
     assert "on which its library fails" in refused(*small["a.h5"])
 
 

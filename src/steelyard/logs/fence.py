@@ -96,12 +96,16 @@ def topics_in_fence(path: Path) -> list[str]:
         return list(reader.begin(path, {})["topics"])
 
 
+_OTHER_END = "steelyard.logs.fenced_reader"
+"""Module that the process runs."""
+
+
 class _Reader:
     """The other end of :mod:`steelyard.logs.fenced_reader`."""
 
     def __init__(self) -> None:
         # Nothing is imported from the working folder, which may be that of the log.
-        command = [sys.executable, "-P", "-m", "steelyard.logs.fenced_reader"]
+        command = [sys.executable, "-P", "-m", _OTHER_END]
         self.process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
