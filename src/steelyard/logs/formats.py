@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from steelyard.errors import InputError
 from steelyard.logs import parquet
 from steelyard.logs.arrays import hdf5, matlab, npz, tdms
-from steelyard.logs.arrays.subprocess_reader import opened_in_subprocess, topics_in_subprocess
+from steelyard.logs.arrays.nested import Arrays
+from steelyard.logs.fence import opened_in_fence, topics_in_fence
 from steelyard.logs.log import MOST_COLUMNS, Log
 from steelyard.logs.messages import mcap, ros1_bag, ros2_bag
 from steelyard.logs.messages.recording import Recording
@@ -30,9 +30,19 @@ class LogFormat:
     """Opens a log: its path, and which of its topics, groups or structures."""
     topics: Callable[[Path], list[str]]
     """Those of which one has to be chosen; none: the log is one table."""
+    what: str = "a log"
+    """The format, with an article."""
+    require: Callable[[Path], None] | None = None
+    """Raises InputError unless the library that reads the file is installed; None: it always is."""
+    fenced: bool = True
+    """Whether it is read in a process with limits."""
+    bytes_per_second: int = 5_000_000
+    """Of the file, at the slowest: what its size adds to the limit of time."""
 
 
-def _one_table(what: str, opened: Callable[[Path], AbstractContextManager[Log]]) -> LogFormat:
+def _one_table(
+    what: str, opened: Callable[[Path], AbstractContextManager[Log]], *, fenced: bool = True
+) -> LogFormat:
     """A format whose files are one table each, so that no topic can be named."""
 
     def without_topic(path: Path, topic: str | None) -> AbstractContextManager[Log]:
@@ -42,10 +52,14 @@ def _one_table(what: str, opened: Callable[[Path], AbstractContextManager[Log]])
             )
         return opened(path)
 
-    return LogFormat(without_topic, lambda path: [])
+    return LogFormat(without_topic, lambda path: [], f"a {what} file", fenced=fenced)
 
 
-def _messages(recorded: Callable[[Path], AbstractContextManager[Recording]]) -> LogFormat:
+def _messages(
+    what: str,
+    recorded: Callable[[Path], AbstractContextManager[Recording]],
+    require: Callable[[Path], None],
+) -> LogFormat:
     """A format of recorded messages, whose topics are a table each."""
 
     @contextmanager
@@ -57,25 +71,47 @@ def _messages(recorded: Callable[[Path], AbstractContextManager[Recording]]) -> 
         with recorded(path) as recording:
             return list(recording.topics)
 
-    return LogFormat(opened, topics)
+    return LogFormat(opened, topics, what, require, bytes_per_second=_PACKED_MESSAGES)
 
 
-_TEXT = _one_table("text", text.opened)
-_ROS2_BAG = _messages(ros2_bag.opened)
-_HDF5 = LogFormat(partial(opened_in_subprocess, hdf5), partial(topics_in_subprocess, hdf5))
+def _arrays(
+    what: str,
+    arrays_in: Callable[[Path, str | None], AbstractContextManager[Arrays]],
+    require: Callable[[Path], None],
+) -> LogFormat:
+    """A format of arrays, in groups."""
+
+    @contextmanager
+    def opened(path: Path, topic: str | None) -> Iterator[Log]:
+        with arrays_in(path, topic) as arrays:
+            yield arrays.log(topic)
+
+    def topics(path: Path) -> list[str]:
+        with arrays_in(path, None) as arrays:
+            return arrays.topics()
+
+    return LogFormat(opened, topics, what, require)
+
+
+_PACKED_MESSAGES = 250_000
+"""Bytes of a file of messages that are read in a second at the slowest, packed to a tenth."""
+# Its own reader bounds time and memory by the size of the file, and small files are many.
+_TEXT = _one_table("text", text.opened, fenced=False)
+_ROS2_BAG = _messages("a ROS 2 bag", ros2_bag.opened, ros2_bag.require)
+_HDF5 = _arrays(hdf5.WHAT, hdf5.arrays_here, hdf5.require)
 
 FORMATS: dict[str, LogFormat] = {
     **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".lvm"), _TEXT),
     **dict.fromkeys((".csv.gz", ".txt.gz", ".tsv.gz", ".dat.gz"), _TEXT),
-    ".parquet": _one_table("Parquet", parquet.opened),
-    ".mcap": _messages(mcap.opened),
-    ".bag": _messages(ros1_bag.opened),
+    ".parquet": _one_table("Parquet", parquet.opened, fenced=False),
+    ".mcap": _messages("an MCAP file", mcap.opened, mcap.require),
+    ".bag": _messages("a ROS bag", ros1_bag.opened, ros1_bag.require),
     ".db3": _ROS2_BAG,
     ".h5": _HDF5,
     ".hdf5": _HDF5,
-    ".mat": LogFormat(partial(opened_in_subprocess, matlab), partial(topics_in_subprocess, matlab)),
-    ".tdms": LogFormat(partial(opened_in_subprocess, tdms), lambda path: []),
-    ".npz": _one_table("NumPy", npz.opened),
+    ".mat": _arrays(matlab.WHAT, matlab.arrays_here, matlab.require),
+    ".tdms": replace(_arrays(tdms.WHAT, tdms.arrays_here, tdms.require), topics=lambda path: []),
+    ".npz": _one_table("NumPy", npz.opened, fenced=False),
 }
 """Ending -> format. A folder with a ``metadata.yaml`` is a ROS 2 bag."""
 
@@ -112,7 +148,11 @@ def open_log(path: Path, topic: str | None = None) -> Iterator[Log]:
     Raises:
         InputError: It is not there, in none of the formats or damaged, or has no such topic.
     """
-    with _format(path).opened(path, topic) as log:
+    form = format_of(path)
+    if form.require is not None:
+        form.require(path)
+    opened = opened_in_fence if form.fenced else form.opened
+    with opened(path, topic) as log:
         if len(log.names) > MOST_COLUMNS:
             raise InputError(
                 f"{path}: expected at most {MOST_COLUMNS} columns, found {len(log.names)}; check"
@@ -133,7 +173,10 @@ def topics(path: Path) -> list[str]:
     Raises:
         InputError: It is not there, in none of the formats or damaged.
     """
-    return _format(path).topics(path)
+    form = format_of(path)
+    if form.require is not None:
+        form.require(path)
+    return topics_in_fence(path) if form.fenced else form.topics(path)
 
 
 def ending_of(path: Path) -> str | None:
@@ -142,8 +185,13 @@ def ending_of(path: Path) -> str | None:
     return max((ending for ending in FORMATS if name.endswith(ending)), key=len, default=None)
 
 
-def _format(path: Path) -> LogFormat:
-    """The format of a log by its ending, if the file begins as such files do."""
+def format_of(path: Path) -> LogFormat:
+    """The format of a log by its ending, if the file begins as such files do; it reads in this
+    process, without the fence.
+
+    Raises:
+        InputError: The log is not there, in none of the formats, or begins as another one does.
+    """
     try:
         if (path / _BAG_FOLDER).is_file():
             return _ROS2_BAG
@@ -159,7 +207,7 @@ def _format(path: Path) -> LogFormat:
     if ending is None:
         opened = provided("logs", path.suffix.lower().removeprefix("."))
         if opened is not None:
-            return _one_table(f"'{path.suffix}'", opened)
+            return _one_table(f"'{path.suffix}'", opened, fenced=False)
         raise InputError(
             f"{path}: expected a log in one of the formats {', '.join(FORMATS)}, found"
             f" '{path.suffix}'; convert it to CSV"

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.logs.arrays.nested import Arrays, Key, Source, fields_of, is_number, is_row
-from steelyard.logs.arrays.subprocess_reader import serve
 from steelyard.logs.packages import require_package
 from steelyard.logs.size import check_unpacked
 from steelyard.units import is_unit
@@ -183,7 +182,3 @@ class _Reader:
         if self.row:
             return np.asarray(values).reshape(rows.stop - rows.start, *np.shape(values)[2:])
         return np.asarray(values).T if self.rows_last else np.asarray(values)
-
-
-if __name__ == "__main__":
-    serve(arrays_here, WHAT)

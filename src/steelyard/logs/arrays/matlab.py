@@ -22,7 +22,6 @@ from steelyard.logs.arrays.nested import (
     is_number,
     with_rows_first,
 )
-from steelyard.logs.arrays.subprocess_reader import serve
 from steelyard.logs.packages import listed, require_package
 from steelyard.logs.size import check_unpacked
 
@@ -169,7 +168,3 @@ def _sources(key: Key, value: Any) -> Iterator[tuple[Key, Source]]:
                 yield from _sources((*own, name), element[name])
     elif is_number(array.dtype) and array.ndim and array.size:
         yield key, with_rows_first(array.shape, array.dtype, lambda: array)
-
-
-if __name__ == "__main__":
-    serve(arrays_here, WHAT)

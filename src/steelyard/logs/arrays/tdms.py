@@ -13,7 +13,6 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.logs.arrays.nested import Arrays, Key, Source, is_number
-from steelyard.logs.arrays.subprocess_reader import serve
 from steelyard.logs.packages import require_package
 from steelyard.units import is_unit
 
@@ -148,7 +147,3 @@ def _started(channel: Any) -> float | None:
     if not isinstance(start, np.datetime64):
         return None
     return float((start - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
-
-
-if __name__ == "__main__":
-    serve(arrays_here, WHAT)

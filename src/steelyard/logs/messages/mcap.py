@@ -36,6 +36,11 @@ _REGION = 1 << 22
 _FORMS = {"": "", "ros2msg": "msg", "ros1msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 
 
+def require(path: Path) -> None:
+    """Raise InputError unless the library that reads the file is installed."""
+    require_package(path, "mcap", "mcap", "MCAP")
+
+
 @contextmanager
 def opened(path: Path) -> Iterator[Recording]:
     """Open an MCAP file.
@@ -43,7 +48,6 @@ def opened(path: Path) -> Iterator[Recording]:
     Raises:
         InputError: It is damaged or cut off.
     """
-    require_package(path, "mcap", "mcap", "MCAP")
     with path.open("rb") as file:
         contents = _Contents(path, file)
         try:

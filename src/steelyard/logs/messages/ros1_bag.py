@@ -32,6 +32,11 @@ Fields = dict[bytes, bytes]
 """Of the header of a record."""
 
 
+def require(path: Path) -> None:
+    """Raise InputError unless the library that reads the file is installed."""
+    require_package(path, "rosbags", "rosbags", "ROS 1 bag")
+
+
 @contextmanager
 def opened(path: Path) -> Iterator[Recording]:
     """Open a bag of ROS 1.
@@ -39,7 +44,6 @@ def opened(path: Path) -> Iterator[Recording]:
     Raises:
         InputError: It is damaged or cut off.
     """
-    require_package(path, "rosbags", "rosbags", "ROS 1 bag")
     with path.open("rb") as file:
         bag = _Bag(path, file)
         try:

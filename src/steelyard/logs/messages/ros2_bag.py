@@ -37,6 +37,11 @@ _LEAST_MESSAGE = 32
 """Bytes that a message takes."""
 
 
+def require(path: Path) -> None:
+    """Raise InputError unless the library that reads the file is installed."""
+    require_package(path, "rosbags", "rosbags", "ROS 2 bag")
+
+
 @contextmanager
 def opened(path: Path) -> Iterator[Recording]:
     """Open a bag of ROS 2.
@@ -124,7 +129,6 @@ def _joined(path: Path, recordings: list[Recording]) -> Recording:
 @contextmanager
 def _database(path: Path) -> Iterator[Recording]:
     """The messages of a SQLite database."""
-    require_package(path, "rosbags", "rosbags", "ROS 2 bag")
     _check_complete(path)
     connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
     try:
