@@ -105,9 +105,10 @@ def estimate(folder: Path) -> tuple[Array, Array]:
     sigma = np.array([0.02, 0.02, 0.02, 0.1, 0.1, 0.1])
 
     def residual(_, predicted, measured, *__, **___):
-        # One mapping for both: the toolbox compares them as objects.
-        kept = sysid.TimeSeries(measured.times[1:], measured.data[1:], predicted.signal_mapping)
-        off = (predicted.data[: len(kept.data)] - kept.data) / sigma
+        # MuJoCo's sensors are those of the beginning of a step, and the first is the initial state;
+        # one mapping for both, since the toolbox compares them as objects.
+        kept = sysid.TimeSeries(measured.times[1:-1], measured.data[1:-1], predicted.signal_mapping)
+        off = (predicted.data[1 : len(kept.data) + 1] - kept.data) / sigma
         return off[THIN - 1 :: THIN].ravel(), predicted, kept
 
     function = sysid.build_residual_fn(
