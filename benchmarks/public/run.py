@@ -139,11 +139,10 @@ def run_one(path: Path, data: Path, recording: str, out: Path) -> str:
 
 
 def recordings(data: Path) -> list[str]:
-    """Names of all that have a truth."""
+    """Names of all that have a truth, the same condition of all robots together."""
     truths = data / "truth"
-    return sorted(
-        each.relative_to(truths).with_suffix("").as_posix() for each in truths.rglob("*.json")
-    )
+    names = [each.relative_to(truths).with_suffix("").as_posix() for each in truths.rglob("*.json")]
+    return sorted(names, key=lambda name: (name.partition("/")[2], name))
 
 
 def versions() -> Iterator[str]:
@@ -172,8 +171,11 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=HERE / "data")
     parser.add_argument("--results", type=Path, default=HERE / "data" / "results")
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument(
+        "--only", default="", help="a part of the names of recordings, such as plain"
+    )
     given = parser.parse_args()
-    known = recordings(given.data)
+    known = [name for name in recordings(given.data) if given.only in name]
     if not known:
         raise SystemExit(
             f"{given.data}: expected recordings, found none; run `make benchmark-data` first"

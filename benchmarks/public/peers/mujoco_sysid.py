@@ -21,7 +21,7 @@ CUT_OFF = 10.0
 """Of readings before they drive the model and begin windows [Hz]."""
 THIN = 5
 """Of the samples every so many make residuals: behind the filter neighbours are alike."""
-STEPS = 10
+STEPS = 6
 """Of the optimiser, in each of two turns: before and after the residuals tell the noise."""
 _AXES = "".join(
     f'<general site="origin" gear="{" ".join("1" if i == k else "0" for i in range(6))}"/>'
@@ -112,7 +112,10 @@ def estimate(folder: Path) -> tuple[Array, Array]:
         return off[THIN - 1 :: THIN].ravel(), predicted, kept
 
     function = sysid.build_residual_fn(
-        models_sequences=[sequences], modify_residual=residual, n_threads=1
+        models_sequences=[sequences],
+        modify_residual=residual,
+        n_threads=1,
+        resample_true=False,
     )
     parameters, _ = sysid.optimize(parameters, function, verbose=False, max_iters=STEPS)
     errors = function(parameters.as_vector(), parameters)[0]
