@@ -110,7 +110,9 @@ def run_one(path: Path, data: Path, recording: str, out: Path) -> str:
     if out.exists() and json.loads(out.read_text("utf-8")).get("sha256") == digest(path):
         return f"{path.stem:32} {recording:32} is there"
     out.parent.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, __file__, "--one", str(path), str(data), recording, str(out)]
+    # Beside the result, which appears when it is whole.
+    part = out.with_suffix(".part")
+    command = [sys.executable, __file__, "--one", str(path), str(data), recording, str(part)]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     child = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
     began = time.monotonic()
@@ -131,10 +133,11 @@ def run_one(path: Path, data: Path, recording: str, out: Path) -> str:
         ended = f"its process ended with {child.returncode} after {time.monotonic() - began:.0f} s"
         result = {**head, "data": method.DATA, "sha256": digest(path), **nothing(ended)}
     else:
-        result = json.loads(out.read_text("utf-8"))
+        result = json.loads(part.read_text("utf-8"))
     result["seconds"] = round(usage.ru_utime + usage.ru_stime, 3)
     result["mebibytes"] = round(usage.ru_maxrss / 1024, 1)
-    out.write_text(json.dumps(result) + "\n", encoding="utf-8")
+    part.write_text(json.dumps(result) + "\n", encoding="utf-8")
+    part.replace(out)
     return f"{path.stem:32} {recording:32} {result['seconds']:6.1f} s  {result['failure'] or ''}"
 
 
