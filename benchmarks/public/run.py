@@ -185,6 +185,12 @@ def main() -> None:
         )
     peers = [HERE / "peers" / f"{name}.py" for name in ORDER]
     methods = [path.resolve() for path in given.methods] or peers
+    for path in methods:
+        if not path.is_file():
+            raise SystemExit(
+                f"{path}: expected a method's Python file, found none; correct the path"
+            )
+        load(path)
     # Recordings outside, so that a table of half of the work compares like with like.
     jobs = [
         (path, given.data, name, given.results / path.stem / f"{name}.json")
