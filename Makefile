@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo check unit test test-slow bench docs tutorial clean
+.PHONY: demo check unit test test-slow bench benchmark benchmark-data docs tutorial clean
 
 # One thread each: many small matrices, and as many processes as cores.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile
@@ -34,6 +34,13 @@ test-slow: $(VENV)/.installed-test
 bench: $(VENV)/.installed
 	$(BIN)/python benchmarks/run.py
 
+# The public benchmark: recordings with truth, then all methods on them; BENCHMARK=full draws ten of each.
+benchmark-data: $(VENV)/.installed-bench
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/public/generate.py --seeds $(if $(filter full,$(BENCHMARK)),10,1)
+
+benchmark: benchmark-data
+	$(BIN)/python benchmarks/public/run.py --processes 2
+
 # Runs every command that a page shows; warnings are errors.
 docs: $(VENV)/.installed-docs
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --nitpicky --fresh-env --jobs 2 docs docs/_build/html
@@ -51,6 +58,10 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
 
 $(VENV)/.installed-test: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,test]'
+	touch $@
+
+$(VENV)/.installed-bench: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,bench]'
 	touch $@
 
 $(VENV)/.installed-docs: $(VENV)/.installed

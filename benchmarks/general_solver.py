@@ -9,6 +9,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -211,8 +212,8 @@ def noticed(experiment: Experiment) -> list[tuple[Task, FitState, Fit]]:
     """Every joint fit that is made: what, from where, and where it ended."""
     fits: list[tuple[Task, FitState, Fit]] = []
 
-    def noticing(task: Task, state: FitState, *tell: Callable[[float], None]) -> Fit:
-        found = fit(task, state, *tell)
+    def noticing(task: Task, state: FitState, *given: Any, **named: Any) -> Fit:
+        found = fit(task, state, *given, **named)
         fits.append((task, state, found))
         return found
 

@@ -14,7 +14,7 @@ def imported(path):
             yield from ((node.module, each.name) for each in node.names)
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "benchmarks").glob("*.py")), ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", sorted((ROOT / "benchmarks").rglob("*.py")), ids=lambda p: p.stem)
 def test_what_a_benchmark_imports_is_there(path):
     for module, name in imported(path):
         home = importlib.import_module(module)

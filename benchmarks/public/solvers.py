@@ -1,0 +1,231 @@
+"""Solver against solver on one linearised joint problem: `python benchmarks/public/solvers.py [20 60 600]`.
+
+The problem is that of the last step of `maximum-likelihood` on 20 s: sparse rows of all readings by
+the motion (a spline), the body and the systematic errors, with priors. Longer ones are so many runs
+of 20 s, each with its own motion, that share body and errors. Every solver gets the same rows, in a
+process of its own that has imported all of them; the time is that from the rows to the step, the
+memory the peak of the whole process.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+Array = np.ndarray
+PIECE = 20.0
+"""[s]"""
+BLOCK = 6
+"""Coefficients of one spline function."""
+LENGTHS = (20, 60, 600)
+PATIENCE = 180.0
+"""[s]"""
+
+
+def write_problem(path: Path) -> None:
+    """Rows and residuals of the joint fit of 20 s at its end."""
+    from general_solver import Residuals, noticed
+    from recordings import recordings
+
+    from steelyard.experiment.read import read_experiment
+
+    source = next(each for name, each, _ in recordings() if name == "points-00")
+    task, _, found = noticed(read_experiment(source))[-1]
+    problem = Residuals(task, found.state)
+    point = problem.point(found.state)
+    # Off the minimum by a hundredth of what the border is, so that there is a step to make.
+    point[problem.motion :] *= 1.01
+    matrix = problem.jacobian(point).tocoo()
+    np.savez(
+        path, row=matrix.row, column=matrix.col, value=matrix.data, shape=matrix.shape,
+        residual=problem.residual(point), motion=problem.motion,
+    )  # fmt: skip
+
+
+def read_problem(path: Path, copies: int) -> tuple[sp.csr_matrix, Array, int]:
+    """Rows, residuals, and how many columns are the motion's; in so many runs."""
+    with np.load(path) as file:
+        shape, motion = file["shape"], int(file["motion"])
+        one = sp.csr_matrix((file["value"], (file["row"], file["column"])), shape=shape)
+        residual = file["residual"]
+    # The border in units of its columns, which differ by many orders.
+    size = np.sqrt(np.asarray(one[:, motion:].multiply(one[:, motion:]).sum(axis=0)).ravel())
+    border = one[:, motion:] @ sp.diags(1 / np.where(size > 0, size, 1.0))
+    left = sp.block_diag([one[:, :motion]] * copies, format="csr")
+    rows = sp.hstack([left, sp.vstack([border] * copies)], format="csr")
+    return rows, np.tile(residual, copies), copies * motion
+
+
+def ours(A: sp.csr_matrix, r: Array, motion: int) -> Array:
+    """steelyard's: banded Cholesky of the motion, the border by its Schur complement."""
+    from steelyard.identification.model.segment import NormalEquations
+
+    H, g = (A.T @ A).tocsr(), -(A.T @ r)
+    copies = round(len(r) / ROWS_OF_ONE)
+    width = motion // copies
+    parts = []
+    for k in range(copies):
+        own = slice(k * width, (k + 1) * width)
+        block = H[own, own].tocoo()
+        band = np.zeros((7 * BLOCK, width))
+        lower = block.row >= block.col
+        band[block.row[lower] - block.col[lower], block.col[lower]] = block.data[lower]
+        side = H[own, motion:].toarray()
+        nothing = np.zeros((side.shape[1], side.shape[1]))
+        parts.append(
+            NormalEquations(band, side, nothing, g[own], np.zeros(side.shape[1]), block=BLOCK)
+        )
+    reduced = [each.reduced() for each in parts]
+    matrix = H[motion:, motion:].toarray() + sum(each for each, _ in reduced)
+    border = np.linalg.solve(matrix, g[motion:] + sum(each for _, each in reduced))
+    return np.concatenate([*(each.motion_step(border) for each in parts), border])
+
+
+def scipy_splu(A: sp.csr_matrix, r: Array, motion: int) -> Array:
+    """SuperLU of the normal equations, symmetric mode."""
+    from scipy.sparse.linalg import splu
+
+    H = (A.T @ A).tocsc()
+    factor = splu(
+        H, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
+    return factor.solve(-(A.T @ r))
+
+
+def scipy_lsmr(A: sp.csr_matrix, r: Array, motion: int) -> Array:
+    """LSMR, columns scaled to unit length."""
+    from scipy.sparse.linalg import lsmr
+
+    size = np.sqrt(np.asarray(A.multiply(A).sum(axis=0)).ravel())
+    return lsmr(A @ sp.diags(1 / size), -r, atol=1e-12, btol=1e-12, maxiter=20000)[0] / size
+
+
+def casadi_ipopt(A: sp.csr_matrix, r: Array, motion: int) -> Array:
+    """The quadratic programme by CasADi and IPOPT (MUMPS)."""
+    import casadi as ca
+
+    H = (A.T @ A).tocsc()
+    H.sort_indices()
+    x = ca.MX.sym("x", H.shape[0])
+    g = ca.DM(A.T @ r)
+    cost = ca.bilin(ca.DM(H), x, x) / 2 + ca.dot(g, x)
+    options = {"ipopt": {"print_level": 0, "hessian_constant": "yes"}, "print_time": False}
+    solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": cost}, options)
+    return np.asarray(solver(x0=0)["x"]).ravel()
+
+
+def gtsam_elimination(A: sp.csr_matrix, r: Array, motion: int) -> Array:
+    """GTSAM's elimination. Factors in Python have three keys at most: a key is seven spline functions,
+    so that every row touches two of them and the border."""
+    import gtsam
+
+    copies = round(len(r) / ROWS_OF_ONE)
+    width, together = motion // copies, 7 * BLOCK
+    # Keys end where a run ends.
+    edges = np.concatenate(
+        [k * width + np.arange(0, width, together) for k in range(copies)] + [[motion]]
+    )
+    last = len(edges) - 1
+    first_column = np.minimum.reduceat(A.indices, A.indptr[:-1])
+    owner = np.searchsorted(edges, first_column, side="right") - 1
+    order = np.argsort(owner, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(owner[order])) + 1)
+    graph = gtsam.GaussianFactorGraph()
+    for rows in groups:
+        key, dense = int(owner[rows[0]]), A[rows]
+        unit = gtsam.noiseModel.Unit.Create(len(rows))
+        end = np.asfortranarray(dense[:, motion:].toarray())
+        parts: list[object] = []
+        for each in (key, key + 1):
+            if each < last and (each == key or edges[each] // width == edges[key] // width):
+                block = dense[:, edges[each] : edges[each + 1]]
+                parts += [each, np.asfortranarray(block.toarray())]
+        graph.add(gtsam.JacobianFactor(*parts, last, end, -r[rows], unit))
+    found = graph.optimize()
+    return np.concatenate([found.at(k) for k in range(last + 1)])
+
+
+SOLVERS: dict[str, Callable[[sp.csr_matrix, Array, int], Array]] = {
+    "steelyard (band and border)": ours,
+    "scipy splu": scipy_splu,
+    "scipy lsmr": scipy_lsmr,
+    "CasADi, IPOPT": casadi_ipopt,
+    "gtsam": gtsam_elimination,
+}
+ROWS_OF_ONE = 1
+
+
+def one(path: Path, name: str, copies: int) -> dict[str, float]:
+    """Time [s], peak memory [MiB] and the cost after the step."""
+    global ROWS_OF_ONE
+    A, r, motion = read_problem(path, copies)
+    ROWS_OF_ONE = len(r) // copies
+    # What is imported once is no part of a step.
+    for module in (
+        "casadi",
+        "gtsam",
+        "scipy.sparse.linalg",
+        "steelyard.identification.model.segment",
+    ):
+        importlib.import_module(module)
+    start, cpu = time.perf_counter(), time.process_time()
+    x = SOLVERS[name](A, r, motion)
+    wall, spent = time.perf_counter() - start, time.process_time() - cpu
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    left = A @ x + r
+    return {
+        "seconds": wall, "cpu": spent, "mebibytes": peak / 1024,
+        "cost": float(left @ left), "rows": len(r), "columns": A.shape[1],
+    }  # fmt: skip
+
+
+def main(lengths: list[int]) -> None:
+    """Print the table."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "problem.npz"
+        write_problem(path)
+        print("| length | solver | CPU time | memory | chi-square over the least |")
+        print("|---|---|---|---|---|")
+        for length in lengths:
+            copies, least = round(length / PIECE), np.inf
+            found: dict[str, dict[str, float] | str] = {}
+            for name in SOLVERS:
+                command = [sys.executable, __file__, "--one", str(path), name, str(copies)]
+                try:
+                    said = subprocess.run(
+                        command, capture_output=True, text=True, timeout=PATIENCE, check=True
+                    )
+                    found[name] = json.loads(said.stdout.splitlines()[-1])
+                    least = min(least, found[name]["cost"])
+                except subprocess.TimeoutExpired:
+                    found[name] = f"not within {PATIENCE:.0f} s"
+                except subprocess.CalledProcessError as error:
+                    found[name] = (error.stderr.strip().splitlines() or ["failed"])[-1][:80]
+            for name, each in found.items():
+                if isinstance(each, str):
+                    print(f"| {length} s | {name} | {each} | - | - |", flush=True)
+                    continue
+                print(
+                    f"| {length} s, {each['rows']:.0f} rows, {each['columns']:.0f} unknowns | {name} |"
+                    f" {each['cpu']:.2f} s | {each['mebibytes']:.0f} MiB | {each['cost'] - least:.1e} |",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--one"]:
+        print(json.dumps(one(Path(sys.argv[2]), sys.argv[3], int(sys.argv[4]))))
+    else:
+        main([int(each) for each in sys.argv[1:]] or list(LENGTHS))

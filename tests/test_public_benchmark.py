@@ -1,0 +1,191 @@
+"""The public benchmark: its scorer against cases by hand, its generator, and an example of a method."""
+
+import importlib
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from places import ROOT
+from scipy.spatial.transform import Rotation
+
+HOME = ROOT / "benchmarks" / "public"
+TRUTH = [10.0, 0.1, 0.0, 0.0, 2.0, 2.0, 1.0, 0.0, 0.0, 0.0]
+
+
+@pytest.fixture
+def public(monkeypatch):
+    """Imports a module of the benchmark, whose folder is no package."""
+    monkeypatch.syspath_prepend(str(HOME))
+    names = ("score", "recording", "robots", "generate", "run")
+    yield importlib.import_module
+    for name in [*names, *(each for each in sys.modules if each.split(".")[0] == "peers")]:
+        sys.modules.pop(name, None)
+
+
+def result(**keys):
+    plain = {
+        "format": "cable-robot-benchmark/1", "method": "by hand", "recording": "robot/plain-00",
+        "data": "full", "value": TRUTH, "covariance": np.eye(10).tolist(), "accepted": None,
+        "seconds": 2.0, "failure": None,
+    }  # fmt: skip
+    return {**plain, **keys}
+
+
+def test_errors_of_a_body_by_hand(public):
+    score = public("score")
+    value = [10.1, 0.1, 0.05, 0.0, 2.0, 2.0, 1.0, 0.3, 0.0, 0.0]
+    found = score.score_one(result(value=value), TRUTH)
+    assert found["error"]["mass"] == pytest.approx(0.01)
+    # Radius of gyration sqrt((2 + 2 + 1) / 2 / 10) = .5 m.
+    assert found["error"]["center_of_gravity"] == pytest.approx(0.1)
+    # .3 stands twice in a matrix whose norm is 3.
+    assert found["error"]["inertia"] == pytest.approx(0.3 * np.sqrt(2) / 3)
+
+
+def test_chi_square_and_intervals_by_hand(public):
+    score = public("score")
+    value = list(TRUTH)
+    value[0] += 3.0
+    value[4] += 12.0
+    variance = np.eye(10)
+    variance[4, 4] = 4.0
+    found = score.score_one(result(value=value, covariance=variance.tolist()), TRUTH)
+    assert found["chi_square"] == pytest.approx(9.0 + 36.0)
+    assert (found["inside"], found["intervals"], found["far"]) == (8, 10, 1)
+
+
+def test_correlation_counts_in_chi_square(public):
+    score = public("score")
+    value = list(TRUTH)
+    value[0] += 1.0
+    value[4] += 1.0
+    covariance = np.eye(10)
+    covariance[0, 4] = covariance[4, 0] = 0.5
+    found = score.score_one(result(value=value, covariance=covariance.tolist()), TRUTH)
+    # (1, 1) [[1, .5], [.5, 1]]^-1 (1, 1)^T = 4/3
+    assert found["chi_square"] == pytest.approx(4 / 3)
+
+
+def test_null_is_neither_an_error_nor_an_interval(public):
+    score = public("score")
+    value = [10.0, None, 0.0, 0.0, 2.0, 2.0, 1.0, 0.0, 0.0, 0.0]
+    rows = [[None if 1 in (i, j) else float(i == j) for j in range(10)] for i in range(10)]
+    found = score.score_one(result(value=value, covariance=rows), TRUTH)
+    assert found["given"] == found["intervals"] == found["freedom"] == 9
+    assert found["error"]["center_of_gravity"] is None
+    assert found["error"]["mass"] == 0.0
+
+
+@pytest.mark.parametrize("covariance", [None, (-np.eye(10)).tolist(), np.zeros((10, 10)).tolist()])
+def test_without_a_usable_covariance_there_are_errors_alone(public, covariance):
+    found = public("score").score_one(result(covariance=covariance), TRUTH)
+    assert found["chi_square"] is None
+    assert found["intervals"] == 0
+    assert found["error"]["mass"] == 0.0
+
+
+def test_summary_counts_failures_verdicts_and_confident_wrong_numbers(public):
+    score = public("score")
+    wrong = [TRUTH[0] + 6.0, *TRUTH[1:]]
+    scores = []
+    for given in (
+        result(accepted=True),
+        result(value=wrong, accepted=True),
+        result(value=wrong, accepted=False),
+        result(value=[None] * 10, covariance=None, failure="it could not"),
+    ):
+        keys = ("accepted", "seconds", "failure")
+        scores.append({**score.score_one(given, TRUTH), **{key: given[key] for key in keys}})
+    found = score.summary(scores)
+    assert (found["recordings"], found["failed"], found["rejected"]) == (4, 1, 1)
+    assert (found["far"], found["far_unrejected"]) == (2, 1)
+    assert found["coverage"] == pytest.approx(28 / 30)
+    assert found["chi_square"] == pytest.approx(3.6)
+    assert found["error"]["mass"] == pytest.approx(0.6)
+    assert found["null"] == 0.0
+    assert found["seconds"] == 2.0
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"format": "else"}, "expected format"),
+        ({"value": [1.0]}, "expected 10 numbers or nulls, found 1"),
+        ({"covariance": [[1.0]]}, "expected 10 rows of 10"),
+        ({"method": ...}, "expected the keys method"),
+    ],
+)
+def test_what_has_not_the_form_is_refused_in_one_sentence(public, tmp_path, capsys, change, words):
+    given = {key: each for key, each in result(**change).items() if each is not ...}
+    (tmp_path / "a.json").write_text(json.dumps(given), encoding="utf-8")
+    assert public("score").main([str(tmp_path), str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert len(said.splitlines()) == 1
+
+
+@pytest.mark.mujoco
+def test_list_of_checksums_is_that_of_the_default_plan(public):
+    generate = public("generate")
+    names = {line.split("  ")[1] for line in (HOME / "checksums.sha256").read_text().splitlines()}
+    planned = {f"{robot}/{key}-{number:02d}" for robot, key, number in generate.plan(1)}
+    assert {
+        each.removeprefix("truth/").removesuffix(".json") for each in names if "truth" in each
+    } == planned
+    assert all(f"{each}/cables.csv" in names for each in planned)
+
+
+@pytest.mark.mujoco
+def test_friction_builds_up_to_one_and_turns(public):
+    travel = np.concatenate([np.linspace(0, 0.1, 200), np.linspace(0.1, 0.0, 200)])[:, None]
+    state = public("generate").rolled(travel, 0.005)
+    assert state[199, 0] == pytest.approx(1.0, abs=1e-8)
+    assert state[-1, 0] == pytest.approx(-1.0, abs=1e-8)
+    # The exact law of Dahl after 10 mm of 5 mm: 1 - exp(-2).
+    assert np.interp(0.01, travel[:200, 0], state[:200, 0]) == pytest.approx(
+        1 - np.exp(-2), rel=1e-3
+    )
+
+
+@pytest.mark.mujoco
+def test_example_method_from_a_recording_to_the_table(public, tmp_path, monkeypatch):
+    """A recording of a second, through the files, the example and the scorer."""
+    generate, run, score = (public(name) for name in ("generate", "run", "score"))
+    monkeypatch.setattr(generate, "SETTLING", 1.0)
+    robot = generate.ROBOTS["cogiro"]
+    robot = replace(robot, reach=robot.reach / 20)
+    name = "cogiro/plain-00"
+    made = generate.recorded(robot, generate.CONDITIONS["plain"], name, 5, duration=1.0)
+    generate.write(made, tmp_path / name, tmp_path / "truth" / f"{name}.json")
+    # What Newton and Euler say of the friendlier version, but for noise, offsets and biases.
+    platform = public("recording").read_platform(tmp_path / name)
+    mean_force = platform.wrench[:, :3] / robot.mass - platform.specific_force
+    assert np.abs(mean_force.mean(axis=0)).max() < 0.4
+    attitude = Rotation.from_quat(platform.quaternion, scalar_first=True)
+    up = attitude.apply(platform.specific_force).mean(axis=0)
+    assert up == pytest.approx([0.0, 0.0, 9.81], abs=1.0)
+    found = run.result_of(HOME / "example_method.py", tmp_path, name)
+    assert found["failure"] is None
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "a.json").write_text(json.dumps(found), encoding="utf-8")
+    scored = score.score(score.read_results(tmp_path / "results"), tmp_path / "truth")
+    own = scored["example: weighing at rest (NumPy) [platform]"]["cogiro"]
+    assert own["null"] == pytest.approx(0.6)
+    assert own["error"]["mass"] < 0.1
+    assert "example: weighing" in score.markdown(scored)
+
+
+def test_example_method_is_short():
+    assert len((HOME / "example_method.py").read_text().splitlines()) < 45
+
+
+def test_method_that_fails_says_so(public, tmp_path):
+    file = tmp_path / "bad.py"
+    file.write_text(
+        "NAME, DATA = 'bad', 'full'\ndef estimate(folder):\n    raise ValueError('no')\n"
+    )
+    found = public("run").result_of(file, tmp_path, "robot/plain-00")
+    assert found["failure"] == "ValueError: no"
+    assert found["value"] == [None] * 10
