@@ -125,6 +125,8 @@ OFTEN = ("kill", "no space from then on")
 )
 @pytest.mark.parametrize("verb", KEPT)
 def test_results_are_old_or_new_wherever_it_fails(run, verb, ways, sources, tmp_path, monkeypatch):
+    # The time in provenance.json must be the same again.
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     out, start = tmp_path / "out", tmp_path / "start"
     arguments = command(verb, sources, out)
     begun = {}
@@ -241,5 +243,5 @@ def test_no_other_module_writes_files():
         r"\.write_(text|bytes)\(|open\([^)]*[\"'][wax]b?[\"']|copyfile\(|\.write_csv\(path"
     )
     for path in PACKAGE.rglob("*.py"):
-        if path.name != "fenced_reader.py":
+        if path.name not in ("fenced_reader.py", "journal.py"):
             assert not wrong.search(path.read_text()), path

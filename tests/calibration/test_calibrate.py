@@ -299,13 +299,15 @@ def test_the_verb_writes_all_of_it(tmp_path, capsys):
     arguments = [str(tmp_path / "in" / "experiment.yaml"), "--out", str(tmp_path / "out"), "--json"]
     calibrate_verb.main([*arguments, "--quiet"], standalone_mode=False)
     printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads((tmp_path / "out" / "calibration.json").read_text())
+    written = json.loads((tmp_path / "out" / "calibration.json").read_text())
+    assert written.pop("provenance")["inputs"]
+    assert printed == written
     assert printed["format"] == "steelyard-calibration/1"
     assert printed["verdict"]["accepted"]
     assert len(printed["residuals"]["leave_one_out"]) == 8
     names = sorted(each.name for each in (tmp_path / "out").iterdir())
     assert names == [
-        "calibration.html", "calibration.json", "calibration.md", "robot.covariance.csv", "robot.yaml",
+        "calibration.html", "calibration.json", "calibration.md", "provenance.json", "robot.covariance.csv", "robot.yaml",
     ]  # fmt: skip
 
 

@@ -402,7 +402,7 @@ def test_the_verb_ends_with_3_where_one_experiment_fails_and_goes_on_then(data, 
     )
     assert (ended.returncode, ended.stderr) == (3, "")
     found = json.loads(ended.stdout)
-    assert found["counts"] == {"accepted": 2, "refused": 1}
+    assert found["counts"] == {"not assessed": 2, "refused": 1}
     assert len(pl.read_parquet(out / TABLE)) == 3
 
 

@@ -619,6 +619,14 @@ REMEMBERING = pytest.param(
     ),
 )
 """The estimator follows the friction of rollers over some millimetres of travel."""
+STRETCHING = pytest.param(
+    "tight",
+    marks=pytest.mark.xfail(
+        strict=True,
+        reason="a design takes the tensions that stretch cables as known; the bound does not",
+    ),
+)
+"""Three of 89 1-sigma of lengths and stiffness differ, by up to three per cent."""
 
 
 @pytest.mark.integration
@@ -699,7 +707,12 @@ def test_derivatives_of_readings_change_along_the_command_as_differences_say(whi
 
 @pytest.mark.integration
 @pytest.mark.parametrize(
-    "which", ["unsure", "late", *(w for w in ELSEWHERE if w != "rollers"), REMEMBERING]
+    "which",
+    [
+        *("unsure", "late"),
+        *(w for w in ELSEWHERE if w not in ("rollers", "tight")),
+        *(STRETCHING, REMEMBERING),
+    ],
 )
 def test_predicted_information_is_that_of_the_bound_of_noise_free_recordings(which):
     found = plan(which)

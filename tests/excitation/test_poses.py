@@ -246,6 +246,7 @@ def test_the_verb_writes_poses_that_an_experiment_reads(tmp_path):
         "poses.json",
         "poses.html",
         "poses.md",
+        "provenance.json",
     }
     found = json.loads((out / "poses.json").read_text())
     assert found["format"] == "steelyard-poses/1"

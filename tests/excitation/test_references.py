@@ -244,7 +244,7 @@ def test_what_cannot_be_predicted_is_refused():
         design_references(replace(experiment, instruments=silent))
     for words in (["--start", *"000000"], ["--body", "x"], ["--after", "x"]):
         ran = CliRunner().invoke(design_verb, ["cogiro", "--reference", *words])
-        assert "expected no such option with --reference" in str(ran.exception)
+        assert "expected no such option with reference" in str(ran.exception)
     ran = CliRunner().invoke(design_verb, ["cogiro", "--reference", "--calibration"])
     assert (
         "--reference: expected no such option with --calibration" in ran.exception.on_command_line

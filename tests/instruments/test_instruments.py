@@ -710,7 +710,8 @@ def test_what_is_measured_beyond_what_a_motion_tells_and_its_derivatives(kind, q
             return beyond(kind, quantity, measured, tuple(changed[:3]), *changed[3:])
 
         expected[f"by_{name}"] = differences_by(residual, now[place])
-    assert found.keys() == expected.keys()
+    # Tensions are no part of a motion: what follows them is asked elsewhere.
+    assert found.keys() - {"by_tension"} == expected.keys()
     np.testing.assert_allclose(found["residual"], expected["residual"], atol=TOLERANCE)
     for name, value in expected.items():
         # Of no error at all there is one column, which is nothing.

@@ -22,9 +22,9 @@ def shown(monkeypatch, capsys, width, environment, count, *, encoding="utf-8", d
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(Console, "encoding", property(lambda _: encoding))
-    monkeypatch.setattr(
-        terminal, "Console", lambda **given: Console(force_terminal=True, width=width, **given)
-    )
+    # Without a height the library takes a dumb terminal to have eighty columns.
+    sized = {"width": width, "height": 25, "force_terminal": True}
+    monkeypatch.setattr(terminal, "Console", lambda **given: Console(**sized, **given))
     terminal.show(brief_of(summary(count), details=details))
     return capsys.readouterr().out
 

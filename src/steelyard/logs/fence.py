@@ -100,7 +100,7 @@ _OTHER_END = "steelyard.logs.fenced_reader"
 """Module that the process runs."""
 
 
-class _Reader:
+class _ReaderProcess:
     """The other end of :mod:`steelyard.logs.fenced_reader`."""
 
     def __init__(self) -> None:
@@ -220,13 +220,13 @@ class _Reader:
         )
 
 
-_idle: deque[_Reader] = deque()
+_idle: deque[_ReaderProcess] = deque()
 """Processes that have read a log and wait for the next. State of this process, as the processes
 themselves are; to begin one for every log would cost more than to read it."""
 
 
 @contextmanager
-def _reader() -> Iterator[_Reader]:
+def _reader() -> Iterator[_ReaderProcess]:
     """A process that reads, for the time of the block."""
     reader = None
     while reader is None:
@@ -234,7 +234,7 @@ def _reader() -> Iterator[_Reader]:
             # Taken by one thread alone.
             reader = _idle.pop()
         except IndexError:
-            reader = _Reader()
+            reader = _ReaderProcess()
         if reader.process.poll() is not None:
             reader.end()
             reader = None
