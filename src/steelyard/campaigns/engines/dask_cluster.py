@@ -48,7 +48,7 @@ class DaskCluster:
         try:
             while True:
                 room = max(_FEWEST, _PER_THREAD * sum(self.client.nthreads().values()))
-                for task in islice(rest, room - len(running)):
+                for task in islice(rest, max(0, room - len(running))):
                     future = self.client.submit(_alone, work, task, pure=False)
                     running[future.key] = (task, future)
                     ended.add(future)
