@@ -100,6 +100,25 @@ def test_what_is_done_is_not_done_again_until_its_files_change(data, out):
     assert numbers(second).drop("sha256").equals(numbers(first).drop("sha256"))
 
 
+def test_a_baseline_alone_is_neither_accepted_nor_rejected_as_in_identify(data, out):
+    found = run(data / "a", out)
+    assert (found.counts, found.problems, found.sound) == ({"not assessed": 1}, (), True)
+
+
+def test_what_rejects_beside_a_baseline_decides(data, out):
+    def judged(work, tasks):
+        for task in tasks:
+            row = {"experiment": task.name, "path": task.path, "status": "done"} | {
+                "asked": task.asked
+            }
+            rejecting = {**row, "method": "consistent", "accepted": False, "reason": "drifts"}
+            yield task, Outcome((rejecting, {**row, "method": TWO_STEP, "mass": 1.0}))
+
+    found = run(data / "a", out, engine=judged)
+    assert found.counts == {"not accepted": 1}
+    assert found.problems == ("a: not accepted: drifts",)
+
+
 def test_numbers_after_a_resumed_campaign_are_those_of_an_undisturbed_one(data, out, tmp_path):
     def ended(work, tasks):
         for i, task in enumerate(tasks):

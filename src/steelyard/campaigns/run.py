@@ -45,7 +45,7 @@ class Campaign:
     """Of the experiments worked on: ``accepted``, ``not accepted``, ``not assessed`` (by the best
     method), ``inspected``, ``refused``, ``lost``."""
     problems: tuple[str, ...]
-    """Of all that were asked for, those without an accepted result, with the reason."""
+    """Of all that were asked for, those that were rejected, refused or lost, with the reason."""
 
     @property
     def table(self) -> Path:
@@ -54,7 +54,9 @@ class Campaign:
 
     @property
     def sound(self) -> bool:
-        """Whether every experiment that was asked for has an accepted result (or was inspected)."""
+        """Whether no experiment that was asked for was rejected, refused or lost; a baseline alone is
+        neither accepted nor rejected, as in ``identify``.
+        """
         return not self.problems
 
     def to_polars(self) -> pl.DataFrame:
@@ -244,7 +246,10 @@ def _ended(
     import polars as pl
 
     wanted = {item.name for item in items}
-    best = best_rows(table.filter(pl.col("asked") == asked))
+    own = table.filter(pl.col("asked") == asked)
+    best = best_rows(own)
+    # Beside a baseline whose numbers are there, a method that has none may reject.
+    rejected = dict(own.filter(~pl.col("accepted")).select("experiment", "reason").iter_rows())
     found: Counter[str] = Counter()
     problems = []
     for row in best.select("experiment", "status", "accepted", "reason").iter_rows(named=True):
@@ -252,10 +257,13 @@ def _ended(
             continue
         what = row["status"]
         if what == DONE:
+            judged = row["accepted"]
+            if judged is None and row["experiment"] in rejected:
+                judged, row["reason"] = False, rejected[row["experiment"]]
             accepted = {True: "accepted", False: "not accepted", None: "not assessed"}
-            what = "inspected" if asked == INSPECT else accepted[row["accepted"]]
+            what = "inspected" if asked == INSPECT else accepted[judged]
         found[what] += 1
-        if what not in ("accepted", "inspected"):
+        if what not in ("accepted", "inspected", "not assessed"):
             problems.append(f"{row['experiment']}: {what}: {row['reason'] or 'no reason given'}")
     order = ("accepted", "inspected", "not accepted", "not assessed", REFUSED, LOST)
     return Campaign(

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from steelyard.campaigns.tasks import Engine
 
 PROBLEMS = 3
-"""Exit status where all is written, but not every experiment has an accepted result."""
+"""Exit status where all is written, but an experiment was rejected, refused or lost."""
 
 
 @click.command(short_help="Identify many experiments.")
@@ -74,7 +74,7 @@ def campaign(
 
     What was done before, from the same files by the same version, is not done again: after Ctrl-C
     or a failure the same command goes on. An experiment that fails costs none of the others; its
-    row says why, and the exit status is 3.
+    row says why, and the exit status is 3; so it is where a result is rejected.
     """
     from steelyard.campaigns.brief import brief
     from steelyard.campaigns.run import campaign as campaigned
