@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from steelyard.campaigns.database import DatabaseTable
 from steelyard.campaigns.engines.dask_cluster import DaskCluster, require_dask
 from steelyard.campaigns.engines.processes import Processes
 from steelyard.campaigns.items import Item, find_items
@@ -90,6 +91,7 @@ def campaign(
     client: Any = None,
     verb: str = "identify",
     reports: bool = False,
+    table: str | None = None,
     engine: Engine | None = None,
     progress: Progress = None,
 ) -> Campaign:
@@ -108,12 +110,14 @@ def campaign(
         client: Of Dask (:class:`distributed.Client`): work on its cluster instead.
         verb: ``identify`` or ``inspect``.
         reports: Whether to write a report beside each estimate.
+        table: ``postgresql://USER@HOST:PORT/DATABASE``, with ``#TABLE`` behind it where it is not
+            ``campaign``: all rows are written there, too, in place of older ones of these experiments.
         engine: Where to work, in place of ``jobs`` and ``client``.
         progress: Is told what is being done and the fraction that is done.
 
     Raises:
-        InputError: There is nothing to work on, the folder cannot be used, or the cluster is not
-            there. An experiment that is wrong raises nothing: it has a row that says so.
+        InputError: There is nothing to work on, the folder or the database cannot be used, or the
+            cluster is not there. An experiment that is wrong raises nothing: it has a row that says so.
     """
     from steelyard.identification.identify import chosen_methods
 
@@ -127,6 +131,9 @@ def campaign(
         paths = [paths]
     engine = engine or engine_of(jobs, client)
     items = find_items(paths)
+    database = None if table is None else DatabaseTable.of(table)
+    if database is not None:
+        database.check()
     folder = prepared(out)
     asked = asked_for(verb, methods)
     with alone_in(folder):
@@ -147,9 +154,11 @@ def campaign(
             for item in items
         ]
         counts = work_through(folder, engine, work_on, tasks, progress)
-        table = joined(folder)
-        write_page(table, folder)
-        return _ended(folder, table, asked, items, counts)
+        rows = joined(folder)
+        write_page(rows, folder)
+        if database is not None:
+            database.write(rows)
+        return _ended(folder, rows, asked, items, counts)
 
 
 def engine_of(jobs: int | None, client: Any) -> Engine:
