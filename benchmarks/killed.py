@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from killed_campaigns import TARGETS, campaign_of, killed, recordings_in
 
-COUNT = 20
+COUNT = 10
 
 
 def main(times: int, only: list[str]) -> None:
@@ -24,25 +24,22 @@ def main(times: int, only: list[str]) -> None:
         print(
             f"{COUNT} experiments, killed with SIGKILL at random\n\n| engine | killed | rows on disk"
             " then | ended with | done before, the second time | lost | twice | the undisturbed"
-            " table |\n|---|---|---|---|---|---:|---:|---:|"
+            " table |\n|---|---|---:|---:|---:|---:|---:|---|"
         )
-        for engine, targets in TARGETS.items():
-            for target in (each for each in targets if not only or f"{engine}-{each}" in only):
-                found = [
-                    killed(engine, target, data, top / f"{engine}-{target}-{i}", COUNT, i)
-                    for i in range(times)
-                ]
-                columns = (
-                    ", ".join(str(each.rows) for each in found),
-                    ", ".join(str(each.status) for each in found),
-                    ", ".join(str(each.again) for each in found),
-                    sum(each.lost for each in found),
-                    sum(each.twice for each in found),
-                    f"{sum(each.same for each in found)} of {times}",
+        chosen = [(e, target) for e, targets in TARGETS.items() for target in targets]
+        for engine, target in chosen:
+            if only and f"{engine}-{target}" not in only:
+                continue
+            for i in range(times):
+                found = killed(engine, target, data, top / f"{engine}-{target}-{i}", COUNT, i)
+                columns = (found.rows, found.status, found.again, found.lost, found.twice)
+                same = "yes" if found.same else "NO"
+                print(
+                    f"| {engine} | {target} | {' | '.join(map(str, columns))} | {same} |",
+                    flush=True,
                 )
-                print(f"| {engine} | {target} | {' | '.join(map(str, columns))} |", flush=True)
-                for said in sorted({each.said for each in found if each.said}):
-                    print(f"    {target}: {said}", file=sys.stderr)
+                if found.said:
+                    print(f"    {target}: {found.said}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

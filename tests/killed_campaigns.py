@@ -135,21 +135,7 @@ def _cluster(engine: str) -> Iterator[tuple[tuple[str, ...], object]]:
         workers = lambda child: {"worker": lambda: _children(child.pid, "spawn_main")}  # noqa: E731
         yield ("--jobs", "2"), workers
         return
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    code = "from distributed.cli.{0} import main; main()"
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    host, port = address.removeprefix("tcp://").split(":")
-
-    def begun(program: str, words: str) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-c", code.format(program), *words.split(), "--no-dashboard"]
-        return subprocess.Popen(command, **quiet)
-
-    scheduler = begun("dask_scheduler", f"--host {host} --port {port}")
-    nanny = begun("dask_worker", f"{address} --nworkers 2 --nthreads 1")
-    try:
-        _wait_for_workers(address)
+    with _dask() as (address, scheduler, nanny):
         yield (
             ("--scheduler", address),
             lambda child: {
@@ -157,6 +143,33 @@ def _cluster(engine: str) -> Iterator[tuple[tuple[str, ...], object]]:
                 "scheduler": lambda: [scheduler.pid],
             },
         )
+
+
+@contextmanager
+def dask_cluster() -> Iterator[tuple[str, list[int]]]:
+    """Address of a scheduler, and the processes of its two workers."""
+    with _dask() as (address, _, nanny):
+        yield address, _children(nanny.pid, "spawn_main")
+
+
+@contextmanager
+def _dask() -> Iterator[tuple[str, subprocess.Popen[bytes], subprocess.Popen[bytes]]]:
+    """Address of a scheduler, its process, and that of the nanny of two workers."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        host, port = free.getsockname()
+    address = f"tcp://{host}:{port}"
+    code = "from distributed.cli.{0} import main; main()"
+
+    def begun(program: str, words: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-c", code.format(program), *words.split(), "--no-dashboard"]
+        return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    scheduler = begun("dask_scheduler", f"--host {host} --port {port}")
+    nanny = begun("dask_worker", f"{address} --nworkers 2 --nthreads 1")
+    try:
+        _wait_for_workers(address)
+        yield address, scheduler, nanny
     finally:
         workers = _children(nanny.pid, "")
         for process in (nanny, scheduler):
