@@ -15,7 +15,7 @@ from steelyard.campaigns.database import DatabaseTable
 from steelyard.campaigns.engines.dask_cluster import DaskCluster, require_dask
 from steelyard.campaigns.engines.processes import Processes
 from steelyard.campaigns.items import Item, find_items
-from steelyard.campaigns.journal import JOURNAL, Journal, alone_in, joined
+from steelyard.campaigns.journal import JOURNAL, LOCK, Journal, alone_in, joined
 from steelyard.campaigns.page import write_page
 from steelyard.campaigns.results import best_rows
 from steelyard.campaigns.rows import DONE, LOST, REFUSED, TABLE, failed, known_hashes
@@ -179,8 +179,13 @@ def prepared(out: str | Path) -> Path:
     """
     folder = Path(out)
     check_target(folder, force=True)
-    ours = any((folder / name).exists() for name in (TABLE, JOURNAL))
-    check_target(folder, force=ours)
+    # The lock is there before the first row: a campaign may have been killed in between.
+    ours = any((folder / name).exists() for name in (TABLE, JOURNAL, LOCK))
+    if not ours and folder.is_dir() and any(folder.iterdir()):
+        raise InputError(
+            f"{out}: expected a new or empty folder, or one of a campaign, found other files there;"
+            " choose another with --out"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     return folder.resolve()
 
