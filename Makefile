@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo check unit test test-slow bench validation benchmark benchmark-data docs tutorial clean
+.PHONY: demo check unit test test-slow bench validation benchmark benchmark-data docs pictures tutorial clean
 
 # One thread each: many small matrices, and as many processes as cores.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile
@@ -48,6 +48,10 @@ benchmark: benchmark-data
 # Runs every command that a page shows; warnings are errors.
 docs: $(VENV)/.installed-docs
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --nitpicky --fresh-env --jobs 2 docs docs/_build/html
+
+# Draws the pictures of the README anew.
+pictures: $(VENV)/.installed
+	$(BIN)/python docs/pictures.py
 
 # Does what the tutorial says, command by command, in an environment of its own.
 tutorial:
