@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo check unit test test-slow bench benchmark benchmark-data docs pictures tutorial clean
+.PHONY: demo check unit test test-slow bench validation benchmark benchmark-data docs pictures tutorial clean
 
 # One thread each: many small matrices, and as many processes as cores.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile
@@ -33,6 +33,10 @@ test-slow: $(VENV)/.installed-test
 
 bench: $(VENV)/.installed
 	$(BIN)/python benchmarks/run.py
+
+# Draws the pages of docs/validation/ that are figures alone; goes on where it was ended (build/validation).
+validation: $(VENV)/.installed
+	$(BIN)/python benchmarks/book.py --scale $(or $(SCALE),1) $(CHAPTERS)
 
 # The public benchmark: recordings with truth, then all methods on them; BENCHMARK=full draws ten of each.
 benchmark-data: $(VENV)/.installed-bench
