@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     import polars as pl
 
 TABLE = "campaign.parquet"
+FORMAT = "steelyard-rows/1"
+"""In the footer of the table."""
 DONE = "done"
 """An estimate was made, accepted or not."""
 REFUSED = "refused"
@@ -122,7 +125,7 @@ def write_rows(table: pl.DataFrame, path: Path) -> None:
 
     # Into memory first: names of files are bytes, which the library would have as text.
     buffer = io.BytesIO()
-    table.write_parquet(buffer)
+    table.write_parquet(buffer, metadata={"steelyard": json.dumps({"format": FORMAT})})
     with results_file(path, force=True) as fresh:
         write_file(fresh, buffer.getvalue())
 

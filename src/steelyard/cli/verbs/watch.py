@@ -191,7 +191,7 @@ def _finished(
 ) -> int:
     """Write what was found in the end; the exit status."""
     from steelyard.identification.identify import Identification
-    from steelyard.live.record import table_of
+    from steelyard.live.record import TABLE_FORMAT, table_of
     from steelyard.live.session import in_words
     from steelyard.output import results_folder, write_json, write_table
 
@@ -205,7 +205,9 @@ def _finished(
         with results_folder(out.parent, force=True, shared=True) as folder:
             write_json(identification.to_dict(), folder / beside.name)
             if out.suffix == ".parquet":
-                write_table([(found.session.name, table_of(records))], folder / out.name)
+                write_table(
+                    [(found.session.name, table_of(records))], folder / out.name, TABLE_FORMAT
+                )
     _say(in_words(found.session), quiet=quiet)
     _say(str(estimate.verdict), quiet=quiet)
     return 0 if estimate.verdict.accepted else NOT_ACCEPTED
