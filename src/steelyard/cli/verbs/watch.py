@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from steelyard.cli.options import check_there, experiment_argument, force_option, out_option
+from steelyard.cli.options import (
+    check_there,
+    experiment_argument,
+    force_option,
+    limits_option,
+    out_option,
+)
 from steelyard.cli.printing import in_lines
 
 if TYPE_CHECKING:
@@ -82,6 +88,7 @@ NOT_ACCEPTED = 3
     help="File for all estimates (.parquet, else JSON lines); estimate.json is written beside it.",
 )
 @force_option()
+@limits_option
 @click.option("--json", "as_json", is_flag=True, help="JSON lines, in a terminal too.")
 @click.option("--quiet", is_flag=True, help="No remarks on stderr.")
 def watch(

@@ -8,7 +8,14 @@ from typing import Any
 
 import click
 
-from steelyard.cli.options import check_there, common, experiment_argument, force_option, out_option
+from steelyard.cli.options import (
+    check_there,
+    common,
+    experiment_argument,
+    force_option,
+    limits_option,
+    out_option,
+)
 from steelyard.cli.printing import print_json, print_samples, progress, samples_of
 
 
@@ -24,6 +31,7 @@ from steelyard.cli.printing import print_json, print_samples, progress, samples_
     help="Of the streams.",
 )
 @force_option()
+@limits_option
 @common
 def convert(
     experiment: Path, out: Path, tables: Any, force: bool, as_json: bool, quiet: bool
