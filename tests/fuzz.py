@@ -2,7 +2,7 @@
 by what of the code they reach.
 
 A reader may refuse a file with an error of the package, or read it. Anything else is found: another
-exception, a warning, more than ten seconds of the processor, more than 500 MiB, the end of the
+exception, a warning, words on the standard error, more than ten seconds of the processor, more than 500 MiB, the end of the
 process. The same seed gives the same files.
 """
 
@@ -109,7 +109,9 @@ def serve(seed, folder):
     from readers import TARGETS, sound_files
 
     out = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
+    said = (folder / "said").open("w+b")
+    os.dup2(said.fileno(), 1)
+    os.dup2(said.fileno(), 2)
     sound = {}
     for line in sys.stdin:
         name, number = json.loads(line)
@@ -121,6 +123,11 @@ def serve(seed, folder):
         before, _ = used()
         how = outcome(target, place)
         after, memory = used()
+        said.seek(0)
+        if words := said.read():
+            how = f"found: said of itself: {words[:2000].decode(errors='replace')}"
+            said.seek(0)
+            said.truncate()
         print(json.dumps([how, max(0.0, after - before), memory]), file=out, flush=True)
 
 

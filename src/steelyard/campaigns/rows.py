@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from steelyard.campaigns.tasks import Row
 from steelyard.errors import InputError
 from steelyard.inertia import BODY_PARAMETERS
+from steelyard.logs.parquet import unheard_panics
 from steelyard.output import results_file, write_file
 
 if TYPE_CHECKING:
@@ -110,7 +111,8 @@ def read_table(path: Path) -> pl.DataFrame:
     if not path.exists():
         return frame([])
     try:
-        table = pl.read_parquet(path)
+        with unheard_panics():
+            table = pl.read_parquet(path)
         return table.select(pl.col(name).cast(kind) for name, kind in columns().items())
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InputError(
