@@ -70,6 +70,7 @@ ESTIMATE = entry(
         "clocks": ANYTHING,
         "holdout": ANYTHING,
         "amendment": TEXT,
+        "left_out": TEXTS,
         "provenance": ORIGIN,
     },
 )
