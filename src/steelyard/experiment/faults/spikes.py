@@ -70,7 +70,7 @@ def spikes(time: Array, values: Array, settings: SpikeSettings = SPIKES) -> NDAr
     if not len(candidates):
         return found
     usual = percentile_filter(distance, settings.usual, size=settings.around, mode="nearest")
-    for i in candidates:
+    for i in candidates.tolist():
         if distance[i] <= settings.far * max(float(usual[i]), smallest):
             continue
         first = max(i - _BESIDE, 0)
