@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo check unit test test-slow fuzz bench benchmark benchmark-data docs tutorial clean
+.PHONY: demo check unit test test-slow fuzz sbom bench benchmark benchmark-data docs tutorial clean
 
 # One thread each: many small matrices, and as many processes as cores.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile
@@ -36,6 +36,12 @@ FUZZ_SEED ?= 0
 fuzz: $(VENV)/.installed-fuzz
 	$(BIN)/python tests/fuzz.py --seconds 360 --seed $(FUZZ_SEED) --keep fuzz-found
 	$(BIN)/python tests/fuzz.py --guided 15 --seed $(FUZZ_SEED) --keep fuzz-found
+
+# Every component that is installed with steelyard (CycloneDX), and whether their versions fit together; needs no network.
+sbom: $(VENV)/.installed-test
+	mkdir -p dist
+	$(BIN)/python .ci/sbom.py dist/steelyard.cdx.json
+	$(BIN)/python -m pip check
 
 bench: $(VENV)/.installed
 	$(BIN)/python benchmarks/run.py

@@ -198,7 +198,7 @@ def main():
                 words.append(f"{method} {how}")
                 continue
             accepted, chi = how
-            wrong = accepted is True and chi > MOST
+            wrong = bool(accepted is True and chi > MOST)
             counts["WRONG" if wrong else "accepted" if accepted else "not accepted"] += 1
             words.append(f"{method} {'WRONG ' * wrong}{accepted} {chi:.3g}")
         print(f"{case}: {'; '.join(words)} ({time.monotonic() - began:.0f} s)", flush=True)

@@ -86,7 +86,9 @@ def judged(sound, found):
     if worst <= MOST:
         return "no change", text
     notes = [*found.left_out, *(note for e in found.estimates.values() for note in e.notes)]
-    return "named" if any("left out" in note or "stand far" in note for note in notes) else "unnamed", text
+    return "named" if any(
+        "left out" in note or "stand far" in note for note in notes
+    ) else "unnamed", text
 
 
 if __name__ == "__main__":

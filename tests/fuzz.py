@@ -35,6 +35,10 @@ GUIDED = ("text", "init", "experiment", "robot", "covariance", "sensors", "estim
 """Of which code of the package can be followed; the rest is read by compiled libraries."""
 
 
+FRESH = 300
+"""Files after which the process is begun anew: memory that libraries keep is not that of one file."""
+
+
 def changed(name, number, seed, sound):
     """The file of a number: which sound file it comes from, and its bytes."""
     from mutations import mutated
@@ -136,15 +140,19 @@ class Reader:
 
     def __init__(self, seed, folder):
         self.arguments = [sys.executable, __file__, "--serve", str(folder), "--seed", str(seed)]
-        self.process = None
+        self.process, self.left = None, 0
 
     def ask(self, name, number):
         """How the reading of a file ended, seconds, bytes."""
+        if self.left == 0:
+            self.end()
         if self.process is None:
+            self.left = FRESH
             self.process = subprocess.Popen(
                 self.arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
                 start_new_session=True,
             )  # fmt: skip
+        self.left -= 1
         with suppress(BrokenPipeError):
             print(json.dumps([name, number]), file=self.process.stdin, flush=True)
         ready, _, _ = select.select([self.process.stdout], [], [], PATIENCE)
@@ -161,7 +169,7 @@ class Reader:
             with suppress(ProcessLookupError):
                 os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
-            self.process = None
+            self.process, self.left = None, 0
 
 
 def run(files, seconds, seed, names, keep):
