@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo check unit test test-slow bench validation benchmark benchmark-data docs pictures tutorial clean
+.PHONY: demo check unit test test-slow fuzz sbom bench validation benchmark benchmark-data docs pictures tutorial clean
 
 # One thread each: many small matrices, and as many processes as cores.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile
@@ -30,6 +30,18 @@ test: check
 # What `test` leaves out since it takes long: examples, more designs, longer recordings.
 test-slow: $(VENV)/.installed-test
 	$(PYTEST) -m slow
+
+# About ten minutes of changed files for every reader: at random, then guided by the code they reach. FUZZ_SEED draws others.
+FUZZ_SEED ?= 0
+fuzz: $(VENV)/.installed-fuzz
+	$(BIN)/python tests/fuzz.py --seconds 360 --seed $(FUZZ_SEED) --keep fuzz-found
+	$(BIN)/python tests/fuzz.py --guided 15 --seed $(FUZZ_SEED) --keep fuzz-found
+
+# Every component that is installed with steelyard (CycloneDX), and whether their versions fit together; needs no network.
+sbom: $(VENV)/.installed-test
+	mkdir -p dist
+	$(BIN)/python .ci/sbom.py dist/steelyard.cdx.json
+	$(BIN)/python -m pip check
 
 bench: $(VENV)/.installed
 	$(BIN)/python benchmarks/run.py
@@ -66,6 +78,10 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
 
 $(VENV)/.installed-test: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,test]'
+	touch $@
+
+$(VENV)/.installed-fuzz: $(VENV)/.installed-test
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,test,fuzz]'
 	touch $@
 
 $(VENV)/.installed-bench: $(VENV)/.installed

@@ -39,6 +39,7 @@ LAYERS = [
     {"live"},
     {"report"},
     {"campaigns"},
+    {"formats"},
     {"cli"},
     {"__init__", "__main__"},
 ]

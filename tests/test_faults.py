@@ -16,6 +16,7 @@ from halls import recorded
 from places import PACKAGE
 from recordings import write_small
 
+from steelyard.campaigns.journal import Journal, joined
 from steelyard.experiment.write import write_experiment
 from steelyard.output import results_folder, settle, write_file
 
@@ -120,13 +121,14 @@ OFTEN = ("kill", "no space from then on")
 
 def played():
     """Verbs with what is played to them."""
+    cases = []
     for verb in KEPT:
+        rest = set(WAYS)
         if verb in ("convert", "export"):
-            yield pytest.param(verb, OFTEN, id=f"{verb}-often")
-            rest = set(WAYS) - set(OFTEN)
-        else:
-            rest = set(WAYS)
-        yield pytest.param(verb, rest, id=f"{verb}-all", marks=pytest.mark.slow)
+            cases.append(pytest.param(verb, OFTEN, id=f"{verb}-often"))
+            rest -= set(OFTEN)
+        cases.append(pytest.param(verb, rest, id=f"{verb}-all", marks=pytest.mark.slow))
+    return cases
 
 
 @pytest.mark.parametrize(("verb", "ways"), played())
@@ -226,6 +228,55 @@ def test_in_a_folder_that_must_stay_the_next_process_finishes(tmp_path, monkeypa
         assert not list(tmp_path.rglob(".steelyard-*"))
         ends.add(tree(out) == new)
     assert ends == {False, True}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_campaign_or_study_loses_no_row_wherever_it_fails(tmp_path, way):
+    # Rows come line by line and are merged into the table in the end.
+    folder = tmp_path / "campaign"
+
+    def row(name, seconds):
+        return {"experiment": name, "path": name, "method": "two-step", "status": "done",
+                "sha256": "0", "version": "1", "asked": "default", "seconds": seconds}  # fmt: skip
+
+    def rows():
+        return sorted(joined(folder).select("experiment", "seconds").rows())
+
+    def begun():
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        first = Journal(folder)
+        first.add([row("a", 1.0), row("b", 1.0)])
+        first.join()
+        journal = Journal(folder)
+        journal.add([row("b", 2.0), row("c", 2.0)])
+        return journal
+
+    def ended(disk):
+        journal = begun()
+        try:
+            with calls_to(disk):
+                journal.join()
+        except (Killed, OSError):
+            pass
+        finally:
+            journal.close()
+
+    ended(counting := Disk())
+    whole = [("a", 1.0), ("b", 2.0), ("c", 2.0)]
+    assert rows() == whole
+    assert not (folder / "campaign.rows.jsonl").exists()
+    for at in range(len(counting.calls)):
+        ended(Disk(at, WAYS[way]))
+        settle(folder)
+        assert rows() == whole, (at, counting.calls[at])
+        # It goes on where it was.
+        again = Journal(folder)
+        again.add([row("d", 3.0)])
+        again.join()
+        assert rows() == [*whole, ("d", 3.0)], (at, counting.calls[at])
+        assert sorted(each.name for each in folder.iterdir()) == ["campaign.parquet"]
+    print(f"{way}: {len(counting.calls)} calls")
 
 
 def test_files_are_on_the_disk_before_their_names_are(tmp_path):

@@ -6,10 +6,17 @@ import pytest
 from recordings import RUN, save, table, write_small
 from scipy.spatial.transform import Rotation
 
-from steelyard.experiment.faults import clipped, faults_of, held, timing
+from steelyard.errors import InputError
+from steelyard.experiment.faults.of_streams import clipped, faults_of, held, timing, without_doubles
+from steelyard.experiment.faults.stuck import (
+    StuckSettings,
+    repeats,
+    stuck,
+    stuck_alone,
+    without_stuck,
+)
 from steelyard.experiment.model import Stream
 from steelyard.experiment.read import read_experiment
-from steelyard.experiment.stuck import StuckSettings, repeats, stuck, stuck_alone, without_stuck
 from steelyard.instruments import Position
 
 RATE = 100.0
@@ -149,6 +156,37 @@ class TestStuck:
         (run,) = read_experiment(write_small(tmp_path)).runs
         assert run.excluded == ()
         assert all(np.isfinite(v).all() for s in run.streams.values() for v in s.values.values())
+
+
+class TestDoubles:
+    def test_rows_that_were_written_twice_count_once(self, tmp_path, run):
+        path = write_small(tmp_path)
+        (sound,) = read_experiment(path).runs
+        for log in sorted((tmp_path / RUN).glob("*.csv")):
+            head, *rows = table(log)
+            save(log, [head, *(row for row in rows for _ in range(2))])
+        (found,) = read_experiment(path).runs
+        assert {f.kind for f in found.excluded} == {"doubled"}
+        for name, stream in found.streams.items():
+            np.testing.assert_array_equal(stream.time, sound.streams[name].time)
+            for key, values in stream.values.items():
+                np.testing.assert_array_equal(values, sound.streams[name].values[key])
+        status, out, err = run("identify", path, "--method", "two-step", "--json")
+        assert status == 0, err
+        assert "samples of cables say once more what the one before them said" in out + err
+
+    def test_a_part_that_was_joined_twice_is_found_and_a_coarse_clock_is_none(self, rng):
+        values = noisy(rng)
+        use = np.sort(np.concatenate([np.arange(len(TIME)), np.arange(200, 300)]))
+        twice = Stream(TIME[use], {"position": values[use]}, "log")
+        kept, (fault,) = without_doubles({"tracker": twice})
+        np.testing.assert_array_equal(kept["tracker"].values["position"], values)
+        assert (fault.kind, fault.count) == ("doubled", 100)
+        coarse = Stream(np.floor(TIME * 40) / 40, {"position": values}, "log")
+        some = Stream(np.floor(TIME * 80) / 80, {"position": values}, "log")
+        assert without_doubles({"tracker": some}) == ({"tracker": some}, ())
+        with pytest.raises(InputError, match=r"^log: expected a time of its own for every sample"):
+            without_doubles({"tracker": coarse})
 
 
 class TestRange:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.experiment.jumps import jumps
+from steelyard.experiment.faults.jumps import jumps
 
 RATE = 200.0
 TIME = np.arange(0.0, 20.0, 1 / RATE)

@@ -1,6 +1,7 @@
 """The process that reads logs: used again, ended after errors, with limits that are named."""
 
 import os
+import re
 import signal
 import threading
 
@@ -86,6 +87,21 @@ def test_limits_that_are_none(path, monkeypatch, text):
     monkeypatch.setenv(fence.VARIABLE, text)
     with pytest.raises(InputError, match=fence.VARIABLE):
         force(path)
+
+
+def test_the_option_says_the_same_for_one_command(tmp_path, run, monkeypatch):
+    monkeypatch.delenv(fence.VARIABLE, raising=False)
+    files.write_hdf5(tmp_path / "a.h5", files.streams())
+    draft = ("init", tmp_path / "a.h5", "--robot", "cogiro", "--out", tmp_path / "experiment.yaml")
+    status, _, err = run(*draft, "--limits", "6,1")
+    assert status == 2
+    assert "more than 1 MiB of memory" in err
+    assert "--limits 60,2048" in err
+    assert fence.VARIABLE not in os.environ
+    assert run(*draft, "--limits", "60,2048")[0] == 0
+    status, _, err = run(*draft, "--force", "--limits", "0,9")
+    assert status == 2
+    assert re.match(r"steelyard: --limits: expected seconds and MiB, .*found '0,9'", err)
 
 
 def test_relative_paths_follow_the_working_folder(path, monkeypatch):

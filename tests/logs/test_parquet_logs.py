@@ -1,6 +1,7 @@
 """Parquet files give the numbers that are in them, whatever they are nested in, or one sentence."""
 
 import datetime as dt
+import os
 import random
 from contextlib import suppress
 
@@ -8,9 +9,11 @@ import numpy as np
 import polars as pl
 import pytest
 
+from steelyard.campaigns.rows import read_table
 from steelyard.errors import InputError
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import RowRange
+from steelyard.logs.parquet import opened
 
 NAN = float("nan")
 NOON = dt.datetime(2024, 1, 31, 12, tzinfo=dt.UTC)
@@ -138,3 +141,22 @@ def test_a_damaged_file_gives_numbers_or_a_sentence(path, seed):
     with suppress(InputError), open_log(path) as log:
         for name in log.names:
             assert log.read([name])[name].dtype == np.float64
+
+
+def test_what_polars_trips_over_is_one_sentence_and_nothing_else(tmp_path, capfd, monkeypatch):
+    path = tmp_path / "a.parquet"
+    pl.DataFrame({"t": [0.0, 1.0]}).write_parquet(path)
+
+    def panics(*_arguments, **_options):
+        os.write(2, b"thread 'main' panicked at many lines")
+        raise pl.exceptions.PanicException("of what is within")
+
+    monkeypatch.setattr(pl, "scan_parquet", panics)
+    monkeypatch.setattr(pl, "read_parquet", panics)
+    with pytest.raises(InputError, match="of what is within"), opened(path):
+        pass
+    with pytest.raises(InputError, match="expected the table of a campaign"):
+        read_table(path)
+    assert capfd.readouterr().err == ""
+    os.write(2, b"heard")
+    assert capfd.readouterr().err == "heard"

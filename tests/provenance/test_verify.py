@@ -180,3 +180,23 @@ def test_calibrations_and_designs_have_it_too(run, tmp_path):
         assert run("verify", tmp_path / name, "--again")[0] == 0
     robot.write_text(robot.read_text() + "\n")
     assert "robot.yaml: has changed" in verify(tmp_path / "calibrated").changed[0]
+
+
+def test_what_convert_wrote_is_verified_too(run, tmp_path):
+    small = Path(write_small(tmp_path / "small"))
+    out = tmp_path / "tidy"
+    status, _, err = run("convert", small, "--out", out)
+    assert status == 0, err
+    assert verify(out).changed == ()
+    known = read_provenance(out)
+    assert {each.file for each in known.inputs} >= {
+        "../small/experiment.yaml",
+        "../small/robot.yaml",
+    }
+    log = next(out.rglob("cables.parquet"))
+    content = bytearray(log.read_bytes())
+    content[20] ^= 1
+    log.write_bytes(content)
+    assert "result moving/cables.parquet: has changed" in verify(out).changed[0]
+    # It is no estimate that comes out again.
+    assert run("verify", out, "--again")[0] == 2

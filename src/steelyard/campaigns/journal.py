@@ -125,21 +125,29 @@ def joined(folder: Path) -> pl.DataFrame:
     with path.open("rb") as file:
         while lines := list(islice(file, _AT_ONCE)):
             whole = [line for line in lines if line.endswith(b"\n")]
-            parts.append(frame(_row(line, path) for line in whole))
+            parts.append(_frame(whole, path))
     return merged(table, pl.concat(parts)) if parts else table
 
 
-def _row(line: bytes, path: Path) -> Row:
-    """A row of the journal.
+def _frame(lines: Sequence[bytes], path: Path) -> pl.DataFrame:
+    """Rows of the journal as a table.
 
     Raises:
-        InputError: The line is none.
+        InputError: A line is none.
     """
+    import polars as pl
+
     try:
-        row = json.loads(line)
-    except ValueError as error:
+        rows = [json.loads(line) for line in lines]
+        if not all(isinstance(row, dict) for row in rows):
+            raise ValueError
+        table = frame(rows)
+    # Values of other kinds, numbers that are too large, lists that are too deep.
+    except (ValueError, TypeError, OverflowError, RecursionError, pl.exceptions.PolarsError):
+        table = None
+    if table is None or table.select("experiment", "method").null_count().sum_horizontal()[0]:
         raise InputError(
             f"{path}: expected a row of a campaign in each line, found one that is none; remove"
             " that line"
-        ) from error
-    return dict(row)
+        )
+    return table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,12 +10,15 @@ from typing import TYPE_CHECKING, Any
 from steelyard.campaigns.tasks import Row
 from steelyard.errors import InputError
 from steelyard.inertia import BODY_PARAMETERS
+from steelyard.logs.parquet import unheard_panics
 from steelyard.output import results_file, write_file
 
 if TYPE_CHECKING:
     import polars as pl
 
 TABLE = "campaign.parquet"
+FORMAT = "steelyard-rows/1"
+"""In the footer of the table."""
 DONE = "done"
 """An estimate was made, accepted or not."""
 REFUSED = "refused"
@@ -107,7 +111,8 @@ def read_table(path: Path) -> pl.DataFrame:
     if not path.exists():
         return frame([])
     try:
-        table = pl.read_parquet(path)
+        with unheard_panics():
+            table = pl.read_parquet(path)
         return table.select(pl.col(name).cast(kind) for name, kind in columns().items())
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InputError(
@@ -122,7 +127,7 @@ def write_rows(table: pl.DataFrame, path: Path) -> None:
 
     # Into memory first: names of files are bytes, which the library would have as text.
     buffer = io.BytesIO()
-    table.write_parquet(buffer)
+    table.write_parquet(buffer, metadata={"steelyard": json.dumps({"format": FORMAT})})
     with results_file(path, force=True) as fresh:
         write_file(fresh, buffer.getvalue())
 

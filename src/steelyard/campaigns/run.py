@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 Progress = Callable[[str, float], None] | None
+FORMAT = "steelyard-campaign/1"
 _VERBS = ("identify", INSPECT)
 
 
@@ -67,7 +68,7 @@ class Campaign:
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
         return {
-            "format": "steelyard-campaign/1",
+            "format": FORMAT,
             "folder": str(self.folder),
             "experiments": self.experiments,
             "unchanged": self.unchanged,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import date
@@ -104,6 +105,37 @@ seed_option = partial(click.option, "--seed", type=click.IntRange(0), default=0,
 """The seed of whatever is drawn at random."""
 runs_option = partial(click.option, "--run", "runs", multiple=True)
 """Some of the runs; see :func:`selected`."""
+
+
+def limits_option(function: _Function) -> _Function:
+    """What reading one log may take; holds for the processes that the verb begins, too."""
+    return click.option(
+        "--limits",
+        metavar="S,MIB",
+        expose_value=False,
+        callback=_limited,
+        help="What reading one log may take: seconds of the processor and MiB of memory.  [default:"
+        " 6,768 and what its size adds]",
+    )(function)
+
+
+def _limited(context: click.Context, _option: click.Parameter, text: str | None) -> None:
+    """Set the variable of the environment that readers look at, until the verb has ended."""
+    if text is None:
+        return
+    from steelyard.logs.fence import VARIABLE, limits_of
+
+    limits_of(text, "--limits")
+    before = os.environ.get(VARIABLE)
+    os.environ[VARIABLE] = text
+
+    def restore() -> None:
+        if before is None:
+            os.environ.pop(VARIABLE, None)
+        else:
+            os.environ[VARIABLE] = before
+
+    context.call_on_close(restore)
 
 
 def selected(experiment: Experiment, names: Sequence[str]) -> Experiment:

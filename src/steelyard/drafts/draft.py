@@ -126,7 +126,7 @@ def _look(path: Path, robot: Robot) -> tuple[list[DraftStream], list[Unused]]:
     try:
         choices: Sequence[str | None] = topics(path) or [None]
     except InputError as error:
-        return [], [Unused(f"{path}", str(error))]
+        return [], [Unused(f"{path}", error.on_command_line)]
     found: list[DraftStream] = []
     unused: list[Unused] = []
     for topic in choices:

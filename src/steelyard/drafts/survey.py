@@ -137,13 +137,13 @@ def streams_in(
                 raise InputError(f"no instrument has columns like {_some(names)}")
             drafts, unused = _drafts(log, topic, claims, robot)
     except InputError as error:
-        return [], [Unused(log_name, str(error))]
+        return [], [Unused(log_name, error.on_command_line)]
     found = []
     for draft, claimed in drafts:
         try:
             found.append(read_again(draft, robot.m, claimed=claimed))
         except InputError as error:
-            unused.append(draft.unused(str(error)))
+            unused.append(draft.unused(error.on_command_line))
     used = {column for each in found for column in each.used}
     free = [name for name in names if name not in used]
     if found and free:

@@ -27,6 +27,8 @@ from steelyard.estimates.estimate import BEST_FIRST, Estimate, plain
 from steelyard.estimates.named_estimate import NamedEstimate, same_source, shared_covariance
 from steelyard.inertia import BODY_PARAMETERS
 
+FORMAT = "steelyard-comparison/1"
+
 Basis = Literal["independent", "joint", "nested", "bound"]
 """Where the covariance of a difference comes from.
 
@@ -124,6 +126,7 @@ class Comparison:
         if self.whole is not None:
             whole = {"estimates": list(self.whole_of), **self.whole.to_dict()}
         return {
+            "format": FORMAT,
             "estimates": [each.to_dict() for each in self.estimates],
             "pairs": [pair.to_dict() for pair in self.pairs],
             "whole": whole,

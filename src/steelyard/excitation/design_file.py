@@ -17,6 +17,7 @@ from steelyard.excitation.information.noise_free_recording import tensions_near_
 from steelyard.excitation.limits.verification import Verified, times_of
 from steelyard.experiment.model import Stream
 from steelyard.experiment.write import write_stream
+from steelyard.identification.model.fitted_motion import FORMAT as FORMAT_OF_MOTION
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments import Command
 from steelyard.motion.limits import Use
@@ -51,7 +52,9 @@ def write_design(design: Design, folder: str | Path, rate: float = RATE) -> None
         write_command(evaluation.trajectories[run], folder / name, rate)
     write_json(design_dict(design), folder / RESULT)
     write_table(
-        [(run, motion_columns(evaluation, run)) for run in evaluation.trajectories], folder / MOTION
+        [(run, motion_columns(evaluation, run)) for run in evaluation.trajectories],
+        folder / MOTION,
+        FORMAT_OF_MOTION,
     )
 
 

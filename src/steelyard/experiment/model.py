@@ -38,7 +38,18 @@ _MOST_SHOWN = 12
 class Fault:
     """Something wrong with a stream itself, whatever it says of the motion."""
 
-    kind: Literal["gap", "dropped", "late", "repeated", "stuck", "clipped", "held", "missing"]
+    kind: Literal[
+        "gap",
+        "dropped",
+        "late",
+        "repeated",
+        "doubled",
+        "spike",
+        "stuck",
+        "clipped",
+        "held",
+        "missing",
+    ]
     instrument: str
     channel: str
     """Quantity, with the number of the component where it has several that fail alone; empty: the

@@ -13,6 +13,9 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.display import printable
+from steelyard.experiment.faults.of_streams import without_doubles
+from steelyard.experiment.faults.spikes import without_spikes
+from steelyard.experiment.faults.stuck import without_stuck
 from steelyard.experiment.form import (
     RUN_KEYS,
     AddedBodyForm,
@@ -23,7 +26,6 @@ from steelyard.experiment.form import (
 )
 from steelyard.experiment.model import Datum, Experiment, Fault, Load, Run
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
-from steelyard.experiment.stuck import without_stuck
 from steelyard.experiment.tables.dead_weights import with_weights_apart
 from steelyard.experiment.tables.seen_frequencies import with_frequencies_apart
 from steelyard.experiment.unread import with_unread_cables
@@ -501,8 +503,11 @@ def _read_run(
     excluded: tuple[Fault, ...] = ()
     if not form.static:
         timed = {k: v for k, v in streams.items() if not whole.instruments[k].tabular}
-        timed, excluded = without_stuck(timed, whole.instruments)
+        timed, doubled = without_doubles(timed)
+        timed, alone = without_spikes(timed, whole.instruments)
+        timed, stuck = without_stuck(timed, whole.instruments)
         streams |= timed
+        excluded = doubled + alone + stuck
     return Run(
         name=form.name,
         streams=streams,

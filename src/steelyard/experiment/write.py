@@ -30,6 +30,8 @@ _LONGEST_NAME = 100
 _COVARIANCE = "robot.covariance.csv"
 _OURS = frozenset({"experiment.yaml", "robot.yaml", _COVARIANCE, "truth.json"})
 """Names beside the folders of the runs."""
+STREAM_FORMAT = "steelyard-stream/1"
+"""In the footer of Parquet."""
 
 
 def write_experiment(
@@ -207,6 +209,7 @@ def write_parquet_stream(
     """
     columns = stream_columns(stream.time if timed else None, stream.values, instrument, m)
     about = {
+        "format": STREAM_FORMAT,
         "version": version("steelyard"),
         "kind": instrument.kind,
         "units": {name: unit for name, (_, unit) in columns.items()},

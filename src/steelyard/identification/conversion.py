@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,6 +43,7 @@ def convert(
     *,
     tables: TableFormat = "parquet",
     force: bool = False,
+    sealed: Callable[[Path, Experiment], None] | None = None,
 ) -> Converted:
     """Write an experiment with all its streams on one clock and in SI units; all of it or nothing.
 
@@ -51,6 +53,8 @@ def convert(
         progress: Called with what is being done and the fraction that is done.
         tables: ``parquet`` or ``csv``.
         force: Whether to replace files of the same names.
+        sealed: Is given the folder once it is complete, before it is seen, and what was read; what
+            it writes there belongs to the results.
 
     Raises:
         InputError: The folder cannot be written to, or holds what is read.
@@ -65,6 +69,8 @@ def convert(
         write_experiment(tidied(recorded), folder, tables=tables, with_robot=True)
         if recorded.source:
             _copy_truth(Path(recorded.source).parent, folder)
+        if sealed is not None:
+            sealed(folder, recorded)
         sizes = tuple(each.stat().st_size for each in folder.rglob("*") if each.is_file())
     return Converted(out / "experiment.yaml", recorded, sizes)
 

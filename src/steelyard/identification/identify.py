@@ -134,6 +134,7 @@ class Identification(Tabular):
                 if self.clocks
                 else {}
             ),
+            **({"left_out": list(self.left_out)} if self.left_out else {}),
             **({"amendment": self.amendment} if self.amendment else {}),
             **(
                 {"holdout": {p.run: p.to_dict() for p in self.predictions}}
@@ -357,8 +358,26 @@ def _estimate(
 
 
 def _left_out(experiment: Experiment) -> Iterator[str]:
+    """What was taken out of the recordings when they were read, in words."""
     for run in experiment.runs:
         for fault in run.excluded:
+            if fault.kind == "doubled":
+                yield (
+                    f"run '{run.name}': {fault.count} samples of {fault.instrument} say once more"
+                    f" what the one before them said, from {fault.start:.3f} to {fault.end:.3f} s on"
+                    " its clock: left out"
+                )
+                continue
+            if fault.kind == "spike":
+                when = f"at {fault.start:.3f} s"
+                if fault.count > 1:
+                    when = f"from {fault.start:.3f} to {fault.end:.3f} s"
+                yield (
+                    f"run '{run.name}': {fault.count} readings of {fault.instrument}, {fault.channel},"
+                    f" stand alone, far from those before and after them, {when} on its clock: left"
+                    " out; look for a damaged file or a loose contact"
+                )
+                continue
             channel = f" of {fault.channel}" if fault.channel else ""
             yield (
                 f"run '{run.name}': {fault.instrument}{channel} repeats its reading from"

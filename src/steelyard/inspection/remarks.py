@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from steelyard.experiment.faults import channels
+from steelyard.experiment.faults.of_streams import channels
 from steelyard.experiment.model import Experiment, Run
 from steelyard.inspection.settings import REMARKS, RemarkSettings
 from steelyard.inspection.streams import StreamReport

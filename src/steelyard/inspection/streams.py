@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, binned_means, stretches
-from steelyard.experiment.faults import Timing, faults_of, timing
+from steelyard.experiment.faults.of_streams import Timing, faults_of, timing
 from steelyard.experiment.model import Experiment, Fault, Run, Stream
 from steelyard.inspection.settings import STREAMS, StreamSettings
 from steelyard.instruments import Instrument, Quantity
@@ -86,8 +86,8 @@ def _report(
 ) -> StreamReport:
     """What one stream shows; ``rest``: samples at which the platform rests, shape (n,)."""
     instrument, stream = experiment.instruments[name], run.streams[name]
-    stuck = tuple(fault for fault in run.excluded if fault.instrument == name)
-    faults = () if run.static else _faults(instrument, name, stream, stuck)
+    excluded = tuple(fault for fault in run.excluded if fault.instrument == name)
+    faults = () if run.static else _faults(instrument, name, stream, excluded)
     recorded = [q for q in instrument.quantities(experiment.robot.m) if q.name in stream.values]
     quantities = tuple(_quantity(q, stream, rest, settings) for q in recorded)
     times = None if run.static or len(stream) < 2 else timing(stream.time)
@@ -99,16 +99,16 @@ def _report(
         instrument.commanded,
         len(stream),
         times,
-        (*stuck, *faults),
+        (*excluded, *faults),
         quantities,
     )
 
 
 def _faults(
-    instrument: Instrument, name: str, stream: Stream, stuck: tuple[Fault, ...]
+    instrument: Instrument, name: str, stream: Stream, excluded: tuple[Fault, ...]
 ) -> tuple[Fault, ...]:
-    """Faults of a stream beside channels that were stuck and have been taken out."""
-    taken = {fault.channel for fault in stuck}
+    """Faults of a stream beside what has been taken out."""
+    taken = {fault.channel for fault in excluded}
     found = []
     for fault in faults_of(name, stream):
         on_purpose = fault.kind == "missing" and fault.channel in taken

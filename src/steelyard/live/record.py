@@ -14,6 +14,11 @@ from steelyard.arrays import Array
 from steelyard.estimates.estimate import identifiable_parameters, named, plain
 from steelyard.inertia import BODY_PARAMETERS, symmetric
 
+FORMAT = "steelyard-watch/1"
+"""Of a line."""
+TABLE_FORMAT = "steelyard-records/1"
+"""Of a table of them."""
+
 
 @dataclass(frozen=True, eq=False)
 class Record:
@@ -100,6 +105,7 @@ class Record:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, null where the data do not tell a number."""
         return {
+            "format": FORMAT,
             "t": round(self.time, 6),
             "load": self.load,
             "mass": plain(self.value[0]),

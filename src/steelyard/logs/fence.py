@@ -49,13 +49,6 @@ class ReadingLimits:
     mebibytes: int = 768
     """Memory beyond that of the reader before any log [MiB]."""
 
-    def __post_init__(self) -> None:
-        if self.seconds < 1 or self.mebibytes < 1:
-            raise InputError(
-                f"{VARIABLE}: expected at least 1 s and 1 MiB, found {self.seconds},"
-                f"{self.mebibytes}; set it as in {VARIABLE}=60,2048"
-            )
-
 
 def reading_limits() -> ReadingLimits:
     """The limits that hold: those of the environment, or else the usual ones.
@@ -64,12 +57,25 @@ def reading_limits() -> ReadingLimits:
         InputError: The variable of the environment does not hold two positive integers.
     """
     text = os.environ.get(VARIABLE)
-    if not text:
-        return ReadingLimits()
+    return limits_of(text, VARIABLE) if text else ReadingLimits()
+
+
+def limits_of(text: str, where: str) -> ReadingLimits:
+    """Limits as they are stated.
+
+    Args:
+        text: Seconds and MiB.
+        where: Who states them, for the message.
+
+    Raises:
+        InputError: These are not two positive integers.
+    """
     parts = text.split(",")
-    if len(parts) != 2 or not all(p.isascii() and p.isdigit() and len(p) < 8 for p in parts):
+    whole = all(part.isascii() and part.isdigit() and len(part) < 8 for part in parts)
+    if len(parts) != 2 or not whole or not all(map(int, parts)):
         raise InputError(
-            f"{VARIABLE}: expected seconds and MiB, found {text!r}; set it as in {VARIABLE}=60,2048"
+            f"{where}: expected seconds and MiB, two whole numbers of at least 1, found"
+            f" {text[:40]!r}; state them as in 60,2048"
         )
     return ReadingLimits(int(parts[0]), int(parts[1]))
 
@@ -215,8 +221,8 @@ class _ReaderProcess:
         return InputError(
             f"{self.path}: expected a log that can be read within {self.limits.seconds} s and"
             f" {self.limits.mebibytes} MiB and what its size adds, found one that takes {what};"
-            " copy it again or check where it comes from, or allow more: set the variable"
-            f" {VARIABLE}=60,2048 (seconds, MiB) before the command"
+            " copy it again or check where it comes from, or allow more with --limits 60,2048"
+            f" (seconds, MiB; elsewhere the variable {VARIABLE})"
         )
 
 

@@ -65,7 +65,8 @@ def _read_one(out: IO[bytes], request: Mapping[str, Any], at_first: int) -> None
         _answer(out, _reusable(at_first))
     except InputError as error:
         _answer(out, {"error": str(error)})
-    except MemoryError:
+    # That it is installed was seen before: it finds no room.
+    except (MemoryError, ImportError):
         _answer(out, {"memory": True})
     # What the libraries raise on damaged files is of any kind.
     except Exception as error:

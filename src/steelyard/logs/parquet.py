@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING
 
 from steelyard.arrays import Array
@@ -20,6 +22,10 @@ if TYPE_CHECKING:
     from polars.datatypes import DataType, DataTypeClass
 
     _Kind = DataType | DataTypeClass
+
+
+_ONE_AT_A_TIME = Lock()
+"""The standard error is one for all threads."""
 
 
 @contextmanager
@@ -101,9 +107,32 @@ def _one_sentence(path: Path) -> Iterator[None]:
     import polars as pl
 
     try:
-        yield
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
+        with unheard_panics():
+            yield
+    except (pl.exceptions.PolarsError, OSError) as error:
         raise damaged(path, "a Parquet file", error, "something else") from None
+
+
+@contextmanager
+def unheard_panics() -> Iterator[None]:
+    """Where Polars trips over a damaged file it says so on the standard error by itself, in many
+    lines, and raises what is no :class:`Exception`: within the block an error of Polars like any
+    other, and nothing said.
+    """
+    import polars as pl
+
+    with _ONE_AT_A_TIME, ExitStack() as after:
+        with suppress(OSError):  # there may be no standard error
+            before = os.dup(2)
+            after.callback(os.close, before)
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            after.callback(os.close, nowhere)
+            os.dup2(nowhere, 2)
+            after.callback(os.dup2, before, 2)
+        try:
+            yield
+        except pl.exceptions.PanicException as error:
+            raise pl.exceptions.ComputeError(str(error)) from None
 
 
 def _source(path: Path) -> Path | bytes:

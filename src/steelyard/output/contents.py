@@ -28,12 +28,13 @@ def to_json(values: Mapping[str, Any], *, ascii_only: bool = False) -> str:
     return json.dumps(values, indent=1, allow_nan=False, ensure_ascii=ascii_only)
 
 
-def write_table(runs: Sequence[tuple[str, Mapping[str, Array]]], path: Path) -> None:
+def write_table(runs: Sequence[tuple[str, Mapping[str, Array]]], path: Path, format_: str) -> None:
     """Write Parquet: one row per instant, the run in the first column.
 
     Args:
         runs: Run and its columns, the same for all.
         path: Of the file.
+        format_: Its number, which stands in the footer under the key ``steelyard``.
     """
     import polars as pl
 
@@ -43,5 +44,6 @@ def write_table(runs: Sequence[tuple[str, Mapping[str, Array]]], path: Path) -> 
     ]
     # Into memory first: names of files are bytes, which the library would have as text.
     buffer = io.BytesIO()
-    pl.concat(frames).write_parquet(buffer)
+    about = {"steelyard": json.dumps({"format": format_})}
+    pl.concat(frames).write_parquet(buffer, metadata=about)
     write_file(path, buffer.getvalue())

@@ -7,6 +7,7 @@ from typing import Any
 
 from steelyard.estimates.named_estimate import FILE_NAME as ESTIMATE
 from steelyard.identification.identify import Identification
+from steelyard.identification.model.fitted_motion import FORMAT as FORMAT_OF_MOTION
 from steelyard.inertia import Inertia
 from steelyard.output import results_folder, write_file, write_json, write_table
 from steelyard.provenance.hashes import inputs_of
@@ -58,7 +59,9 @@ def write_identification(found: Identification, summary: Summary, folder: Path) 
     write_report(summary, folder)
     if found.motion:
         # A row per instant, the run in the first column, SI units.
-        write_table([(each.run, each.columns()) for each in found.motion], folder / MOTION)
+        write_table(
+            [(each.run, each.columns()) for each in found.motion], folder / MOTION, FORMAT_OF_MOTION
+        )
 
 
 def identification_values(found: Identification) -> dict[str, Any]:

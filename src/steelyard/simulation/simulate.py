@@ -27,6 +27,8 @@ from steelyard.simulation.response import ExactMotion, Progress, Response
 from steelyard.simulation.sensors import Sensors, put_nested, read_sensors
 from steelyard.simulation.trajectories import trajectories as motions
 
+FORMAT = "steelyard-truth/1"
+
 
 @dataclass(frozen=True, eq=False)
 class VirtualExperiment:
@@ -54,6 +56,7 @@ class VirtualExperiment:
             calibration[name] = entry
         loads = {name: body.to_dict() for name, body in self.loads.items()}
         return {
+            "format": FORMAT,
             **self.body.to_dict(),
             **({"loads": loads} if loads else {}),
             "calibration": calibration,

@@ -263,14 +263,15 @@ def from_file(path: Path, robot: Robot) -> Sampled:
             f"{path}: expected at least 4 rows with different times, found {len(time)}; a motion"
             " needs more"
         )
-    position = stream.values["position"][first]
-    rpy = Rotation.from_matrix(stream.values["orientation"][first]).as_euler("ZYX")[:, ::-1]
-    poses = np.hstack([position, np.unwrap(rpy, axis=0)])
-    if not np.isfinite(poses).all():
-        row = int(np.argmin(np.isfinite(poses).all(axis=1)))
+    position, orientation = (stream.values[key][first] for key in ("position", "orientation"))
+    whole = np.isfinite(position).all(axis=1) & np.isfinite(orientation).all(axis=(1, 2))
+    if not whole.all():
         raise InputError(
-            f"{path}:{first[row] + 2}: expected a pose in every row, found an empty cell; fill it"
+            f"{path}:{first[int(np.argmin(whole))] + 2}: expected a pose in every row, found an empty"
+            " cell; fill it"
         )
+    rpy = Rotation.from_matrix(orientation).as_euler("ZYX")[:, ::-1]
+    poses = np.hstack([position, np.unwrap(rpy, axis=0)])
     if not SHORTEST <= time[-1] - time[0] <= LONGEST:
         raise InputError(
             f"{path}: expected a motion of {SHORTEST:g} to {LONGEST:g} s, found one of"

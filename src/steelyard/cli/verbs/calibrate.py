@@ -8,7 +8,14 @@ from pathlib import Path
 import click
 
 from steelyard.cli.inputs import read_files
-from steelyard.cli.options import check_there, common, experiment_argument, force_option, out_option
+from steelyard.cli.options import (
+    check_there,
+    common,
+    experiment_argument,
+    force_option,
+    limits_option,
+    out_option,
+)
 from steelyard.cli.printing import print_result, progress
 
 NOT_ACCEPTED = 3
@@ -22,6 +29,7 @@ NOT_ACCEPTED = 3
     " calibration.md; without it nothing is written."
 )
 @force_option()
+@limits_option
 @common
 def calibrate(experiment: Path, out: Path | None, force: bool, as_json: bool, quiet: bool) -> None:
     """Find anchors, attachments and drums of the robot from the poses at rest and the recordings in

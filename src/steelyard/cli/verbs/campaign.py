@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from steelyard.cli.options import common, out_option
+from steelyard.cli.options import common, limits_option, out_option
 from steelyard.cli.printing import print_result, progress
 from steelyard.errors import InputError
 
@@ -63,6 +63,7 @@ PROBLEMS = 3
     help="Folder for campaign.parquet, campaign.html and all estimates; new, or of a campaign, which"
     " is gone on with.",
 )
+@limits_option
 @common
 def campaign(
     experiments: tuple[str, ...],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +26,7 @@ def demo(out: Path, force: bool, as_json: bool, quiet: bool) -> None:
         from steelyard.identification.identify import identify
         from steelyard.identification.methods.two_step import TwoStep
         from steelyard.output import check_target, results_folder
+        from steelyard.provenance.record import write_provenance
         from steelyard.report.documents.identification import brief_of
         from steelyard.report.evidence.made import made_of
         from steelyard.report.evidence.summary import summarise
@@ -61,6 +63,7 @@ def demo(out: Path, force: bool, as_json: bool, quiet: bool) -> None:
         inner.mkdir()
         write_virtual(recorded["paper"], inner)
         write_identification(moves, summarise(moves, truth, made=made["paper"]), inner)
+        write_provenance(folder, out, (), sys.argv[1:])
     if as_json:
         print_json(best.to_dict())
         return

@@ -14,6 +14,7 @@ from steelyard.cli.inputs import named_files
 from steelyard.cli.options import (
     common,
     force_option,
+    limits_option,
     out_option,
     pose_option,
     seed_option,
@@ -153,6 +154,7 @@ REPORT = "design"
     help="Processes that search at a time. Default: one per processor.",
 )
 @force_option()
+@limits_option
 @common
 def design(
     place: str,

@@ -17,6 +17,7 @@ from steelyard.cli.options import (
     experiment_argument,
     facts_options,
     force_option,
+    limits_option,
     out_option,
     runs_option,
     selected,
@@ -111,6 +112,7 @@ NOT_ACCEPTED = 3
 )
 @force_option()
 @click.option("--details", is_flag=True, help="Print what each run says alone, too.")
+@limits_option
 @facts_options
 @common
 def identify(

@@ -11,6 +11,7 @@ from steelyard.cli.options import (
     common,
     experiment_argument,
     force_option,
+    limits_option,
     out_option,
     runs_option,
     selected,
@@ -25,6 +26,7 @@ from steelyard.cli.printing import print_result, progress
     help="Folder for inspection.json, inspection.md and inspection.html; must be new or empty."
 )
 @force_option()
+@limits_option
 @common
 def inspect(
     experiment: Path,

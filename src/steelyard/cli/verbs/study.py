@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from steelyard.cli.options import common, out_option, seed_option
+from steelyard.cli.options import common, limits_option, out_option, seed_option
 from steelyard.cli.printing import print_result, progress
 from steelyard.cli.verbs.campaign import PROBLEMS, engine_for, keeping
 
@@ -58,6 +58,7 @@ from steelyard.cli.verbs.campaign import PROBLEMS, engine_for, keeping
     help="Folder for study.json, study.html and the rows of all draws; new, or of the same study,"
     " which is gone on with.",
 )
+@limits_option
 @common
 def study(
     what: str,

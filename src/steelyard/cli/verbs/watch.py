@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from steelyard.cli.options import check_there, experiment_argument, force_option, out_option
+from steelyard.cli.options import (
+    check_there,
+    experiment_argument,
+    force_option,
+    limits_option,
+    out_option,
+)
 from steelyard.cli.printing import in_lines
 
 if TYPE_CHECKING:
@@ -82,6 +88,7 @@ NOT_ACCEPTED = 3
     help="File for all estimates (.parquet, else JSON lines); estimate.json is written beside it.",
 )
 @force_option()
+@limits_option
 @click.option("--json", "as_json", is_flag=True, help="JSON lines, in a terminal too.")
 @click.option("--quiet", is_flag=True, help="No remarks on stderr.")
 def watch(
@@ -191,7 +198,7 @@ def _finished(
 ) -> int:
     """Write what was found in the end; the exit status."""
     from steelyard.identification.identify import Identification
-    from steelyard.live.record import table_of
+    from steelyard.live.record import TABLE_FORMAT, table_of
     from steelyard.live.session import in_words
     from steelyard.output import results_folder, write_json, write_table
 
@@ -205,7 +212,9 @@ def _finished(
         with results_folder(out.parent, force=True, shared=True) as folder:
             write_json(identification.to_dict(), folder / beside.name)
             if out.suffix == ".parquet":
-                write_table([(found.session.name, table_of(records))], folder / out.name)
+                write_table(
+                    [(found.session.name, table_of(records))], folder / out.name, TABLE_FORMAT
+                )
     _say(in_words(found.session), quiet=quiet)
     _say(str(estimate.verdict), quiet=quiet)
     return 0 if estimate.verdict.accepted else NOT_ACCEPTED

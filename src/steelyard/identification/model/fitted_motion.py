@@ -21,6 +21,8 @@ from steelyard.identification.model.segment import POSE, covariance_of, motion_a
 from steelyard.motion.state import state_of_pose
 from steelyard.tables import Tabular
 
+FORMAT = "steelyard-motion/1"
+"""Of a table of motions."""
 QUANTITIES = (
     "position",
     "rotation",

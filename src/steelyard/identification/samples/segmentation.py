@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.experiment.jumps import jumps
+from steelyard.experiment.faults.jumps import jumps
+from steelyard.experiment.faults.stuck import FEWEST_REPEATS, stuck_alone
 from steelyard.experiment.model import Experiment, Run
-from steelyard.experiment.stuck import FEWEST_REPEATS, stuck_alone
 from steelyard.identification.model.balance import UNMODELLED, Forces
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from steelyard.estimates.quantiles import chi2_below, chi2_tail
-from steelyard.experiment.faults import channels, clipped
+from steelyard.experiment.faults.of_streams import channels, clipped
 from steelyard.identification.known_body import plausible
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.diagnosis import diagnose

@@ -23,6 +23,8 @@ _WORDS = {
     "dropped": "dropped samples",
     "late": "late samples",
     "repeated": "samples at the time of the one before",
+    "doubled": "samples written twice, left out",
+    "spike": "readings that stand alone, left out",
     "stuck": "stuck, left out",
     "clipped": "at the end of its range",
     "held": "readings written again before the next one",
@@ -64,7 +66,9 @@ def _streams(found: Inspection) -> Grid:
         if (t := each.timing) is not None:
             counts = (t.dropped, t.late, t.repeated, len(t.gaps))
             timing = (figures(t.rate, 4), milliseconds(t.jitter), *map(_count, counts))
-        faults = sum(f.kind in {"stuck", "clipped", "held"} for f in each.faults)
+        faults = sum(
+            f.kind in {"doubled", "spike", "stuck", "clipped", "held"} for f in each.faults
+        )
         first = (each.run, each.instrument, str(each.samples))
         rows.append((*first, *timing, _count(faults)))
     return Grid("Streams", head, tuple(rows), frozenset(range(2, 10)))

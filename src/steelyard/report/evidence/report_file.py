@@ -34,6 +34,13 @@ def _form() -> TypeAdapter[_ReportFile]:
     return TypeAdapter(_ReportFile)
 
 
+def report_schema() -> dict[str, Any]:
+    """JSON Schema of the file, drawn from what the reader checks."""
+    drawn = _form().json_schema(mode="serialization")
+    drawn.pop("title", None)
+    return drawn
+
+
 def write_summary(summary: Summary, path: Path) -> None:
     """Write a summary as JSON, the same bytes for the same values."""
     write_file(path, _form().dump_json(_ReportFile(FORMAT, summary)) + b"\n")

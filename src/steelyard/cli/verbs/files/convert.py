@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from steelyard.cli.options import check_there, common, experiment_argument, force_option, out_option
+from steelyard.cli.options import (
+    check_there,
+    common,
+    experiment_argument,
+    force_option,
+    limits_option,
+    out_option,
+)
 from steelyard.cli.printing import print_json, print_samples, progress, samples_of
+
+if TYPE_CHECKING:
+    from steelyard.experiment.model import Experiment
 
 
 @click.command(short_help="An experiment in one tidy form, on one clock.")
@@ -24,6 +35,7 @@ from steelyard.cli.printing import print_json, print_samples, progress, samples_
     help="Of the streams.",
 )
 @force_option()
+@limits_option
 @common
 def convert(
     experiment: Path, out: Path, tables: Any, force: bool, as_json: bool, quiet: bool
@@ -32,10 +44,15 @@ def convert(
     and to keep.
     """
     check_there(experiment)
+    from steelyard.cli.inputs import read_files
     from steelyard.identification.conversion import convert as converted
+    from steelyard.provenance.record import write_provenance
+
+    def sealed(folder: Path, recorded: Experiment) -> None:
+        write_provenance(folder, out, read_files(recorded, experiment), sys.argv[1:])
 
     with progress(quiet=quiet) as tell:
-        found = converted(experiment, out, tell, tables=tables, force=force)
+        found = converted(experiment, out, tell, tables=tables, force=force, sealed=sealed)
     _say(found.path, samples_of(found.experiment), found.sizes, as_json=as_json)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from steelyard.cli.options import common, force_option, out_option
+from steelyard.cli.options import common, force_option, limits_option, out_option
 from steelyard.cli.printing import print_result, progress
 from steelyard.errors import InputError
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 )
 @out_option(help="Experiment file to write.", required=True)
 @force_option(help="Replace the file.")
+@limits_option
 @common
 def init(
     logs: tuple[Path, ...], robot: str | None, out: Path, force: bool, as_json: bool, quiet: bool

@@ -227,8 +227,14 @@ def _of_fit(found: Posterior) -> dict[str, Any]:
 
 
 def _left_out(found: Posterior) -> list[str]:
-    """What was left out of the forces, in words."""
-    notes = []
+    """What was left out of the forces, or counts little, in words."""
+    notes = [
+        f"{count} of {found.fit.tally.count.get(source, 0.0) + count:.0f} numbers of"
+        f" {source[0]}, {source[1].replace('_', ' ')}, stand far from the motion, beyond what noise"
+        " makes, as damaged files and glitches do: they count as at the limit of noise"
+        for source, count in found.fit.tally.far.items()
+        if count
+    ]
     for run, contacts in found.contacts.items():
         when = ", ".join(f"{start:.2f} to {end:.2f} s" for start, end in contacts)
         notes.append(

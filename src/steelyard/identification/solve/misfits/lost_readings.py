@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, stretches
+from steelyard.experiment.faults.stuck import repeats
 from steelyard.experiment.model import Experiment
-from steelyard.experiment.stuck import repeats
 from steelyard.identification.model.motion_residuals import Tally, motion_residuals
 from steelyard.identification.model.segment import Label
 from steelyard.identification.solve.fit_state import FitState

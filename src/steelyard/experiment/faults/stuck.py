@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, stretches
-from steelyard.experiment.faults import SLOW, channels, clipped
+from steelyard.experiment.faults.of_streams import SLOW, channels, clipped
 from steelyard.experiment.model import Fault, Stream
 from steelyard.instruments import Instrument
 

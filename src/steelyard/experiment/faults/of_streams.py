@@ -1,16 +1,17 @@
-"""What is wrong with a stream itself: gaps, dropped, late and repeated samples, channels at the end
+"""What is wrong with a stream itself: gaps, dropped, late, repeated and doubled samples, channels at the end
 of their range. Nothing here knows what the numbers mean; channels that stop are in ``stuck``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, stretches
+from steelyard.errors import InputError
 from steelyard.experiment.model import Fault, Stream
 
 SLOW = 0.2
@@ -34,6 +35,9 @@ class FaultSettings:
     """Readings at the very extreme that may be the end of a range."""
     piled_share: float = 0.003
     """The same as a share of all; the larger of the two counts."""
+    doubled: float = 0.9
+    """Share of the samples at the time of another one that say the same, from which on these are
+    one sample written twice."""
     held: float = 1.5
     """Samples in a row that a reading stands on average, from which on a sensor is one that is
     written more often than it reads."""
@@ -95,6 +99,56 @@ def timing(time: Array, settings: FaultSettings = FAULTS) -> Timing:
         dropped=int(np.sum(missing[~gap])),
         gaps=tuple((float(time[i]), float(time[i + 1])) for i in np.flatnonzero(gap)),
     )
+
+
+def without_doubles(
+    streams: Mapping[str, Stream], settings: FaultSettings = FAULTS
+) -> tuple[dict[str, Stream], tuple[Fault, ...]]:
+    """Streams without samples that say once more what the one before them said, as where a log was
+    written or joined twice: counted twice, they would make the noise look smaller than it is.
+
+    Samples at one time are doubles where nearly all of a stream's are; otherwise its clock is too
+    coarse, and they stay.
+
+    Args:
+        streams: Instrument -> its stream, in motion.
+        settings: Levels of the decision.
+
+    Returns:
+        The streams, and what was taken out.
+
+    Raises:
+        InputError: Most samples of a stream have the time of another one, with other readings.
+    """
+    kept = dict(streams)
+    faults: list[Fault] = []
+    for name, stream in streams.items():
+        at_once = np.diff(stream.time) == 0
+        if not at_once.any():
+            continue
+        same = at_once.copy()
+        for values in stream.values.values():
+            rows = values.reshape(len(values), -1)
+            equal = (rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))
+            same &= equal.all(axis=1)
+        if same.sum() >= settings.doubled * at_once.sum():
+            use = np.concatenate([[True], ~same])
+            kept[name] = replace(
+                stream,
+                time=stream.time[use],
+                values={key: values[use] for key, values in stream.values.items()},
+                angles={key: values[use] for key, values in stream.angles.items()},
+            )
+            begin, end = stream.time[1:][same][[0, -1]].tolist()
+            faults.append(Fault("doubled", name, "", begin, end, int(same.sum())))
+            at_once &= ~same
+        if 2 * at_once.sum() > len(at_once) and len(stream) > 2:
+            raise InputError(
+                f"{stream.source}: expected a time of its own for every sample, found"
+                f" {at_once.sum()} of {len(stream)} at the time of the one before, with other"
+                " readings; name a column with finer times, or separate what two sensors wrote"
+            )
+    return kept, tuple(faults)
 
 
 def channels(stream: Stream) -> Iterator[tuple[str, str, int | None, Array]]:

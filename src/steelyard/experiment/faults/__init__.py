@@ -1,0 +1,1 @@
+"""What is wrong with streams themselves, whatever they say of the motion."""

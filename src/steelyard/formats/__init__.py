@@ -1,0 +1,1 @@
+"""The files that are written: their format numbers and their schemas."""
