@@ -19,6 +19,7 @@ ROOT = "steelyard"
 
 
 def key(name):
+    """A name as package indices normalise it."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
@@ -58,6 +59,7 @@ def collected():
 
 
 def component(name, found):
+    """A distribution as an entry of the list."""
     version, about = found.version, found.metadata
     licence = about.get("License-Expression") or about.get("License") or ""
     record = found.read_text("RECORD") or ""
@@ -81,6 +83,7 @@ def component(name, found):
 
 
 def main():
+    """Write the list; end with 1 where something does not fit."""
     there, edges, problems = collected()
     parts = [component(name, there[name]) for name in sorted(there)]
     refs = {each["name"]: each["bom-ref"] for each in parts}

@@ -40,6 +40,7 @@ NUMBERED = {
     "watch": "watched/log.jsonl",
     "design": "design.json",
     "poses": "poses.json",
+    "swings": "swings.json",
     "reference": "reference.json",
     "study": "study/study.json",
     "campaign": "campaign/campaign.json",

@@ -211,6 +211,7 @@ def _copy_folder() -> Iterator[Path]:
                 shutil.rmtree(old, ignore_errors=True)
     with tempfile.TemporaryDirectory(prefix=_COPIES) as temporary:
         top = Path(temporary)
-        with (top / _HELD).open("wb") as held:
+        (top / _HELD).touch()
+        with (top / _HELD).open("rb") as held:
             fcntl.flock(held, fcntl.LOCK_EX)
             yield top

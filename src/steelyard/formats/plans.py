@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from steelyard.estimates.per_mass import PER_MASS_PARAMETERS
 from steelyard.formats.parts import (
     ANYTHING,
     BODY,
@@ -10,6 +11,7 @@ from steelyard.formats.parts import (
     FOUND_ERRORS,
     KNOWN,
     KNOWN_BODY,
+    KNOWN_THREE,
     NUMBER,
     POINTS,
     POSE,
@@ -87,6 +89,36 @@ REFERENCE = entry(
                 }
             )
         ),
+    }
+)
+
+_PER_MASS = entry(dict.fromkeys(PER_MASS_PARAMETERS, NUMBER))
+SWINGS = entry(
+    {
+        "robot": TEXT,
+        "experiment": TEXT,
+        "cables": list_of(COUNT),
+        "duration": KNOWN,
+        "swings": list_of(
+            entry(
+                {
+                    "position": KNOWN_THREE,
+                    "rpy_deg": KNOWN_THREE,
+                    "lengths": list_of(KNOWN),
+                    "frequencies": list_of(KNOWN),
+                    "mode": or_null(COUNT),
+                    "push": TEXT,
+                    "amplitude": KNOWN,
+                    "least_tension": KNOWN,
+                    "standard_deviation": _PER_MASS,
+                }
+            )
+        ),
+        "standard_deviation": or_null(_PER_MASS),
+        "sets": list_of(
+            entry({"cables": list_of(COUNT), "swings": COUNT, "standard_deviation": _PER_MASS})
+        ),
+        "candidates": COUNT,
     }
 )
 

@@ -43,6 +43,7 @@ FORMATS: Mapping[str, FileKind] = {
     "watch": FileKind("steelyard-watch/1", "every line of `watch`", results.WATCH),
     "design": FileKind("steelyard-design/1", "design.json", plans.DESIGN),
     "poses": FileKind("steelyard-poses/1", "poses.json", plans.POSES),
+    "swings": FileKind("steelyard-swings/1", "swings.json", plans.SWINGS),
     "reference": FileKind("steelyard-reference/1", "reference.json", plans.REFERENCE),
     "study": FileKind("steelyard-study/1", "study.json", plans.STUDY),
     "campaign": FileKind("steelyard-campaign/1", "what `campaign --json` prints", plans.CAMPAIGN),
