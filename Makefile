@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo check unit test test-slow fuzz sbom bench benchmark benchmark-data docs tutorial clean
+.PHONY: demo check unit test test-slow fuzz sbom bench validation benchmark benchmark-data docs pictures tutorial clean
 
 # One thread each: many small matrices, and as many processes as cores.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile
@@ -46,6 +46,10 @@ sbom: $(VENV)/.installed-test
 bench: $(VENV)/.installed
 	$(BIN)/python benchmarks/run.py
 
+# Draws the pages of docs/validation/ that are figures alone; goes on where it was ended (build/validation).
+validation: $(VENV)/.installed
+	$(BIN)/python benchmarks/book.py --scale $(or $(SCALE),1) $(CHAPTERS)
+
 # The public benchmark: recordings with truth, then all methods on them; BENCHMARK=full draws ten of each.
 benchmark-data: $(VENV)/.installed-bench
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/public/generate.py --seeds $(if $(filter full,$(BENCHMARK)),10,1)
@@ -56,6 +60,10 @@ benchmark: benchmark-data
 # Runs every command that a page shows; warnings are errors.
 docs: $(VENV)/.installed-docs
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --nitpicky --fresh-env --jobs 2 docs docs/_build/html
+
+# Draws the pictures of the README anew.
+pictures: $(VENV)/.installed
+	$(BIN)/python docs/pictures.py
 
 # Does what the tutorial says, command by command, in an environment of its own.
 tutorial:

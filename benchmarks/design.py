@@ -18,9 +18,9 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from recorder import Recorder
 from recordings import SHARED
 from scipy.interpolate import BSpline
-from verdicts import Recorder
 
 from steelyard.arrays import Array
 from steelyard.excitation.command.commanded_state import COMMAND

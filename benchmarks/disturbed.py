@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from recorder import Recorder
 from recordings import chi_square
-from verdicts import Recorder, with_stream
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import Estimate, no_estimate
@@ -22,6 +22,7 @@ from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import BODY_PARAMETERS
+from steelyard.simulation.edits import with_values
 
 UNITS = np.array([1, 1e3, 1e3, 1e3, 1, 1, 1, 1, 1, 1])
 """From SI to [kg], [mm], [kg m^2]."""
@@ -46,7 +47,7 @@ def spiked(
         where[hit, rng.integers(shape[1], size=len(hit))] = True
     spikes = rng.uniform(*SPIKES, shape) * rng.choice([-1.0, 1.0], shape) * where
     return (
-        with_stream(experiment, "cables", lambda values: {"tension": values["tension"] + spikes}),
+        with_values(experiment, "cables", lambda values: {"tension": values["tension"] + spikes}),
         where,
     )
 

@@ -19,9 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from coverage import METHODS
+from recorder import METHODS, Recorder
 from recordings import SHARED
-from verdicts import Recorder
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment

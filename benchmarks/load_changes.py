@@ -10,8 +10,7 @@ from multiprocessing import get_context
 from typing import NamedTuple
 
 import numpy as np
-from coverage import FIRST_SEED
-from verdicts import Recorder
+from recorder import FIRST_SEED, Recorder
 
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor

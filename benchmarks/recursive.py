@@ -9,8 +9,7 @@ from dataclasses import replace
 from multiprocessing import get_context
 
 import numpy as np
-from coverage import FIRST_SEED
-from verdicts import Recorder
+from recorder import FIRST_SEED, Recorder
 
 from steelyard.arrays import Array
 from steelyard.identification.recursive.follow import Following, follow

@@ -24,9 +24,8 @@ import length_scaling
 import numpy as np
 import reading
 import report
-from coverage import main as coverage_of
+import studies
 from recordings import recordings
-from verdicts import table as verdict_table
 
 from steelyard.arrays import Array
 from steelyard.bodies.consistent_body import solve
@@ -229,18 +228,18 @@ def semidefinite(_: Path) -> None:
     )
 
 
-def coverage(_: Path) -> None:
+def coverage(folder: Path) -> None:
     """Whether stated 1-sigma are true."""
     print(
         "(a reference of chance: 95 % intervals of 200 experiments cover 92 to 98 % in 95 of 100"
         " such tables)"
     )
-    coverage_of(200, os.cpu_count() or 1)
+    studies.coverage(folder / "coverage")
 
 
-def verdicts(_: Path) -> None:
+def verdicts(folder: Path) -> None:
     """Wrong descriptions, disturbed and sound recordings, and what the verdict says."""
-    verdict_table(sound=100, wrong_each=8, processes=os.cpu_count() or 1)
+    studies.verdicts(folder / "verdicts")
 
 
 def robust(_: Path) -> None:

@@ -7,7 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from steelyard.experiment.model import Experiment, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.simulation.edits import (
+    exchanged,
+    instrument,
+    late,
+    quaternions,
+    readings,
+    robot,
+    vector,
+    with_streams,
+    with_values,
+    without_sync,
+    z_down,
+)
 
 G = 9.80665
 
@@ -23,165 +36,48 @@ class Mistake:
     """Instruments and quantities without which it cannot be made."""
 
 
-def with_values(experiment, name, change):
-    """Other readings of one instrument; ``change`` gives those that differ."""
-    runs = []
-    for run in experiment.runs:
-        if name not in run.streams:
-            runs.append(run)
-            continue
-        stream = run.streams[name]
-        values = {**stream.values, **change(stream.values)}
-        runs.append(
-            replace(
-                run,
-                streams={
-                    **run.streams,
-                    name: Stream(stream.time, values, stream.source, stream.angles),
-                },
-            )
-        )
-    return replace(experiment, runs=tuple(runs))
-
-
-def vector(name, quantity, matrix):
-    """Readings of a vector multiplied by a matrix, a diagonal or a number."""
-    m = np.asarray(matrix, dtype=float)
-
-    def make(experiment):
-        def change(values):
-            v = values[quantity]
-            return {quantity: v @ m.T if m.ndim == 2 else v * m}
-
-        return with_values(experiment, name, change)
-
-    return make
-
-
 def rotation(name, change):
     """Orientations changed one by one."""
-    return lambda e: with_values(e, name, lambda v: {"orientation": change(v["orientation"])})
-
-
-def instrument(name, **keys):
-    """Another description of an instrument."""
-
-    def make(experiment):
-        changed = experiment.instruments[name].model_copy(update=keys)
-        return replace(experiment, instruments={**experiment.instruments, name: changed})
-
-    return make
+    return readings(name, "orientation", change)
 
 
 def columns(name, quantity, order):
     """Columns in another order; ``order`` of the number of columns gives it."""
-    return lambda e: with_values(
-        e, name, lambda v: {quantity: v[quantity][:, order(v[quantity].shape[1])]}
-    )
-
-
-def swap(i, k):
-    """Two columns exchanged."""
-
-    def order(m):
-        numbers = list(range(m))
-        numbers[i], numbers[k] = numbers[k], numbers[i]
-        return numbers
-
-    return order
+    return readings(name, quantity, lambda v: v[:, order(v.shape[1])])
 
 
 def one(i, factor):
     """A factor on one column."""
-    return lambda e: with_values(
-        e,
-        "cables",
-        lambda v: {
-            "tension": v["tension"] * np.where(np.arange(v["tension"].shape[1]) == i, factor, 1.0)
-        },
+    return readings(
+        "cables", "tension", lambda f: f * np.where(np.arange(f.shape[1]) == i, factor, 1.0)
     )
 
 
 def removed(experiment):
     """An accelerometer whose device has taken gravity out."""
-    runs = []
-    for run in experiment.runs:
-        stream = run.streams["imu"]
-        R = stream.values["orientation"]
-        force_samples = stream.values["specific_force"] + np.einsum(
-            "nji,j->ni", R, experiment.robot.gravity
-        )
-        runs.append(
-            replace(
-                run,
-                streams={
-                    **run.streams,
-                    "imu": replace(
-                        stream, values={**stream.values, "specific_force": force_samples}
-                    ),
-                },
-            )
-        )
-    return replace(experiment, runs=tuple(runs))
 
+    def change(values):
+        g = np.einsum("nji,j->ni", values["orientation"], experiment.robot.gravity)
+        return {"specific_force": values["specific_force"] + g}
 
-def robot(**keys):
-    """Another robot file."""
-    return lambda e: replace(e, robot=replace(e.robot, **{k: v(e.robot) for k, v in keys.items()}))
-
-
-def quaternions(order):
-    """Quaternion read in another order."""
-
-    def change(R):
-        q = Rotation.from_matrix(R).as_quat(scalar_first=True)
-        flips = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)
-        q *= np.concatenate([[1.0], np.cumprod(flips)])[:, None]
-        return Rotation.from_quat(q[:, order], scalar_first=True).as_matrix()
-
-    return change
+    return with_values(experiment, "imu", change)
 
 
 def angles(name, change):
     """Roll, pitch and yaw that were written otherwise."""
 
-    def make(experiment):
-        runs = []
-        for run in experiment.runs:
-            stream = run.streams[name]
-            rpy = change(
-                Rotation.from_matrix(stream.values["orientation"]).as_euler("ZYX")[:, ::-1]
-            )
-            R = Rotation.from_euler("ZYX", rpy[:, ::-1]).as_matrix()
-            changed = replace(
-                stream, values={**stream.values, "orientation": R}, angles={"orientation": rpy}
-            )
-            runs.append(replace(run, streams={**run.streams, name: changed}))
-        return replace(experiment, runs=tuple(runs))
+    def changed(stream):
+        rpy = change(Rotation.from_matrix(stream.values["orientation"]).as_euler("ZYX")[:, ::-1])
+        R = Rotation.from_euler("ZYX", rpy[:, ::-1]).as_matrix()
+        values = {**stream.values, "orientation": R}
+        return replace(stream, values=values, angles={"orientation": rpy})
 
-    return make
+    return lambda e: with_streams(e, name, changed)
 
 
 def as_xyz(rpy):
     """The same rotation, written as R = Rx Ry Rz."""
     return Rotation.from_euler("ZYX", rpy[:, ::-1]).as_euler("XYZ")
-
-
-def late(name, delay):
-    """A clock that is late."""
-
-    def make(experiment):
-        runs = []
-        for run in experiment.runs:
-            stream = run.streams[name]
-            runs.append(
-                replace(
-                    run, streams={**run.streams, name: replace(stream, time=stream.time + delay)}
-                )
-            )
-        return replace(experiment, runs=tuple(runs))
-
-    return make
 
 
 def exchanged_events(first, second):
@@ -205,7 +101,6 @@ def moved_target(experiment):
 
 _ACC, _GYRO, _ATT = ("imu", "specific_force"), ("imu", "angular_velocity"), ("imu", "orientation")
 _TRACKER, _FORCE, _TURN = ("tracker", "position"), ("cables", "tension"), ("command", "orientation")
-_FLIP = np.diag([1.0, -1.0, -1.0])
 
 MISTAKES: Mapping[str, Mistake] = {
     "accelerometer in g": Mistake(
@@ -222,7 +117,7 @@ MISTAKES: Mapping[str, Mistake] = {
         vector("imu", "specific_force", [-1, 1, 1]), "imu", ("ax has the wrong sign",), (_ACC,)
     ),
     "ay and az exchanged": Mistake(
-        columns("imu", "specific_force", swap(1, 2)), "imu", ("ay: az",), (_ACC,)
+        exchanged("imu", "specific_force", 1, 2), "imu", ("ay: az",), (_ACC,)
     ),
     "gyro in deg/s": Mistake(
         vector("imu", "angular_velocity", 180 / np.pi), "imu", ("deg/s",), (_GYRO,)
@@ -237,7 +132,7 @@ MISTAKES: Mapping[str, Mistake] = {
         (_GYRO,),
     ),
     "wx and wz exchanged": Mistake(
-        columns("imu", "angular_velocity", swap(0, 2)), "imu", ("wx: wz",), (_GYRO,)
+        exchanged("imu", "angular_velocity", 0, 2), "imu", ("wx: wz",), (_GYRO,)
     ),
     "orientation transposed": Mistake(
         rotation("imu", lambda R: R.transpose(0, 2, 1)), "imu", ("transposed", "conjugate"), (_ATT,)
@@ -261,23 +156,23 @@ MISTAKES: Mapping[str, Mistake] = {
         instrument("imu", rpy_deg=(180.0, 0.0, 0.0)), "imu", ("rpy_deg: [0.0, 0.0, 0.0]",), (_ACC,)
     ),
     "orientation with z down": Mistake(
-        rotation("imu", lambda R: _FLIP @ R @ _FLIP), "imu", ("z down", "both turned"), (_ATT,)
+        rotation("imu", z_down), "imu", ("z down", "both turned"), (_ATT,)
     ),
     "left-handed tracker": Mistake(
         vector("tracker", "position", [1, -1, 1]), "tracker", ("y has the wrong sign",), (_TRACKER,)
     ),
     "tracker x and y exchanged": Mistake(
-        columns("tracker", "position", swap(0, 1)), "tracker", ("x: y",), (_TRACKER,)
+        exchanged("tracker", "position", 0, 1), "tracker", ("x: y",), (_TRACKER,)
     ),
     "tracker in mm": Mistake(
         vector("tracker", "position", 1000.0), "tracker", ("mm",), (_TRACKER,)
     ),
     "target elsewhere": Mistake(moved_target, "tracker", ("elsewhere", "target"), (_TRACKER,)),
     "cables 2 and 5 exchanged": Mistake(
-        columns("cables", "tension", swap(1, 4)), "cables", ("cables 2 and 5",), (_FORCE,)
+        exchanged("cables", "tension", 1, 4), "cables", ("cables 2 and 5",), (_FORCE,)
     ),
     "cables 3 and 4 exchanged": Mistake(
-        columns("cables", "tension", swap(2, 3)), "cables", ("cables 3 and 4",), (_FORCE,)
+        exchanged("cables", "tension", 2, 3), "cables", ("cables 3 and 4",), (_FORCE,)
     ),
     "cables in reverse": Mistake(
         columns("cables", "tension", lambda m: list(range(m))[::-1]),
@@ -333,11 +228,6 @@ def geometry_in_millimetres(experiment):
     return replace(experiment, robot=changed)
 
 
-def without_sync(experiment):
-    """Clocks that are apart though nobody says so."""
-    return replace(experiment, runs=tuple(replace(run, sync={}) for run in experiment.runs))
-
-
 def misplaced_imu(experiment):
     """An IMU that is said to sit elsewhere."""
     old = np.array(experiment.instruments["imu"].position)
@@ -367,12 +257,12 @@ DESCRIPTIONS: Mapping[str, tuple[Callable[[Experiment], Experiment], str]] = {
         "  imu:\n    " + scaled(("ax", "ay", "az"), G),
     ),
     "z down": (
-        rotation("imu", lambda R: _FLIP @ R @ _FLIP),
+        rotation("imu", z_down),
         "  imu:\n    scale: {qy: -1, qz: -1}",
     ),
     "gravity with z down": (robot(gravity=lambda r: -r.gravity), "gravity: [0.0, 0.0, -9.81]"),
     "swapped cables": (
-        columns("cables", "tension", swap(1, 2)),
+        exchanged("cables", "tension", 1, 2),
         "  cables:\n    columns: {f2: f3, f3: f2}",
     ),
     "quaternion order": (

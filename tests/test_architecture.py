@@ -52,7 +52,7 @@ INNER = {
         {"recursive"},
         {"verdict"},
         {"methods"},
-        {"settings", "force_clock", "identify", "residuals", "synchronisation"},
+        {"settings", "force_clock", "identify", "residuals", "side_by_side", "synchronisation"},
     ],
     "inspection": [
         {"agreements", "remarks", "streams"},

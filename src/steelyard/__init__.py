@@ -52,6 +52,8 @@ if TYPE_CHECKING:
     from steelyard.excitation.references.reference_design import (
         design_references as design_references,
     )
+    from steelyard.excitation.swings.swing_design import SwingDesign as SwingDesign
+    from steelyard.excitation.swings.swing_design import design_swings as design_swings
     from steelyard.experiment.memory.from_frames import RecordedFrame as RecordedFrame
     from steelyard.experiment.model import Experiment as Experiment
     from steelyard.experiment.model import Load as Load
@@ -154,6 +156,7 @@ _WHERE = {
     "SteelyardError": "errors",
     "Stream": "experiment.model",
     "Study": "campaigns.study.result",
+    "SwingDesign": "excitation.swings.swing_design",
     "SwingFrequencies": "instruments.swing_frequencies",
     "Tension": "instruments.tension",
     "TwoStep": "identification.methods.two_step",
@@ -169,6 +172,7 @@ _WHERE = {
     "design": "excitation.design",
     "design_poses": "excitation.poses.pose_design",
     "design_references": "excitation.references.reference_design",
+    "design_swings": "excitation.swings.swing_design",
     "export": "exports.formats",
     "figure": "report.figures",
     "figures": "report.figures",

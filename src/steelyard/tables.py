@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from steelyard.arrays import Array
 from steelyard.errors import SteelyardError
-from steelyard.processes import check_not_forked
+from steelyard.processes.forked import check_not_forked
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -18,7 +18,7 @@ from campaign_work import here
 from recordings import write_small
 
 import steelyard
-from steelyard.campaigns.journal import JOURNAL, Journal, alone_in, joined
+from steelyard.campaigns.journal import JOURNAL, LOCK, Journal, alone_in, joined
 from steelyard.campaigns.rows import LOST, REFUSED, TABLE, columns, failed, frame, merged
 from steelyard.campaigns.run import campaign
 from steelyard.campaigns.tasks import ExperimentTask, Lost, Outcome
@@ -98,6 +98,38 @@ def test_what_is_done_is_not_done_again_until_its_files_change(data, out):
     assert done == [("a", False), ("b", True), ("deep/c", True)]
     second = pl.read_parquet(out / TABLE)
     assert numbers(second).drop("sha256").equals(numbers(first).drop("sha256"))
+
+
+def test_a_folder_with_other_files_is_left_alone_and_one_of_a_killed_campaign_is_gone_on_with(
+    data, out
+):
+    out.mkdir()
+    (out / "mine.txt").touch()
+    with pytest.raises(InputError, match="one of a campaign, found other files") as error:
+        run(data / "a", out)
+    assert "--force" not in str(error.value)
+    # Killed before the first row was written.
+    (out / LOCK).touch()
+    assert run(data / "a", out).experiments == 1
+
+
+def test_a_baseline_alone_is_neither_accepted_nor_rejected_as_in_identify(data, out):
+    found = run(data / "a", out)
+    assert (found.counts, found.problems, found.sound) == ({"not assessed": 1}, (), True)
+
+
+def test_what_rejects_beside_a_baseline_decides(data, out):
+    def judged(work, tasks):
+        for task in tasks:
+            row = {"experiment": task.name, "path": task.path, "status": "done"} | {
+                "asked": task.asked
+            }
+            rejecting = {**row, "method": "consistent", "accepted": False, "reason": "drifts"}
+            yield task, Outcome((rejecting, {**row, "method": TWO_STEP, "mass": 1.0}))
+
+    found = run(data / "a", out, engine=judged)
+    assert found.counts == {"not accepted": 1}
+    assert found.problems == ("a: not accepted: drifts",)
 
 
 def test_numbers_after_a_resumed_campaign_are_those_of_an_undisturbed_one(data, out, tmp_path):

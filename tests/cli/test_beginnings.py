@@ -113,6 +113,25 @@ def test_a_robot_of_ones_own_is_checked_and_drawn(run, tmp_path):
     )
 
 
+@pytest.mark.parametrize("ending", ["yaml", "json"])
+def test_a_robot_file_to_copy_from(run, tmp_path, ending):
+    path = write_small(tmp_path).parent / "robot.yaml"
+    for name in ("cogiro", path):
+        copy = tmp_path / f"copy.{ending}"
+        status, out, err = run("robots", name, "--out", copy, "--force")
+        assert (status, err) == (0, "")
+        assert f"{copy}: its robot file" in " ".join(out.split())
+        assert run("robots", copy, "--json") == run("robots", name, "--json")
+
+
+def test_a_robot_is_written_as_what_its_name_ends_in(run, tmp_path):
+    status, out, err = run("robots", "cogiro", "--out", tmp_path / "robot.svg")
+    assert (status, out) == (2, "")
+    assert "expected FILE.html (a page with a picture) or FILE.yaml" in err
+    assert "found '.svg'" in err
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_picture_of_every_bundled_robot(run, tmp_path):
     status, out, _ = run("robots", "--out", tmp_path / "pictures")
     assert status == 0

@@ -74,6 +74,7 @@ def test_a_replay_ends_where_the_recursion_does(points, recursive):
     assert np.nanmax(records[0].deviation / records[-1].deviation) > 1.2
 
 
+@pytest.mark.slow
 def test_samples_out_of_order_tell_the_same(points):
     one, _ = replayed(points)
     other, _ = replayed(points, shuffled=True)

@@ -26,4 +26,5 @@ def brief(found: Campaign) -> Document:
 
 def _lead(found: Campaign) -> str:
     done = f", {found.unchanged} of them done before" if found.unchanged else ""
-    return f"{found.experiments} experiments{done}; campaign.html and all results are in {found.folder}."
+    plural = "" if found.experiments == 1 else "s"
+    return f"{found.experiments} experiment{plural}{done}; campaign.html and all results are in {found.folder}."

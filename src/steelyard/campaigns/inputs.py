@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import posixpath
+import shutil
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from errno import ENOSPC
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from steelyard.errors import InputError
 from steelyard.experiment.form import RUN_KEYS
@@ -17,6 +22,12 @@ from steelyard.robot.file import bundled_names
 from steelyard.yaml_file import read_yaml
 
 _SCHEME = "://"
+_COPIES = "steelyard-copy-"
+"""Beginning of the names of folders for copies."""
+_HELD = ".steelyard-held"
+"""Locked as long as the copy is in use."""
+_YOUNG = 60.0
+"""A folder that is younger may not be locked yet [s]."""
 
 
 def is_url(path: str) -> bool:
@@ -28,9 +39,16 @@ def file_system(url: str) -> tuple[Any, str]:
     """File system of a URL and the path within it.
 
     Raises:
-        InputError: fsspec or what it needs for this scheme is not installed, or there is no such
-            scheme.
+        InputError: fsspec or what it needs for this scheme is not installed, there is no such
+            scheme, or the URL has a password, which would stand in every table.
     """
+    if "@" in urlsplit(url).netloc:
+        shown = url.partition(_SCHEME)[0]
+        raise InputError(
+            f"{shown}://…@…: expected a URL without user and password, which would be written into"
+            " the results, found one with them; leave them to the environment or to the"
+            " configuration of fsspec"
+        )
     if find_spec("fsspec") is None:
         raise InputError(
             f"{url}: reading URLs needs the package fsspec; install it with: pip install"
@@ -43,9 +61,16 @@ def file_system(url: str) -> tuple[Any, str]:
     except (ImportError, ValueError) as error:
         raise InputError(
             f"{url}: expected a URL that fsspec reads (file://, s3://, https://, …), found none"
-            f" ({error}); correct it, or install what it needs"
+            f" ({in_one_line(error)}); correct it, or install what it needs"
         ) from error
+    # What was listed earlier in this process may have changed since.
+    system.invalidate_cache()
     return system, path
+
+
+def in_one_line(error: Exception) -> str:
+    """What a library says."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}".rstrip(": ")
 
 
 def input_names(path: Path, fetch: Callable[[str], None] | None = None) -> list[str]:
@@ -131,8 +156,7 @@ def local_experiment(path: str) -> Iterator[Path]:
         return
     system, remote = file_system(path)
     remote = posixpath.normpath(f"/{remote}")
-    with tempfile.TemporaryDirectory(prefix="steelyard-") as temporary:
-        top = Path(temporary)
+    with _copy_folder() as top:
 
         def fetch(name: str) -> None:
             # As seen from the root: names cannot leave the copy.
@@ -141,21 +165,52 @@ def local_experiment(path: str) -> Iterator[Path]:
             if local.exists():
                 return
             local.parent.mkdir(parents=True, exist_ok=True)
+            there = place if system.root_marker else place.lstrip("/")
             try:
-                system.get(
-                    place if system.root_marker else place.lstrip("/"), str(local), recursive=True
-                )
+                size = int(system.du(there))
+                if size > shutil.disk_usage(top).free:
+                    raise OSError(ENOSPC, f"{size / 1e6:.0f} MB do not fit on the disk", str(top))
+                system.get(there, str(local), recursive=True)
             except FileNotFoundError:
                 # The reader says which entry of the experiment names it.
                 return
+            except OSError as error:
+                if error.errno == ENOSPC:
+                    # The machine's fault: another time there may be room.
+                    raise
+                raise _unfetched(path, name, error) from error
             except Exception as error:
-                raise InputError(
-                    f"{path}: expected a file that can be fetched, found '{name}' that cannot"
-                    f" ({type(error).__name__}: {error}); check the address and the rights"
-                ) from error
+                raise _unfetched(path, name, error) from error
 
         local = top / remote.lstrip("/")
         input_names(local, fetch)
         if not local.is_file():
             raise InputError(f"{path}: expected a file, found nothing there; check the URL")
         yield local
+
+
+def _unfetched(path: str, name: str, error: Exception) -> InputError:
+    return InputError(
+        f"{path}: expected a file that can be fetched, found '{name}' that cannot"
+        f" ({in_one_line(error)}); check the address and the rights"
+    )
+
+
+@contextmanager
+def _copy_folder() -> Iterator[Path]:
+    """A folder for copies that goes with the block; what killed processes have left of theirs goes
+    first, so that a machine never holds more than one experiment for each of its workers.
+    """
+    for old in Path(tempfile.gettempdir()).glob(f"{_COPIES}*"):
+        with suppress(OSError):
+            if time.time() - old.stat().st_mtime < _YOUNG:
+                continue
+            with (old / _HELD).open("rb") as held:
+                # The lock goes with its process, however that ends.
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(old, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix=_COPIES) as temporary:
+        top = Path(temporary)
+        with (top / _HELD).open("wb") as held:
+            fcntl.flock(held, fcntl.LOCK_EX)
+            yield top

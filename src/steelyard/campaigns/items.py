@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from steelyard.campaigns.inputs import file_system, is_url
+from steelyard.campaigns.inputs import file_system, in_one_line, is_url
 from steelyard.errors import InputError
 
 EXPERIMENT = "experiment.yaml"
@@ -170,7 +170,7 @@ def _url_items(url: str) -> Iterator[Item]:
     except Exception as error:
         raise InputError(
             f"{url}: expected files that can be listed, found none that can"
-            f" ({type(error).__name__}: {error}); check the address and the rights"
+            f" ({in_one_line(error)}); check the address and the rights"
         ) from error
     if not paths:
         raise InputError(f"{url}: expected experiments, found none; check the URL")

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 JOURNAL = "campaign.rows.jsonl"
 """Rows that are not in the table yet."""
-_LOCK = ".steelyard-campaign.lock"
+LOCK = ".steelyard-campaign.lock"
+"""Held while a campaign writes; stays."""
 _AT_ONCE = 1000
 """Lines that become a table at a time: a line of JSON takes more memory than its row."""
 
@@ -35,7 +36,7 @@ def alone_in(folder: Path) -> Iterator[None]:
         InputError: Another one does.
     """
     # The lock goes with its process, however that ends.
-    with (folder / _LOCK).open("w") as file:
+    with (folder / LOCK).open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from steelyard.campaigns.database import DatabaseTable
 from steelyard.campaigns.engines.dask_cluster import DaskCluster, require_dask
 from steelyard.campaigns.engines.processes import Processes
 from steelyard.campaigns.items import Item, find_items
-from steelyard.campaigns.journal import JOURNAL, Journal, alone_in, joined
+from steelyard.campaigns.journal import JOURNAL, LOCK, Journal, alone_in, joined
 from steelyard.campaigns.page import write_page
 from steelyard.campaigns.results import best_rows
 from steelyard.campaigns.rows import DONE, LOST, REFUSED, TABLE, failed, known_hashes
@@ -46,7 +47,7 @@ class Campaign:
     """Of the experiments worked on: ``accepted``, ``not accepted``, ``not assessed`` (by the best
     method), ``inspected``, ``refused``, ``lost``."""
     problems: tuple[str, ...]
-    """Of all that were asked for, those without an accepted result, with the reason."""
+    """Of all that were asked for, those that were rejected, refused or lost, with the reason."""
 
     @property
     def table(self) -> Path:
@@ -55,7 +56,9 @@ class Campaign:
 
     @property
     def sound(self) -> bool:
-        """Whether every experiment that was asked for has an accepted result (or was inspected)."""
+        """Whether no experiment that was asked for was rejected, refused or lost; a baseline alone is
+        neither accepted nor rejected, as in ``identify``.
+        """
         return not self.problems
 
     def to_polars(self) -> pl.DataFrame:
@@ -89,6 +92,7 @@ def campaign(
     client: Any = None,
     verb: str = "identify",
     reports: bool = False,
+    table: str | None = None,
     engine: Engine | None = None,
     progress: Progress = None,
 ) -> Campaign:
@@ -107,12 +111,14 @@ def campaign(
         client: Of Dask (:class:`distributed.Client`): work on its cluster instead.
         verb: ``identify`` or ``inspect``.
         reports: Whether to write a report beside each estimate.
+        table: ``postgresql://USER@HOST:PORT/DATABASE``, with ``#TABLE`` behind it where it is not
+            ``campaign``: all rows are written there, too, in place of older ones of these experiments.
         engine: Where to work, in place of ``jobs`` and ``client``.
         progress: Is told what is being done and the fraction that is done.
 
     Raises:
-        InputError: There is nothing to work on, the folder cannot be used, or the cluster is not
-            there. An experiment that is wrong raises nothing: it has a row that says so.
+        InputError: There is nothing to work on, the folder or the database cannot be used, or the
+            cluster is not there. An experiment that is wrong raises nothing: it has a row that says so.
     """
     from steelyard.identification.identify import chosen_methods
 
@@ -126,6 +132,9 @@ def campaign(
         paths = [paths]
     engine = engine or engine_of(jobs, client)
     items = find_items(paths)
+    database = None if table is None else DatabaseTable.of(table)
+    if database is not None:
+        database.check()
     folder = prepared(out)
     asked = asked_for(verb, methods)
     with alone_in(folder):
@@ -146,9 +155,11 @@ def campaign(
             for item in items
         ]
         counts = work_through(folder, engine, work_on, tasks, progress)
-        table = joined(folder)
-        write_page(table, folder)
-        return _ended(folder, table, asked, items, counts)
+        rows = joined(folder)
+        write_page(rows, folder)
+        if database is not None:
+            database.write(rows)
+        return _ended(folder, rows, asked, items, counts)
 
 
 def engine_of(jobs: int | None, client: Any) -> Engine:
@@ -169,8 +180,13 @@ def prepared(out: str | Path) -> Path:
     """
     folder = Path(out)
     check_target(folder, force=True)
-    ours = any((folder / name).exists() for name in (TABLE, JOURNAL))
-    check_target(folder, force=ours)
+    # The lock is there before the first row: a campaign may have been killed in between.
+    ours = any((folder / name).exists() for name in (TABLE, JOURNAL, LOCK))
+    if not ours and folder.is_dir() and any(folder.iterdir()):
+        raise InputError(
+            f"{out}: expected a new or empty folder, or one of a campaign, found other files there;"
+            " choose another with --out"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     return folder.resolve()
 
@@ -245,7 +261,10 @@ def _ended(
     import polars as pl
 
     wanted = {item.name for item in items}
-    best = best_rows(table.filter(pl.col("asked") == asked))
+    own = table.filter(pl.col("asked") == asked)
+    best = best_rows(own)
+    # Beside a baseline whose numbers are there, a method that has none may reject.
+    rejected = dict(own.filter(~pl.col("accepted")).select("experiment", "reason").iter_rows())
     found: Counter[str] = Counter()
     problems = []
     for row in best.select("experiment", "status", "accepted", "reason").iter_rows(named=True):
@@ -253,10 +272,13 @@ def _ended(
             continue
         what = row["status"]
         if what == DONE:
+            judged = row["accepted"]
+            if judged is None and row["experiment"] in rejected:
+                judged, row["reason"] = False, rejected[row["experiment"]]
             accepted = {True: "accepted", False: "not accepted", None: "not assessed"}
-            what = "inspected" if asked == INSPECT else accepted[row["accepted"]]
+            what = "inspected" if asked == INSPECT else accepted[judged]
         found[what] += 1
-        if what not in ("accepted", "inspected"):
+        if what not in ("accepted", "inspected", "not assessed"):
             problems.append(f"{row['experiment']}: {what}: {row['reason'] or 'no reason given'}")
     order = ("accepted", "inspected", "not accepted", "not assessed", REFUSED, LOST)
     return Campaign(

@@ -184,6 +184,37 @@ class DesignSettings:
     most_poses: int = 100
     """Of a calibration: half of those that there are to choose from."""
 
+    # Free swings
+
+    fewest_swing_cables: int = 2
+    """Of the sets of cables that are compared: on one a platform turns about it without a spring."""
+    swing_places: int = 5
+    """Places of rest to choose from: the middle and the farthest."""
+    swing_places_tried: int = 30
+    """Of the grid, to find these."""
+    swing_taut: float = 0.05
+    """Tension of every cable, at rest and in the swing, in parts of the largest one at rest, at
+    least: a cable that may go slack is no cable of constant length."""
+    swing_upright: float = 0.7
+    """Least cosine of the angle by which the platform may hang askew, 45 degrees."""
+    swing_of_length: float = 0.05
+    """Largest amplitude in parts of the shortest cable: three degrees of a pendulum."""
+    swing_of_size: float = 0.15
+    """The same in parts of the platform's radius: nine degrees of turning."""
+    swing_halvings: int = 4
+    """How often the amplitude is halved where a cable would go slack."""
+    frequency_share: float = 1e-3
+    """1-sigma of a natural frequency in parts of it by which sets of cables are compared first: what
+    ten seconds of motion capture give."""
+    swing_rate: float = 25.0
+    """Samples a second that the choice looks at [Hz]: ten in a period of swings of two hertz."""
+    most_swings: int = 30
+    """The prediction takes seconds each."""
+    shortest_swing: float = 2.0
+    """[s]: a few periods."""
+    longest_swing: float = 120.0
+    """[s]: swings have died away."""
+
     # Reference bodies
 
     reference_shares: tuple[float, ...] = (0.05, 0.2, 0.5, 1.0)

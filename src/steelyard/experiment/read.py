@@ -31,7 +31,7 @@ from steelyard.experiment.tables.seen_frequencies import with_frequencies_apart
 from steelyard.experiment.unread import with_unread_cables
 from steelyard.instruments import Instrument
 from steelyard.logs.log import Log, NoRowsError
-from steelyard.processes import check_not_forked
+from steelyard.processes.forked import check_not_forked
 from steelyard.robot.file import PlatformForm, body_of_form, read_robot
 from steelyard.robot.model import DIRECTIONS, Robot
 from steelyard.yaml_file import YamlDocument, read_yaml, require_printable, validate

@@ -35,6 +35,7 @@ from steelyard.identification.methods.method import Fit, Method
 from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.model.fitted_motion import FittedMotion
+from steelyard.identification.side_by_side import elsewhere
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.bound import Bound
 from steelyard.identification.solve.posterior import Posterior, Progress
@@ -205,6 +206,7 @@ def identify(
     *,
     holdout: Sequence[str] = (),
     ready: Mapping[str, Method] | None = None,
+    jobs: int = 1,
 ) -> Identification:
     """Estimate the inertial parameters of the platform.
 
@@ -218,10 +220,14 @@ def identify(
         progress: Is told what is being done and the fraction that is done.
         holdout: Names of runs to leave out, whose forces are predicted.
         ready: Name -> estimator to take in place of the one with default settings.
+        jobs: Processes that work at a time: fits of several methods, and the one without the runs
+            left out, do not wait for each other.
 
     Raises:
         InputError: A run lacks what a method needs, or there is no run or no method of a name.
     """
+    if jobs < 1:
+        raise InputError(f"--jobs: expected 1 or more, found {jobs}; choose another number")
     experiment = experiment_of(experiment)
     methods = [methods] if isinstance(methods, str) or callable(methods) else methods
     holdout = [holdout] if isinstance(holdout, str) else holdout
@@ -244,24 +250,33 @@ def identify(
     clocks, held_out, *each = _shares(progress, chosen, holdout=bool(holdout))
     found = synchronise(experiment, clocks)
     experiment = found.experiment
-    predictions = predict_held_out(experiment, frozenset(holdout), held_out) if holdout else ()
     used = replace(
         experiment, runs=tuple(run for run in experiment.runs if run.name not in holdout)
     )
     estimates: list[Estimate] = []
     posteriors: dict[Fit, Posterior] = {}
     baseline: InputError | None = None
-    for method, share in zip(chosen, each, strict=True):
-        try:
-            estimates.append(_estimate(method, used, posteriors, share))
-        except NoBalanceError as error:
-            estimates.append(no_estimate(method.name, str(error)))
-        except InputError as error:
-            if not method.is_baseline or len(chosen) == 1:
-                raise
-            # The baseline needs more instruments than better methods do.
-            baseline = error
-            estimates.append(no_estimate(method.name, str(error)))
+    with elsewhere(chosen, used, _estimate, jobs=jobs, further=bool(holdout)) as others:
+        predicted = (
+            others.call(predict_held_out, experiment, frozenset(holdout), progress=held_out)
+            if holdout
+            else tuple
+        )
+        for i, (method, share) in enumerate(zip(chosen, each, strict=True)):
+            try:
+                if i in others.methods:
+                    estimates.append(others.estimate(i))
+                else:
+                    estimates.append(_estimate(method, used, posteriors, share))
+            except NoBalanceError as error:
+                estimates.append(no_estimate(method.name, str(error)))
+            except InputError as error:
+                if not method.is_baseline or len(chosen) == 1:
+                    raise
+                # The baseline needs more instruments than better methods do.
+                baseline = error
+                estimates.append(no_estimate(method.name, str(error)))
+        predictions: tuple[Prediction, ...] = predicted()
     if not methods and not np.isfinite(estimates[-1].value).any():
         # The best there is has not arrived: the motion held, as its instruments tell it.
         fallen_back = Consistent()
@@ -320,7 +335,10 @@ def _best(estimates: Mapping[str, Estimate]) -> str:
 
 
 def _estimate(
-    method: Method, experiment: Experiment, posteriors: dict[Fit, Posterior], progress: Progress
+    method: Method,
+    experiment: Experiment,
+    posteriors: dict[Fit, Posterior],
+    progress: Progress = None,
 ) -> Estimate:
     """By one method; a posterior that several draw from is fitted once, and not in vain."""
     fit = method.fit

@@ -28,6 +28,7 @@ def identify(
     holdout: Sequence[str] = (),
     ready: Mapping[str, Method] | None = None,
     anyway: bool = False,
+    jobs: int = 1,
     settings: InspectionSettings = INSPECTION,
 ) -> Identification:
     """Estimate the inertial parameters of the platform, unless the recordings give away that the
@@ -47,6 +48,9 @@ def identify(
         ready: Name -> estimator to take in place of the one with default settings.
         anyway: Whether all methods run though a mistake was found; the result is rejected all the
             same.
+        jobs: Processes that work at a time: fits of several methods, and the one without the runs
+            left out, do not wait for each other. Scripts that ask for more than one keep what they
+            do under ``if __name__ == "__main__":``.
         settings: What is named as a mistake.
 
     Raises:
@@ -59,7 +63,9 @@ def identify(
     if check.mistakes and not anyway:
         found = _not_begun(clocks.experiment, chosen, check, progress)
     else:
-        found = estimate_all(clocks.experiment, names, progress, holdout=holdout, ready=ready)
+        found = estimate_all(
+            clocks.experiment, names, progress, holdout=holdout, ready=ready, jobs=jobs
+        )
         if check.mistakes:
             estimates = {k: _rejected(v, check.reasons) for k, v in found.estimates.items()}
             found = replace(found, estimates=estimates)

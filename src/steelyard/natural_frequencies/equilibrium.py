@@ -124,8 +124,13 @@ def _lowest(rigid: Robot, body: Inertia, lengths: Array, start: Place) -> Equili
     place, ones = start, np.ones(rigid.m)
     weight = body.mass * float(np.linalg.norm(rigid.gravity))
 
+    latest: list[tuple[Array, HangingForces]] = []
+
     def at(change: Array) -> HangingForces:
-        return forces(rigid, body, place, ones, change)
+        # The search asks for potential, lengths and their derivatives of one change in turn.
+        if not latest or not np.array_equal(latest[0][0], change):
+            latest[:] = [(change.copy(), forces(rigid, body, place, ones, change))]
+        return latest[0][1]
 
     change = np.zeros(6)
     for _ in range(_REBASED):
@@ -140,10 +145,11 @@ def _lowest(rigid: Robot, body: Inertia, lengths: Array, start: Place) -> Equili
                 "fun": lambda x: lengths - at(x).length,
                 "jac": lambda x: -at(x).length_by_pose,
             },
-            options={"maxiter": 200, "ftol": 1e-13},
+            options={"maxiter": 200, "ftol": 1e-11},
         )
         change = np.asarray(found.x)
         place = place.moved(change)
+        latest.clear()
         if np.abs(change).max() < 1e-6:
             break
     now = at(np.zeros(6))

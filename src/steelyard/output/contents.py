@@ -10,7 +10,7 @@ from typing import Any
 
 from steelyard.arrays import Array
 from steelyard.output.disk import write_file
-from steelyard.processes import check_not_forked
+from steelyard.processes.forked import check_not_forked
 
 
 def write_json(values: Mapping[str, Any], path: Path) -> None:

@@ -28,6 +28,8 @@ class SensorsForm(FileModel):
 
 CALIBRATION_SENSORS = "calibration"
 """Name of the sensors that a calibration needs."""
+SWING_SENSORS = "swings"
+"""Name of the sensors that free swings need."""
 
 
 @dataclass(frozen=True)
@@ -155,8 +157,25 @@ def calibration_sensors() -> Sensors:
     return Sensors(form.instruments)
 
 
+def swing_sensors() -> Sensors:
+    """Motion capture, as free swings need it."""
+    instruments = {
+        "pose": {
+            "kind": "pose",
+            "rate": 100.0,
+            "noise": {"position": 0.0003, "rotation": 0.0005},
+            "calibration": {
+                "misalignment": 0.003,
+                "target": 0.002,
+                "frame": {"position": 0.005, "rotation": 0.003},
+            },
+        },
+    }
+    return Sensors(SensorsForm.model_validate({"instruments": instruments}).instruments)
+
+
 def read_sensors(which: str, robot: Robot) -> Sensors:
-    """Sensors by name (``paper``, ``ideal``, ``calibration``) or from a file.
+    """Sensors by name (``paper``, ``ideal``, ``calibration``, ``swings``) or from a file.
 
     Raises:
         InputError: No such name, or the file is wrong.
@@ -167,9 +186,11 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
         return ideal_sensors(robot)
     if which == CALIBRATION_SENSORS:
         return calibration_sensors()
+    if which == SWING_SENSORS:
+        return swing_sensors()
     if not which.endswith((".yaml", ".yml")):
         raise InputError(
-            f"--sensors: expected 'paper', 'ideal', 'calibration' or the path of a YAML file, found '{which}';"
+            f"--sensors: expected 'paper', 'ideal', 'calibration', 'swings' or the path of a YAML file, found '{which}';"
             " correct it"
         )
     document = read_yaml(Path(which))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import CancelledError
@@ -114,6 +115,7 @@ def connected(address: str) -> Iterator[Any]:
     require_dask()
     from distributed import Client
 
+    _silence()
     try:
         client = Client(address, timeout=_CONNECT)
     except (OSError, ValueError, TypeError) as error:
@@ -126,6 +128,17 @@ def connected(address: str) -> Iterator[Any]:
         yield client
     finally:
         client.close(timeout=2)
+
+
+def _silence() -> None:
+    """No log of connections that Dask loses: the sentence of the verb says it.
+
+    To the end of the process, for that is when Dask lets go of a scheduler that is gone.
+    """
+    # Those of Dask have levels of their own, each.
+    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    for name in (*names, "tornado.application", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
 
 def require_dask() -> None:

@@ -6,25 +6,15 @@ nothing that is needed here.
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
-import threading
 from collections.abc import Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
 
 from steelyard.campaigns.tasks import Lost, Outcome, TaskT, Work
+from steelyard.processes.workers import worker_processes
 
-ONE_THREAD = {
-    "OPENBLAS_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-}
-"""Environment of a worker: many small matrices, and as many workers as there are cores."""
 _KILLED = (
     "its worker process was killed twice while nothing else ran beside it (out of memory, perhaps)"
 )
@@ -69,7 +59,7 @@ def _until_broken(
 ) -> Generator[tuple[TaskT, Outcome | Lost], None, None]:
     """Results until all is done or a worker is killed; then ``suspects`` has what was under way."""
     running: dict[Future[Outcome], TaskT] = {}
-    with _pool(jobs) as pool:
+    with worker_processes(jobs) as pool:
         while True:
             # One more than there are processes: none of them waits for the next.
             for task in islice(tasks, jobs + 1 - len(running)):
@@ -93,53 +83,3 @@ def _until_broken(
             if suspects:
                 suspects.extend(running.values())
                 return
-
-
-@contextmanager
-def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes that end with the block, whatever they are doing."""
-    # Not forked: threads of the libraries that this process has loaded would be cut in two.
-    context = multiprocessing.get_context("spawn")
-    before = set(multiprocessing.active_children())
-    with _environment():
-        pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin)
-        try:
-            yield pool
-        finally:
-            for child in set(multiprocessing.active_children()) - before:
-                child.kill()
-            pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextmanager
-def _environment() -> Iterator[None]:
-    """The environment of workers, which they inherit when they begin: libraries read it before
-    anything of ours runs.
-    """
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(ONE_THREAD)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-def _begin() -> None:
-    """Of a worker: Ctrl-C, which reaches every process of a terminal, is for the one that asked;
-    where that is gone, so is this one.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    threading.Thread(target=_follow_parent, daemon=True).start()
-
-
-def _follow_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        with suppress(OSError):
-            parent.join()
-        os._exit(1)

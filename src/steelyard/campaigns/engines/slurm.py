@@ -11,9 +11,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from steelyard.campaigns.engines.processes import ONE_THREAD
 from steelyard.campaigns.tasks import Lost, Outcome, TaskT, Work
 from steelyard.errors import InputError
+from steelyard.processes.workers import ONE_THREAD
 
 _POLL = 2.0
 """How often the state of jobs is asked for [s]."""

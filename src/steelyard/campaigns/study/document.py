@@ -6,6 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from steelyard.campaigns.study.power import LEVEL as BINOMIAL
+from steelyard.campaigns.study.power import SOUND, WRONG
 from steelyard.campaigns.study.result import Study
 from steelyard.campaigns.study.summary import LEVEL, MethodSummary
 from steelyard.digits import LABELS, figures
@@ -20,7 +22,11 @@ def study_document(found: Study) -> Document:
         Section(
             slug(method),
             method,
-            (_simulated(each) if not found.bootstrap else _resampled(each), _judged(each, found)),
+            (
+                _simulated(each) if not found.bootstrap else _resampled(each),
+                _judged(each, found),
+                *_power(each, found),
+            ),
         )
         for method, each in found.methods.items()
     ]
@@ -103,6 +109,47 @@ def _resampled(each: MethodSummary) -> Grid:
     )
 
 
+def _power(each: MethodSummary, found: Study) -> Iterator[Grid | Statements]:
+    """What the verdict does with sound experiments and with each mistake; nothing where no mistake
+    was made.
+    """
+    own = [judged for judged in found.rejections if judged.method == each.method]
+    if not any(judged.mistake for judged in own):
+        return
+    rows = tuple(
+        (
+            judged.mistake or "none (false rejections)",
+            str(judged.count),
+            str(judged.rejected),
+            *(figures(100 * end) for end in judged.interval),
+            str(judged.wrong),
+        )
+        for judged in own
+    )
+    head = (
+        *("mistake", "draws", "rejected", f"{BINOMIAL:.0%} from [%]", "to [%]"),
+        "accepted, and wrong",
+    )
+    marked = frozenset((i, 5) for i, judged in enumerate(own) if judged.wrong)
+    yield Grid(
+        f"{each.method}: power of the verdict against mistakes, one at a time",
+        head,
+        rows,
+        frozenset(range(1, 6)),
+        ruled=frozenset({0}),
+        marked=marked,
+    )
+    yield Statements(
+        (
+            Statement(
+                "Intervals are those of Wilson for the probability of a rejection. Accepted, and wrong:"
+                " the errors contradict the stated covariance (probability below"
+                f" {WRONG:g}); a mistake that is accepted without that does no harm."
+            ),
+        )
+    )
+
+
 def _judged(each: MethodSummary, found: Study) -> Statements:
     """Verdicts, and all ten together."""
     return Statements(tuple(_sentences(each, found)))
@@ -110,10 +157,15 @@ def _judged(each: MethodSummary, found: Study) -> Statements:
 
 def _sentences(each: MethodSummary, found: Study) -> Iterator[Statement]:
     """What stands under the table of a method."""
-    yield Statement(
-        f"{each.method}: {each.accepted} of {each.count} accepted, {each.rejected} rejected"
-        + ("" if found.bootstrap else "; rejected ones are false alarms, for nothing is wrong here")
-    )
+    said = f"{each.method}: {each.accepted} of {each.count} accepted, {each.rejected} rejected"
+    for judged in found.rejections:
+        if judged.method == each.method and judged.mistake == SOUND:
+            low, high = (figures(100 * end) for end in judged.interval)
+            said += (
+                f"; rejected ones are false alarms, for nothing is wrong here: {low} to {high} % with"
+                f" a probability of {BINOMIAL:.0%}"
+            )
+    yield Statement(said)
     if not found.bootstrap and each.joint_count:
         limit = 10 + 3 * np.sqrt(20 / each.joint_count)
         yield Statement(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,12 @@ from steelyard.errors import SteelyardError
 from steelyard.estimates.estimate import plain
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
-from steelyard.identification.identify import Identification, identify
+from steelyard.identification.identify import Identification
 from steelyard.inertia import BODY_PARAMETERS
+from steelyard.inspection.identify import identify
 from steelyard.report.evidence.made import steelyard_version
 from steelyard.robot.model import Robot
+from steelyard.simulation.mistakes import MISTAKES
 from steelyard.simulation.sensors import read_sensors
 from steelyard.simulation.simulate import simulate
 
@@ -42,6 +45,8 @@ class DrawTask:
     sha256: str
     """Of the setup."""
     setup: Setup
+    mistake: str = ""
+    """Of :data:`.MISTAKES`, made in what was recorded or described; empty: none."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +67,21 @@ class ResampleTask:
 
 
 def draw(task: DrawTask) -> Outcome:
-    """Simulate and identify; raises nothing."""
-    return _done(task, lambda: drawn(task.setup, task.seed))
+    """Simulate, make the mistake, and identify; raises nothing."""
+    return _done(task, lambda: _made(task))
+
+
+def _made(task: DrawTask) -> Experiment:
+    experiment = _recorded(task.setup, task.seed, task.sha256)
+    if not task.mistake:
+        return experiment
+    return MISTAKES[task.mistake](experiment, np.random.default_rng([task.seed, 2]))
+
+
+@lru_cache(maxsize=1)
+def _recorded(setup: Setup, seed: int, _sha256: str) -> Experiment:
+    """As :func:`drawn`; the mistakes of one draw come one after the other."""
+    return drawn(setup, seed)
 
 
 def resample(task: ResampleTask) -> Outcome:
@@ -123,7 +141,8 @@ def _done(task: DrawTask | ResampleTask, make: Callable[[], Experiment]) -> Outc
     try:
         found = identify(make(), task.methods)
         rows: list[Row] = [{"status": DONE, **row} for row in estimate_rows(found)]
-        rows += _bound(found)
+        if not getattr(task, "mistake", ""):
+            rows += _bound(found)
     except SteelyardError as error:
         rows = [failed(task, REFUSED, str(error))]
     except Exception as error:

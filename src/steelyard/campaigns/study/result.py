@@ -9,6 +9,7 @@ from typing import Any
 
 from steelyard.arrays import Array
 from steelyard.campaigns.rows import TABLE
+from steelyard.campaigns.study.power import Rejections
 from steelyard.campaigns.study.summary import MethodSummary
 from steelyard.estimates.estimate import named
 
@@ -32,6 +33,9 @@ class Study:
     """The best method first."""
     problems: tuple[str, ...]
     """Draws without an estimate, with the reason."""
+    rejections: tuple[Rejections, ...] = ()
+    """How often each method rejects sound draws and, where they were asked for, each mistake; empty
+    for a bootstrap."""
 
     @property
     def table(self) -> Path:
@@ -47,6 +51,7 @@ class Study:
             "draws": self.draws,
             "truth": None if self.truth is None else named(self.truth),
             "methods": {name: each.to_dict() for name, each in self.methods.items()},
+            "rejections": [each.to_dict() for each in self.rejections],
             "problems": list(self.problems),
         }
 

@@ -11,10 +11,11 @@ import numpy as np
 
 from steelyard.campaigns.inputs import inputs_hash
 from steelyard.campaigns.journal import alone_in, joined
-from steelyard.campaigns.rows import DONE, known_hashes
+from steelyard.campaigns.rows import LOST, REFUSED, known_hashes
 from steelyard.campaigns.run import Progress, engine_of, prepared, work_through
 from steelyard.campaigns.study.document import study_document
 from steelyard.campaigns.study.draw import DrawTask, ResampleTask, draw, resample
+from steelyard.campaigns.study.power import SOUND, Rejections, mistaken, rejections
 from steelyard.campaigns.study.resample import resampled
 from steelyard.campaigns.study.result import Study
 from steelyard.campaigns.study.setup import (
@@ -34,12 +35,16 @@ from steelyard.output import results_file, write_file, write_json
 from steelyard.report.evidence.made import steelyard_version
 from steelyard.report.forms.markdown import markdown
 from steelyard.report.forms.page import page
+from steelyard.simulation.mistakes import MISTAKES, possible_mistakes
+from steelyard.simulation.sensors import read_sensors
 
 if TYPE_CHECKING:
     import polars as pl
 
 RESULT = "study"
 """Name of the files, without their endings."""
+ALL = "all"
+"""In place of names of mistakes."""
 _SETUP = "setup.json"
 """Which experiment the folder ``basis`` is of."""
 _WHOLE = "whole"
@@ -58,6 +63,7 @@ def study(
     trajectory: str | None = None,
     duration: float | None = None,
     seed: int = 0,
+    mistakes: str | Sequence[str] = (),
     jobs: int | None = None,
     client: Any = None,
     engine: Engine | None = None,
@@ -80,6 +86,9 @@ def study(
         trajectory: Of a robot, likewise; None: a multisine.
         duration: Of that motion [s].
         seed: Of the first draw; the following ones have the numbers behind it.
+        mistakes: Names of mistakes (:data:`steelyard.simulation.mistakes.MISTAKES`) that are made in
+            every draw, one at a time, for the power of the verdict against them; ``all``: all that
+            these instruments can have.
         jobs: Processes on this machine; None: as many as it has cores.
         client: Of Dask: work on its cluster instead.
         engine: Where to work, in place of ``jobs`` and ``client``.
@@ -108,6 +117,11 @@ def study(
         raise InputError(
             f"--{name}: expected none with an experiment, which has its own, found one; leave it out"
         )
+    wanted_mistakes = _named((mistakes,) if isinstance(mistakes, str) else tuple(mistakes))
+    if wanted_mistakes and bootstrap:
+        raise InputError(
+            "--mistakes: expected draws, found a bootstrap, of which no truth is known; give --draws instead of --bootstrap"
+        )
     engine = engine or engine_of(jobs, client)
     place = Path(what).resolve() if Path(what).is_file() else what
     setup = None
@@ -118,6 +132,7 @@ def study(
         resampled(read_experiment(what), block, np.random.default_rng(seed))
     folder = prepared(out)
     asked = asked_for("identify", methods)
+    made: tuple[str, ...] = ()
     with alone_in(folder):
         if recorded and not bootstrap:
             setup = _kept_setup(Path(what), folder, progress)
@@ -126,7 +141,12 @@ def study(
         tasks: list[DrawTask] | list[ResampleTask]
         if setup is not None:
             sha256 = setup.sha256
-            tasks = [DrawTask(f"draw-{i:06}", *common, i, sha256, setup) for i in seeds]
+            made = _possible(setup, wanted_mistakes)
+            tasks = [
+                DrawTask(mistaken(f"draw-{i:06}", name), *common, i, sha256, setup, name)
+                for i in seeds
+                for name in (SOUND, *made)
+            ]
         else:
             sha256 = f"{inputs_hash(Path(what))}-{block:g}"
             tasks = [ResampleTask(f"draw-{i:06}", *common, i, sha256, block) for i in seeds] + [
@@ -136,9 +156,42 @@ def study(
         left = [task for task in tasks if known.get(task.name) != sha256]
         work_through(folder, engine, draw if setup is not None else resample, left, progress)
         wanted = {task.name for task in tasks}
-        found = _ended(str(what), folder, joined(folder), wanted, sha256, setup)
+        found = _ended(str(what), folder, joined(folder), wanted, sha256, setup, made)
         _write(found)
         return found
+
+
+def _named(mistakes: Sequence[str]) -> tuple[str, ...]:
+    """Names of mistakes, in the order of their table; what is asked for as ``all`` is all of it.
+
+    Raises:
+        InputError: There is none of a name.
+    """
+    for name in mistakes:
+        if name != ALL and name not in MISTAKES:
+            raise InputError(
+                f"--mistake: expected one of {', '.join(MISTAKES)}, found '{name}'; choose one of"
+                " these"
+            )
+    return tuple(name for name in MISTAKES if ALL in mistakes or name in mistakes)
+
+
+def _possible(setup: Setup, mistakes: Sequence[str]) -> tuple[str, ...]:
+    """Those of some mistakes that can be made in what is simulated.
+
+    Raises:
+        InputError: None can.
+    """
+    robot = setup.robot_of()
+    instruments = read_sensors(setup.sensors, robot).instruments
+    possible = [each.name for each in possible_mistakes(instruments, robot.m)]
+    found = tuple(name for name in mistakes if name in possible)
+    if mistakes and not found:
+        raise InputError(
+            f"--mistake: expected one that these instruments can have ({', '.join(possible)}), found"
+            f" '{mistakes[0]}'; choose one of these"
+        )
+    return found
 
 
 def _kept_setup(path: Path, folder: Path, progress: Progress) -> Setup:
@@ -164,19 +217,26 @@ def _ended(
     wanted: set[str],
     sha256: str,
     setup: Setup | None,
+    mistakes: Sequence[str],
 ) -> Study:
     """What the rows of the present draws say."""
     import polars as pl
 
     own = table.filter(pl.col("experiment").is_in(sorted(wanted)) & (pl.col("sha256") == sha256))
-    lost = table.filter(pl.col("experiment").is_in(sorted(wanted)) & (pl.col("status") != DONE))
+    # That a mistake is refused is what it is made for.
+    is_sound = ~pl.col("experiment").str.contains("/", literal=True)
+    failed = (pl.col("status") == LOST) | ((pl.col("status") == REFUSED) & is_sound)
+    lost = table.filter(pl.col("experiment").is_in(sorted(wanted)) & failed)
     problems = [f"{name}: {reason}" for name, reason in lost.select("experiment", "reason").rows()]
     truth, about = None, {}
+    judged: tuple[Rejections, ...] = ()
     if setup is not None:
         body = setup.robot_of().platform
         assert body is not None  # setup_of_robot() and setup_of_experiment() have checked
         truth = body.body_parameters
         about = dict.fromkeys(own["method"].unique().to_list(), truth)
+        judged = rejections(own, truth, mistakes)
+        own = own.filter(is_sound)
     else:
         whole = own.filter(pl.col("experiment") == _WHOLE)
         for row in whole.iter_rows(named=True):
@@ -191,6 +251,7 @@ def _ended(
         truth,
         summaries(own, about),
         tuple(problems),
+        judged,
     )
 
 

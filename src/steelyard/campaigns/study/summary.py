@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -145,16 +145,30 @@ def _summary(method: str, rows: pl.DataFrame, truth: Array, bound: Array) -> Met
 
 def _joint(rows: pl.DataFrame, error: Array) -> Array:
     """Squared errors of all ten over their covariance, of the estimates that have all."""
-    found = []
-    for own, covariance in zip(error, rows["covariance"].to_list(), strict=True):
-        C = np.array(covariance if covariance is not None else [np.nan] * 100, dtype=np.float64)
-        if np.isfinite(own).all() and np.isfinite(C).all():
-            # Scaled: kilograms and metres are far apart.
-            C = C.reshape(10, 10)
-            scale = np.sqrt(np.diag(C))
-            z = own / scale
-            found.append(float(z @ np.linalg.pinv(C / np.outer(scale, scale)) @ z))
-    return np.array(found)
+    pairs = zip(error, rows["covariance"].to_list(), strict=True)
+    found = [squared_error(own, covariance) for own, covariance in pairs]
+    return np.array([squared for squared, known in found if known == len(BODY_PARAMETERS)])
+
+
+def squared_error(error: Array, covariance: Sequence[float | None] | None) -> tuple[float, int]:
+    """Squared errors over their covariance, of the parameters that have a number, and how many these
+    are.
+
+    Args:
+        error: NaN where there is no number, shape (10,).
+        covariance: Row by row, as in the table; None: there is none.
+    """
+    if covariance is None:
+        return 0.0, 0
+    C = np.array(covariance, dtype=np.float64).reshape(10, 10)
+    known = np.isfinite(error) & (np.diag(C) > 0)
+    C = C[np.ix_(known, known)]
+    if not np.isfinite(C).all():
+        return 0.0, 0
+    # Scaled: kilograms and metres are far apart.
+    scale = np.sqrt(np.diag(C))
+    z = error[known] / scale
+    return float(z @ np.linalg.pinv(C / np.outer(scale, scale)) @ z), int(known.sum())
 
 
 def _numbers(table: pl.DataFrame, prefix: str) -> Array:

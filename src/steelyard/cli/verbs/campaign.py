@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from steelyard.campaigns.tasks import Engine
 
 PROBLEMS = 3
-"""Exit status where all is written, but not every experiment has an accepted result."""
+"""Exit status where all is written, but an experiment was rejected, refused or lost."""
 
 
 @click.command(short_help="Identify many experiments.")
@@ -52,6 +52,12 @@ PROBLEMS = 3
     metavar="OPTIONS",
     help="Work in job arrays of SLURM instead, such as partition=short,time=30,mem_gb=4.",
 )
+@click.option(
+    "--table",
+    metavar="URL",
+    help="Also write the rows to a database: postgresql://USER@HOST:PORT/DATABASE, with #TABLE behind"
+    " it where that is not 'campaign'. The password is best left to ~/.pgpass.",
+)
 @out_option(
     required=True,
     help="Folder for campaign.parquet, campaign.html and all estimates; new, or of a campaign, which"
@@ -67,6 +73,7 @@ def campaign(
     jobs: int | None,
     scheduler: str | None,
     slurm: str | None,
+    table: str | None,
     out: Path,
     as_json: bool,
     quiet: bool,
@@ -75,7 +82,7 @@ def campaign(
 
     What was done before, from the same files by the same version, is not done again: after Ctrl-C
     or a failure the same command goes on. An experiment that fails costs none of the others; its
-    row says why, and the exit status is 3.
+    row says why, and the exit status is 3; so it is where a result is rejected.
     """
     from steelyard.campaigns.brief import brief
     from steelyard.campaigns.run import campaign as campaigned
@@ -86,7 +93,14 @@ def campaign(
         progress(quiet=quiet) as tell,
     ):
         found = campaigned(
-            experiments, out, methods, verb=verb, reports=reports, engine=engine, progress=tell
+            experiments,
+            out,
+            methods,
+            verb=verb,
+            reports=reports,
+            table=table,
+            engine=engine,
+            progress=tell,
         )
     print_result(found.to_dict(), brief(found), as_json=as_json)
     if not found.sound:

@@ -32,7 +32,12 @@ REPORT = "design"
 
 @click.command(short_help="Find the motion, or the poses, that tell most.")
 @click.argument("place", metavar="ROBOT|EXPERIMENT")
-@click.option("--duration", type=float, metavar="S", help="Of each motion [s].")
+@click.option(
+    "--duration",
+    type=float,
+    metavar="S",
+    help="Of each motion [s]; with --free of each swing (10).",
+)
 @click.option(
     "--calibration",
     is_flag=True,
@@ -40,6 +45,19 @@ REPORT = "design"
         "Poses at rest that tell anchors and attachments best, in place of a motion: poses.csv,"
         " poses.json, poses.html and poses.md."
     ),
+)
+@click.option(
+    "--free",
+    is_flag=True,
+    help=(
+        "Free swings without force sensors, in place of a motion: on which cables to hang the platform,"
+        " where, and how to push it: swings.json, swings.html, swings.md and robot.yaml."
+    ),
+)
+@click.option(
+    "--cables",
+    metavar="1,2,…",
+    help="--free: the cables that stay. Default: all of fewer than six, else those that tell most.",
 )
 @click.option(
     "--reference",
@@ -58,7 +76,8 @@ REPORT = "design"
 @click.option(
     "--poses",
     type=int,
-    help="How many at rest: with --calibration (20), or at most with --reference (9).",
+    help="How many at rest: with --calibration (20), or at most with --reference (9); swings with --free"
+    " (6).",
 )
 @out_option(
     help="Folder for command.csv, design.json, design.html, design.md and motion.parquet; must be"
@@ -112,7 +131,8 @@ REPORT = "design"
 )
 @sensors_option(
     help="Of a robot alone: paper, ideal, calibration (a tracker and lengths; taken with --calibration"
-    " where nothing is said), or a YAML file with 'instruments'."
+    " where nothing is said), swings (motion capture; likewise with --free), or a YAML file with"
+    " 'instruments'."
 )
 @click.option(
     "--budget",
@@ -140,6 +160,8 @@ def design(
     place: str,
     duration: float | None,
     calibration: bool,
+    free: bool,
+    cables: str | None,
     reference: bool,
     reference_sigma: float | None,
     poses: int | None,
@@ -180,7 +202,7 @@ def design(
     from steelyard.provenance.record import write_provenance
     from steelyard.report.documents.design_document import design_document
     from steelyard.report.write import write_document
-    from steelyard.simulation.sensors import CALIBRATION_SENSORS
+    from steelyard.simulation.sensors import CALIBRATION_SENSORS, SWING_SENSORS
 
     check_numbers(margin, runs, budget, rate)
     if out is not None:
@@ -188,10 +210,19 @@ def design(
     moves = {"--start": start, "--end": end, "--body": body, "--after": after}
     of_motion = {"--duration": duration, "--check": check, "--target": target}
     shown = _Shown(out, force, as_json, quiet)
+    of_reference = {"--reference": reference or None, "--reference-sigma": reference_sigma}
+    source = click.get_current_context().get_parameter_source("sensors")
+    if free:
+        of_motion.pop("--duration")
+        others = {**moves, **of_motion, **of_reference, "--calibration": calibration or None}
+        check_unused(others, "--free")
+        if source is ParameterSource.DEFAULT:
+            sensors = SWING_SENSORS
+        _propose_swings(place, poses, duration, cables, sensors, shown)
+        return
+    check_unused({"--cables": cables}, "anything but --free")
     if calibration:
-        of_reference = {"--reference": reference or None, "--reference-sigma": reference_sigma}
         check_unused({**moves, **of_motion, **of_reference}, "--calibration")
-        source = click.get_current_context().get_parameter_source("sensors")
         if source is ParameterSource.DEFAULT:
             # Those of the paper do not tell where cables are fixed.
             sensors = CALIBRATION_SENSORS
@@ -279,6 +310,68 @@ def _propose_poses(
             f"\nThe poses are in {shown.out / POSES}. Record one row a pose with every instrument, as"
             " a run with 'static: true', then: steelyard calibrate EXPERIMENT --out DIR"
         )
+
+
+def _propose_swings(
+    place: str,
+    swings: int | None,
+    duration: float | None,
+    cables: str | None,
+    sensors: str,
+    shown: _Shown,
+) -> None:
+    """Free swings to record; see :func:`steelyard.design_swings`."""
+    from steelyard.excitation.swings.swing_design import (
+        USUAL_DURATION,
+        USUAL_SWINGS,
+        design_swings,
+    )
+    from steelyard.excitation.swings.swing_file import RESULT, ROBOT, swings_dict, write_swings
+    from steelyard.output import results_folder
+    from steelyard.provenance.record import write_provenance
+    from steelyard.report.documents.free_swings import free_swings_document
+    from steelyard.report.write import write_document
+
+    with progress(quiet=shown.quiet) as tell:
+        found = design_swings(
+            place,
+            USUAL_SWINGS if swings is None else swings,
+            duration=USUAL_DURATION if duration is None else duration,
+            cables=_numbers_of(cables),
+            sensors=sensors,
+            progress=tell,
+        )
+        document = free_swings_document(found)
+        if shown.out is not None:
+            with results_folder(shown.out, force=shown.force) as folder:
+                write_swings(found, folder)
+                write_document(document, folder, "swings")
+                write_provenance(
+                    folder, shown.out, named_files(sys.argv[1:], shown.out), sys.argv[1:]
+                )
+    print_result(swings_dict(found), document, as_json=shown.as_json)
+    if shown.out is not None and not shown.as_json:
+        print(
+            f"\n{RESULT} and {ROBOT}, with the cables that stay, are in {shown.out}/. Record each swing"
+            " as a run with 'winches: locked', then: steelyard identify EXPERIMENT --out DIR"
+        )
+
+
+def _numbers_of(cables: str | None) -> list[int] | None:
+    """Of cables, with commas between.
+
+    Raises:
+        InputError: They are no numbers.
+    """
+    if cables is None:
+        return None
+    try:
+        return [int(each) for each in cables.split(",")]
+    except ValueError:
+        raise InputError(
+            f"--cables: expected numbers with commas between, such as 1,3,5, found '{cables}';"
+            " correct it"
+        ) from None
 
 
 def _compare_references(

@@ -98,6 +98,14 @@ NOT_ACCEPTED = 3
     is_flag=True,
     help="Run all methods though the recordings give away that the description is wrong.",
 )
+@click.option(
+    "--jobs",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Processes that work at a time: fits of several methods and of runs left out.",
+)
 @out_option(
     help="Folder for estimate.json, the report (report.html, .md, .json) and motion.parquet; without"
     " it nothing is written."
@@ -119,6 +127,7 @@ def identify(
     ellipsoid: tuple[float, ...] | None,
     towards_nominal: bool,
     anyway: bool,
+    jobs: int,
     out: Path | None,
     force: bool,
     details: bool,
@@ -157,7 +166,9 @@ def identify(
         if out is not None:
             check_target(out, force=force)
         recorded = selected(read_experiment(experiment), runs).without(*without)
-        found = identified(recorded, methods, tell, holdout=holdout, ready=ready, anyway=anyway)
+        found = identified(
+            recorded, methods, tell, holdout=holdout, ready=ready, anyway=anyway, jobs=jobs
+        )
     truth = known_truth(experiment.parent)
     if out is None:
         summary = summarise(found, truth, with_evidence=False)

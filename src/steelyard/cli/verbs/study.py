@@ -36,6 +36,20 @@ from steelyard.cli.verbs.campaign import PROBLEMS, engine_for, keeping
 @click.option("--trajectory", metavar="NAME|FILE", help="Of a robot: as in simulate.")
 @click.option("--duration", type=float, metavar="S", help="Of a robot: as in simulate.")
 @seed_option(help="Of the first draw.")
+@click.option(
+    "--mistakes",
+    "all_mistakes",
+    is_flag=True,
+    help="Also make every mistake that people make (units, signs, orders, places, clocks, a hand on"
+    " the platform) in every draw, one at a time, and count how often the verdict rejects it.",
+)
+@click.option(
+    "--mistake",
+    "mistakes",
+    multiple=True,
+    metavar="NAME",
+    help="The same with this one only; may be repeated. A wrong name prints all of them.",
+)
 @click.option("--jobs", type=click.IntRange(1), metavar="N", help="As in campaign.")
 @click.option("--scheduler", metavar="ADDRESS", help="As in campaign.")
 @click.option("--slurm", metavar="OPTIONS", help="As in campaign.")
@@ -56,6 +70,8 @@ def study(
     trajectory: str | None,
     duration: float | None,
     seed: int,
+    all_mistakes: bool,
+    mistakes: tuple[str, ...],
     jobs: int | None,
     scheduler: str | None,
     slurm: str | None,
@@ -67,9 +83,10 @@ def study(
     many times, and count.
 
     Of each method: errors against the bound, coverage of the intervals, chi-square of each
-    parameter, verdicts. Ends with status 3 where a draw gave no estimate.
+    parameter, verdicts; with --mistakes also the power of the verdict against each. Ends with status 3 where a draw gave no estimate.
     """
     from steelyard.campaigns.study.document import study_document
+    from steelyard.campaigns.study.run import ALL
     from steelyard.campaigns.study.run import study as studied
 
     with (
@@ -88,6 +105,7 @@ def study(
             trajectory=trajectory,
             duration=duration,
             seed=seed,
+            mistakes=(ALL,) if all_mistakes else mistakes,
             engine=engine,
             progress=tell,
         )

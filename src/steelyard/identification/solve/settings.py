@@ -11,7 +11,7 @@ from steelyard.identification.model.settings import MOTION, MotionSettings
 class FitSettings:
     """How :class:`steelyard.MaximumLikelihood` and the linear methods fit.
 
-    With these values the methods are within 3 % of the Cramer-Rao bound in ``benchmarks/coverage.py``
+    With these values the methods are within 3 % of the Cramer-Rao bound in ``benchmarks/studies.py``
     and on the recordings of ``benchmarks/accuracy.py``.
     """
 

@@ -11,7 +11,7 @@ class VerdictSettings:
     """Levels of the verdict.
 
     With these values none of a hundred sound recordings is rejected, and all wrong descriptions of
-    ``benchmarks/verdicts.py`` are.
+    ``benchmarks/studies.py`` are.
     """
 
     family: float = 1e-3

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 @click.command(short_help="List bundled robots; print one; check and draw your own.")
 @click.argument("name", required=False)
 @out_option(
-    help="Draw it: a page (FILE.html) of NAME; without NAME a folder with a page for each robot."
+    help="FILE.html: a page with a picture of NAME; FILE.yaml or FILE.json: its robot file, to copy "
+    "from. Without NAME: a folder with a page for each robot."
 )
 @force_option()
 @common
@@ -31,16 +32,15 @@ def robots(name: str | None, out: Path | None, force: bool, as_json: bool, quiet
     bundled = bundled_names()
     if name is not None:
         robot = read_robot(name)
-        if out is not None:
-            _draw(robot, out, force=force)
+        written = None if out is None else _write(robot, name, out, force=force)
         if as_json:
             print_json(robot_file(robot))
         elif name in bundled and out is None:
             print(bundled_text(name).rstrip("\n"))
         else:
             _check(robot, name)
-        if out is not None and not as_json:
-            print(f"{out}: a picture of it, with its table")
+        if written is not None and not as_json:
+            print(f"{out}: {written}")
         return
     every = {each: read_robot(each) for each in bundled}
     if out is not None:
@@ -66,16 +66,43 @@ def _check(robot: Robot, name: str) -> None:
     print(f"{name}: a robot file that can be used")
 
 
-def _draw(robot: Robot, out: Path, *, force: bool) -> None:
-    """Write a page."""
-    from steelyard.output import check_file_target, results_file, write_file
-    from steelyard.report.documents.robot import robot_document
-    from steelyard.report.forms.page import page
+def _write(robot: Robot, name: str, out: Path, *, force: bool) -> str:
+    """Write a page or a robot file, by the ending of the name; what it is, in words.
 
+    Raises:
+        InputError: Another ending.
+    """
+    from steelyard.errors import InputError
+    from steelyard.output import check_file_target, results_file, write_file
+
+    ending = out.suffix.lower()
+    if ending not in {".html", ".yaml", ".yml", ".json"}:
+        raise InputError(
+            f"--out {out}: expected FILE.html (a page with a picture) or FILE.yaml or FILE.json "
+            f"(the robot file), found {ending or 'no ending'!r}"
+        )
     check_file_target(out, force=force)
-    text = page(robot_document(robot))
+    text, what = _contents(robot, name, ending)
     with results_file(out, force=force) as fresh:
         write_file(fresh, text)
+    return what
+
+
+def _contents(robot: Robot, name: str, ending: str) -> tuple[str, str]:
+    """The text of the file and what it is."""
+    if ending == ".html":
+        from steelyard.report.documents.robot import robot_document
+        from steelyard.report.forms.page import page
+
+        return page(robot_document(robot)), "a picture of it, with its table"
+    from steelyard.output import to_json
+    from steelyard.robot.file import bundled_names, bundled_text, robot_file
+    from steelyard.yaml_file import to_yaml
+
+    if ending == ".json":
+        return to_json(robot_file(robot)) + "\n", "its robot file"
+    text = bundled_text(name) if name in bundled_names() else to_yaml(robot_file(robot))
+    return text, "its robot file, to copy from"
 
 
 def _draw_all(robots: dict[str, Robot], out: Path, *, force: bool) -> None:

@@ -32,7 +32,7 @@ def lead(summary: Summary) -> Statement:
         parts.append(f"moments of inertia over the mass ({', '.join(ratios[:3])}) m²")
     known = ", ".join(parts)
     if not best.accepted:
-        tone: Tone = "bad" if best.accepted is False else "note"
+        tone: Tone = "bad" if best.accepted is False else ""
         said = "Not accepted" if best.accepted is False else "Baseline, not assessed"
         why = "; ".join((*best.reasons, *([best.disagreement] if best.disagreement else [])))
         return Statement(f"{said}: {why}. As estimated by {best.name}: {known}.", tone)
@@ -130,6 +130,9 @@ def _verdicts(summary: Summary) -> Iterator[Statement]:
             tone = "bad"
         elif text.endswith(": accepted"):
             tone = "good"
+        elif text.endswith(": baseline, not assessed"):
+            # Neither good nor bad, and nothing to heed.
+            tone = ""
         yield Statement(text, tone)
 
 
