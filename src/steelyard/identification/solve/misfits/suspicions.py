@@ -8,7 +8,7 @@ step of the fit in which they may move shows by how much the cost would fall (a 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -40,20 +40,32 @@ _CHANCE = 1e-3
 """Probability with which a hose is refused that pulls at one point."""
 
 
-def with_suspicions(task: Task, found: Fit) -> tuple[Task, Fit]:
+def with_suspicions(
+    task: Task,
+    found: Fit,
+    again: Callable[[Task, FitState], Fit] = fit,
+    *,
+    held: bool = False,
+) -> tuple[Task, Fit]:
     """The task with the errors that its residuals ask for, and its fit.
+
+    Args:
+        task: What has been fitted.
+        found: How.
+        again: Fits once more.
+        held: Whether the motion is held as its instruments alone give it.
 
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
     refused = frozenset[Key]()
     for _ in range(task.settings.suspicions):
-        worst = _worst(task, found.state, refused)
+        worst = _worst(task, found.state, refused, held=held)
         if not worst:
             break
         parameters = task.calibration_parameters.believed(worst)
         tried, state = _with_priors_of(task, found.state, parameters)
-        there = fit(tried, state)
+        there = again(tried, state)
         if _is_possible(tried, there, worst):
             task, found = tried, there
         else:
@@ -93,7 +105,7 @@ def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
     return bool(2 * nearest.cost < chi2_exceeded(_CHANCE, len(values) - 4))
 
 
-def _worst(task: Task, state: FitState, refused: frozenset[Key]) -> frozenset[Key]:
+def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) -> frozenset[Key]:
     """What the readings ask for most, a hose with force, stiffness and point; empty: nothing, or a
     number of the robot file or of a force sensor, which is to be named by the verdict.
     """
@@ -114,7 +126,7 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key]) -> frozenset[Ke
             wide[places[each.owner, each.key, each.run]] = each.suspected
     for own, deviation in rivals:
         wide[own] = np.maximum(wide[own], deviation)
-    gains = _Gains.of(task, state, wide)
+    gains = _Gains.of(task, state, wide, held=held)
     worst, least = frozenset[Key](), 2 * float(normal_tail(task.settings.suspicious))
     for entries in suspects.values():
         keys = frozenset((each.owner, each.key, each.run) for each in entries)
@@ -161,11 +173,11 @@ class _Gains:
     """Columns of the body and of what is estimated as it is."""
 
     @classmethod
-    def of(cls, task: Task, state: FitState, wide: Array) -> _Gains:
+    def of(cls, task: Task, state: FitState, wide: Array, *, held: bool) -> _Gains:
         """About a state, with these 1-sigma of the calibration parameters, shape (u,)."""
         stated, parameters = task.calibration_parameters.deviation, task.calibration_parameters
         loose, state = _with_priors_of(task, state, parameters.widened(wide))
-        parts, _ = linearise(loose, state)
+        parts, _ = linearise(loose, state, held=held)
         step = step_of(loose, state, smooth(state, [each.all for each in parts]))
         scale = np.sqrt(np.diag(step.covariance))
         matrix = np.linalg.inv(step.covariance / np.outer(scale, scale))
