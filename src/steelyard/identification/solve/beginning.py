@@ -43,7 +43,7 @@ from steelyard.identification.samples.preparation import Samples, prepare, with_
 from steelyard.identification.samples.segmentation import Recorded, recorded
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
-from steelyard.identification.solve.misfits.disturbances import with_disturbances
+from steelyard.identification.solve.misfits.disturbances import too_large, with_disturbances
 from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitter_found
 from steelyard.identification.solve.misfits.lost_readings import without_lost
 from steelyard.identification.solve.misfits.suspicions import with_suspicions
@@ -341,10 +341,21 @@ def _motion(
             motion = fit(replace(task, active=nothing), found, beginning=beginning)
             found = motion.state
     elif not beginning:
-        task, motion = with_suspicions(*with_jitter_found(task, motion))
-        motion = with_disturbances(task, motion)
+        task, motion = _explained(task, motion)
         found = motion.state
     return Beginning(task, motion, found, lost)
+
+
+def _explained(task: Task, motion: Fit) -> tuple[Task, Fit]:
+    """The motion with what its residuals ask for; the very same where that is more than devices do,
+    so that the verdict finds what contradicts, or is not determined.
+    """
+    try:
+        tried, found = with_suspicions(*with_jitter_found(task, motion))
+        found = with_disturbances(tried, found)
+    except np.linalg.LinAlgError:
+        return task, motion
+    return (task, motion) if too_large(tried, found.state) else (tried, found)
 
 
 def read_by(

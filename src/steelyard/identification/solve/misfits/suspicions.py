@@ -31,7 +31,7 @@ from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.newton_step import step_of
 
 _SURE = 3.0
-"""1-sigma by which a stiffness or an area must not be negative."""
+"""1-sigma by which a stiffness, an area or a time constant must not be negative."""
 _REACH = 2.0
 """1-sigma of the point at which a hose pulls, in sizes of the platform."""
 _MISPLACED, _MISSCALED = 0.05, 0.1
@@ -76,13 +76,18 @@ def with_suspicions(
 
 def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
     """Whether what was asked for came out as it can be: a hose pulls at one point, and pulls back;
-    air brakes.
+    air brakes; a filter does not read ahead.
     """
+    places = task.calibration_parameters.places
+    ten, column_of = found.state.ten, task.column_of(found.state)
+    for key in asked:
+        if _is_positive(task, key):
+            sigma = np.sqrt(np.diag(found.covariance)[column_of[places[key]]])
+            if np.any(found.state.calibration.values[places[key]] < -_SURE * sigma):
+                return False
     keys = [(ROBOT, key, None) for key, _ in (*ATTACHED, *AIR) if (ROBOT, key, None) in asked]
     if not keys:
         return True
-    places = task.calibration_parameters.places
-    ten, column_of = found.state.ten, task.column_of(found.state)
     own = np.concatenate([column_of[places[key]] for key in keys])
     values = np.concatenate([found.state.calibration.values[places[key]] for key in keys])
     covariance = found.covariance[np.ix_(own, own)]
@@ -103,6 +108,15 @@ def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
 
     nearest = least_squares(beside, np.concatenate([values[:4], np.zeros(3)]))
     return bool(2 * nearest.cost < chi2_exceeded(_CHANCE, len(values) - 4))
+
+
+def _is_positive(task: Task, asked: Key) -> bool:
+    """Whether no device has this error below zero."""
+    owner, key, _ = asked
+    if owner not in task.experiment.instruments:
+        return False
+    terms = task.experiment.instruments[owner].terms(task.calibration_parameters.m)
+    return any(each.key == key and each.positive for each in terms)
 
 
 def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) -> frozenset[Key]:
