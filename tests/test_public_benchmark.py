@@ -177,6 +177,36 @@ def test_example_method_from_a_recording_to_the_table(public, tmp_path, monkeypa
     assert "example: weighing" in score.markdown(scored)
 
 
+@pytest.mark.mujoco
+def test_the_friendlier_version_is_off_by_one_constant_wrench(public):
+    """By Newton and Euler, with gains and offsets of cells but nearly no noise."""
+    generate = public("generate")
+    robot, condition = generate.ROBOTS["cogiro"], generate.CONDITIONS["rough"]
+    nothing = dict.fromkeys(
+        ["tension", "angular_velocity", "specific_force", "gyro_bias", "accelerometer_bias"], 1e-9
+    )
+    robot = replace(robot, sensing=replace(robot.sensing, **nothing))
+    made = generate.recorded(robot, condition, "cogiro/rough-00", 5, duration=4.0)
+    header, values = made.tables["platform.csv"]
+    column = dict(zip(header.split(","), values.T, strict=True))
+    t, omega, at_origin, force, torque = (
+        np.column_stack([column[key] for key in keys.split()])
+        for keys in ("t", "wx wy wz", "ax ay az", "fx fy fz", "tx ty tz")
+    )
+    alpha, c = np.gradient(omega, t[:, 0], axis=0), robot.center_of_gravity
+    at_center = at_origin + np.cross(alpha, c) + np.cross(omega, np.cross(omega, c))
+    spin = alpha @ robot.inertia + np.cross(omega, omega @ robot.inertia)
+    off = np.hstack(
+        [
+            force - robot.mass * at_center,
+            torque - spin - np.cross(c, robot.mass * at_center),
+        ]
+    )[10:-10]
+    assert np.abs(off.mean(axis=0)).max() > 1.0
+    # Accelerations are differences of rates, which cables of 500 kN make vibrate.
+    assert off.std(axis=0).max() < 0.3
+
+
 def test_example_method_is_short():
     assert len((HOME / "example_method.py").read_text().splitlines()) < 45
 

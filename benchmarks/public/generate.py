@@ -301,7 +301,8 @@ def recorded(
         built_up = np.column_stack([np.interp(t, fine, each) for each in state.T])
         # What runs in is pulled over the roller: the cell at the winch sees more.
         tension = tension * (1 - condition.friction * built_up)
-    read = errors.gain * tension + errors.offset + noise.normal(0, sensing.tension, tension.shape)
+    cell_noise = noise.normal(0, sensing.tension, tension.shape)
+    read = errors.gain * tension + errors.offset + cell_noise
     gyro_noise = noise.normal(0, sensing.angular_velocity, (len(t), 3)) + errors.gyro_bias
     accelerometer_noise = (
         noise.normal(0, sensing.specific_force, (len(t), 3)) + errors.accelerometer_bias
@@ -330,9 +331,14 @@ def recorded(
     point = (point - errors.frame_position) @ _exp(errors.frame_rotation)
     point = point + noise.normal(0, sensing.tracker, point.shape)
     origin, tracker_origin = noise.uniform(0, 5, 2)
+    # A constant offset and a gain of every cell are no constant wrench on a platform that moves:
+    # here the offsets are what they make where the motion begins, and the gains are exact.
     structure = structure_of(anchors, attachments, motion.position, motion.rotation)
-    wrench = np.einsum("nkm,nm->nk", structure, read).reshape(-1, 2, 3)
-    wrench = np.einsum("nji,nkj->nki", motion.rotation, wrench).reshape(-1, 6)
+    in_platform = np.einsum(
+        "nji,nkjm->nkim", motion.rotation, structure.reshape(len(t), 2, 3, -1)
+    ).reshape(structure.shape)
+    wrench = np.einsum("nkm,nm->nk", in_platform, tension + cell_noise)
+    wrench = wrench + in_platform[0] @ errors.offset
     position = motion.position + noise.normal(0, sensing.tracker, (len(t), 3))
     platform = [
         position,
@@ -439,7 +445,8 @@ straight, massless and elastic (EA = {stiffness:g} N), from `anchors` (world) to
 `platform.csv` has exact clocks, exact mounting and exact geometry: `t`; position `x y z` [m] and orientation `qw qx qy qz`
 of the platform in the world; angular velocity `wx wy wz` [rad/s] and specific force `ax ay az` of the platform's origin
 [m/s^2], platform axes; wrench of the cables on the platform about its origin, `fx fy fz` [N], `tx ty tz` [N m], platform
-axes. Noise, offsets and gains of cells, biases of the IMU, and what the condition says of them, are as in the other files.
+axes. Its gains are exact, and its offset is one constant wrench: what the offsets of the cells make where the motion begins.
+Noise of the cells, biases of the IMU, and what the condition says of them, are as in the other files.
 
 Truth is not in this folder but in `truth/{name}/`: mass [kg], centre of gravity [m] in platform axes, inertia about it
 [kg m^2] in platform axes (elements of the matrix), in the order `{parameters}`, and the errors drawn.

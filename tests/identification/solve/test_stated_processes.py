@@ -8,6 +8,7 @@ from scipy.stats import chi2
 from simulated import PAPER, RECORDER, TRUTH, changed, sound
 
 from steelyard.experiment.surroundings import Surroundings
+from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.solve.joint_motion import fit_jointly
 
@@ -49,6 +50,14 @@ def test_intervals_are_true(which):
         total += error @ np.linalg.solve(found.covariance, error)
     low, high = chi2.ppf([1e-3, 1 - 1e-3], 10 * len(SEEDS))
     assert low < total < high
+
+
+def test_what_is_stated_is_there_where_the_motion_is_held():
+    own = {**PAPER, **STATED["an attitude that follows the accelerometer"]}
+    found = LeastSquares()(RECORDER(1, instruments=own))
+    assert found.verdict.accepted, found.verdict.reasons
+    error = found.value - TRUTH
+    assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
 
 
 def test_what_is_stated_is_there_with_its_level():

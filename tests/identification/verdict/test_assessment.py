@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 from simulated import (
     BODY,
     PAPER,
@@ -22,8 +22,10 @@ from simulated import (
     with_stream,
 )
 
+from steelyard.identification.methods.from_posterior.unstated import found_errors
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.solve.held_motion import fit_with_held_motion
+from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.verdict.assessment import reasons
 from steelyard.identification.verdict.directed_tests import directed_tests
 from steelyard.identification.verdict.information_shares import label_mask, priors_share
@@ -125,7 +127,9 @@ def test_forces_that_are_late_by_themselves_are_found_with_their_size(late):
     shifted = replace(
         run, streams={**run.streams, "cables": replace(stream, time=stream.time + late)}
     )
-    found = fit_with_held_motion(replace(experiment, runs=(shifted,)))
+    # Late ones would be estimated as if an amplifier filtered them.
+    settings = FitSettings(suspicions=0)
+    found = fit_with_held_motion(replace(experiment, runs=(shifted,)), settings=settings)
     test = next(t for t in directed_tests(found) if f".{TIME_CONSTANT}" in t.name)
     # Some of it looks like errors that were estimated.
     assert test.size == pytest.approx(late, abs=max(4 * test.sigma, 0.2 * abs(late)))
@@ -222,9 +226,18 @@ def test_what_is_wrong_is_rejected_and_the_reason_says_what_to_do(name):
     assert ("exchanged" in text) == ("swapped" in name)
 
 
-def test_late_forces_are_said_to_be_late():
-    # Little enough that nothing else is off.
-    found, text = verdict(late(sound(4), 0.02))
+def test_late_forces_are_taken_for_filtered_ones_and_estimates_stay_true():
+    posterior = fit_with_held_motion(late(sound(4), 0.02))
+    error = found_errors(posterior)[f"cables.{TIME_CONSTANT}"]
+    assert error["value"] == pytest.approx(0.02, abs=4 * error["standard_deviation"])
+    found = METHOD.of(posterior)
+    assert found.verdict.accepted, found.verdict.reasons
+    off = found.value - TRUTH
+    assert off @ np.linalg.solve(found.covariance, off) < chi2.isf(1e-3, 10)
+
+
+def test_early_forces_are_no_filter_and_said_to_be_early():
+    found, text = verdict(late(sound(4), -0.02))
     assert not found.accepted
     assert f"cables.{TIME_CONSTANT}" in text, text
 

@@ -264,17 +264,34 @@ class Balance:
         return np.asarray(self.measured.values - np.einsum("nkr,nr->nk", self._by_reading, off))
 
     @cached_property
+    def unexplained(self) -> Array:
+        """The unmodelled wrench, its white part with it, in units of the readings [N], [N m], shape
+        (n, 6).
+        """
+        if not self.unmodelled_sigma.any():
+            return self.disturbance
+        white = self.correction[:, self.noise.readings :] * self.unmodelled_sigma
+        return np.asarray(self.disturbance + white)
+
+    @cached_property
     def asked(self) -> Array:
         """The part of it that the body asks for: what nothing explains tells no gain."""
-        unmodelled = self.disturbance
-        if self.unmodelled_sigma.any():
-            white = self.correction[:, self.noise.readings :] * self.unmodelled_sigma
-            unmodelled = unmodelled + white
-        if not unmodelled.any():
+        if not self.unexplained.any():
             return self.carried
         shown = self.measured.unmodelled.reading
-        other = np.einsum("nkr,nri,ni->nk", self._by_reading, shown, unmodelled)
+        other = np.einsum("nkr,nri,ni->nk", self._by_reading, shown, self.unexplained)
         return np.asarray(self.carried - other)
+
+    @property
+    def uncarried(self) -> Array:
+        """The part of the unmodelled wrench that no cable carries, in units of the readings [N],
+        [N m], shape (n, 6).
+        """
+        structure = self.structure
+        if structure is None:
+            return np.zeros_like(self.unexplained)
+        shown = np.einsum("nri,ni->nr", self.measured.unmodelled.reading, self.unexplained)
+        return np.asarray(self.unexplained - np.einsum("nkr,nr->nk", structure, shown))
 
     @property
     def _by_reading(self) -> Array:

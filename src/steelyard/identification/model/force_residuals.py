@@ -299,7 +299,7 @@ def _carried_of(
         by_state[:, :, place] -= by_reading[:, :, own] * each.sizes
     border = Border(column_of, n, m)
     border.extend(np.arange(TEN), following_balance(_by_body(point, parameters)))
-    for place, change in _terms_of_readings(point):
+    for place, change in _terms_of_readings(point, at.asked):
         by_wrench = at.measured.changes_of_wrench(change)
         border.put(place, change + following_balance(by_wrench))
     for place, derivative in _by_robot(point):
@@ -419,12 +419,29 @@ def _of_readings(point: _BalancePoint) -> Iterator[tuple[Process, slice, slice]]
 
 def _by_terms(point: _BalancePoint) -> _ByParameters:
     """Derivatives of the balance by the systematic errors of the readings."""
-    for place, change in _terms_of_readings(point):
-        yield place, point.at.measured.changes_of_wrench(change)
+    at = point.at
+    changes = _terms_of_readings(point, at.asked)
+    if at.structure is None or at.structure.shape[2] >= DIRECTIONS:
+        for place, change in changes:
+            yield place, at.measured.changes_of_wrench(change)
+        return
+    # What no cable carries is told in units of the readings too: it shrinks with the body where gains
+    # grow, which else the likelihood would rise for.
+    unit = np.diagonal(at.measured.by_reading, axis1=1, axis2=2)
+    further = _terms_of_readings(point, at.asked + unit)
+    for (place, change), (_, more) in zip(changes, further, strict=True):
+        by_scale = np.mean(more - change, axis=1)
+        shrinks = np.einsum("ni,nc->nic", at.uncarried, by_scale)
+        yield place, at.measured.changes_of_wrench(change) - shrinks
 
 
-def _terms_of_readings(point: _BalancePoint) -> _ByParameters:
-    """Derivatives of tensions or wrench by the systematic errors of the readings, shape (n, k, c)."""
+def _terms_of_readings(point: _BalancePoint, values: Array) -> _ByParameters:
+    """Derivatives of tensions or wrench by the systematic errors of the readings, shape (n, k, c).
+
+    Args:
+        point: Where the balance is linearised.
+        values: Tensions or wrench, shape (n, k).
+    """
     at, instrument, run = point.at, point.instrument, point.segment.run
     name, robot = point.force_samples.name, point.experiment.robot
     parameters = point.calibration.calibration_parameters
@@ -434,7 +451,7 @@ def _terms_of_readings(point: _BalancePoint) -> _ByParameters:
         instrument,
         robot,
         tuple(point.force_samples.readings),
-        {**at.motion, unknown: at.asked},
+        {**at.motion, unknown: values},
         point.errors,
     )
     by_terms = np.broadcast_to(by_terms, (len(at.time), *by_terms.shape[1:]))

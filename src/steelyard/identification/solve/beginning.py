@@ -43,9 +43,12 @@ from steelyard.identification.samples.preparation import Samples, prepare, with_
 from steelyard.identification.samples.segmentation import Recorded, recorded
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
-from steelyard.identification.solve.misfits.jitter import with_jitter
+from steelyard.identification.solve.misfits.disturbances import too_large, with_disturbances
+from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitter_found
 from steelyard.identification.solve.misfits.lost_readings import without_lost
+from steelyard.identification.solve.misfits.suspicions import with_suspicions
 from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.solve.stated_processes import with_stated
 from steelyard.inertia import TEN
 
 Tell = Callable[[str, float], None]
@@ -195,8 +198,8 @@ def begin(
         raise NoBalanceError("; ".join(readings.notes))
     task = motion_task(readings)
     state = FitState(segments, readings.calibration, None)
-    motion, state, lost = _motion(task, state, tell, beginning=not thorough)
-    return with_body(readings, Beginning(task, motion, state, lost), held_out)
+    begun = _motion(task, state, tell, beginning=not thorough)
+    return with_body(readings, begun, held_out)
 
 
 def motion_task(readings: Readings) -> Task:
@@ -294,15 +297,19 @@ def _motion(
     tell: Tell,
     *,
     beginning: bool,
-) -> tuple[Fit, FitState, Sequence[str]]:
+) -> Beginning:
     """Motion alone; where its instruments do not agree on one, the errors are begun with as known
     beforehand.
+
+    A motion that will be held takes up what its residuals ask for here: with the forces it is too
+    late. One that is only a beginning does so with all readings together.
     """
     settings = task.settings
     task, state = with_jitter(task, state)
     tell("fitting the motion", 0.25)
     if not beginning:
         state = replace(state, segments=tuple(each.wandering for each in state.segments))
+        state = with_stated(task, state)
     motion = fit(
         task,
         state,
@@ -333,7 +340,22 @@ def _motion(
             nothing = np.zeros_like(task.active)
             motion = fit(replace(task, active=nothing), found, beginning=beginning)
             found = motion.state
-    return motion, found, lost
+    elif not beginning:
+        task, motion = _explained(task, motion)
+        found = motion.state
+    return Beginning(task, motion, found, lost)
+
+
+def _explained(task: Task, motion: Fit) -> tuple[Task, Fit]:
+    """The motion with what its residuals ask for; the very same where that is more than devices do,
+    so that the verdict finds what contradicts, or is not determined.
+    """
+    try:
+        tried, found = with_suspicions(*with_jitter_found(task, motion))
+        found = with_disturbances(tried, found)
+    except np.linalg.LinAlgError:
+        return task, motion
+    return (task, motion) if too_large(tried, found.state) else (tried, found)
 
 
 def read_by(

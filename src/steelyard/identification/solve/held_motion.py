@@ -19,7 +19,8 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.balance import balance_of
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.force_residuals import force_residuals, tally_forces
-from steelyard.identification.model.motion_residuals import Tally, robust_weight
+from steelyard.identification.model.motion_residuals import Segment, Tally, robust_weight
+from steelyard.identification.model.processes import integrals_of
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.beginning import (
@@ -46,6 +47,8 @@ from steelyard.identification.solve.fit_state import (
     smooth,
 )
 from steelyard.identification.solve.long_recording import lively_parts, moving_length, windows
+from steelyard.identification.solve.misfits.jitter import with_jitter
+from steelyard.identification.solve.misfits.suspicions import with_suspicions
 from steelyard.identification.solve.newton_step import NewtonStep, step_of
 from steelyard.identification.solve.noise_levels import (
     UnstatedNoise,
@@ -57,6 +60,7 @@ from steelyard.identification.solve.noise_levels import (
 )
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.solve.stated_processes import with_stated
 from steelyard.inertia import TEN
 
 
@@ -106,10 +110,11 @@ def _fitted(
     task = replace(begun.task, force_samples=readings.looked_at(held_out))
     tell("balancing forces and motion", 0.5)
     alone = replace(task, active=np.zeros_like(task.active))
-    body = fit_held(alone, begun.state, beginning=True)
+    body = fit_held(alone, with_stated(task, begun.state), beginning=True)
     found = fit_held(
         task, body.state, lambda part: tell("balancing forces and motion", 0.5 + 0.3 * part)
     )
+    task, found = with_suspicions(task, found, fit_held, held=True)
     fitted = Fitted(task, found, begun.motion, readings.force_samples, begun.lost, {}, {}, held_out)
     return stretch_of(readings, fitted)
 
@@ -122,15 +127,16 @@ def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch
     )
     if not readings.segments:
         return []
-    smoothness = next((s.smoothness for s in known.segments if not s.static), None)
+    like = next((each for each in known.segments if not each.static), None)
     segments = tuple(
-        segment if segment.static else replace(segment, smoothness=smoothness)
+        segment if segment.static or like is None else _alike(segment, like)
         for segment in readings.segments
     )
     task = replace(
         motion_task(readings), experiment=experiment, active=np.zeros_like(part.task.active)
     )
-    state = _motion_about(task, FitState(segments, known.calibration, None, known.factors))
+    state = FitState(segments, known.calibration, None, known.factors, known.jitters)
+    state = _motion_about(*with_jitter(task, state))
     state = replace(on_force_clock(experiment, state), parameters=known.parameters)
     task = replace(
         part.task,
@@ -142,6 +148,13 @@ def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch
     fit = replace(part.fit, state=state, motions=_covariances(parts), bias=bias)
     fitted = replace(part, task=task, fit=fit, force_samples=readings.force_samples, lost=())
     return [without_knots(stretch_of(readings, fitted))]
+
+
+def _alike(segment: Segment, like: Segment) -> Segment:
+    """A segment as smooth as another, with the same disturbances."""
+    integrals = integrals_of(segment.knots)
+    processes = tuple(replace(each, integrals=integrals) for each in like.processes)
+    return replace(segment, smoothness=like.smoothness).disturbed(processes)
 
 
 def _motion_about(task: Task, state: FitState) -> FitState:

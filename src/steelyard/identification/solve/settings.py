@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from steelyard.identification.model.settings import MOTION, MotionSettings
 
@@ -159,6 +160,11 @@ class FitSettings:
     """That are tried one after the other."""
     level_fits: int = 3
     """Of motion and levels in turn, for each of them."""
+    largest_disturbance: Mapping[str, float] = field(
+        default_factory=lambda: {"m": 0.1, "rad": 0.3, "rad/s": 0.1, "m/s^2": 0.5}, hash=False
+    )
+    """Unit -> rms of a disturbance of an instrument that nobody has stated, beyond which it is no
+    drift, filter or lost target but an error of the description."""
     level_settled: float = 0.2
     """Largest logarithm of a change of level at which these have settled."""
 

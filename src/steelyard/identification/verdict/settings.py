@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from steelyard.identification.solve.settings import FIT
+
 
 @dataclass(frozen=True)
 class VerdictSettings:
@@ -40,10 +42,10 @@ class VerdictSettings:
     most_outliers: float = 0.05
     """Part of the samples of a run that may stand out: sound ones have .01 at most."""
     largest_disturbance: Mapping[str, float] = field(
-        default_factory=lambda: {"m": 0.1, "rad": 0.3, "rad/s": 0.1, "m/s^2": 0.5}
+        default_factory=lambda: FIT.largest_disturbance
     )
-    """Unit -> rms of a disturbance of an instrument that nobody has stated, beyond which it is no
-    drift, filter or lost target but an error of the description."""
+    """Unit -> rms of a disturbance of an instrument that nobody has stated, beyond which it is an
+    error of the description: the same as the linear methods do not take up."""
     largest_wrench: float = 0.1
     """The same of an unmodelled wrench, as a part of the weight: by the platform's size of torques."""
     largest_torque: float = 0.25

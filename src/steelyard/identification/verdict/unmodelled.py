@@ -9,12 +9,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from steelyard.identification.model.balance import UNMODELLED_PARTS
+from steelyard.identification.solve.misfits.disturbances import unstated_along
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VerdictSettings
 from steelyard.inertia import Inertia
-
-_INSTANTS = 500
-"""Along a segment, at which disturbances are looked at."""
 
 
 def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
@@ -22,20 +20,15 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
     robot = posterior.experiment.robot
     weight = abs(float(posterior.parameters[0])) * float(np.linalg.norm(robot.gravity))
     for segment in posterior.fit.state.segments:
-        local = segment.basis(np.linspace(*segment.span, _INSTANTS))
-        for process in () if segment.static else segment.processes:
-            if process.is_stated:
-                continue
-            rms = np.sqrt(np.mean(segment.disturbance(process, local) ** 2, axis=0))
+        for process, rms in unstated_along(segment):
             owner, name = process.disturbs
             part = UNMODELLED_PARTS.get(process.source)
             if part is None:
-                quantity = posterior.experiment.instruments[owner].quantity(name, robot.m)
-                largest = settings.largest_disturbance.get(quantity.unit, np.inf)
-                if rms.max() > largest:
+                unit = posterior.experiment.instruments[owner].quantity(name, robot.m).unit
+                if rms.max() > settings.largest_disturbance.get(unit, np.inf):
                     yield (
                         f"run '{segment.run}': {name.replace('_', ' ')} of {owner} departs for a"
-                        f" while from what all others show, by {rms.max():.2g} {quantity.unit} rms,"
+                        f" while from what all others show, by {rms.max():.2g} {unit} rms,"
                         " which is more than devices drift; check its axes, signs, units and 'sync',"
                         " or state it under 'noise'"
                     )

@@ -7,8 +7,15 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from simulated import RECORDER, ROBOT, TRUTH, sound, with_stream
 
+from steelyard.identification.methods.from_posterior.unstated import (
+    found_errors,
+    notes_on_unstated,
+)
+from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.identification.solve.settings import FitSettings
 from steelyard.robot.kinematics import cables_at
 
 pytestmark = pytest.mark.integration
@@ -47,6 +54,75 @@ def test_where_nothing_is_asked_for_nothing_is_tried():
     for seed in SEEDS[:3]:
         found = fit_jointly(sound(seed))
         assert not any(each.processes for each in found.fit.state.segments)
+
+
+@pytest.mark.parametrize("settings", [FitSettings(), FitSettings(long=10.0, window=10.0)])
+def test_a_held_motion_takes_up_what_its_instruments_ask_for(settings):
+    # Also where a long recording is looked at window by window.
+    posterior = fit_with_held_motion(walking(sound(0), 0), settings=settings)
+    for segment in posterior.fit.state.segments:
+        assert ("imu", "orientation") in {each.source for each in segment.processes}
+    found = LeastSquares().of(posterior)
+    assert found.verdict.accepted, found.verdict.reasons
+    error = found.value - TRUTH
+    assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
+
+
+def test_a_held_motion_that_asks_for_nothing_has_nothing():
+    found = fit_with_held_motion(sound(1))
+    assert not any(each.processes for each in found.fit.state.segments)
+    assert not found.fit.state.jitters
+    assert not found_errors(found)
+
+
+def filtered(experiment, constant):
+    """With a first-order filter in the amplifier of the forces, by the trapezoidal rule."""
+    half = np.median(np.diff(experiment.runs[0].streams["cables"].time)) / 2 / constant
+    ahead, back = np.array([half, half]) / (1 + half), [1.0, (half - 1) / (half + 1)]
+    return with_stream(
+        experiment,
+        "cables",
+        lambda v: {
+            "tension": v["tension"][0]
+            + lfilter(ahead, back, v["tension"] - v["tension"][0], axis=0)
+        },
+    )
+
+
+def test_forces_over_a_held_motion_ask_for_what_good_devices_do_not_have():
+    posterior = fit_with_held_motion(filtered(sound(2), 0.04))
+    errors = found_errors(posterior)
+    (name,) = errors
+    assert name == "cables.time_constant"
+    off = errors[name]["value"] - 0.04
+    assert abs(off) < 4 * errors[name]["standard_deviation"]
+    found = LeastSquares().of(posterior)
+    assert found.verdict.accepted, found.verdict.reasons
+    error = found.value - TRUTH
+    assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
+
+
+def test_many_numbers_of_one_kind_are_said_in_one_sentence():
+    errors = {
+        f"cables.crosstalk of cable {i} from cable {j}": {
+            "value": -0.001 * (10 * i + j), "standard_deviation": 0.002, "unit": "1"
+        }
+        for i in range(1, 5) for j in range(1, 5)
+    }  # fmt: skip
+    (said,) = notes_on_unstated([], errors)
+    assert said.endswith("16 numbers, the largest -0.044 ± 0.002 (of cable 4 from cable 4)")
+
+
+@pytest.mark.slow
+def test_intervals_over_a_held_motion_stay_true():
+    total = 0.0
+    for seed in SEEDS:
+        found = LeastSquares()(walking(sound(seed), seed))
+        assert found.verdict.accepted, found.verdict.reasons
+        error = found.value - TRUTH
+        total += error @ np.linalg.solve(found.covariance, error)
+    low, high = chi2.ppf([1e-3, 1 - 1e-3], 10 * len(SEEDS))
+    assert low < total < high
 
 
 @pytest.mark.parametrize("disturbed", [pushed, walking])

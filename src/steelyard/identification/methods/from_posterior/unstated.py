@@ -22,6 +22,8 @@ from steelyard.identification.solve.posterior import Posterior
 from steelyard.instruments.noise import Cause
 
 _AXES = "xyz"
+_MANY = 12
+"""Numbers of one kind that are said one by one, at most: one for each of twelve cables."""
 _CAUSES: Mapping[Cause, str] = {
     "colored": "has coloured noise",
     "drift": "drifts",
@@ -137,14 +139,26 @@ def _on_errors(errors: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
             f" {stiffness['value']:.2g} ± {stiffness['standard_deviation']:.1g} N/m; it was"
             " estimated beside the body"
         )
-    for name, each in errors.items():
-        if name.startswith(f"{ROBOT}.attached"):
+    alike: dict[str, list[str]] = {}
+    for name in errors:
+        if not name.startswith(f"{ROBOT}.attached"):
+            alike.setdefault(name.split()[0], []).append(name)
+    for what, names in alike.items():
+        if len(names) > _MANY:
+            most = max(names, key=lambda name: abs(errors[name]["value"]))
+            yield (
+                f"{what} was not stated, but the residuals ask for it: {len(names)} numbers, the"
+                f" largest {_number(errors[most])} ({most.removeprefix(what).strip()})"
+            )
             continue
-        unit = "" if each["unit"] == "1" else f" {each['unit']}"
-        yield (
-            f"{name} was not stated, but the residuals ask for it: {each['value']:.3g} ±"
-            f" {each['standard_deviation']:.1g}{unit}"
-        )
+        for name in names:
+            yield f"{name} was not stated, but the residuals ask for it: {_number(errors[name])}"
+
+
+def _number(error: Mapping[str, Any]) -> str:
+    """With its 1-sigma and unit."""
+    unit = "" if error["unit"] == "1" else f" {error['unit']}"
+    return f"{error['value']:.3g} ± {error['standard_deviation']:.1g}{unit}"
 
 
 def _asked_for(found: Posterior) -> Iterator[tuple[int, CalibrationParameter]]:

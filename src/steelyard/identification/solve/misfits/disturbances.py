@@ -45,6 +45,9 @@ from steelyard.identification.solve.newton_step import border_prior
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.solve.stated_processes import denied, size_of
 
+_INSTANTS = 500
+"""Along a segment, at which the size of its disturbances is looked at."""
+
 
 def with_disturbances(
     task: Task,
@@ -88,6 +91,29 @@ def with_disturbances(
         found = found if settled is None else settled
         refused |= _processes_of(tried) - _processes_of(found.state)
     return found if found is first else fit(task, found.state)
+
+
+def unstated_along(segment: Segment) -> Iterator[tuple[Process, Array]]:
+    """Disturbances of a segment that nobody has stated, and their root mean squares along it in SI
+    units, shape (p,) each.
+    """
+    if segment.static:
+        return
+    local = segment.basis(np.linspace(*segment.span, _INSTANTS))
+    for each in segment.processes:
+        if not each.is_stated:
+            yield each, np.sqrt(np.mean(segment.disturbance(each, local) ** 2, axis=0))
+
+
+def too_large(task: Task, state: FitState) -> bool:
+    """Whether a motion instrument is disturbed by more than devices are: its description is wrong."""
+    for segment in state.segments:
+        for process, rms in unstated_along(segment):
+            owner, name = process.disturbs
+            unit = task.experiment.instruments[owner].quantity(name, task.experiment.robot.m).unit
+            if rms.max() > task.settings.largest_disturbance.get(unit, np.inf):
+                return True
+    return False
 
 
 def _tried(

@@ -8,7 +8,7 @@ step of the fit in which they may move shows by how much the cost would fall (a 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -31,7 +31,7 @@ from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.newton_step import step_of
 
 _SURE = 3.0
-"""1-sigma by which a stiffness or an area must not be negative."""
+"""1-sigma by which a stiffness, an area or a time constant must not be negative."""
 _REACH = 2.0
 """1-sigma of the point at which a hose pulls, in sizes of the platform."""
 _MISPLACED, _MISSCALED = 0.05, 0.1
@@ -40,20 +40,32 @@ _CHANCE = 1e-3
 """Probability with which a hose is refused that pulls at one point."""
 
 
-def with_suspicions(task: Task, found: Fit) -> tuple[Task, Fit]:
+def with_suspicions(
+    task: Task,
+    found: Fit,
+    again: Callable[[Task, FitState], Fit] = fit,
+    *,
+    held: bool = False,
+) -> tuple[Task, Fit]:
     """The task with the errors that its residuals ask for, and its fit.
+
+    Args:
+        task: What has been fitted.
+        found: How.
+        again: Fits once more.
+        held: Whether the motion is held as its instruments alone give it.
 
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
     refused = frozenset[Key]()
     for _ in range(task.settings.suspicions):
-        worst = _worst(task, found.state, refused)
+        worst = _worst(task, found.state, refused, held=held)
         if not worst:
             break
         parameters = task.calibration_parameters.believed(worst)
         tried, state = _with_priors_of(task, found.state, parameters)
-        there = fit(tried, state)
+        there = again(tried, state)
         if _is_possible(tried, there, worst):
             task, found = tried, there
         else:
@@ -64,13 +76,18 @@ def with_suspicions(task: Task, found: Fit) -> tuple[Task, Fit]:
 
 def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
     """Whether what was asked for came out as it can be: a hose pulls at one point, and pulls back;
-    air brakes.
+    air brakes; a filter does not read ahead.
     """
+    places = task.calibration_parameters.places
+    ten, column_of = found.state.ten, task.column_of(found.state)
+    for key in asked:
+        if _is_positive(task, key):
+            sigma = np.sqrt(np.diag(found.covariance)[column_of[places[key]]])
+            if np.any(found.state.calibration.values[places[key]] < -_SURE * sigma):
+                return False
     keys = [(ROBOT, key, None) for key, _ in (*ATTACHED, *AIR) if (ROBOT, key, None) in asked]
     if not keys:
         return True
-    places = task.calibration_parameters.places
-    ten, column_of = found.state.ten, task.column_of(found.state)
     own = np.concatenate([column_of[places[key]] for key in keys])
     values = np.concatenate([found.state.calibration.values[places[key]] for key in keys])
     covariance = found.covariance[np.ix_(own, own)]
@@ -93,7 +110,16 @@ def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
     return bool(2 * nearest.cost < chi2_exceeded(_CHANCE, len(values) - 4))
 
 
-def _worst(task: Task, state: FitState, refused: frozenset[Key]) -> frozenset[Key]:
+def _is_positive(task: Task, asked: Key) -> bool:
+    """Whether no device has this error below zero."""
+    owner, key, _ = asked
+    if owner not in task.experiment.instruments:
+        return False
+    terms = task.experiment.instruments[owner].terms(task.calibration_parameters.m)
+    return any(each.key == key and each.positive for each in terms)
+
+
+def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) -> frozenset[Key]:
     """What the readings ask for most, a hose with force, stiffness and point; empty: nothing, or a
     number of the robot file or of a force sensor, which is to be named by the verdict.
     """
@@ -114,7 +140,7 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key]) -> frozenset[Ke
             wide[places[each.owner, each.key, each.run]] = each.suspected
     for own, deviation in rivals:
         wide[own] = np.maximum(wide[own], deviation)
-    gains = _Gains.of(task, state, wide)
+    gains = _Gains.of(task, state, wide, held=held)
     worst, least = frozenset[Key](), 2 * float(normal_tail(task.settings.suspicious))
     for entries in suspects.values():
         keys = frozenset((each.owner, each.key, each.run) for each in entries)
@@ -161,20 +187,20 @@ class _Gains:
     """Columns of the body and of what is estimated as it is."""
 
     @classmethod
-    def of(cls, task: Task, state: FitState, wide: Array) -> _Gains:
+    def of(cls, task: Task, state: FitState, wide: Array, *, held: bool) -> _Gains:
         """About a state, with these 1-sigma of the calibration parameters, shape (u,)."""
         stated, parameters = task.calibration_parameters.deviation, task.calibration_parameters
         loose, state = _with_priors_of(task, state, parameters.widened(wide))
-        parts, _ = linearise(loose, state)
+        parts, _ = linearise(loose, state, held=held)
         step = step_of(loose, state, smooth(state, [each.all for each in parts]))
         scale = np.sqrt(np.diag(step.covariance))
         matrix = np.linalg.inv(step.covariance / np.outer(scale, scale))
         tighter, off = np.zeros((len(scale), len(scale))), np.zeros(len(scale))
-        held = np.flatnonzero(loose.active & (stated > 0))
+        known = np.flatnonzero(loose.active & (stated > 0))
         column_of = loose.column_of(state)
-        tighter[np.ix_(column_of[held], column_of[held])] = parameters.precision[
-            np.ix_(held, held)
-        ] - np.diag(wide[held] ** -2)
+        tighter[np.ix_(column_of[known], column_of[known])] = parameters.precision[
+            np.ix_(known, known)
+        ] - np.diag(wide[known] ** -2)
         off[column_of[loose.active]] = (parameters.mean - state.calibration.values)[loose.active]
         base = np.concatenate([np.arange(state.ten), column_of[task.active]])
         return cls(matrix, matrix @ (step.border / scale), scale, tighter, off, column_of, base)
