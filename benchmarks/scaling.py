@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from killed_campaigns import dask_cluster
 
-from steelyard.campaigns.engines.processes import ONE_THREAD
+from steelyard.processes.workers import ONE_THREAD
 from steelyard.campaigns.tasks import ExperimentTask
 from steelyard.campaigns.work import work_on
 from steelyard.simulation.simulate import simulate
