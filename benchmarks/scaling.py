@@ -22,9 +22,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from killed_campaigns import dask_cluster
 
-from steelyard.processes.workers import ONE_THREAD
 from steelyard.campaigns.tasks import ExperimentTask
 from steelyard.campaigns.work import work_on
+from steelyard.processes.workers import ONE_THREAD
 from steelyard.simulation.simulate import simulate
 
 SAMPLE = 40

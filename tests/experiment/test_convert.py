@@ -53,6 +53,7 @@ def test_the_estimate_stays_the_same(tmp_path, run, form):
     assert set(files(tmp_path / "tidy")) == {
         "experiment.yaml",
         "robot.yaml",
+        "provenance.json",
         *(f"moving/{n}.{form}" for n in ("cables", "imu", "tracker")),
     }
     assert_same_estimates(
