@@ -29,7 +29,7 @@ from steelyard.identification.methods.consistent import Consistent
 from steelyard.identification.methods.force_free import ForceFree
 from steelyard.identification.methods.instrumental_variables import InstrumentalVariables
 from steelyard.identification.methods.least_squares import LeastSquares
-from steelyard.identification.methods.loads import drawn, each_alone
+from steelyard.identification.methods.loads import each_alone
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.method import Fit, Method
 from steelyard.identification.methods.recursive import Recursive
@@ -354,7 +354,7 @@ def _estimate(
         return method(experiment, progress)
     if fit not in posteriors:
         posteriors[fit] = fit(experiment, progress)
-    return drawn(method.of, posteriors[fit])
+    return method.drawn(posteriors[fit])
 
 
 def _left_out(experiment: Experiment) -> Iterator[str]:

@@ -11,6 +11,7 @@ from simulated import PAPER, RECORDER, TRUTH, changed, sound, studied, without
 from steelyard.identification.methods.instrumental_variables import (
     InstrumentalVariables,
     Products,
+    difference_of,
     durbin_wu_hausman,
     independent_sources,
     solved,
@@ -53,7 +54,10 @@ def as_posterior(rng, *, noise_in_regressor=0.0, n=100, errors=3):
     nothing = np.zeros((TEN, TEN))
     total = BorderEquations(columns.T @ columns, columns.T @ target.ravel(), nothing, float(n))
     products = Products(
-        instruments.T @ columns, instruments.T @ instruments, instruments.T @ target.ravel()
+        instruments.T @ columns,
+        instruments.T @ instruments,
+        instruments.T @ target.ravel(),
+        np.zeros(k),
     )
     plain = solve(total, prior, np.ones(k, dtype=bool), np.ones(TEN))
     found = SimpleNamespace(
@@ -66,7 +70,7 @@ def as_posterior(rng, *, noise_in_regressor=0.0, n=100, errors=3):
         noise_factor=1.0,
     )
     found.solution = solved(found, products)
-    return found, products, plain
+    return found, difference_of(found, products, plain).of_body(np.eye(TEN, k))
 
 
 BODY_OF_ROWS = Inertia(2.0, [0.1, 0.2, 0.3], np.diag([1.0, 1.2, 0.9])).parameters

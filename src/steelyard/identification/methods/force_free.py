@@ -57,7 +57,7 @@ class ForceFree:
             " method"
         )
 
-    def of(self, posterior: Posterior) -> Estimate:
+    def drawn(self, posterior: Posterior) -> Estimate:
         """It draws from samples, not from a posterior."""
         return self(posterior.experiment)
 

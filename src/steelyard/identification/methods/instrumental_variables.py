@@ -22,6 +22,7 @@ from steelyard.estimates.quantiles import chi2_tail
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.known_body import plausible
 from steelyard.identification.methods.from_posterior.finished import finished
+from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.method import PosteriorMethod
 from steelyard.identification.model.balance import Forces, regressor_at
 from steelyard.identification.model.force_residuals import WhitenedBalance, whitened_balance
@@ -53,12 +54,6 @@ class InstrumentalVariables(PosteriorMethod):
 
     def lack(self, experiment: Experiment) -> str:
         """Which run has no independent kinematics, in words; nothing where all have."""
-        if len(experiment.loads) > 1:
-            return (
-                "several loads: expected one, found "
-                + ", ".join(load.name for load in experiment.loads)
-                + "; use another method"
-            )
         moving = [run for run in experiment.runs if not run.static]
         without = [run.name for run in moving if independent_sources(experiment, run) is None]
         if moving and not without:
@@ -71,37 +66,55 @@ class InstrumentalVariables(PosteriorMethod):
 
     def of(self, posterior: Posterior) -> Estimate:
         """Estimate from a posterior of :attr:`fit`."""
-        experiment = posterior.experiment
-        lack = self.lack(experiment)
+        lack = self.lack(posterior.experiment)
         if lack:
             return no_estimate(self.name, lack)
+        found, difference = self._compared(posterior)
+        return self._said(found, difference)
+
+    def drawn(self, posterior: Posterior) -> Estimate:
+        """See :meth:`.PosteriorMethod.drawn`: all loads are solved for at once."""
+        if not posterior.experiment.loads or self.lack(posterior.experiment):
+            return super().drawn(posterior)
+        found, difference = self._compared(posterior)
+        return drawn(lambda each: self._said(each, difference), found)
+
+    def _compared(self, posterior: Posterior) -> tuple[Posterior, Difference]:
+        """The posterior with the solution by instrumental variables, and how that differs from
+        least squares without correction on the same data.
+        """
         products = _products(posterior)
-        size = plausible(posterior.parameters, posterior.size)
         plain = solve(
             posterior.total,
             posterior.prior,
             posterior.solution.estimated,
-            size,
+            plausible(posterior.parameters, posterior.size),
             settings=self.settings,
+            loads=posterior.further_loads,
         )
-        own = solved(posterior, products)
-        found = replace(posterior, solution=own, by_source={})
-        chi, freedom = durbin_wu_hausman(found, products, plain)
+        found = replace(posterior, solution=solved(posterior, products), by_source={})
+        return found, difference_of(found, products, plain)
+
+    def _said(self, found: Posterior, difference: Difference) -> Estimate:
+        """The estimate of the load that a posterior is seen from."""
+        experiment = found.experiment
+        seen = difference.of_body(found.joint_change[found.load_number])
+        chi, freedom = durbin_wu_hausman(found, seen)
         probability = float(chi2_tail(chi, freedom))
-        deviation = np.sqrt(np.diag(own.covariance)[:TEN])
-        ratio = deviation / np.sqrt(np.maximum(np.diag(plain.covariance)[:TEN], 1e-300))
+        deviation = np.sqrt(np.diag(found.solution.covariance)[:TEN])
+        ratio = deviation / np.sqrt(np.maximum(np.diag(seen.plain), 1e-300))
         further = []
         if ratio[found.identifiable].max(initial=0.0) > _WEAK:
             further.append(
                 f"the instruments are weak: {ratio.max():.0f} times less certain than least"
                 " squares; use another method"
             )
-        difference = np.abs(own.value - plain.value)[:TEN] / deviation
+        most = (np.abs(seen.value) / deviation)[found.identifiable].max(initial=0.0)
         verb = "is" if probability < _BIASED else "is not"
         note = (
             f"plain least squares on the same data, without correction, {verb} biased beyond chance"
             f" (Durbin-Wu-Hausman chi-square {chi:.1f} on {freedom}, p = {probability:.2g}), by at"
-            f" most {difference[found.identifiable].max(initial=0.0):.2f} sigma"
+            f" most {most:.2f} sigma"
         )
         return finished(
             found,
@@ -172,6 +185,9 @@ class Products:
     """Instruments (and the other columns) with each other, shape (k, k)."""
     right: Array
     """Instruments (and the other columns) with the target, shape (k,)."""
+    taken_off: Array
+    """What noise of the motion does to these in the mean, with the opposite sign, shape (k,): nothing
+    where there are instruments, what least squares takes off in the other columns."""
 
 
 def _independent_motion(experiment: Experiment) -> dict[str, list[Segment]]:
@@ -212,19 +228,27 @@ def _products(posterior: Posterior) -> Products:
     k = TEN + len(parameters)
     motions = posterior.fit.motions
     independent = _independent_motion(posterior.experiment)
-    normal, gradient = np.zeros((k + TEN, k + TEN)), np.zeros(k + TEN)
+    bodies = np.concatenate([np.arange(TEN), *(each.columns for each in posterior.further_loads)])
+    size = k + len(bodies)
+    normal, gradient = np.zeros((size, size)), np.zeros(size)
     for segment, forces, motion in zip(
         state.segments, posterior.force_samples, motions, strict=True
     ):
         rows = _rows(posterior, segment, forces, motion, independent.get(segment.run, ()))
-        equations = segment.equations(k + TEN, rows)
+        equations = segment.equations(size, rows)
         own, toward = segment.smooth(equations).reduced()
         normal, gradient = normal + own, gradient + toward
     assert state.parameters is not None
     at = np.concatenate([state.parameters, np.zeros(k - TEN)])
-    order = np.concatenate([np.arange(k, k + TEN), np.arange(TEN, k)])
+    order = np.arange(k)
+    order[bodies] = np.arange(k, size)
     crossed = normal[np.ix_(order, np.arange(k))]
-    return Products(crossed, normal[np.ix_(order, order)], gradient[order] + crossed @ at)
+    plain, total = posterior.solution, posterior.total
+    taken_off = plain.scores - (total.right - total.normal @ plain.value)
+    taken_off[bodies] = 0.0
+    return Products(
+        crossed, normal[np.ix_(order, order)], gradient[order] + crossed @ at, taken_off
+    )
 
 
 def _rows(
@@ -234,7 +258,9 @@ def _rows(
     motion: Array | None,
     independent: Sequence[Segment],
 ) -> list[Rows]:
-    """Rows of a segment over the border, and behind it the instruments of the ten."""
+    """Rows of a segment over the border, and behind it the instruments of the bodies: those of the
+    first load, of which every other one is the sum with a difference, and of that difference.
+    """
     state, experiment = posterior.fit.state, posterior.experiment
     assert state.parameters is not None
     k = TEN + len(state.calibration.calibration_parameters)
@@ -253,9 +279,11 @@ def _rows(
             motion,
         )
         instruments = _instruments(posterior, segment, balance, independent)
+        number = posterior.number_of_load(segment.run)
+        behind = [k + np.arange(TEN), k + TEN * number + np.arange(TEN)][: 2 if number else 1]
         for own, toward in zip(balance.rows, balance.by_origin(instruments), strict=True):
-            columns = np.concatenate([_columns(own, k), k + np.arange(TEN)])
-            by_errors = np.concatenate([own.by_errors, toward], axis=2)
+            columns = np.concatenate([_columns(own, k), *behind])
+            by_errors = np.concatenate([own.by_errors, *(toward for _ in behind)], axis=2)
             rows.append(replace(own, by_errors=by_errors, columns=columns))
     return rows
 
@@ -289,13 +317,13 @@ def solved(posterior: Posterior, products: Products) -> Solution:
     use = np.flatnonzero(plain.estimated)
     size = plausible(posterior.parameters, posterior.size)
     gain = np.zeros_like(plain.gain)
-    matrix = (products.crossed + prior.precision)[np.ix_(use, use)]
-    matrix[:TEN, :TEN] += plain.held
+    matrix = (products.crossed + prior.precision + plain.held)[np.ix_(use, use)]
     gain[np.ix_(use, use)] = inverse_of(matrix, size)
-    value = gain @ (products.right + prior.pull)
+    shift = gain @ products.taken_off
+    value = gain @ (products.right + prior.pull + plain.held_pull) + shift
     noise_part = gain @ products.squared @ gain.T
     covariance = posterior.noise_factor * noise_part + gain @ prior.precision @ gain.T
-    covariance[:TEN, :TEN] += plain.wide @ plain.wide.T
+    covariance += plain.wide @ plain.wide.T + np.outer(shift, shift)
     total = posterior.total
     return replace(
         plain,
@@ -303,17 +331,36 @@ def solved(posterior: Posterior, products: Products) -> Solution:
         covariance=(covariance + covariance.T) / 2,
         gain=gain,
         noise_part=noise_part,
-        bias=np.zeros_like(value),
+        bias=shift,
         scores=total.right - total.normal @ value,
     )
 
 
-def durbin_wu_hausman(found: Posterior, products: Products, plain: Solution) -> tuple[float, int]:
-    """Whether least squares on the same data gives another body than noise explains: chi-square and
-    its degrees of freedom.
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """An estimate by instrumental variables less that by least squares without correction."""
 
-    The covariance of the difference is that of two linear estimates from the same noise, so it
-    cannot be indefinite.
+    value: Array
+    """Shape (k,)."""
+    covariance: Array
+    """Shape (k, k)."""
+    plain: Array
+    """Covariance of least squares, shape (k, k)."""
+
+    def of_body(self, pick: Array) -> Difference:
+        """The same of the ten linear parameters of a load.
+
+        Args:
+            pick: How they follow the border, shape (10, k).
+        """
+        return Difference(
+            pick @ self.value, pick @ self.covariance @ pick.T, pick @ self.plain @ pick.T
+        )
+
+
+def difference_of(found: Posterior, products: Products, plain: Solution) -> Difference:
+    """By how much both estimates differ; the covariance is that of two linear estimates from the same
+    noise, so it cannot be indefinite.
 
     Args:
         found: With the estimate by instrumental variables.
@@ -321,7 +368,6 @@ def durbin_wu_hausman(found: Posterior, products: Products, plain: Solution) -> 
         plain: Least squares, without correction.
     """
     own = found.solution
-    difference = (own.value - plain.value)[:TEN]
     mixed = own.gain @ products.crossed @ plain.gain.T
     of_both = (
         own.gain @ products.squared @ own.gain.T + plain.gain @ found.total.normal @ plain.gain.T
@@ -329,11 +375,22 @@ def durbin_wu_hausman(found: Posterior, products: Products, plain: Solution) -> 
     change = own.gain - plain.gain
     covariance = found.noise_factor * (of_both - mixed - mixed.T)
     covariance = covariance + change @ found.prior.precision @ change.T
+    return Difference(own.value - plain.value, covariance, plain.covariance)
+
+
+def durbin_wu_hausman(found: Posterior, difference: Difference) -> tuple[float, int]:
+    """Whether least squares on the same data gives another body than noise explains: chi-square and
+    its degrees of freedom.
+
+    Args:
+        found: With the estimate by instrumental variables.
+        difference: Of the ten.
+    """
     part = np.flatnonzero(found.identifiable)
-    scale = 1 / np.maximum(np.sqrt(np.abs(np.diag(own.covariance)[part])), 1e-300)
-    scaled = covariance[np.ix_(part, part)] * np.outer(scale, scale)
+    scale = 1 / np.maximum(np.sqrt(np.abs(np.diag(found.solution.covariance)[part])), 1e-300)
+    scaled = difference.covariance[np.ix_(part, part)] * np.outer(scale, scale)
     values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
     # A difference that cannot be told from rounding is none.
     kept = values > 1e-8
-    along = vectors[:, kept].T @ (difference[part] * scale)
+    along = vectors[:, kept].T @ (difference.value[part] * scale)
     return float(np.sum(along**2 / values[kept])), max(1, int(kept.sum()))

@@ -57,7 +57,7 @@ def drawn(of: Callable[[Posterior], Estimate], posterior: Posterior) -> Estimate
         told = np.isfinite(value).all()
         at = Inertia.from_body_parameters(value).parameters if told else each.parameters
         jacobian[own, own] = body_jacobian(at)
-    change = jacobian @ posterior.joint_change
+    change = jacobian @ np.vstack(list(posterior.joint_change))
     return _together(estimates, change @ posterior.solution.covariance @ change.T)
 
 

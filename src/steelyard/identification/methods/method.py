@@ -50,8 +50,10 @@ class Method(Protocol):
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Estimate:
         """Estimate the ten parameters; without numbers, and with a reason, where that fails."""
 
-    def of(self, posterior: Posterior) -> Estimate:
-        """Estimate from a posterior of its :attr:`fit`."""
+    def drawn(self, posterior: Posterior) -> Estimate:
+        """Estimate from a posterior of its :attr:`fit`, with those of all loads where there are
+        several.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,13 +92,17 @@ class PosteriorMethod(ABC):
         if lack:
             return no_estimate(self.name, lack)
         try:
-            return drawn(self.of, self.fit(experiment, progress))
+            return self.drawn(self.fit(experiment, progress))
         except NoBalanceError as error:
             return no_estimate(self.name, str(error))
 
     @abstractmethod
     def of(self, posterior: Posterior) -> Estimate:
         """Estimate from a posterior of :attr:`fit`."""
+
+    def drawn(self, posterior: Posterior) -> Estimate:
+        """The same, with the estimates of all loads where there are several."""
+        return drawn(self.of, posterior)
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ class TwoStep:
         """Whether it may fail beside better methods; not where one of its settings is asked for."""
         return self.acceleration is None
 
-    def of(self, posterior: Posterior) -> Estimate:
+    def drawn(self, posterior: Posterior) -> Estimate:
         """The two steps draw from samples, not from a posterior."""
         return self(posterior.experiment)
 

@@ -75,9 +75,11 @@ class Solution:
     bias: Array
     """First-order bias by noise in the regressor that has been taken off, shape (k,)."""
     held: Array
-    """What holds the directions of the ten that are not identifiable, shape (10, 10)."""
+    """What holds the directions of the bodies that are not identifiable, shape (k, k)."""
+    held_pull: Array
+    """Where it holds them, as a right-hand side, shape (k,)."""
     wide: Array
-    """These directions in plausible length, columns of shape (10, u)."""
+    """These directions in plausible length, columns of shape (k, u)."""
     spent: float
     """Degrees of freedom that were estimated from the data."""
     ratio: float = 1.0
@@ -161,27 +163,25 @@ def solve(
     normal = equations.normal[np.ix_(use, use)] + prior.precision[np.ix_(use, use)]
     held, wide = weak_directions(normal, equations.noise, scale, settings)
     # Directions that are not identifiable are held; their uncertainty is that of what is plausible.
-    weak = [_of_load(normal, use, each, settings) for each in loads]
-    normal[:TEN, :TEN] += held
-    pull = prior.pull.copy()
-    for each, (own_held, _) in zip(loads, weak, strict=True):
+    holding, held_pull = np.zeros((k, k)), np.zeros(k)
+    holding[:TEN, :TEN] = held
+    every = [_at(np.arange(TEN), wide, k)]
+    for each in loads:
+        own_held, own_wide = _of_load(normal, use, each, settings)
         of_both = np.concatenate([np.arange(TEN), each.columns])
-        twice = np.tile(own_held, (2, 2))
-        inside = np.searchsorted(use, of_both)
-        normal[np.ix_(inside, inside)] += twice
-        pull[of_both] -= np.tile(own_held @ each.value, 2)
+        holding[np.ix_(of_both, of_both)] += np.tile(own_held, (2, 2))
+        held_pull[of_both] -= np.tile(own_held @ each.value, 2)
+        every.append(_at(each.columns, own_wide, k))
+    wide = np.hstack(every)
     taken_off = np.zeros(k) if bias is None else bias
     gain = np.zeros((k, k))
-    gain[np.ix_(use, use)] = inverse_of(normal, scale)
+    gain[np.ix_(use, use)] = inverse_of(normal + holding[np.ix_(use, use)], scale)
     right = equations.right + taken_off
-    value = gain @ (right + pull)
+    value = gain @ (right + prior.pull + held_pull)
     noise_part = gain @ equations.normal @ gain.T
     covariance = noise_part + gain @ prior.precision @ gain.T
     shift = gain @ taken_off
-    covariance = covariance + np.outer(shift, shift)
-    covariance[:TEN, :TEN] += wide @ wide.T
-    for each, (_, own_wide) in zip(loads, weak, strict=True):
-        covariance[np.ix_(each.columns, each.columns)] += own_wide @ own_wide.T
+    covariance = covariance + np.outer(shift, shift) + wide @ wide.T
     return Solution(
         value=value,
         covariance=(covariance + covariance.T) / 2,
@@ -189,11 +189,19 @@ def solve(
         estimated=estimated,
         noise_part=noise_part,
         bias=shift,
-        held=held,
+        held=holding,
+        held_pull=held_pull,
         wide=wide,
         spent=float(np.trace(gain @ equations.normal)),
         scores=right - equations.normal @ value,
     )
+
+
+def _at(places: NDArray[np.intp], directions: Array, size: int) -> Array:
+    """Directions of a body as directions of the border, shape (k, u)."""
+    found = np.zeros((size, directions.shape[1]))
+    found[places] = directions
+    return found
 
 
 def _of_load(

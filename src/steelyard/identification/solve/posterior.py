@@ -146,16 +146,29 @@ class Posterior:
 
     @property
     def joint_change(self) -> Array:
-        """How the linear parameters of all loads, one load after the other, follow the border of the
-        first load's posterior, shape (10 l, k).
+        """How the linear parameters of each load follow the border of the first load's posterior,
+        shape (l, 10, k).
         """
-        loads = self.experiment.loads
-        found = np.zeros((TEN * max(1, len(loads)), len(self.solution.value)))
-        for i in range(max(1, len(loads))):
-            found[TEN * i : TEN * (i + 1), :TEN] = np.eye(TEN)
-        for i, load in enumerate(self.further_loads, start=1):
-            found[TEN * i : TEN * (i + 1), load.columns] = np.eye(TEN)
+        count = 1 + len(self.further_loads)
+        found = np.zeros((count, TEN, len(self.solution.value)))
+        found[:, :, :TEN] = np.eye(TEN)
+        for own, load in zip(found[1:], self.further_loads, strict=True):
+            own[:, load.columns] = np.eye(TEN)
         return found
+
+    def number_of_load(self, run: str) -> int:
+        """Of that which a run carried: 0 is the first."""
+        own = self.experiment.load_of(run)
+        return 0 if own is None else self._number(own)
+
+    @property
+    def load_number(self) -> int:
+        """Of the load that it is seen from."""
+        return 0 if self.load is None else self._number(self.load)
+
+    def _number(self, load: Load) -> int:
+        """Of a load, by its name."""
+        return [each.name for each in self.experiment.loads].index(load.name)
 
     def parameters_in(self, run: str) -> Array:
         """The ten linear parameters of what a run carried, shape (10,)."""
@@ -192,6 +205,7 @@ class Posterior:
         back = np.linalg.inv(change)
         s = self.solution
         value = there + back @ s.value
+        held, held_pull = moved(s.held, s.held_pull)
         solution = replace(
             s,
             value=value,
@@ -199,6 +213,9 @@ class Posterior:
             gain=back @ s.gain @ back.T,
             noise_part=back @ s.noise_part @ back.T,
             bias=back @ s.bias,
+            held=held,
+            held_pull=held_pull,
+            wide=back @ s.wide,
             scores=change.T @ s.scores,
         )
         equations = {}
