@@ -57,6 +57,54 @@ def readonly(values: ArrayLike, shape: Sequence[int | None], name: str) -> Array
     return array
 
 
+def number_given(
+    value: Any, name: str, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf
+) -> float:
+    """A number that a caller hands over.
+
+    Args:
+        value: What was handed over.
+        name: Of the argument.
+        least: It is no less.
+        above: It is more.
+        most: It is no more.
+
+    Raises:
+        WrongValueError: It is no number, or not within these.
+    """
+    if isinstance(value, int | float | np.integer | np.floating) and (
+        least <= value <= most and above < value < np.inf
+    ):
+        return float(value)
+    bounds = [f"above {above:g}"] * (above > -np.inf) + [f"of at least {least:g}"] * (
+        least > -np.inf
+    )
+    bounds += [f"of at most {most:g}"] * (most < np.inf)
+    wanted = " and ".join(bounds)
+    raise WrongValueError(
+        f"{name}: expected a finite number {wanted}".rstrip()
+        + f", found {_shown(value)}; correct it"
+    )
+
+
+def whole_given(value: Any, name: str, *, least: int = 0) -> int:
+    """A whole number that a caller hands over.
+
+    Args:
+        value: What was handed over.
+        name: Of the argument.
+        least: It is no less.
+
+    Raises:
+        WrongValueError: It is no whole number, or less.
+    """
+    if isinstance(value, int | np.integer) and value >= least:
+        return int(value)
+    raise WrongValueError(
+        f"{name}: expected a whole number of at least {least}, found {_shown(value)}; correct it"
+    )
+
+
 def _shown(values: Any) -> str:
     """A value for a message, not longer than a line."""
     text = " ".join(repr(values).split())
