@@ -13,6 +13,7 @@ from steelyard.experiment.read import read_experiment
 from steelyard.inspection.description import check_description
 from steelyard.inspection.identify import identify
 from steelyard.inspection.misplaced import misplaced
+from steelyard.inspection.mistakes.sizes import size_mistakes
 from steelyard.report.documents.inspection import statements
 
 pytestmark = pytest.mark.integration
@@ -122,6 +123,17 @@ def test_unstated_noise_and_limits_tell_no_unit():
     quiet = four.instruments["cables"].model_copy(update={"noise": None})
     bare = replace(four, instruments={**four.instruments, "cables": quiet})
     assert not check_description(vector("cables", "tension", 1 / 9.80665)(bare)).mistakes
+
+
+def test_limits_of_tension_say_that_a_light_platform_is_meant():
+    """What a robot file says goes before a rule of thumb."""
+    weak = vector("cables", "tension", 1e-3)(experiment("cogiro"))
+    for limits, said in ((0.0, np.inf), 1), ((0.1, np.inf), 0), ((50.0, np.inf), 1):
+        robot = replace(weak.robot, tension_limits=limits)
+        unstated = weak.instruments["cables"].model_copy(update={"noise": None})
+        instruments = {**weak.instruments, "cables": unstated}
+        found = size_mistakes(replace(weak, robot=robot, instruments=instruments))
+        assert len(found) == said
 
 
 @pytest.mark.parametrize("key", ["scale", "columns"])
