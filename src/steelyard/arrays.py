@@ -58,7 +58,12 @@ def readonly(values: ArrayLike, shape: Sequence[int | None], name: str) -> Array
 
 
 def number_given(
-    value: Any, name: str, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf
+    value: Any,
+    name: str,
+    *,
+    least: float = -np.inf,
+    above: float = -np.inf,
+    unit: str = "",
 ) -> float:
     """A number that a caller hands over.
 
@@ -67,23 +72,20 @@ def number_given(
         name: Of the argument.
         least: It is no less.
         above: It is more.
-        most: It is no more.
+        unit: Of the number.
 
     Raises:
         WrongValueError: It is no number, or not within these.
     """
     if isinstance(value, int | float | np.integer | np.floating) and (
-        least <= value <= most and above < value < np.inf
+        least <= value < np.inf and above < value
     ):
         return float(value)
-    bounds = [f"above {above:g}"] * (above > -np.inf) + [f"of at least {least:g}"] * (
-        least > -np.inf
-    )
-    bounds += [f"of at most {most:g}"] * (most < np.inf)
-    wanted = " and ".join(bounds)
+    bounds = f" above {above:g}" if above > -np.inf else ""
+    bounds += f" of at least {least:g}" if least > -np.inf else ""
     raise WrongValueError(
-        f"{name}: expected a finite number {wanted}".rstrip()
-        + f", found {_shown(value)}; correct it"
+        f"{name}: expected a finite number{bounds}{f' {unit}' if unit else ''}, found"
+        f" {_shown(value)}; correct it"
     )
 
 

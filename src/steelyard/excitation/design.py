@@ -139,9 +139,12 @@ def design(
     """
     begun = time.time()
     report = progress or (lambda what, fraction: None)
-    duration, budget = number_given(duration, "duration"), number_given(budget, "budget", above=0)
-    margin, runs = number_given(margin, "margin", least=0), whole_given(runs, "runs", least=1)
-    seed, processes = whole_given(seed, "seed"), whole_given(processes, "processes", least=1)
+    duration, budget = (
+        number_given(duration, "--duration"),
+        number_given(budget, "--budget", above=0),
+    )
+    margin, runs = number_given(margin, "--margin", least=0), whole_given(runs, "--runs", least=1)
+    seed, processes = whole_given(seed, "--seed"), whole_given(processes, "--processes", least=1)
     if target is not None and not isinstance(target, Target):
         raise WrongValueError(
             f"target: expected a Target, found {type(target).__name__}; Target.default makes one"

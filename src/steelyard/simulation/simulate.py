@@ -120,9 +120,9 @@ def simulate(
         InputError: The robot file lacks what a simulation needs, or there is nothing of a name.
         InfeasibleError: The robot cannot follow a trajectory.
     """
-    seed = whole_given(seed, "seed")
+    seed = whole_given(seed, "--seed")
     if duration is not None:
-        duration = number_given(duration, "duration", above=0)
+        duration = number_given(duration, "--duration", above=0, unit="s")
     robot = robot if isinstance(robot, Robot) else read_robot(robot)
     sensors = sensors if isinstance(sensors, Sensors) else read_sensors(sensors, robot)
     if not isinstance(trajectories, str | Mapping):

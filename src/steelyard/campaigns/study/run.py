@@ -101,8 +101,8 @@ def study(
     """
     methods = (methods,) if isinstance(methods, str) else tuple(methods)
     chosen_methods(methods)
-    draws, bootstrap = whole_given(draws, "draws"), whole_given(bootstrap, "bootstrap")
-    seed, block = whole_given(seed, "seed"), number_given(block, "block", least=0)
+    draws, bootstrap = whole_given(draws, "--draws"), whole_given(bootstrap, "--bootstrap")
+    seed, block = whole_given(seed, "--seed"), number_given(block, "--block", least=0, unit="s")
     count = draws or bootstrap
     if count < 2 or (draws and bootstrap):
         raise InputError(
